@@ -25,7 +25,7 @@ from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, Traffic, plan, un
 from one_fault import with_fault
 from regulator_proof import PARTS, missing, prove
 
-RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "rtl"
+RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "table" / "rtl"
 BENCH = Path(halpipe.__file__).parent / "deploy" / "regulator" / "bench"
 
 icarus = pytest.mark.skipif(bool(Icarus().missing()), reason=f"icarus: {Icarus().missing()}")

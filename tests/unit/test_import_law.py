@@ -46,10 +46,10 @@ MAY_IMPORT = {
     "schemas": {"core.diagnostics", "core.suggest"},
     "importers": {"core", "models", "schemas"},
     # Facts of makers about their devices, for who writes and who checks.
-    "registers": {"core"},
-    "exporters": {"core", "models", "schemas", "pipeline.parts", "registers"},
+    "devices": {"core"},
+    "exporters": {"core", "models", "schemas", "pipeline.parts", "devices"},
     # Checks of bundles share nothing with the exporters that write them.
-    "deploy": {"core", "models", "registers"},
+    "deploy": {"core", "models", "devices"},
     "pipeline": {"core", "models"},
     # What interruptions make of a job has one home for the solver and all exporters.
     "pipeline.parts": {"core.durations", "models"},

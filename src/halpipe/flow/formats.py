@@ -130,9 +130,9 @@ def _readiness(model: TaskModel) -> list[Diagnostic]:
 
 def burst_grid(platform_file: str) -> BurstGrid:
     """Return the grid of a regulator platform, for `SearchOptions`."""
-    from halpipe.exporters.regulator.backends import backend
     from halpipe.exporters.regulator.platform import WRITE, read_platform
     from halpipe.exporters.regulator.tables import reserve_of
+    from halpipe.exporters.regulator.writers import backend
     from halpipe.pipeline.solve.quantise import BurstGrid
 
     platform = read_platform(platform_file)
@@ -146,9 +146,9 @@ def burst_grid(platform_file: str) -> BurstGrid:
         capacity=platform.window_capacity,
         burst=platform.burst,
         reserve=reserve_of(platform, writer),
-        reserves=writer.reserves,
+        reserves=writer.device.reserves,
         regulated=tuple(sorted(platform.units)),
-        carries=writer.carries,
+        carries=writer.device.carries,
         writes=platform.unspecified == WRITE,
     )
 

@@ -16,7 +16,7 @@ from halpipe.deploy.riscv.board.dma import Transfer
 from halpipe.deploy.riscv.board.hart import NEVER
 from halpipe.exporters import regulator
 
-GATE = Path(regulator.__file__).parent / "rtl/halpipe_regulator_gate.v"
+GATE = Path(regulator.__file__).parent / "table/rtl/halpipe_regulator_gate.v"
 BENCH = Path(__file__).parent / "gate_bench.v"
 BURST, BEAT, WIDTH = 64, 8, 40
 

@@ -11,6 +11,7 @@ from halpipe.core.files import sha256
 from halpipe.core.records import record
 from halpipe.deploy.regulator import codes, promise
 from halpipe.deploy.regulator.reading import TABLES
+from halpipe.devices import DEVICES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -302,7 +303,7 @@ class Arithmetic:
 
 
 MAX_TABLES = 255
-RATES = ("qos400", "memguard", "resctrl")
+RATES = tuple(device.name for device in DEVICES.values() if device.rates)
 """Back-ends that hold one rate per unit, and no budgets per window: their sums are those of what they are set to."""
 
 

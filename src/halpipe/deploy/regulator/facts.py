@@ -15,6 +15,7 @@ from halpipe.core.files import parse_yaml
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
 from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES, WRONG_FACTS
+from halpipe.devices import DEVICES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -27,20 +28,6 @@ PLATFORM = "platform.yaml"
 DIRECTIONS = ("read", "write")
 _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 _HELP = "export the bundle again; tables.json is made from platform.yaml"
-
-DEFAULTS: Mapping[str, Mapping[str, str]] = {
-    "table": {"depth": "1024"},
-    "axi-realm": {
-        "managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0", "bursts": "any",
-    },
-    "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {
-        "line": "64B", "period": "", "cores": "0", "write-backs": "1", "write-refills": "1", "granularity": "mode",
-    },
-    "resctrl": {
-        "kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "max": "", "width": "8", "levels": "",
-    },
-}  # fmt: skip
 
 
 @record(kw_only=True)
@@ -104,7 +91,7 @@ def _facts(document: Any) -> Facts:
         name=document.get("name", ""),
         overshoot=parse_size(document["overshoot"]) if "overshoot" in document else None,
         units={name: dict(unit or {}) for name, unit in document["units"].items()},
-        settings={name: {**defaults, **(document.get(name) or {})} for name, defaults in DEFAULTS.items()},
+        settings={name: {**device.defaults, **(document.get(name) or {})} for name, device in DEVICES.items()},
     )
 
 
@@ -158,8 +145,9 @@ def _reserve(tables: Tables, facts: Facts, unit: Unit, direction: str) -> int:
     """Return what must be kept for a row: what passes above a budget, and what the back-end cannot deny."""
     known = {"axi-realm": facts.burst, "qos400": facts.number("qos400", "burstiness") * facts.burst}
     each = known.get(tables.backend, 0) if facts.overshoot is None else facts.overshoot
-    each += facts.burst if tables.backend == "axi-realm" else 0
+    each += DEVICES[tables.backend].least * facts.burst
     used = {d: tables.is_used(unit, d) for d in DIRECTIONS}
     is_kept = used[direction] or unit.default[direction] > 0
-    is_kept |= tables.backend == "qos400" or (tables.backend == "axi-realm" and any(used.values()))
+    rule = DEVICES[tables.backend].reserves
+    is_kept |= rule == "all" or (rule == "units" and any(used.values()))
     return each if is_kept else 0

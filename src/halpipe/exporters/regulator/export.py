@@ -9,13 +9,13 @@ from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import HalpipeError, sort_diagnostics
 from halpipe.core.files import sha256
 from halpipe.exporters.native import paired
-from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.codes import NOT_A_PLATFORM
 from halpipe.exporters.regulator.phases import check_phases
 from halpipe.exporters.regulator.picture import draw
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.report import describe_export, describe_tables, format_json, summarise
 from halpipe.exporters.regulator.tables import TableBuilder
+from halpipe.exporters.regulator.writers import backend
 
 if TYPE_CHECKING:
     from halpipe.exporters.regulator import RegulatorOptions

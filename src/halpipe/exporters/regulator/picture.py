@@ -17,9 +17,9 @@ from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.regulator.backends.rates import segments
 from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
+from halpipe.exporters.regulator.rates import segments
 from halpipe.exporters.regulator.tables import run_starts
 from halpipe.exporters.report.axis import ticks
 

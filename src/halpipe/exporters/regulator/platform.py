@@ -23,6 +23,7 @@ from halpipe.core.quantities import (
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Words
 from halpipe.core.suggest import did_you_mean
+from halpipe.devices import DEVICES, MOST
 from halpipe.exporters.regulator.codes import (
     NO_RESOURCE,
     NOT_A_PLATFORM,
@@ -35,6 +36,7 @@ from halpipe.exporters.regulator.words import BACKENDS
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from halpipe.devices import Setting
     from halpipe.models import TaskModel
 
 VERSION = "1"
@@ -53,19 +55,6 @@ _TOP = (
     "peak", "unspecified", "backend", "overshoot", "units", *BACKENDS,
 )  # fmt: skip
 _UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
-_SETTINGS: dict[str, dict[str, str]] = {
-    "table": {"depth": "1024"},
-    "axi-realm": {
-        "managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0", "bursts": "any",
-    },
-    "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {
-        "line": "64B", "period": "", "cores": "0", "write-backs": "1", "write-refills": "1", "granularity": "mode",
-    },
-    "resctrl": {
-        "kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "max": "", "width": "8", "levels": "",
-    },
-}  # fmt: skip
 _FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
 _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 
@@ -212,7 +201,7 @@ class _Reader:
         cycles = int(window)
         settings = {name: self._settings(name) for name in BACKENDS}
         backend = top.value("backend", Words(*BACKENDS), BACKENDS[0])
-        units = self._units(int(settings[backend].get("managers", _MOST + 1)))
+        units = self._units(int(settings[backend].get("managers", MOST + 1)))
         found = Platform(
             name=top.value("name", _name, PurePath(self.path).stem),
             resource=top.value("resource", str, ""),
@@ -263,11 +252,11 @@ class _Reader:
         return units
 
     def _settings(self, backend: str) -> dict[str, str]:
-        known = _SETTINGS[backend]
+        known = DEVICES[backend].settings
         f = self.top.section(backend, tuple(known), f"platform {backend}")
         if f is None:
-            return dict(known)
-        return {key: f.value(key, _SETTING_READERS.get((backend, key), _number_text()), known[key]) for key in known}
+            return DEVICES[backend].defaults
+        return {key: f.value(key, _reader(setting), setting.default) for key, setting in known.items()}
 
     # ---- what the numbers must be to each other
 
@@ -356,14 +345,7 @@ def _positive_bandwidth(text: str) -> int:
     return rate
 
 
-_MOST = 10**9 - 1
-_INDEX = whole(0, _MOST)
-
-
-def _number_text(least: int = 0, most: int = _MOST) -> Callable[[str], str]:
-    """Return a reader of whole numbers that keeps them as texts, as settings are kept."""
-    read = whole(least, most)
-    return lambda text: str(read(text))
+_INDEX = whole(0, MOST)
 
 
 def _name(text: str) -> str:
@@ -422,26 +404,20 @@ def _frequency_text(text: str) -> str:
     return f"{read_frequency(text)}Hz"
 
 
-_SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
-    ("table", "depth"): _number_text(2, 65280),  # as many as the registers have addresses for
-    ("axi-realm", "managers"): _number_text(1, 32),
-    ("axi-realm", "regions"): _number_text(1, 16),
-    ("axi-realm", "base"): _address,
-    ("axi-realm", "bursts"): Words("any", "modifiable"),
-    ("qos400", "clock"): _frequency_text,
-    ("qos400", "granularity"): Words("mode", "phase"),
-    ("memguard", "granularity"): Words("mode", "phase"),
-    ("qos400", "burstiness"): _number_text(1, 2**16 - 1),
-    ("memguard", "line"): _size_text,
-    ("memguard", "period"): _period,
-    ("memguard", "cores"): _number_text(1, 256),
-    ("memguard", "write-backs"): _ratio,
-    ("memguard", "write-refills"): _ratio,
-    ("resctrl", "others"): _numbers,
-    ("resctrl", "kind"): Words("intel", "amd", "mpam"),
-    ("resctrl", "min"): _number_text(0, 100),
-    ("resctrl", "step"): _number_text(1, 100),
-    ("resctrl", "max"): _number_text(1, 2**20),
-    ("resctrl", "levels"): _levels,
-    ("resctrl", "width"): _number_text(1, 16),
+def _reader(setting: Setting) -> Callable[[str], str]:
+    """Return the reader of a setting's kind; it keeps values as texts."""
+    if setting.kind == "number":
+        read = whole(setting.least, setting.most)
+        return lambda text: str(read(text))
+    return Words(*setting.words) if setting.kind == "word" else _KINDS[setting.kind]
+
+
+_KINDS: Mapping[str, Callable[[str], str]] = {
+    "address": _address,
+    "frequency": _frequency_text,
+    "size": _size_text,
+    "period": _period,
+    "ratio": _ratio,
+    "numbers": _numbers,
+    "levels": _levels,
 }

@@ -16,9 +16,9 @@ from halpipe.exporters.regulator.windows import cut
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.exporters.regulator.backends.base import Backend
     from halpipe.exporters.regulator.phases import Served
     from halpipe.exporters.regulator.tables import Table, Tables
+    from halpipe.exporters.regulator.writing import Backend
 
 VERSION = 1
 

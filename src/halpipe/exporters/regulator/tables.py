@@ -41,10 +41,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.backends.base import Backend
     from halpipe.exporters.regulator.frames import Frame
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.rounding import Bursts, Promise
+    from halpipe.exporters.regulator.writing import Backend
     from halpipe.models import Schedule, TaskModel
 
 MAX_TABLES = 255
@@ -184,7 +184,7 @@ class TableBuilder:
         used = {phase.row for frame in frames for phase in frame.phases}
         units = self._units(used)
         self.findings.stop_on_errors()
-        carrying = len(used) if self.backend.carries else 0
+        carrying = len(used) if self.backend.device.carries else 0
         tables = self._tables(frames, units, grid, rule, carrying)
         self.findings.stop_on_errors()
         return Tables(
@@ -250,7 +250,7 @@ class TableBuilder:
         )
 
     def _is_reserved(self, row: Row, used: set[Row]) -> bool:
-        rule = self.backend.reserves
+        rule = self.backend.device.reserves
         is_used = row in used or bool(self.platform.units[row.unit].default[row.direction])
         return is_used or rule == "all" or (rule == "units" and any(Row(row.unit, d) in used for d in DIRECTIONS))
 
@@ -270,7 +270,7 @@ class TableBuilder:
         stated = {row: platform.units[row.unit].default[row.direction] for row in reserved}
         free = platform.window_capacity - sum(reserved.values()) - sum(v or 0 for v in stated.values())
         open_rows = [row for row, value in stated.items() if value is None and row in used]
-        grain = 1 if self.backend.rates else platform.burst
+        grain = 1 if self.backend.device.rates else platform.burst
         share = max(0, free) // (grain * max(1, len(open_rows))) * grain
         defaults = {row: (share if row in used else 0) if value is None else value for row, value in stated.items()}
         path = "platform units"
@@ -305,7 +305,7 @@ class TableBuilder:
         tables = []
         for number, (frame, plan) in enumerate(zip(frames, plans, strict=True)):
             found = plan.found
-            if isinstance(found, Overload) and self.backend.rates:  # which checks the sums of its rates
+            if isinstance(found, Overload) and self.backend.device.rates:  # which checks the sums of its rates
                 plan.rounding, found = WHOLE, whole(plan.promised)
             if isinstance(found, Overload):
                 self.findings.add(self._over_capacity(frame, found, plan.rounding, plan.promised, units, carrying))
@@ -415,7 +415,7 @@ def _settle(plans: list[_Plan], leads: list[set[int]]) -> None:
 def reserve_of(platform: Platform, backend: Backend) -> int:
     """Return the bytes per window to keep for one direction of a unit: overshoot, and bursts that cannot be denied."""
     overshoot = backend.overshoot(platform) if platform.overshoot is None else platform.overshoot
-    return overshoot + backend.least * platform.burst
+    return overshoot + backend.device.least * platform.burst
 
 
 def _fluid(promised: Mapping[Row, Promise]) -> list[Fraction]:

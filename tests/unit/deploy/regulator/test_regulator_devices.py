@@ -11,10 +11,10 @@ import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
+from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator import codes as export_codes
 from halpipe.exporters.regulator.report import findings_of
-from halpipe.registers import RegisterFile
 from support import access, job, mode, model, schedule, task, version
 
 PLATFORM = """halpipe-regulator: 1

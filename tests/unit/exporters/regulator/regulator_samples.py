@@ -7,10 +7,10 @@ The clock is 1 MHz and the window 1000 cycles, so that a window is 1 ms; a burst
 from dataclasses import replace
 from fractions import Fraction
 
-from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.tables import TableBuilder
 from halpipe.exporters.regulator.words import AUTO
+from halpipe.exporters.regulator.writers import backend
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from support import access, job, mode, model, ms, task, version
 

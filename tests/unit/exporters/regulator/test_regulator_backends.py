@@ -14,19 +14,19 @@ import pytest
 from regulator_samples import DIGEST, files, low_bounds, made, two_units
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import codes
-from halpipe.exporters.regulator.backends import REGISTER, backend
-from halpipe.exporters.regulator.backends.axi_realm import OPEN
-from halpipe.exporters.regulator.backends.base import comment, file_names, identifiers
+from halpipe.exporters.regulator.axi_realm.writer import OPEN
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import BACKENDS
-from halpipe.registers import RegisterFile
+from halpipe.exporters.regulator.writers import backend
+from halpipe.exporters.regulator.writing import comment, file_names, identifiers
 
 GOLDEN = Path(__file__).parents[3] / "golden" / "exporters"
 
 
 def test_the_register_has_the_back_ends_that_platforms_may_name():
-    assert tuple(REGISTER) == BACKENDS
+    assert tuple(backend(name).name for name in BACKENDS) == BACKENDS
     with pytest.raises(HalpipeError) as refused:
         backend("tabel")
     (found,) = refused.value.diagnostics

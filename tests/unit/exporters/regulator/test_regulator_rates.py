@@ -21,10 +21,10 @@ from regulator_samples import (
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
-from halpipe.exporters.regulator.backends import backend
-from halpipe.exporters.regulator.backends.base import falls_first
 from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.platform import read_platform
+from halpipe.exporters.regulator.writers import backend
+from halpipe.exporters.regulator.writing import falls_first
 from support import access, job, mode, model, task, version
 
 # ------------------------------------------------------------------------------------------------------ QoS-400

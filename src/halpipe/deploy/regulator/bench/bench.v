@@ -92,7 +92,9 @@ module bench #(
   // ---------------------------------------------------------------------------------------------- windows of the bench
   reg [31:0] left, number; reg [63:0] owing;   // extra cycles that were due so far, in parts of `of`
   wire [63:0] due_now = owing + {32'd0, extra};
-  wire [63:0] longer = due_now / {32'd0, of} - owing / {32'd0, of};
+  // verilator lint_off UNUSEDSIGNAL
+  wire [63:0] longer = due_now / {32'd0, of} - owing / {32'd0, of};     // 0 or 1
+  // verilator lint_on UNUSEDSIGNAL
   wire ends = (left == 0);
   always @(posedge clk)
     if (!rst_n) begin left <= FIRST - 1; number <= 32'hffffffff; owing <= 0; end

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
 from halpipe.core.records import record
-from halpipe.exporters.regulator.backends.base import file_names, identifiers, render
+from halpipe.devices import DEVICES
+from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, SHORT_BURSTS, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS
-from halpipe.registers import RegisterFile
+from halpipe.exporters.regulator.writing import file_names, identifiers, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -63,12 +64,9 @@ class Check:
 class AxiRealm:
     """A script of register writes, and the same as arrays for an interrupt handler."""
 
-    name = "axi-realm"
+    device = DEVICES["axi-realm"]
+    name = device.name
     summary = "AXI-REALM: register writes for set-up and for every window, as script and as C arrays"
-    least = 1
-    reserves = "units"
-    rates = False
-    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return one burst: the bus is cut after the budget is spent."""
@@ -104,13 +102,13 @@ class AxiRealm:
         registers = _map(tables)
         start = {"built": _built(tables), "setup": list(_setup(tables)), "started": _started(tables)}
         scripts = [(table, _entry(tables, table), _changes(tables, table)) for table in tables.tables]
-        files = {"setup.txt": render("axi_realm_setup.txt.j2", **start, **values)}
+        files = {"setup.txt": render("axi_realm/setup.txt.j2", **start, **values)}
         for stem, (table, entry, changes) in zip(file_names(t.name for t in tables.tables), scripts, strict=True):
-            files[f"{stem}.txt"] = render("axi_realm.txt.j2", table=table, entry=entry, changes=changes, **values)
+            files[f"{stem}.txt"] = render("axi_realm/table.txt.j2", table=table, entry=entry, changes=changes, **values)
         names = identifiers(table.name for table in tables.tables)
         base = platform.settings[self.name]["base"]
         files["axi_realm.h"] = render(
-            "axi_realm.h.j2",
+            "axi_realm/axi_realm.h.j2",
             scripts=list(zip(names, scripts, strict=True)),
             switches=tables.switches,
             number={table.name: table.index for table in tables.tables},
@@ -119,7 +117,7 @@ class AxiRealm:
             **start,
             **values,
         )
-        files["load.sh"] = render("load.sh.j2", base=base, digest=digest)
+        files["load.sh"] = render("axi_realm/load.sh.j2", base=base, digest=digest)
         return files
 
 
@@ -210,7 +208,7 @@ def _programmed(tables: Tables, table: Table) -> dict[int, list[int]]:
     bound = ((unit, d) for unit in tables.units for d in DIRECTIONS if Row(unit.name, d) in rows)
     return {
         registers.offset(f"{d}_budget", unit.manager * regions): [
-            max(n, AxiRealm.least) * burst for n in table.row(Row(unit.name, d))
+            max(n, AxiRealm.device.least) * burst for n in table.row(Row(unit.name, d))
         ]
         for unit, d in bound
     }
@@ -312,3 +310,6 @@ def _check_handler(tables: Tables) -> list[Diagnostic]:
     message = f"{where} needs {worst} register writes; the handler can do {limit}"
     help = f'state "axi-realm: {{writes-per-window: {worst}}}" if it can, or use longer windows'
     return [TOO_MANY_WRITES(message, at=tables.platform.at, path="platform axi-realm", help=help)]
+
+
+WRITER = AxiRealm()

@@ -17,8 +17,12 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import about
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
-from halpipe.exporters.regulator.backends.rates import (
+from halpipe.devices import DEVICES
+from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
+from halpipe.exporters.regulator.frames import Row
+from halpipe.exporters.regulator.owners import outward
+from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
+from halpipe.exporters.regulator.rates import (
     Segment,
     check_owners,
     limit_of,
@@ -28,10 +32,7 @@ from halpipe.exporters.regulator.backends.rates import (
     rate_text,
     segments,
 )
-from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
-from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.owners import outward
-from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
+from halpipe.exporters.regulator.writing import falls_first, file_names, identifiers, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -67,12 +68,9 @@ class Setting:
 class Qos400:
     """One setting for each mode, or (granularity: phase) one for each change of bounds."""
 
-    name = "qos400"
+    device = DEVICES["qos400"]
+    name = device.name
     summary = "ZynqMP QoS-400, held against nothing real: Jailhouse commands, addresses and values for EL3 firmware"
-    least = 0
-    reserves = "all"
-    rates = True
-    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return the burstiness: what a full token bucket lets pass at once."""
@@ -104,11 +102,11 @@ class Qos400:
         files = {}
         for stem, table, several in zip(file_names(t.name for t in tables.tables), tables.tables, orders, strict=True):
             lines = [(setting, list(_commands(tables, writes))) for setting, writes in several]
-            files[f"{stem}.sh"] = render("qos400.sh.j2", table=table, lines=lines, **values)
+            files[f"{stem}.sh"] = render("qos400/table.sh.j2", table=table, lines=lines, **values)
         arrays = [list(_writes(tables, several)) for several in orders]
         names = identifiers(table.name for table in tables.tables)
         files["qos400.h"] = render(
-            "qos400.h.j2",
+            "qos400/qos400.h.j2",
             init=list(_init(tables)),
             tables=list(zip(names, tables.tables, arrays, strict=True)),
             **values,
@@ -233,3 +231,6 @@ def _writes(tables: Tables, orders: Iterable[tuple[Setting, list[tuple[Row, int]
         for row, steps in writes:
             address = PORTS[tables.platform.units[row.unit].port] + RATE[row.direction]
             yield int(setting.at_ns), address, steps << 20
+
+
+WRITER = Qos400()

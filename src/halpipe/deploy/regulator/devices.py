@@ -6,7 +6,9 @@ Each model is written from the device's documentation and knows nothing of the e
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Protocol, cast
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,12 +55,8 @@ class Device(Protocol):
 
 def device(backend: str) -> Device | None:
     """Return the model of what a back-end writes for, None if its Verilog is simulated instead."""
-    from halpipe.deploy.regulator.devices import axi_realm, memguard, qos400, resctrl
+    from halpipe.devices import DEVICES
 
-    known: dict[str, Device] = {
-        "axi-realm": axi_realm.execute,
-        "qos400": qos400.execute,
-        "memguard": memguard.execute,
-        "resctrl": resctrl.execute,
-    }
-    return known.get(backend)
+    if backend not in DEVICES or find_spec(f"{__package__}.{DEVICES[backend].folder}") is None:
+        return None
+    return cast("Device", import_module(f"{__package__}.{DEVICES[backend].folder}.model").execute)

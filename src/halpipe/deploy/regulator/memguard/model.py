@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import parse_rational, parse_size
+from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.devices import rates
-from halpipe.deploy.regulator.devices.loading import choices, scripts_of, take
+from halpipe.deploy.regulator.loading import choices, scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
 
 if TYPE_CHECKING:
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.devices.loading import Line, Script
+    from halpipe.deploy.regulator.loading import Line, Script
     from halpipe.deploy.regulator.reading import Table
 
 PUT = (

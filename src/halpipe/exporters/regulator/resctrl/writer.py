@@ -13,10 +13,11 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
-from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
-from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
+from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import APPROXIMATE, NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import levels_of
+from halpipe.exporters.regulator.rates import check_owners, coarse, over_limit, rate_text, unit_rates
+from halpipe.exporters.regulator.writing import falls_first, file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -108,12 +109,9 @@ def _nearest(numerator: int, denominator: int) -> int:
 class Resctrl:
     """One script for each table: a line ``MB:`` for the group of every unit, and for everything else."""
 
-    name = "resctrl"
+    device = DEVICES["resctrl"]
+    name = device.name
     summary = "Linux resctrl: a script for every mode with the bandwidth share of every unit's group"
-    least = 0
-    reserves = "used"
-    rates = True
-    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0; resctrl knows no windows."""
@@ -165,7 +163,7 @@ class Resctrl:
         for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
             before = [_values(tables, t) for t in predecessors(tables, table)]
             lines = [(group, line(n), shown(n)) for group, n in falls_first(before, _values(tables, table))]
-            files[f"{stem}.sh"] = render("resctrl.sh.j2", table=table, lines=lines, **values)
+            files[f"{stem}.sh"] = render("resctrl/table.sh.j2", table=table, lines=lines, **values)
         return files
 
 
@@ -249,3 +247,6 @@ def _check_shares(tables: Tables, table: Table) -> Iterator[Diagnostic]:
         other = "use a processor with finer steps, or the back-end table or axi-realm"
         most = None if steps.kind == "amd" or steps.levels else platform.peak
         yield from over_limit(tables, table, given, promised, other, most=most)
+
+
+WRITER = Resctrl()

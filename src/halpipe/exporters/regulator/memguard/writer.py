@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import parse_rational, parse_size
-from halpipe.exporters.regulator.backends.base import file_names, predecessors, render
-from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
+from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.owners import outward
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
+from halpipe.exporters.regulator.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
+from halpipe.exporters.regulator.writing import file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -47,12 +48,9 @@ LONGEST_LINE = 255
 class MemGuard:
     """One script for each table: limits of all cores, in events (cache lines) per period."""
 
-    name = "memguard"
+    device = DEVICES["memguard"]
+    name = device.name
     summary = "MemGuard: a script for every mode with the events per period of every core"
-    least = 0
-    reserves = "used"
-    rates = True
-    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0; what passes until the interrupt is taken is for the platform to state."""
@@ -79,10 +77,10 @@ class MemGuard:
         values = {"platform": tables.platform, "model": tables.model, "digest": digest, "cores": _count(tables)}
         defaults = [(d, _defaults(tables)[d]) for d in DIRECTIONS]
         period = _period(tables.platform)
-        files = {"setup.sh": render("memguard_setup.sh.j2", period=period, limits=defaults, **values)}
+        files = {"setup.sh": render("memguard/setup.sh.j2", period=period, limits=defaults, **values)}
         for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
             blocks = list(_blocks(tables, table))
-            files[f"{stem}.sh"] = render("memguard.sh.j2", table=table, blocks=blocks, **values)
+            files[f"{stem}.sh"] = render("memguard/table.sh.j2", table=table, blocks=blocks, **values)
         return files
 
 
@@ -278,3 +276,6 @@ def _worst(table: Table, settings: list[Limits]) -> Limits:
     first = settings[-1] if table.successor == table.index else settings[0]
     pairs = zip(settings, [first, *settings], strict=False)
     return max(({k: max(n, b[k]) for k, n in a.items()} for a, b in pairs), key=lambda limits: sum(limits.values()))
+
+
+WRITER = MemGuard()

@@ -12,9 +12,10 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
-from halpipe.exporters.regulator.backends.base import identifiers, render
+from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import LEAST_CYCLES, READ, WRITE
+from halpipe.exporters.regulator.writing import identifiers, render
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
@@ -35,12 +36,9 @@ _END = "ffffffff" + "0" * 16
 class TableUnit:
     """Admission is strict: a burst passes only if what is left of the budget covers it, so nothing overshoots."""
 
-    name = "table"
+    device = DEVICES["table"]
+    name = device.name
     summary = "generic table-driven regulator: memory images, C header, binary, Verilog and registers"
-    least = 0
-    reserves = "used"
-    rates = False
-    carries = True
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0: see the class."""
@@ -116,7 +114,7 @@ def header_lines(tables: int) -> int:
 def _header(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
     names = identifiers(table.name for table in tables.tables)
     return render(
-        "bw_tables.h.j2",
+        "table/bw_tables.h.j2",
         tables=list(zip(names, tables.tables, strict=True)),
         units=units,
         switches=tables.switches,
@@ -148,11 +146,14 @@ def _binary(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
 
 def register_description() -> bytes:
     """Return the registers of the unit as SystemRDL."""
-    return resources.files(__package__).joinpath("templates", "regulator.rdl").read_bytes()
+    return resources.files(__package__).joinpath("regulator.rdl").read_bytes()
 
 
 def unit_sources() -> dict[str, bytes]:
     """Return the unit's Verilog and its timing constraints, by name in the bundle."""
-    folder = resources.files("halpipe.exporters.regulator").joinpath("rtl")
+    folder = resources.files(__package__).joinpath("rtl")
     sources = sorted((f for f in folder.iterdir() if f.name.endswith((".v", ".sv", ".sdc"))), key=lambda f: f.name)
     return {f"rtl/{source.name}": source.read_bytes() for source in sources}
+
+
+WRITER = TableUnit()

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import parse_bandwidth
+from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.devices import rates
-from halpipe.deploy.regulator.devices.loading import scripts_of, take
+from halpipe.deploy.regulator.loading import scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO
 
 if TYPE_CHECKING:
     from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.devices.loading import Script
+    from halpipe.deploy.regulator.loading import Script
 
 ROOT, REST = ".", "everything else"
 EIGHTH = 125_000_000

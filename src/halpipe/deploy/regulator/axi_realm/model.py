@@ -19,7 +19,7 @@ from halpipe.deploy.regulator.codes import (
     NOT_UNDERSTOOD,
     SHARED_ISOLATION,
 )
-from halpipe.deploy.regulator.devices.loading import (
+from halpipe.deploy.regulator.loading import (
     WORD,
     check_loader,
     header_number,
@@ -28,13 +28,13 @@ from halpipe.deploy.regulator.devices.loading import (
     load_functions,
     scripts_of,
 )
-from halpipe.registers import RegisterFile
+from halpipe.devices.registers import RegisterFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.devices.loading import Header, Script
+    from halpipe.deploy.regulator.loading import Header, Script
     from halpipe.deploy.regulator.reading import Table
 
 HEADER, LOADER = "axi_realm.h", "load.sh"

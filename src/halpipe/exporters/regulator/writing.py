@@ -1,4 +1,4 @@
-"""What every back-end shares: its protocol, names in C and in file names, and templates."""
+"""Writing for a device: protocol of writers, names in C and in file names, order of writes, and templates."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import jinja2
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.devices import Device
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 
@@ -23,20 +24,15 @@ K = TypeVar("K")
 
 
 class Backend(Protocol):
-    """A kind of regulator. It decides nothing about budgets: it says what must be reserved, checks, and writes.
+    """Writer for a kind of regulator. It decides nothing about budgets: it checks, reports and writes."""
 
-    `least` is the smallest budget that a row can be given, in bursts: what an idle row may use all the same. `reserves`
-    says for which rows that and the overshoot are kept: those that are ``used``, both directions of units that are
-    (``units``), or ``all``. Of a back-end with `rates`, a unit has one rate for a whole table and no windows. With
-    `carries`, a burst that was shown in a window may pass in the next one, whatever the budget there.
-    """
-
-    name: str
+    device: Device
     summary: str
-    least: int
-    reserves: str
-    rates: bool
-    carries: bool
+
+    @property
+    def name(self) -> str:
+        """The name of the device."""
+        ...
 
     def overshoot(self, platform: Platform) -> int:
         """Return the bytes that may pass above a budget, per window and direction."""
@@ -97,7 +93,7 @@ def comment(text: str) -> str:
 
 
 def render(template: str, **values: Any) -> bytes:
-    """Fill a template of this folder."""
+    """Fill a template, named with the folder of its device."""
     return _environment().get_template(template).render(**values).encode()
 
 
@@ -118,4 +114,4 @@ def _environment() -> jinja2.Environment:
 
 
 def _source(name: str) -> str:
-    return resources.files(__package__).joinpath("templates", name).read_text("utf-8")
+    return resources.files(__package__).joinpath(name).read_text("utf-8")

@@ -1,0 +1,1 @@
+"""Check for AXI-REALM: model of the device."""

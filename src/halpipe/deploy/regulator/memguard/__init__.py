@@ -1,0 +1,1 @@
+"""Check for MemGuard: model of the device."""

@@ -1,0 +1,1 @@
+"""Check for Linux resctrl: model of the device."""

@@ -1,0 +1,1 @@
+"""Export for AXI-REALM: writer and templates."""

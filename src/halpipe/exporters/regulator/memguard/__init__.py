@@ -1,0 +1,1 @@
+"""Export for MemGuard: writer and templates."""

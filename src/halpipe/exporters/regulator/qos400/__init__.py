@@ -1,0 +1,1 @@
+"""Export for QoS-400 of the Zynq UltraScale+: writer and templates."""

@@ -1,0 +1,1 @@
+"""Export for Linux resctrl: writer and templates."""

@@ -1,0 +1,1 @@
+"""Export for the table-driven unit: writer and templates."""
