@@ -7,7 +7,7 @@ import pytest
 
 from halpipe.core.diagnostics import Subject
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Chain, Mode, Unit
+from halpipe.models import Chain, Mode, Split, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
@@ -18,7 +18,7 @@ from halpipe.pipeline.solve import codes as search_codes
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
-from support import access, after, chain, job, model, schedule, task, version
+from support import access, after, chain, job, model, ms, schedule, task, version
 
 CORES = "c1 c2"
 
@@ -211,8 +211,8 @@ def test_the_smallest_steps_and_which_are_proven():
     texts = remedies(system, ["a", "b"])
     proven = "; the next smaller step is proven not to suffice)"
     assert f'slack of "a" >= 0.09 (found sufficient, in steps of 1/100{proven}' in texts
-    assert f'WCET of "a" at most 990us instead of 1.5ms (found sufficient, in steps of 1/100 of it{proven}' in texts
-    assert f'WCET of "b" at most 1.5ms instead of 2ms (found sufficient, in steps of 1/100 of it{proven}' in texts
+    assert f'WCET of "a" at most 1ms instead of 1.5ms (found sufficient, in steps of 50us{proven}' in texts
+    assert f'WCET of "b" at most 1.5ms instead of 2ms (found sufficient, in steps of 50us{proven}' in texts
 
 
 def test_windows_offsets_and_limits():
@@ -225,6 +225,32 @@ def test_windows_offsets_and_limits():
     slow = model(*ends, chains=[chain("c", "a b", age="6ms")])
     limits = 'limits of chain "c" of data age 7ms instead of 6ms (found sufficient, in steps of 1ms; with less'
     assert any(t.startswith(limits) for t in remedies(slow, ["a", "b"]))
+
+
+def test_the_lower_end_of_a_window_is_tried_too():
+    """b follows a by 1 to 2 ms and c follows b so: 2 to 4 ms in sum, where c asks for 7 to 8 ms after a."""
+    rows = (("a", ()), ("b", (after("a", 1, 2),)), ("c", (after("b", 1, 2), after("a", 7, 8))))
+    system = model(
+        *(task(name, 20, version("v", 1, f"u{n}", *own)) for n, (name, own) in enumerate(rows)), units="u0 u1 u2"
+    )
+    texts = remedies(system, ["a", "b", "c"])
+    assert any(t.startswith('window of "c" on "a" from 4ms instead of 7ms (found sufficient, in steps') for t in texts)
+    assert any(t.startswith('window of "c" on "b" up to 5ms instead of 2ms (found sufficient, in steps') for t in texts)
+
+
+def test_a_split_task_may_need_one_more_gap():
+    """Three jobs of a lie in the 14 ms of b, which ends in time only with a gap for each."""
+    split = Split(points=tuple(ms(n) for n in range(1, 9)), max_gaps=1)
+    long = replace(version("v", 9, "u1"), split=split)
+    system = model(task("a", 5, version("v", 2, "u1"), offset=1), task("b", 20, long, offset=0, deadline=15))
+    texts = remedies(system, ["a", "b"])
+    assert any(t.startswith('max-gaps of "b" of 3 instead of 1 (found sufficient') for t in texts)
+
+
+def test_slack_below_the_grid_of_the_other_times_is_of_use():
+    """7 and 10 ms have gcd 1: with 1/4 of slack on each, 0.36 is the least found, where whole ticks need 0.4."""
+    system = model(task("a", 7, version("v", 3), slack="1/5"), task("b", 10, version("v", 4), slack="3/10"))
+    assert any(t.startswith('slack of "a", "b" >= 0.36') for t in remedies(system, ["a", "b"]))
 
 
 def test_the_smallest_limit_is_searched_for():

@@ -2,15 +2,17 @@
 
 import re
 from dataclasses import replace
+from fractions import Fraction
 from itertools import product
-from math import lcm
+from math import gcd, lcm
 from pathlib import Path
+from random import Random
 
 import pytest
 
 from halpipe.core.files import write_output
 from halpipe.importers.native import read_model
-from halpipe.models import Interrupt, Status
+from halpipe.models import Binding, Interrupt, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting, meet
@@ -35,6 +37,7 @@ NEIGHBOURS = {
     "HAL0435-conflict.xml": ('wcet="6ms"', 'wcet="3ms"'),
     "HAL0446-unit-held.xml": ('wcet="18ms"', 'wcet="17ms"'),
     "HAL0438-version-never-fits.xml": ('wcet="3ms"', 'wcet="2ms"'),
+    "HAL0448-bound-tasks.xml": ('wcet="9ms"', 'wcet="8ms"'),
 }
 """For every fixture what to replace so that it has a schedule: where possible the very limit of the proof."""
 
@@ -181,3 +184,43 @@ def test_modes_are_judged_one_by_one():
     assert [hopeless.mode for hopeless in find_witnesses(system)] == ["both"]
     assert not find_witnesses(system, ["one"])
     assert set(find_witnesses(system)[0].tasks) == {"a", "b"}
+
+
+def bound(name, period, wcet, units="u1 u2"):
+    return replace(task(name, period, version("v", wcet, units)), binding=Binding.MODE)
+
+
+def assignable(tasks):
+    """Whether some assignment keeps every unit at most full, and no two tasks on one whose jobs must meet."""
+    for units in product(*(each.versions[0].units for each in tasks)):
+        held = {}
+        for each, unit in zip(tasks, units, strict=True):
+            held.setdefault(unit, []).append((each.period.ns, each.versions[0].wcet.ns))
+        if all(
+            sum(Fraction(wcet, period) for period, wcet in own) <= 1
+            and all(c + d <= gcd(p, q) for n, (p, c) in enumerate(own) for q, d in own[n + 1 :])
+            for own in held.values()
+        ):
+            return True
+    return False
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_bound_tasks_have_a_witness_exactly_where_no_assignment_exists(seed):
+    """Against all assignments, one by one; tasks on demand of any unit, and two tasks alone, have other witnesses."""
+    draw = Random(seed)
+    units = [("u1 u2", "u2 u3", "u1 u2 u3")[draw.randrange(3)] for _ in range(6)]
+    tasks = [bound(f"t{n}", draw.choice((10, 20)), f"{draw.randrange(2, 9)}ms", own) for n, own in enumerate(units)]
+    system = model(*tasks, units="u1 u2 u3")
+    hopeless = find_witnesses(system)
+    assert bool(hopeless) or assignable(tasks)
+    named = {d.code for each in hopeless for d in each.diagnostics}
+    if codes.NO_ASSIGNMENT.id in named:
+        assert not assignable(tasks)
+
+
+def test_no_task_is_named_without_which_the_others_do_not_fit_either():
+    spare = bound("spare", 20, "1ms")
+    system = model(bound("a", 20, "9ms"), bound("b", 20, "12ms"), bound("c", 20, "12ms"), spare, units="u1 u2")
+    (hopeless,) = find_witnesses(system)
+    assert set(hopeless.tasks) == {"a", "b", "c"}

@@ -76,6 +76,25 @@ def with_wider_windows(model: TaskModel, task: str, predecessor: str, by: Durati
     return _each_version(model, [task], lambda v: replace(v, precedences=tuple(map(widen, v.precedences))))
 
 
+def with_earlier_windows(model: TaskModel, task: str, predecessor: str, by: Duration) -> TaskModel:
+    """Lower the minimum of the windows of `task` on `predecessor`, to zero at most."""
+
+    def widen(row: Precedence) -> Precedence:
+        return replace(row, min=row.min - min(by, row.min)) if row.task == predecessor else row
+
+    return _each_version(model, [task], lambda v: replace(v, precedences=tuple(map(widen, v.precedences))))
+
+
+def with_more_gaps(model: TaskModel, task: str, more: int) -> TaskModel:
+    """Allow the jobs of a task that are split so many gaps more."""
+
+    def allow(version: Version) -> Version:
+        gaps = version.split.max_gaps
+        return version if gaps is None else replace(version, split=replace(version.split, max_gaps=gaps + more))
+
+    return _each_version(model, [task], allow)
+
+
 def without_offset(model: TaskModel, tasks: Collection[str]) -> TaskModel:
     """Let the phases of tasks be free."""
     return _each_task(model, tasks, lambda task: replace(task, offset=None))

@@ -81,6 +81,12 @@ UNIT_HELD = error(
     "most D + slack * D apart. If the piece is longer than that allows, no schedule exists. For a reaction time, the "
     "same holds for the first task and the data it missed.",
 )
+NO_ASSIGNMENT = error(
+    "HAL0448",
+    "Bound tasks do not fit on their units",
+    "Each of these tasks keeps all its jobs on one unit. Every assignment of them to the units that they may use was "
+    "tried: in each, some unit has more work than time, or two tasks share a unit on which their jobs must meet.",
+)
 COARSE_GRID = note(
     "HAL0447",
     "Answered on a coarser grid",

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Subject, about, tasks_named
-from halpipe.core.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_rational
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.jobs import expand, natural_tick
+from halpipe.pipeline.solve.exactmodel import exact_tick
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
@@ -34,6 +37,12 @@ NANOSECOND = Duration(1)
 
 FINE, COARSE = 100, 20
 """Steps in which a slack, a WCET or a window is relaxed: parts of the period or of the WCET."""
+
+TENTHS = 10
+"""Parts of a step of the grid in which a WCET is shortened at last."""
+
+MOST_TICKS = 10**6
+"""Ticks of a period up to which slacks are looked at on their own grid."""
 
 FEW_JOBS = 500
 """Jobs up to which the steps are fine."""
@@ -80,13 +89,21 @@ class Trials:
         if self.left < 0:
             return None
         budget = max(20, min(2000, WORK // max(1, self.jobs)))
-        options = SearchOptions(budget=budget, modes=(self.mode,))
         try:
+            options = SearchOptions(budget=budget, modes=(self.mode,), tick=self._grid(model))
             tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
         except HalpipeError:  # such as numbers that have become too large for the search
             return None
         table = tables.modes[0] if tables.modes else None
         return table if table is not None and _is_valid(model, tables) else None
+
+    def _grid(self, model: TaskModel) -> Duration | None:
+        """Return the grid that also divides slacks and deadlines, on which a small one is of use; None if too fine."""
+        expansion = expand(model, model.mode(self.mode))
+        tick = greatest_common_divisor([exact_tick(expansion), natural_tick(expansion)])
+        return (
+            tick if self.jobs <= FEW_JOBS and max(t.period or ZERO for t in model.tasks) < tick * MOST_TICKS else None
+        )
 
     def is_refuted(self, model: TaskModel) -> bool:
         """Tell whether a witness proves that a changed model has no schedule."""
@@ -100,19 +117,23 @@ class Trials:
         )
         return {next(s.name for s in d.subjects if s.kind == "task") for d in found}
 
-    def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
-        """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
+    def smallest(self, change: Change, most: int, coarse: int = 1) -> tuple[int, ModeSchedule] | None:
+        """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule.
+
+        So many `coarse` steps, of which `most` is a multiple, are tried at once at first.
+        """
         found = self.schedule(change(most))
         if found is None:
             return None
         below, enough = 0, most
-        while enough - below > 1:
-            middle = (below + enough) // 2
-            better = self.schedule(change(middle))
-            if better is None:
-                below = middle
-            else:
-                enough, found = middle, better
+        for size in dict.fromkeys((coarse, 1)):
+            while enough - below > size:
+                middle = below + (enough - below) // (2 * size) * size
+                better = self.schedule(change(middle))
+                if better is None:
+                    below = middle
+                else:
+                    enough, found = middle, better
         return enough, found
 
 
@@ -134,6 +155,7 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
         *_deadlines(model, concerned, trials),
         *_slack(model, concerned, trials),
         *_pieces(model, concerned, trials),
+        *_gaps(model, concerned, trials),
         *_windows(model, concerned, running, trials),
         *_wcets(model, concerned, trials),
     ]
@@ -251,15 +273,23 @@ def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
     for group in groups:
         names = [task.name for task in group]
 
-        def shorten(step: int, names: list[str] = names) -> TaskModel:
-            return changes.with_wcet(model, names, Fraction(trials.steps - step, trials.steps))
+        longest = max(v.wcet or ZERO for task in group for v in task.versions)
+        unit = trials.step(longest)
+        most = (-(-longest // unit) - 1) * TENTHS
+        if not most:
+            continue
 
-        found = trials.smallest(shorten, trials.steps - 1)
+        def factor(step: int, longest: Duration = longest, unit: Duration = unit) -> Fraction:
+            return 1 - Fraction((unit * step).ns) / (longest.ns * TENTHS)
+
+        def shorten(step: int, names: list[str] = names, factor: Callable[[int], Fraction] = factor) -> TaskModel:
+            return changes.with_wcet(model, names, factor(step))
+
+        found = trials.smallest(shorten, most, TENTHS)
         if found:
-            text = _wcet_text(group, Fraction(trials.steps - found[0], trials.steps))
-            yield _remedy(
-                trials, text, tasks_named(names), shorten(found[0] - 1), f"in steps of 1/{trials.steps} of it"
-            )
+            text = _wcet_text(group, factor(found[0]))
+            steps = f"in steps of {unit / TENTHS}"
+            yield _remedy(trials, text, tasks_named(names), shorten(found[0] - 1), steps)
 
 
 def _wcet_text(group: list[Task], factor: Fraction) -> str:
@@ -278,16 +308,40 @@ def _windows(model: TaskModel, tasks: list[Task], running: set[str], trials: Tri
         if period is None:
             continue
 
-        unit = trials.step(period)
+        unit, named = trials.step(period), tasks_named([task, predecessor])
+        ends = [(changes.with_wider_windows, -(-period // unit), "up to", row.max, unit)]
+        if row.min > ZERO:
+            ends.append((changes.with_earlier_windows, -(-row.min // unit), "from", row.min, -unit))
+        for change, most, which, end, by in ends:
+            widen = partial(_widened, model, task, predecessor, unit, change)
+            found = trials.smallest(widen, most)
+            if found:
+                wider = max(ZERO, end + by * found[0])
+                text = f'window of "{task}" on "{predecessor}" {which} {wider} instead of {end}'
+                yield _remedy(trials, text, named, widen(found[0] - 1), f"in steps of {unit}")
 
-        def widen(step: int, task: str = task, predecessor: str = predecessor, by: Duration = unit) -> TaskModel:
-            return changes.with_wider_windows(model, task, predecessor, by * step)
 
-        found = trials.smallest(widen, -(-period // unit))
+def _widened(
+    model: TaskModel,
+    task: str,
+    predecessor: str,
+    unit: Duration,
+    change: Callable[[TaskModel, str, str, Duration], TaskModel],
+    steps: int,
+) -> TaskModel:
+    return change(model, task, predecessor, unit * steps)
+
+
+def _gaps(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Allow split tasks with a limit of gaps more of them, one by one."""
+    limited = [t for t in tasks if any(v.split.is_allowed and v.split.max_gaps is not None for v in t.versions)]
+    for task in limited[:MAX_TASKS]:
+        allow = partial(changes.with_more_gaps, model, task.name)
+        found = trials.smallest(allow, MAX_PIECES)
         if found:
-            text = f'window of "{task}" on "{predecessor}" up to {row.max + unit * found[0]} instead of {row.max}'
-            named = tasks_named([task, predecessor])
-            yield _remedy(trials, text, named, widen(found[0] - 1), f"in steps of {unit}")
+            limits = [v.split.max_gaps for v in task.versions if v.split.max_gaps is not None]
+            text = f'max-gaps of "{task.name}" of {max(limits) + found[0]} instead of {max(limits)}'
+            yield _remedy(trials, text, tasks_named([task.name]), allow(found[0] - 1))
 
 
 def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:

@@ -13,6 +13,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.explain.blocking import blockings
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.groups_meet import crowds
+from halpipe.pipeline.explain.packing import packings
 from halpipe.pipeline.explain.relaxed import relaxed
 from halpipe.pipeline.explain.sharing import Witness, prune, resources_met, units_met
 from halpipe.pipeline.explain.windows import contradictions
@@ -66,6 +67,8 @@ def _judge(context: Context, mode: ActiveMode) -> Hopeless | None:
     witnesses += _loads(context.model, facts, bool(notes))
     witnesses += [*units_met(facts, context.model), *resources_met(facts), *contradictions(facts)]
     witnesses += blockings(facts, context.model)
+    if not witnesses:
+        witnesses += packings(facts)
     if not witnesses:
         witnesses += crowds(facts)
     return Hopeless(mode.mode.name, tuple(notes), tuple(witnesses)) if witnesses else None
