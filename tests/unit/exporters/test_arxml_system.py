@@ -10,11 +10,11 @@ from lxml import etree
 from arxml_reading import NS, all_of, by_path, name_of, names, native, q, text, texts, write
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
-from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME
+from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, NO_LATENCY
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE
 from halpipe.exporters.native.document import UNWRITABLE
-from halpipe.models import ChainLatency, ModeSchedule, Status
+from halpipe.models import Anchor, ChainLatency, ModeSchedule, Status
 from halpipe.models.modes import UNKNOWN_MODE
 from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
@@ -252,7 +252,7 @@ def test_demands_are_requirements_rounded_to_the_safe_side():
     demands = by_path(root, "/m/Timing/Requirements")
     assert latencies(root, demands.find(NS + "TIMING-REQUIREMENTS")) == {
         "valve_deadline": ("REACTION", (("valve", "activated"), ("valve", "terminated")), None, "15000"),
-        "c_reaction": ("REACTION", (("pump", "started"), ("valve", "terminated")), None, "40000"),
+        "c_reaction": ("REACTION", (("pump", "started"), ("valve", "terminated")), None, "30000"),
         "c_age": ("AGE", (("pump", "started"), ("valve", "terminated")), None, "33333"),
     }
     periods = {n: text(e, "PERIOD/CSE-CODE-FACTOR") for n, e in all_of(demands, "PERIODIC-EVENT-TRIGGERING").items()}
@@ -303,6 +303,32 @@ def test_segments_tell_the_tasks_of_a_chain_in_order():
     names = ["particle_filter", "opponent_detection", "path_planner", "pure_pursuit"]
     assert [start for start, _ in segments] == [(name, "started") for name in names]
     assert [end for _, end in segments] == [*((name, "started") for name in names[1:]), (names[-1], "terminated")]
+
+
+def test_a_reaction_time_is_demanded_as_the_latency_that_it_leaves():
+    """A stimulus may just miss a job of /pump, and waits for the next one, 10 ms later."""
+
+    def demanded(**limits):
+        system = replace(SYSTEM, chains=(replace(SYSTEM.chains[0], max_age=None, max_reaction=None, **limits),))
+        demands = by_path(write(system), "/m/Timing/Requirements").find(NS + "TIMING-REQUIREMENTS")
+        found = latencies(write(system), demands)
+        told = FORMAT.remarks(system, None, ArxmlOptions(), FORMAT.write(system, None, ArxmlOptions()))
+        return {key: value for key, value in found.items() if key != "valve_deadline"}, [d.code for d in told]
+
+    ends = ("pump", "started"), ("valve", "terminated")
+    assert demanded(max_latency=ms("25ms")) == ({"c_reaction": ("REACTION", ends, None, "25000")}, [])
+    ends = ("pump", "activated"), ("valve", "started")
+    events = {"anchor": Anchor.RELEASE, "to": Anchor.START}
+    assert demanded(max_latency=ms("25ms"), **events) == ({"c_reaction": ("REACTION", ends, None, "25000")}, [])
+    ends = ("pump", "terminated"), ("valve", "terminated")
+    assert demanded(max_latency=ms("25ms"), anchor=Anchor.END)[0] == {"c_reaction": ("REACTION", ends, None, "25000")}
+
+
+def test_a_reaction_time_that_leaves_nothing_is_told():
+    system = replace(SYSTEM, chains=(replace(SYSTEM.chains[0], max_age=None, max_reaction=ms("10ms")),))
+    (told,) = FORMAT.remarks(system, None, ArxmlOptions(), FORMAT.write(system, None, ArxmlOptions()))
+    assert (told.code, told.path) == (NO_LATENCY.id, 'chain "c"')
+    assert "c_reaction" not in latencies(write(system), by_path(write(system), "/m/Timing/Requirements"))
 
 
 def test_what_a_schedule_proves_is_guaranteed_rounded_to_the_safe_side():

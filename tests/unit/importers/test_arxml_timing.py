@@ -136,7 +136,47 @@ def test_latency_between_runnables_is_a_chain_with_its_limits(tmp_path):
     )
     (chain,) = imported.model.chains
     assert (chain.name, chain.tasks) == ("C", ("Pump/First", "Pump/Second"))
-    assert (str(chain.max_reaction), str(chain.max_age)) == ("30ms", "25ms")
+    assert (str(chain.max_latency), chain.max_reaction, str(chain.max_age)) == ("30ms", None, "25ms")
+
+
+EVENTS = {
+    ("ACTIVATED", "TERMINATED"): (Anchor.RELEASE, None),
+    ("STARTED", "TERMINATED"): (None, None),
+    ("TERMINATED", "STARTED"): (Anchor.END, Anchor.START),
+    ("TERMINATED", "ACTIVATED"): (Anchor.END, Anchor.START),
+    ("STARTED", "STARTED"): (None, Anchor.START),
+}
+
+
+@pytest.mark.parametrize(("ends", "expected"), EVENTS.items())
+def test_a_reaction_between_runnables_is_a_latency_between_their_events(tmp_path, ends, expected):
+    """R2 within 50 ms after the end of R1, both every 100 ms, is no matter of a stimulus that just missed R1."""
+    begin, end = ends
+    parts = [observed("B", "Pump/First", begin), observed("E", "Pump/Second", end), event_chain("C", "B", "E")]
+    (chain,) = pump(tmp_path, extension(parts, latency("R", "C", 50_000))).model.chains
+    assert (chain.anchor, chain.to) == expected
+    assert (str(chain.max_latency), chain.max_reaction) == ("50ms", None)
+
+
+def test_what_comes_at_a_port_may_just_miss_the_first_job(tmp_path):
+    reader = component(
+        "Reader",
+        every("0.02", "E", "Reader/Read"),
+        every("0.02", "F", "Reader/Act"),
+        runnables=[runnable("Read", reads=["Reader/in"]), named("RUNNABLE-ENTITY", "Act")],
+        ports=[in_port("in")],
+    )
+    parts = [data_observed("B", "Reader/in", "RECEIVED"), observed("E", "Reader/Act", "TERMINATED")]
+    timing = extension([*parts, event_chain("C", "B", "E")], latency("R", "C", 50_000))
+    (chain,) = pump(tmp_path, timing, types=(reader,)).model.chains
+    assert (str(chain.max_reaction), chain.max_latency, chain.tasks) == ("50ms", None, ("Reader/Read", "Reader/Act"))
+
+
+def test_a_chain_that_ends_before_it_begins_is_told(tmp_path):
+    parts = [observed("B", "Pump/First", "TERMINATED"), observed("E", "Pump/First", "STARTED")]
+    imported = pump(tmp_path, extension([*parts, event_chain("C", "B", "E")], latency("R", "C", 50_000)))
+    assert imported.model.chains == ()
+    assert found(imported, codes.TIMING_LOST)
 
 
 def test_segments_are_the_steps_of_a_chain(tmp_path):

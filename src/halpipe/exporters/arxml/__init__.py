@@ -68,13 +68,14 @@ class ArxmlExporter(PlainExporter):
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> Sequence[Diagnostic]:
-        """Return what of the ECU configuration does not fit the definitions of a vendor, if they are given."""
-        paths = specific(ArxmlOptions, options).ecuc_definitions
-        if not paths:
-            return ()
+        """Return the limits that ARXML cannot state, and what does not fit the definitions of a vendor, if given."""
         from halpipe.exporters.arxml.definitions import check, read_definitions
+        from halpipe.exporters.arxml.timing import unstated
 
-        return check(contents[""], read_definitions(paths))
+        chosen = specific(ArxmlOptions, options)
+        found = unstated(model) if chosen.part != "ecuc" else []
+        paths = chosen.ecuc_definitions
+        return [*found, *(check(contents[""], read_definitions(paths)) if paths else ())]
 
 
 __all__ = ["FORMAT", "PARTS", "RELEASES", "ArxmlExporter", "ArxmlOptions"]

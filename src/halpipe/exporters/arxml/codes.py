@@ -1,6 +1,6 @@
 """The diagnostics of the ARXML export: HAL0870 to HAL0889."""
 
-from halpipe.core.diagnostics import error
+from halpipe.core.diagnostics import error, warning
 
 BAD_PREFIX = error(
     "HAL0872",
@@ -55,4 +55,11 @@ TOO_MANY_EVENTS = error(
     "OsTask would wait for too many events",
     "An OsTask waits for an event at each split point in use and at the beginning of each access phase. A mask of "
     "events has 64 bits.",
+)
+NO_LATENCY = warning(
+    "HAL0890",
+    "Limit of a reaction time cannot be stated in ARXML",
+    "REACTION limits the time from an event of the first task to the response. A reaction time counts from a stimulus "
+    "that just misses a job, which adds the longest time between two jobs of the first task; a limit below that leaves "
+    "nothing. It stands in the native model only.",
 )

@@ -45,7 +45,8 @@ def _mode(parent: etree._Element, model: TaskModel, table: ModeSchedule, known: 
         response = max(delay + (job.end - job.start) for delay, job in zip(delays, found, strict=True))
         latency(parent, names(short_name, "response"), "REACTION", known.response(task.name), response, up=True)
     for chain in table.chains:
-        for kind, value in (("REACTION", chain.reaction), ("AGE", chain.age)):
+        forward = chain.reaction if chain.latency is None else chain.latency
+        for kind, value in (("REACTION", forward), ("AGE", chain.age)):
             if value is not None:
                 latency(parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value, up=True)
 

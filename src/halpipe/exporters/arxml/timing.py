@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO
+from halpipe.exporters.arxml.codes import NO_LATENCY
 from halpipe.exporters.arxml.document import (
     add,
     add_time,
@@ -18,6 +21,7 @@ from halpipe.models import Anchor
 if TYPE_CHECKING:
     from lxml import etree
 
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.exporters.arxml.layout import Layout
     from halpipe.models import Chain, Precedence, Task, TaskModel
@@ -28,6 +32,7 @@ _CHAIN = "TIMING-DESCRIPTION-EVENT-CHAIN"
 _STARTED = "STARTED"
 _TERMINATED = "TERMINATED"
 _ACTIVATED = "ACTIVATED"
+_KINDS = {Anchor.RELEASE: _ACTIVATED, Anchor.START: _STARTED, Anchor.END: _TERMINATED}
 
 
 class Descriptions:
@@ -74,13 +79,14 @@ class Descriptions:
         return self._responses[task]
 
     def task_chain(self, chain: Chain) -> str:
-        """Append a cause-effect chain, from the start of its first task to the end of its last; return its path.
+        """Append a cause-effect chain, from the event of its first task to that of its last; return its path.
 
         Its segments, one for each task, tell the tasks in order.
         """
         name = self.names(chain.name)
-        starts = [self.event(task) for task in chain.tasks]
-        ends = [*starts[1:], self.event(chain.tasks[-1], _TERMINATED)]
+        first = self.event(chain.tasks[0], _KINDS[chain.anchor or Anchor.START])
+        starts = [first, *(self.event(task) for task in chain.tasks[1:])]
+        ends = [*starts[1:], self.event(chain.tasks[-1], _KINDS[chain.to or Anchor.END])]
         segments = [self.names(name, self.layout.tasks[task]) for task in chain.tasks]
         element = named(self._parent, _CHAIN, name)
         ref(element, "STIMULUS-REF", _EVENT, starts[0])
@@ -110,13 +116,45 @@ def write_demands(packages: etree._Element, model: TaskModel, layout: Layout) ->
             _window(demands, task, precedence, known)
     _order(demands, model, known)
     known.chains |= {chain.name: known.task_chain(chain) for chain in model.chains}
+    tasks = {task.name: task for task in model.tasks}
     for chain in model.chains:
-        for kind, limit in (("REACTION", chain.max_reaction), ("AGE", chain.max_age)):
+        for kind, limit in (("REACTION", _reaction(chain, tasks[chain.tasks[0]])), ("AGE", chain.max_age)):
             if limit is not None:
                 name = known.names(chain.name, kind.lower())
                 latency(demands, name, kind, known.chains[chain.name], limit)
     ref(timing, "SYSTEM-REF", "SYSTEM", layout.path("System", "System"))
     return elements, known
+
+
+def _reaction(chain: Chain, first: Task) -> Duration | None:
+    """Return the most from the event of a job of the first task to the response, which is what REACTION limits.
+
+    A stimulus that comes from outside may just miss a job, and waits for the next one: a limit of the reaction time
+    holds if the latency is below it by the longest time between two jobs (MODEL 10.7).
+    """
+    limits = [chain.max_latency] if chain.max_latency is not None else []
+    if chain.max_reaction is not None:
+        wait = longest_wait(first)
+        limits += [chain.max_reaction - wait] if chain.max_reaction > wait else []
+    return min(limits, default=None)
+
+
+def longest_wait(task: Task) -> Duration:
+    """Return the longest time between two jobs of a task, none for work on demand."""
+    return task.period * (1 + task.slack) if task.period is not None else ZERO
+
+
+def unstated(model: TaskModel) -> list[Diagnostic]:
+    """Return the limits of chains that standard elements cannot state; they are in the native model."""
+    tasks = {task.name: task for task in model.tasks}
+    found = []
+    for chain in model.chains:
+        wait = longest_wait(tasks[chain.tasks[0]])
+        if chain.max_reaction is not None and chain.max_reaction <= wait:
+            message = f"limits its reaction time to {chain.max_reaction}, but its first task may start {wait} apart"
+            help = "limit its latency instead, which is what AUTOSAR's REACTION means between runnables"
+            found.append(NO_LATENCY(message, path=about(chain=chain.name), help=help))
+    return found
 
 
 def periodic(parent: etree._Element, name: str, event: str, period: Duration, jitter: Duration | None) -> None:

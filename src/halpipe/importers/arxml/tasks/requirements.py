@@ -26,6 +26,15 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.tasks.grouping import Draft
 
 _BEGINNINGS = ("activated", "started")
+# The instants of jobs that timing description events are, at the beginning and at the end of a chain.
+_BEGIN = {
+    "activated": Anchor.RELEASE,
+    "started": Anchor.START,
+    "received": Anchor.START,
+    "terminated": Anchor.END,
+    "sent": Anchor.END,
+}
+_END = _BEGIN | {"activated": Anchor.START}
 
 
 @record
@@ -156,7 +165,7 @@ class _Finder:
             tasks = tuple(task for task, _ in groupby(occurrence.task for occurrence in way))
             first, last = way[0].observable.what, way[-1].observable.what
             if len(tasks) > 1 or first not in _BEGINNINGS or last != "terminated":
-                self._cause_effect(chain, limits, tasks, way[0] if len(ways) > 1 else None)
+                self._cause_effect(chain, limits, tasks, way, is_one_of_several=len(ways) > 1)
                 continue
             for limit in limits:
                 known = self._result.deadlines.get(tasks[0])
@@ -182,17 +191,34 @@ class _Finder:
         return ways
 
     def _cause_effect(
-        self, chain: EventChain, limits: list[Limit], tasks: tuple[str, ...], instance: _Occurrence | None
+        self,
+        chain: EventChain,
+        limits: list[Limit],
+        tasks: tuple[str, ...],
+        way: Sequence[_Occurrence],
+        *,
+        is_one_of_several: bool,
     ) -> None:
-        label = f"@{instance.context[-1].rpartition('/')[2]}" if instance else ""
+        """Make a chain: its latency is limited from event to event, but what comes at a port may just miss a job."""
+        label = f"@{way[0].context[-1].rpartition('/')[2]}" if is_one_of_several else ""
+        begin, end = _BEGIN[way[0].observable.what], _END[way[-1].observable.what]
+        if len(tasks) == 1 and (begin, end) == (Anchor.END, Anchor.START):
+            for limit in limits:
+                self._lost(limit.place, "it ends before it begins")
+            return
         ages = [limit.maximum for limit in limits if limit.is_age]
         reactions = [limit.maximum for limit in limits if not limit.is_age]
+        is_from_outside = way[0].observable.what == "received"
+        most = min(reactions, default=None)
         self._result.chains.append(
             Chain(
                 name=unique_name(legal_name(chain.place.name + label), self._names),
                 tasks=tasks,
-                max_reaction=min(reactions, default=None),
+                max_latency=None if is_from_outside else most,
+                max_reaction=most if is_from_outside else None,
                 max_age=min(ages, default=None),
+                anchor=None if begin is Anchor.START else begin,
+                to=None if end is Anchor.END else end,
                 origin=chain.place.origin,
             )
         )
