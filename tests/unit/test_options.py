@@ -19,9 +19,11 @@ from halpipe.flow import formats
 from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, importer
 from halpipe.flow.plan import read_plan
 from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.native import parse_model
 from halpipe.pipeline.compare import CompareOptions
 from halpipe.pipeline.explain.explanation import ExplainOptions
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.starters import first_model
 from support import model, ms, task, version
 
 SOURCE = Path(halpipe.__file__).parent
@@ -159,6 +161,45 @@ def test_every_option_is_used_in_the_code_of_its_verb(verb, name):
     files = [file for place in (places[verb], *shared) for file in (SOURCE / place).rglob("*.py")]
     text = "\n".join(file.read_text() for file in files)
     assert [each.name for each in options_of(KINDS[verb, name]) if not re.search(rf"\.{each.attribute}\b", text)] == []
+
+
+# ---------------------------------------------------------------------------------------- each has an effect
+
+VALUES = {"mode": "limp", "cpus": {"core0": 7}, "max_points": 1, "ecuc_prefix": "/Vendor/Defs", "busy": 60}
+BESIDE = {"linux": {"busy": 50}}
+"""Options without which a format writes nothing of the first model."""
+NOT_HERE = {"arxml": {"onto", "ecu", "variant", "conditions"}, "linux": {"sources"}}
+"""Options of a project, and of source files, neither of which the first model has."""
+WRITTEN = ["amalthea", "arxml", "btf", "graph", "linux", "report", "ros", "trace"]
+
+
+@pytest.fixture(scope="module")
+def planned():
+    system = parse_model(first_model()["model.xml"], "model.xml")
+    return system, halpipe.schedule(system)
+
+
+def outcome(name, planned, options):
+    """The files, or why there are none."""
+    try:
+        return halpipe.export(name, *planned, **options)
+    except HalpipeError as refused:
+        return [found.message for found in refused.diagnostics]
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_every_option_of_an_export_changes_what_is_written(name, planned):
+    base = BESIDE.get(name, {})
+    plain = outcome(name, planned, base)
+    assert isinstance(plain, dict), plain
+    switches, idle = {each.name for each in options_of(exporter(name).options) if each.form is Form.SWITCH}, []
+    for each in options_of(exporter(name).options):
+        value = VALUES.get(each.attribute, True if each.name in switches else text_of(each))
+        if each.form is Form.NAMES and each.attribute not in VALUES:
+            value = {planned[0].tasks[0].name: value}
+        if each.attribute not in NOT_HERE.get(name, ()):
+            idle += [each.name] if outcome(name, planned, base | {each.keywords[0]: value}) == plain else []
+    assert idle == []
 
 
 # ------------------------------------------------------------------------------------------- without effect
