@@ -12,7 +12,7 @@ from test_kernel_cost import dealt_jobs, is_complete, reference_cost, walk
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Anchor, Edge, Match, ModeSchedule, ResourceKind, Schedule, Status
+from halpipe.models import Anchor, Edge, Match, ModeSchedule, Precedence, ResourceKind, Schedule, Status
 from halpipe.pipeline.checked import schedule_model, validate_model
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel.kernel import total_cost
@@ -21,6 +21,7 @@ from halpipe.pipeline.solve.limits import stated_problem
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from profiles import examples
+from support import mode, model, ms, task, version
 
 SEEDS = st.integers(0, 2**32)
 
@@ -132,3 +133,39 @@ def test_a_release_needs_an_offset(let):
     with pytest.raises(HalpipeError) as refused:
         expand(system, system.modes[0])
     assert {d.code for d in refused.value.diagnostics} == {"HAL0459"}
+
+
+@examples(30)
+@given(SEEDS)
+def test_switches_between_two_modes_verify(seed):
+    system = usable(seed)
+    (only,) = system.modes
+    other = replace(only, name="two", runs=tuple(run for run in only.runs if run.task != system.tasks[0].name))
+    both = replace(system, modes=(only, other))
+    assume(not any(d.is_error for d in validate_model(both)))
+    assert outcome(both, SearchOptions(budget=100)) != "HAL0903"
+
+
+SENSOR = task("sensor", 20, version("v", 4, "u1"), offset=5)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        Precedence(task="sensor", anchor=Anchor.END, to=Anchor.END, max=ms(7)),
+        Precedence(task="sensor", anchor=Anchor.RELEASE, max=ms(7)),
+        Precedence(task="sensor", anchor=Anchor.POINT, point=ms(2), to=Anchor.END, max=ms(9)),
+        Precedence(task="sensor", match=Match.CYCLE, min=ms(4), max=ms(9)),
+    ],
+    ids=["end", "release", "point", "cycle"],
+)
+@pytest.mark.parametrize("edge", list(Edge))
+def test_a_mode_with_refined_windows_is_entered(row, edge):
+    """The other mode has a job in progress at its end, and neither the sensor nor the actor."""
+    actor = task("actor", 20, version("v", 3, "u2", row), slack=1)
+    busy = task("busy", 20, version("v", 6, "u1"), offset=17, deadline=20)
+    modes = [mode("one", (busy,)), replace(mode("two", (SENSOR, actor)), edge=edge)]
+    system = model(SENSOR, actor, busy, units="u1 u2", modes=modes, transitions=(("one", "two", 30),))
+    found = schedule_model(system, SearchOptions(), lambda *_: True)
+    assert not any(d.is_error for d in verify(system, found.schedule))
+    assert (found.schedule.transitions[0].length >= ms(3)) or edge is Edge.OPEN

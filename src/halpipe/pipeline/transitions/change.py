@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.models import Anchor
 from halpipe.pipeline.transitions.line import Layer, Line
 
 if TYPE_CHECKING:
@@ -73,6 +74,9 @@ class Change:
 
         Where jobs have gaps, those of the mode after may lie inside, so nothing is known without a look at all.
         """
+        last = max(self.tail, key=lambda job: job.end, default=None)
+        if last is not None and self.after.is_closed:
+            return last.end, last.task
         if self._has_gaps:
             return 0, ""
         ends: dict[str, int] = {}
@@ -151,18 +155,21 @@ class Change:
         return [
             (job.moved(number * self.after.hyperperiod), window)
             for job in self.after.jobs
-            for window in self.after.windows[job.task, job.shape.version]
-            for number in range(self._cycles_before_steady(window))
+            for window in (stated.of(job.shape) for stated in self.after.windows[job.task, job.shape.version])
+            for number in range(self._cycles_before_steady(window, job))
             if not self._is_met_later(job.start + number * self.after.hyperperiod, window)
         ]
 
-    def _cycles_before_steady(self, window: Window) -> int:
+    def _cycles_before_steady(self, window: Window, job: LineJob) -> int:
         """Return in how many cycles a job may need a predecessor from before the mode after.
 
         The nearest lies at most a cycle further back than the window asks, and an end up to a job's length after its
         start.
         """
+        if window.same_cycle:
+            return int(job.is_lapped)
         longest = max((shape.length for shape in self.after.shapes.get(window.task, ())), default=0)
+        longest += self.after.hyperperiod if window.origin is Anchor.RELEASE else 0
         return min(MOST_CYCLES, 2 - (-(window.low + longest) // self.after.hyperperiod))
 
     def _is_met_later(self, start: int, window: Window) -> bool:
@@ -214,7 +221,7 @@ class _Instants:
             self._by_task.setdefault(job.task, []).append(job)
         self._cycle = mode.hyperperiod
         self._first, self._last = first, last
-        self._made: dict[tuple[str, bool], list[int]] = {}
+        self._made: dict[tuple[str, Anchor, int], list[int]] = {}
 
     def within(self, window: Window, low: int, high: int) -> list[int]:
         """Return those of the window's task, starts or ends as the window says, that lie in [low, high]."""
@@ -243,7 +250,7 @@ class _Instants:
 
     def _of(self, window: Window) -> list[int]:
         """Return the sorted instants of cycle 0."""
-        key = (window.task, window.from_end)
+        key = (window.task, window.origin, window.point)
         if key not in self._made:
             self._made[key] = sorted(window.instant(job) for job in self._by_task.get(window.task, ()))
         return self._made[key]

@@ -43,6 +43,13 @@ class Shape:
     phases: tuple[Phase, ...]
     parts: tuple[PlacedPart, ...] = ()
 
+    def reached(self, point: int) -> int:
+        """Return how long after its start a job has executed for `point`, without interrupts."""
+        for part in self.parts:
+            if part.begun <= point <= part.done:
+                return part.start + point - part.begun
+        return point
+
     @property
     def busy(self) -> tuple[tuple[int, int], ...]:
         """When units are occupied, from the job's start."""
@@ -58,6 +65,10 @@ class LineJob:
     index: int
     shape: Shape = field(compare=False)
     units: tuple[str, ...] = field(compare=False)
+    delay: int = field(default=0, compare=False)
+    """Since its release, where a window counts from there; a job of a table is released when it starts."""
+    is_lapped: bool = field(default=False, compare=False)
+    """Whether it belongs to the cycle before that in which it starts."""
 
     @property
     def end(self) -> int:
@@ -66,7 +77,8 @@ class LineJob:
 
     def moved(self, by: int) -> LineJob:
         """Return the job `by` ticks later."""
-        return LineJob(self.start + by, self.task, self.index, self.shape, self.units)
+        same = self.shape, self.units, self.delay, self.is_lapped
+        return LineJob(self.start + by, self.task, self.index, *same)
 
     def crosses(self, other: LineJob) -> bool:
         """Return whether the spans of two jobs meet, and neither lies in a gap of the other (MODEL 8.2, nested)."""

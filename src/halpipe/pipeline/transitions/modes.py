@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, islice
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Anchor, Binding
+from halpipe.models import Anchor, Binding, Edge, Match
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.placement import Placement, Placing, grid_of
 from halpipe.pipeline.transitions.line import LineJob, Phase, Shape
@@ -30,16 +30,34 @@ GANG_SETS = 16
 
 @record
 class Window:
-    """A precedence constraint in ticks: `task` starts, or ends, between `low` and `high` before."""
+    """A precedence constraint in ticks: an instant of a job of `task` lies between `low` and `high` before a start.
+
+    Or before an end, if it leads `to_end`. That of the `same_cycle` reads as a window where a cycle is not whole.
+    """
 
     task: str
     low: int
     high: int
-    from_end: bool
+    origin: Anchor = Anchor.START
+    point: int = 0
+    to_end: bool = False
+    same_cycle: bool = False
+
+    def lag(self, shape: Shape) -> int:
+        """Return how long after its start a predecessor job of a table reaches the instant."""
+        if self.origin is Anchor.END:
+            return shape.length
+        return shape.reached(self.point) if self.origin is Anchor.POINT else 0
 
     def instant(self, job: LineJob) -> int:
         """Return the instant of a predecessor job from which the window counts."""
-        return job.end if self.from_end else job.start
+        return job.start - job.delay if self.origin is Anchor.RELEASE else job.start + self.lag(job.shape)
+
+    def of(self, shape: Shape) -> Window:
+        """Return the window in which a job of this shape has to start."""
+        if not self.to_end:
+            return self
+        return replace(self, low=self.low - shape.length, high=self.high - shape.length, to_end=False)
 
 
 @dataclass(frozen=True)
@@ -63,7 +81,12 @@ class GridMode:
     @cached_property
     def shapes(self) -> dict[str, tuple[Shape, ...]]:
         """What a job of a table may occupy, for every active task: one piece of each version, or the parts of a job."""
-        return {active.name: tuple(self._shapes(active)) for active in self.expansion.tasks}
+        return {active.name: tuple(self._in_time(active)) for active in self.expansion.tasks}
+
+    def _in_time(self, active: ActiveTask) -> Iterator[Shape]:
+        """Yield the shapes that are over within the logical execution time, of tasks that have one."""
+        let = active.task.let
+        return (shape for shape in self._shapes(active) if let is None or shape.length <= let // self.tick)
 
     @cached_property
     def windows(self) -> dict[tuple[str, str], tuple[Window, ...]]:
@@ -73,8 +96,31 @@ class GridMode:
     @cached_property
     def jobs(self) -> tuple[LineJob, ...]:
         """One cycle, its start at 0; jobs may end beyond it."""
-        placed = (LineJob(j.start, j.active.name, j.index, self._shape_of(j), j.units) for j in self._placement.jobs)
-        return tuple(sorted(placed))
+        placed = self._placement
+        rows = [row for active in self.expansion.tasks for version in active.versions for row in version.precedences]
+        released = {row.task for row in rows if row.anchor is Anchor.RELEASE}
+        ringed = (
+            {active.name for active in self.expansion.tasks} if any(r.match is Match.CYCLE for r in rows) else set()
+        )
+        return tuple(
+            sorted(
+                LineJob(
+                    j.start,
+                    j.active.name,
+                    j.index,
+                    self._shape_of(j),
+                    j.units,
+                    placed.delay(j) if j.active.name in released else 0,
+                    j.active.name in ringed and placed.lap(j) > 0,
+                )
+                for j in placed.jobs
+            )
+        )
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing may be in progress where the mode begins."""
+        return self.expansion.mode.edge is Edge.CLOSED
 
     @cached_property
     def _placement(self) -> Placement:
@@ -124,7 +170,15 @@ class GridMode:
 
     def _windows(self, version: Version) -> list[Window]:
         return [
-            Window(row.task, row.min // self.tick, row.max // self.tick, row.anchor is Anchor.END)
+            Window(
+                row.task,
+                row.min // self.tick,
+                row.max // self.tick,
+                row.anchor,
+                row.point // self.tick if row.point is not None else 0,
+                row.to is Anchor.END,
+                row.match is Match.CYCLE,
+            )
             for row in version.precedences
         ]
 

@@ -48,7 +48,7 @@ class _Wanted:
     rule: str
     order: int = 0
     number: int = 0
-    instants: list[tuple[int, int, bool]] = field(default_factory=list)
+    instants: list[tuple[int, int, Window]] = field(default_factory=list)
 
 
 class Table:
@@ -125,11 +125,11 @@ class Table:
         shapes = self.change.after.shapes.get(window.task)
         if not shapes:
             return Blocked(job.task, rule)
-        instants = (low, high, window.from_end)
+        instants = (low, high, window)
         if any(known.task == window.task and instants in known.instants for known in wanted):
             return None
-        shift = max(shape.length for shape in shapes) if window.from_end else 0
-        earliest, latest = max(0, low - shift), min(self.length - 1, high - (shift and min(s.length for s in shapes)))
+        lags = [window.lag(shape) for shape in shapes]
+        earliest, latest = max(0, low - max(lags)), min(self.length - 1, high - min(lags))
         if earliest > latest:
             return Blocked(job.task, rule)
         for known in wanted:
@@ -146,12 +146,12 @@ class Table:
         """Want the jobs without which no version of a job of the table finds its predecessors."""
         change = self.change
         shape = change.after.shapes[want.task][0]
-        for window in change.after.windows[want.task, shape.version]:
+        for window in (stated.of(shape) for stated in change.after.windows[want.task, shape.version]):
             low, high = want.earliest - window.high, want.latest - window.low
             met = change.has_past(window, low, high) or change.has_future(window, low - self.length, high - self.length)
             if met or not change.after.shapes.get(window.task) or len(wanted) > change.most_wanted:
                 continue
-            shift = change.after.shapes[window.task][0].length if window.from_end else 0
+            shift = window.lag(change.after.shapes[window.task][0])
             earliest, latest = max(0, low - shift), min(self.length - 1, high - shift)
             if earliest <= latest and not any(w.task == window.task and w.latest == latest for w in wanted):
                 wanted.append(_Wanted(window.task, earliest, latest, want.rule, want.order))
@@ -187,10 +187,10 @@ class Table:
     def _allowed(self, want: _Wanted, shape: Shape) -> list[tuple[int, int]]:
         """Return the intervals of starts that the wish, its neighbours and the version's own constraints leave."""
         spans = [self._in_pace(want, shape)]
-        for low, high, from_end in want.instants:
-            shift = shape.length if from_end else 0
+        for low, high, reached in want.instants:
+            shift = reached.lag(shape)
             spans = _meet(spans, [(low - shift, high - shift)])
-        for window in self.change.after.windows[shape.task, shape.version]:
+        for window in (stated.of(shape) for stated in self.change.after.windows[shape.task, shape.version]):
             if not spans:
                 break
             low, high = spans[0][0] - window.high, spans[-1][1] - window.low
@@ -202,6 +202,8 @@ class Table:
     def _in_pace(self, want: _Wanted, shape: Shape) -> tuple[int, int]:
         """Return the starts that are neither too far from the jobs before and after it, nor run into them."""
         earliest, latest = want.earliest, want.latest
+        if self.change.after.is_closed:
+            latest = min(latest, self.length - shape.length)
         before = self._paced.get((want.task, want.number - 1))
         if before is not None:
             earliest = max(earliest, before.end)
