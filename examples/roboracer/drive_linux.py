@@ -98,7 +98,7 @@ def run(drive: Drive, target: Target, folder: Path, degrade: str) -> tuple[bytes
     os.mkfifo(control)
     origin = (time.monotonic_ns() // SECOND + 2) * SECOND
     command = [str(folder / "build/dispatcher"), "--memory", str(memory), "--control", str(control)]
-    command += ["--record", str(record), "--origin", str(origin), "--seconds", str(MOST_SECONDS), "--events", "40000"]
+    command += ["--record", str(record), "--origin", str(origin), "--seconds", str(MOST_SECONDS)]
     command += ["--degrade", degrade] if degrade else []
     command += ["--overrun", "log"]  # a computer with other work is late now and then, which must not end the race
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
