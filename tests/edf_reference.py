@@ -100,7 +100,7 @@ class _Simulation:
         self.ends: list[list[int]] = [[] for _ in mode.works]
         self.unfinished: list[Job | None] = [None] * len(mode.works)
         self.released: list[list[Job]] = [[] for _ in mode.works]
-        self.releases = [releases_of(mode, plan, number) for number in range(len(mode.works))]
+        self.releases = releases_of(mode, plan)
         self.next: list[tuple[int, int]] = []
         self.followers: list[set[int]] = [set() for _ in mode.works]
         self.reach = [0] * len(mode.works)

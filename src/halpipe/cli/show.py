@@ -99,7 +99,8 @@ def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> N
     for unit in mode.unit_loads:
         output.result(f"  {unit.unit}: busy {unit.busy}, {_percent(unit.share)}")
     for load in mode.resource_loads:
-        output.result(f"  {load.resource}: peak {_percent(load.peak)}, mean {_percent(load.mean)}")
+        if load.peak is not None and load.mean is not None:
+            output.result(f"  {load.resource}: peak {_percent(load.peak)}, mean {_percent(load.mean)}")
     for chain in mode.chains:
         latency = "" if chain.latency is None else f"latency {chain.latency}, "
         reaction, age = chain.reaction or "never", chain.age or "never"

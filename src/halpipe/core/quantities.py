@@ -43,6 +43,12 @@ def parse_rational(text: str) -> Fraction:
         raise ValueError(f"{quoted(text)} divides by zero") from None
 
 
+def is_writable(value: Fraction) -> bool:
+    """Return whether a rational is short enough to be written and read again."""
+    size = value.numerator.bit_length() + value.denominator.bit_length()  # of longer ones no text is made
+    return size < 4 * _MAX_LENGTH and len(format_rational(value)) < _MAX_LENGTH
+
+
 def parse_signed(text: str) -> Fraction:
     """Read a number as `parse_rational` does, with a sign before it if it is negative."""
     stripped = text.strip()

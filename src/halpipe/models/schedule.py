@@ -94,11 +94,11 @@ class UnitLoad:
 
 @record(kw_only=True)
 class ResourceLoad:
-    """Highest and mean sum of the bounds in force on a resource over one hyperperiod."""
+    """Highest and mean sum of the bounds in force on a resource over one hyperperiod; None where too long to write."""
 
     resource: str = field(metadata=attribute(NAME))
-    peak: Fraction = field(metadata=attribute(NUMBER, "Highest sum of the bounds in force."))
-    mean: Fraction = field(metadata=attribute(NUMBER, "Mean sum of the bounds in force."))
+    peak: Fraction | None = field(default=None, metadata=attribute(NUMBER, "Highest sum of the bounds in force."))
+    mean: Fraction | None = field(default=None, metadata=attribute(NUMBER, "Mean sum of the bounds in force."))
 
 
 @record(kw_only=True)

@@ -1,9 +1,14 @@
-"""Writer of the schedule XML (schema schedule-1.xsd); what it writes reads back to an equal schedule."""
+"""Writer of the schedule XML (schema schedule-1.xsd); what it writes reads back to an equal schedule.
+
+Figures that decide nothing are left out where their exact form is too long to be read again.
+"""
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
+from halpipe.core.quantities import is_writable
 from halpipe.exporters.native.document import add_element, attributes_of, document, serialise
 from halpipe.schemas import SCHEDULE
 
@@ -28,12 +33,13 @@ def format_schedule(schedule: Schedule) -> bytes:
 def _write_mode(parent: etree._Element, mode: ModeSchedule) -> None:
     element = add_element(parent, "mode", mode)
     _write_jobs(element, mode.jobs)
-    if mode.cost is not None:
+    if mode.cost is not None and all(is_writable(getattr(mode.cost, term.name)) for term in fields(mode.cost)):
         add_element(element, "cost", mode.cost)
     for unit in mode.unit_loads:
         add_element(element, "unit-load", unit)
     for resource in mode.resource_loads:
-        add_element(element, "resource-load", resource)
+        peak, mean = (each if each is None or is_writable(each) else None for each in (resource.peak, resource.mean))
+        add_element(element, "resource-load", replace(resource, peak=peak, mean=mean))
     for chain in mode.chains:
         add_element(element, "chain", chain)
 

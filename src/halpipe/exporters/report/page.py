@@ -334,6 +334,7 @@ def _resource_loads(table: ModeSchedule) -> tuple[Gauge, ...]:
             load.resource, f"peak {percent(load.peak)}", _width(load.peak), f"mean {percent(load.mean)}", load.peak > 1
         )
         for load in table.resource_loads
+        if load.peak is not None and load.mean is not None
     )
 
 

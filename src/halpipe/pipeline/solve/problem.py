@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
+from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration
@@ -249,7 +250,7 @@ class _Builder:
                     present.append(1)
                     sets.append(numbers.setdefault(choice, len(numbers)) if chooses_once else ANY_SET)
             task_sets.append(max(1, len(numbers)))
-            if self._may_be_absent(active):
+            if active.name in self._uncertain:
                 self.options.append(Option(None, ()))
                 rects.append([])
                 rows.append([])
@@ -338,14 +339,22 @@ class _Builder:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
         return any(version.wcet is not None and version.wcet % self.lanes.tick for version in versions)
 
-    def _may_be_absent(self, active: ActiveTask) -> bool:
-        """Whether some job of an on-demand task runs under some choices of its demanders only."""
-        by_name = self.expansion.by_name
-        demanders = {demand.task for demand in active.demands}
-        counts = {n: [demands_for(v, active.name) for v in by_name[n].versions] for n in demanders}
-        if any(min(count) != max(count) for count in counts.values()):
-            return True
-        return any(self._may_be_absent(by_name[n]) for n in sorted(demanders))
+    @cached_property
+    def _uncertain(self) -> set[str]:
+        """Names of the tasks on demand with jobs that depend on choices, and of those on demand of these."""
+        found: set[str] = set()
+        for active in sorted(self.expansion.tasks, key=lambda active: self._depth[active.name]):
+            demanders = {demand.task: self.expansion.by_name[demand.task].versions for demand in active.demands}
+            counts = [[demands_for(version, active.name) for version in versions] for versions in demanders.values()]
+            if not found.isdisjoint(demanders) or any(min(count) != max(count) for count in counts):
+                found.add(active.name)
+        return found
+
+    @cached_property
+    def _depth(self) -> dict[str, int]:
+        """Place of each task behind those that demand it."""
+        demanders = {active.name: {demand.task for demand in active.demands} for active in self.expansion.tasks}
+        return {name: place for place, name in enumerate(TopologicalSorter(demanders).static_order())}
 
     def _lane_room(self, lanes: int, option: Columns) -> Columns:
         """Size every lane's profile: each rectangle that may land there adds at most three breakpoints."""

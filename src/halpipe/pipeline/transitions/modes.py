@@ -134,6 +134,8 @@ class GridMode:
         jobs = self._placement.by_task[active.name]
         bound = self.bound.get(active.name)
         for version in active.versions:
+            if bound and (len(bound) != version.gang or not set(bound) <= set(version.units)):
+                continue  # the task stays on units that this version cannot have
             yield from self._whole(active, version, bound or version.units)
             patterns = (self._shape_of(job) for job in jobs if job.version is version and (job.parts or job.service))
             yield from dict.fromkeys(patterns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from itertools import groupby, pairwise
 from operator import attrgetter, itemgetter
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     from halpipe.models import Access, Task, Version
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import Context
+
+
+MAX_BITS = 4096
+"""Size of a common denominator of bounds."""
 
 
 def _path(task: Task, version: Version, access: Access) -> str:
@@ -54,6 +59,22 @@ def check_phases(context: Context) -> Iterator[Diagnostic]:
             text = f"has the bound {format_rational(access.bound)}"
             help = "a bound is a share of the resource, greater than 0 and at most 1"
             yield codes.BAD_BOUND(text, at=at, path=path, help=help)
+
+
+def check_denominators(context: Context) -> Iterator[Diagnostic]:
+    """The bounds on a resource have a common denominator that can be computed with, as verify does."""
+    found: dict[str, dict[int, Access]] = {}
+    for _, _, access in context.accesses_of_versions:
+        found.setdefault(access.resource, {}).setdefault(access.bound.denominator, access)
+    for name, accesses in found.items():
+        scale = 1
+        for denominator, access in accesses.items():
+            scale = math.lcm(scale, denominator)
+            if scale.bit_length() > MAX_BITS:
+                text = f"the common denominator of its bounds has more than {MAX_BITS} bits"
+                help = "round the bounds up to few digits, as in 0.25 or 1/3"
+                yield codes.UNLIKE_BOUNDS(text, at=place(access), path=about(resource=name), help=help)
+                break
 
 
 def check_locks(context: Context) -> Iterator[Diagnostic]:
@@ -188,6 +209,12 @@ CHECKS = (
         "Accesses to a lock have the bound 1 and move no data, and a lock has no bandwidth.",
         (codes.LOCK_WITH_SHARE,),
         check_locks,
+    ),
+    Check(
+        "denominators",
+        f"The bounds on a resource have a common denominator of at most {MAX_BITS} bits.",
+        (codes.UNLIKE_BOUNDS,),
+        check_denominators,
     ),
     Check("transfers", "Every data transfer moves at least one byte.", (codes.EMPTY_TRANSFER,), check_transfers),
 )

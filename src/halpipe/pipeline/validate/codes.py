@@ -173,6 +173,12 @@ EMPTY_PHASE = error("HAL0240", "Access phase is empty", "A phase is in force on 
 PHASE_BEYOND_WCET = error(
     "HAL0241", "Access phase beyond the WCET", "The phases of a version lie within the execution of its jobs."
 )
+UNLIKE_BOUNDS = error(
+    "HAL0284",
+    "Bounds without a usable common denominator",
+    "Loads are added up exactly. Bounds on one resource whose common denominator has a thousand digits can be "
+    "neither compared exactly nor executed.",
+)
 BAD_BOUND = error(
     "HAL0242",
     "Bound is not a share of the resource",

@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 MAX_JOBS = 10_000_000
 MAX_TICKS = 2**62
 
+MAX_DEMANDS = 10_000
+"""Jobs of a task on demand where demands multiply them: a few lines of a model may ask for millions."""
+
+MULTIPLIED = 16
+"""Demands multiply the jobs of a task where it has more than so many for each job of a task with a period."""
+
 _MAX_COMPARED = 100
 """The most used periods, against which every period is compared to see how well it fits."""
 
@@ -54,6 +60,7 @@ def check_jobs(context: Context) -> Iterator[Diagnostic]:
         counts = mode.most_jobs
         jobs = None if hyperperiod is None else sum(counts.values())
         if jobs is not None and jobs <= MAX_JOBS:
+            yield from _many_demands(mode, counts)
             yield from _many_parts(mode, counts)
             continue
         size = "is beyond all measure" if hyperperiod is None else f"of {hyperperiod} has {jobs} jobs"
@@ -61,6 +68,17 @@ def check_jobs(context: Context) -> Iterator[Diagnostic]:
         text = f"the hyperperiod {size}, {MAX_JOBS} are allowed; "
         text += f"the cause: {cause.describe()}" if cause.guilty and cause.base else "demands multiply its jobs"
         yield codes.TOO_MANY_JOBS(text, at=place(mode.mode), path=mode.path, help=cause.cure())
+
+
+def _many_demands(mode: ActiveMode, counts: dict[str, int]) -> Iterator[Diagnostic]:
+    """Refuse demands that multiply from task to task: the model is small, the table is not."""
+    causes = sum(counts[name] for name, active in mode.tasks.items() if active.is_periodic)
+    most = max(counts, key=lambda name: (counts[name], name))
+    if counts[most] > max(MAX_DEMANDS, MULTIPLIED * causes):
+        text = f'demands multiply: task "{most}" has {counts[most]} jobs for {causes} jobs of tasks with a period, '
+        text += f"{MAX_DEMANDS} are allowed"
+        help = "let fewer constraints name the same task: named twice by a task that is named twice, it runs four times"
+        yield codes.TOO_MANY_JOBS(text, at=place(mode.mode), path=mode.path, help=help)
 
 
 def _many_parts(mode: ActiveMode, counts: dict[str, int]) -> Iterator[Diagnostic]:

@@ -121,9 +121,10 @@ def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
         claims = list(wrap(shared.claims, table.period))
         peak = Fraction(_peak(claims), shared.scale)
         mean = Fraction(sum((end - start) * weight for start, end, weight, _ in claims), shared.scale * table.period)
-        if (load.peak, load.mean) != (peak, mean):
-            text = f"peak {_number(load.peak)}, mean {_number(load.mean)}; the jobs make peak {_number(peak)}, "
-            yield _wrong(table, about(resource_load=load.resource), text + f"mean {_number(mean)}")
+        for name, stated, found in (("peak", load.peak, peak), ("mean", load.mean, mean)):
+            if stated is not None and stated != found:
+                text = f"{name} {_number(stated)}; the jobs make it {_number(found)}"
+                yield _wrong(table, about(resource_load=load.resource), text)
 
 
 def _peak(claims: list[Claim]) -> int:

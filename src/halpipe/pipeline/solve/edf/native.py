@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core import libraries
 from halpipe.core.libraries import INTEGER, words
 from halpipe.pipeline.solve.edf.jobs import Table
-from halpipe.pipeline.solve.edf.releases import release_times
+from halpipe.pipeline.solve.edf.releases import releases_of
 from halpipe.pipeline.solve.integers import filled, ints
 
 if TYPE_CHECKING:
@@ -131,11 +131,10 @@ class Told:
         mode = system.mode
         self.releases, self.indices = ints(), ints()
         counts = []
-        for task in range(len(mode.works)):
-            times, indices = release_times(mode, plan, task)
-            self.releases += times
-            self.indices += indices
-            counts.append(len(times))
+        for found in releases_of(mode, plan):
+            self.releases += ints(time for time, _ in found)
+            self.indices += ints(index for _, index in found)
+            counts.append(len(found))
         on_unit: list[list[int]] = [[] for _ in mode.units]
         followers: list[set[int]] = [set() for _ in mode.works]
         reach = [0] * len(mode.works)

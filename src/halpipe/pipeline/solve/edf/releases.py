@@ -2,44 +2,47 @@
 
 from __future__ import annotations
 
+from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
-
-from halpipe.pipeline.solve.integers import ints
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.jobs import Plan
     from halpipe.pipeline.solve.edf.works import Mode
-    from halpipe.pipeline.solve.integers import Ints
+
+Releases = dict[int, int]
+"""Release instants by the index of the job."""
 
 
-def release_times(mode: Mode, plan: Plan, task: int) -> tuple[Ints, Ints]:
-    """Return when the jobs of a task are released in the first hyperperiod, in ascending order, and their indices."""
-    work = mode.works[task]
-    if work.is_cyclic and task not in mode.fixed.tasks:
-        first = plan.phases[task] + plan.holds[task]
-        return ints(range(first, first + work.jobs * work.period, work.period)), ints(range(work.jobs))
-    found = releases_of(mode, plan, task)
-    return ints(time for time, _ in found), ints(index for _, index in found)
+def releases_of(mode: Mode, plan: Plan) -> list[list[tuple[int, int]]]:
+    """Return the releases of every task within one hyperperiod of its first, ascending, each with the job's index."""
+    demanders = {task: {demand[0] for demand in work.demands} for task, work in enumerate(mode.works)}
+    found: dict[int, Releases] = {}
+    for task in TopologicalSorter(demanders).static_order():
+        found[task] = _releases(mode, plan, task, found)
+    return [sorted((time, index) for index, time in found[task].items()) for task in range(len(mode.works))]
 
 
-def releases_of(mode: Mode, plan: Plan, task: int) -> list[tuple[int, int]]:
-    """Return the same, each with its index."""
+def _releases(mode: Mode, plan: Plan, task: int, known: dict[int, Releases]) -> Releases:
+    """Return those of one task; those of its demanders are known."""
     work = mode.works[task]
     if task in mode.fixed.tasks:
-        return []
+        return {}
     if work.is_cyclic:
         first = plan.phases[task] + plan.holds[task]
-        return [(first + index * work.period, index) for index in range(work.jobs)]
-    found = []
+        return {index: first + index * work.period for index in range(work.jobs)}
+    found: Releases = {}
     for index, (demander, number, slot) in enumerate(work.demands):
         if demander in mode.fixed.tasks:
-            found += [(time, index) for time in _wanted_by_fixed(mode, demander, number, task)[slot : slot + 1]]
+            wanted = _wanted_by_fixed(mode, demander, number, task)
+            if slot < len(wanted):
+                found[index] = wanted[slot]
             continue
         asked = sum(1 for window in plan.ways[demander].windows if window.task == task)
-        times = {place: time for time, place in releases_of(mode, plan, demander)}
-        if slot < asked and number in times:
-            found.append((times[number] + plan.holds[task], index))
-    return sorted(found)
+        if slot < asked and number in known[demander]:
+            found[index] = known[demander][number] + plan.holds[task]
+    first = min(found.values(), default=0)
+    # Demanders may be phased further apart than a hyperperiod; releases out of order would start jobs in the past.
+    return {index: first + (time - first) % mode.hyperperiod for index, time in found.items()}
 
 
 def _wanted_by_fixed(mode: Mode, demander: int, number: int, task: int) -> list[int]:
