@@ -1,6 +1,7 @@
 """What an export to AMALTHEA holds: releases, offsets and mapping of a schedule, modes, rounded and exact values."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 from exporter_samples import roboracer
@@ -12,7 +13,9 @@ from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.codes import DANGLING_NAME
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE
-from halpipe.models import ModeSchedule, Status
+from halpipe.importers.amalthea import FORMAT as IN
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.models import Anchor, Chain, ModeSchedule, Precedence, Resource, ResourceKind, Status
 from halpipe.models.modes import UNKNOWN_MODE
 from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
@@ -173,7 +176,7 @@ def test_limits_windows_and_chains_are_standard_elements():
     (found,) = root.iter("eventChains")
     assert [link[0].get("response") for link in found.iter("items")] == ["valve%2Fterminate?type=ProcessEvent"]
     limits = {c.get("type"): times(c, "maximum") for c in root.iterfind("constraintsModel/timingConstraints[@scope]")}
-    assert limits == {"Reaction": ["40ms"], "Age": ["30ms"]}
+    assert limits == {"Reaction": ["30ms"], "Age": ["30ms"]}
     (deadline,) = root.iter("requirements")
     assert (deadline.get("process"), times(deadline[0], "limitValue")) == ("valve?type=Task", ["15ms"])
 
@@ -219,3 +222,73 @@ def test_pipeline_files_may_state_the_release():
 
 def test_the_export_of_the_paper_is_the_golden_one():
     assert_golden("roboracer.amxmi", FORMAT.write(*roboracer(), AmaltheaOptions())[""].decode())
+
+
+# Without the native model, the standard elements alone say the same demands, or stronger ones.
+
+
+def standard(tmp_path, system):
+    """What the import makes of the standard elements of an export."""
+    root = etree.fromstring(FORMAT.write(system, None, AmaltheaOptions())[""])
+    for element in list(root.iter("customProperties")):
+        element.getparent().remove(element)
+    path = tmp_path / "standard.amxmi"
+    path.write_bytes(etree.tostring(root))
+    imported = IN.read([str(path)], AmaltheaImportOptions()).completed()
+    assert found_codes(imported) == set()
+    return imported.model
+
+
+def found_codes(imported):
+    return {d.code for d in imported.diagnostics if d.code == "HAL1252"}
+
+
+def requirements(let=None, slack=0, **chain_limits):
+    first = replace(task("a", "20ms", version("v", "2ms", "u1"), offset="0ms", slack=slack), let=let)
+    second = task("b", "20ms", version("v", "2ms", "u1"), offset="0ms", slack=1)
+    whole = Chain(name="c", tasks=("a", "b"), **chain_limits)
+    return model(first, second, chains=[whole])
+
+
+@pytest.mark.parametrize(
+    ("stated", "slack", "limit"),
+    [
+        ({"max_latency": ms("30ms")}, 0, "30ms"),
+        ({"max_reaction": ms("50ms")}, 0, "30ms"),
+        ({"max_reaction": ms("50ms")}, Fraction(1, 4), "25ms"),
+        ({"max_reaction": ms("50ms"), "max_latency": ms("28ms")}, 0, "28ms"),
+    ],
+)
+def test_a_limit_that_is_written_is_at_least_the_demand_of_the_model(tmp_path, stated, slack, limit):
+    [chain] = standard(tmp_path, requirements(slack=slack, **stated)).chains
+    assert str(chain.max_latency) == limit
+
+
+def test_events_of_chains_come_out_again(tmp_path):
+    stated_model = requirements(max_age=ms("30ms"), anchor=Anchor.RELEASE, to=Anchor.START)
+    [chain] = standard(tmp_path, stated_model).chains
+    assert (chain.anchor, chain.to, str(chain.max_age)) == (Anchor.RELEASE, Anchor.START, "30ms")
+
+
+def test_a_logical_execution_time_comes_out_again(tmp_path):
+    assert str(standard(tmp_path, requirements(let=ms("8ms"))).task("a").let) == "8ms"
+
+
+def test_locks_come_out_again(tmp_path):
+    held = [access("spin", "1ms", "2ms"), access("spin", "2500us", "4ms")]
+    held_model = model(task("a", "20ms", version("v", "5ms", "u1", *held)))
+    held_model = replace(held_model, resources=(Resource(name="spin", kind=ResourceKind.LOCK),))
+    again = standard(tmp_path, held_model)
+    assert [(r.name, r.kind) for r in again.resources] == [("spin", ResourceKind.LOCK)]
+    spans = [(str(a.start), str(a.end)) for a in again.task("a").versions[0].accesses]
+    assert spans == [("1ms", "2ms"), ("2.5ms", "4ms")]
+
+
+@pytest.mark.parametrize(("anchor", "to"), [(Anchor.RELEASE, Anchor.START), (Anchor.END, Anchor.END)])
+def test_windows_come_out_again(tmp_path, anchor, to):
+    row = Precedence(task="a", anchor=anchor, to=to, min=ms("1ms"), max=ms("9ms"))
+    first = task("a", "20ms", version("v", "2ms", "u1"), offset="0ms")
+    second = task("b", "20ms", replace(version("v", "2ms", "u1"), precedences=(row,)), slack=1)
+    [again] = standard(tmp_path, model(first, second)).task("b").versions[0].precedences
+    moved = 2 if to is Anchor.END else 0  # a job in one piece ends its WCET after its start
+    assert (again.task, again.anchor, str(again.max)) == ("a", anchor, f"{9 - moved}ms")

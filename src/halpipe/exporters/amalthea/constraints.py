@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.amalthea.document import Unique, add, add_time, named, ref
 from halpipe.models import Anchor
 
@@ -13,8 +14,11 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.durations import Duration
     from halpipe.models import Chain, Precedence, Task, TaskModel
+
+_EVENTS = {Anchor.RELEASE: "activate", Anchor.START: "start", Anchor.POINT: "start", Anchor.END: "terminate"}
+_SHORTEST = Duration.parse("1ns") / 1000
+"""A picosecond: the limit of a reaction time that is shorter than what is missed before."""
 
 
 class Events:
@@ -25,12 +29,12 @@ class Events:
         self._written: set[str] = set()
 
     def process(self, task: str, type: str) -> str:
-        """Return a reference to the start or end of a task."""
+        """Return a reference to the activation, start or end of a task."""
         return self._event("ProcessEvent", f"{task}/{type}", ref("Task", task), type)
 
-    def runnable(self, name: str) -> str:
-        """Return a reference to the start of a runnable."""
-        return self._event("RunnableEvent", f"{name}/start", ref("Runnable", name), "start")
+    def runnable(self, name: str, type: str = "start") -> str:
+        """Return a reference to the start or end of a runnable."""
+        return self._event("RunnableEvent", f"{name}/{type}", ref("Runnable", name), type)
 
     def _event(self, kind: str, name: str, entity: str, type: str) -> str:
         reference = ref(kind, name)
@@ -56,20 +60,40 @@ def write_constraints(
                 runnable = runnables[task.name, version.name]
                 target = events.process(task.name, "start") if alone else events.runnable(runnable)
                 name = names(f"{precedence.task}/{task.name if alone else runnable}")
+                if precedence.to is Anchor.END:
+                    target = events.process(task.name, "terminate") if alone else events.runnable(runnable, "terminate")
                 _delay(parent, name, precedence, target, events)
     for chain in model.chains:
-        for type, limit in (("Reaction", chain.max_reaction), ("Age", chain.max_age)):
+        for type, limit in (("Reaction", _reaction(model, chain)), ("Age", chain.max_age)):
             if limit is not None:
                 _latency(parent, chain, type, limit)
     for task in model.tasks:
-        if task.deadline is not None:
-            _deadline(parent, task, task.deadline)
+        limits = [limit for limit in (task.deadline, task.let) if limit is not None]
+        if limits:
+            _deadline(parent, task, min(limits))
+
+
+def _reaction(model: TaskModel, chain: Chain) -> Duration | None:
+    """Return the limit of an AMALTHEA reaction, which counts from each stimulus event, as a latency does.
+
+    A reaction time counts from the job before: up to a period and the jitter of the first task earlier (MODEL 10.7).
+    Its limit without these is a demand that is at least as strong; the native model has the exact one.
+    """
+    first = next((task for task in model.tasks if task.name == chain.tasks[0]), None)
+    limits = [] if chain.max_latency is None else [chain.max_latency]
+    if chain.max_reaction is not None and first is not None and first.period is not None:
+        jitter = ZERO if first.let is not None else first.period * first.slack
+        missed = first.period + jitter
+        limits.append(chain.max_reaction - missed if chain.max_reaction > missed else _SHORTEST)
+    return min(limits, default=None)
 
 
 def _chain(parent: etree._Element, chain: Chain, events: Events) -> None:
-    """Append a chain from the start of its first task, by the starts of those between, to the end of its last."""
-    steps = [events.process(task, "start") for task in chain.tasks[:-1]]
-    ends = [*(steps or [events.process(chain.tasks[0], "start")]), events.process(chain.tasks[-1], "terminate")]
+    """Append a chain from the event of its first task, by the starts of those between, to the event of its last."""
+    first, last = _EVENTS[chain.anchor or Anchor.START], _EVENTS[chain.to or Anchor.END]
+    begin = events.process(chain.tasks[0], first)
+    steps = [events.process(task, "start") for task in chain.tasks[1:-1]]
+    ends = [begin, *steps, events.process(chain.tasks[-1], last)]
     element = named(parent, "eventChains", "EventChain", chain.name)
     element.set("stimulus", ends[0])
     element.set("response", ends[-1])
@@ -82,14 +106,16 @@ def _chain(parent: etree._Element, chain: Chain, events: Events) -> None:
 
 
 def _delay(parent: etree._Element, name: str, precedence: Precedence, target: str, events: Events) -> None:
-    """Append a window; without a mapping, since each target needs a source here, and all mappings want more."""
+    """Append a window; without a mapping, since each target needs a source here, and all mappings want more.
+
+    A point of the execution is no event: it counts from the start, which it follows by its time.
+    """
     element = named(parent, "timingConstraints", "DelayConstraint", name, typed=True)
-    element.set(
-        "source", events.process(precedence.task, "start" if precedence.anchor is Anchor.START else "terminate")
-    )
+    element.set("source", events.process(precedence.task, _EVENTS[precedence.anchor]))
     element.set("target", target)
-    add_time(element, "upper", precedence.max)
-    add_time(element, "lower", precedence.min)
+    shift = precedence.point or ZERO
+    add_time(element, "upper", precedence.max + shift)
+    add_time(element, "lower", precedence.min + shift)
 
 
 def _latency(parent: etree._Element, chain: Chain, type: str, limit: Duration) -> None:

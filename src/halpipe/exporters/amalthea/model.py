@@ -43,7 +43,7 @@ def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etre
     software = Software(model, release, {unit.name: definitions[unit.type] for unit in model.units})
     software.write(add(root, "swModel"), stimuli)
     write_hardware(add(root, "hwModel"), model, definitions)
-    write_system(add(root, "osModel"), release)
+    write_system(add(root, "osModel"), model, release)
     write_stimuli(add(root, "stimuliModel"), model, stimuli)
     events = Events(add(root, "eventModel"))
     write_constraints(add(root, "constraintsModel"), model, events, software.runnables)

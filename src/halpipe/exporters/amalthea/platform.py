@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.amalthea.document import Unique, add, named, ref, refs
+from halpipe.models import ResourceKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +30,8 @@ def write_hardware(parent: etree._Element, model: TaskModel, definitions: Mappin
     """Append units at 1 GHz, so that a tick is 1 ns, and memories."""
     for name in definitions.values():
         named(parent, "definitions", "ProcessingUnitDefinition", name, typed=True)
-    for resource in model.resources:
+    memories = [resource for resource in model.resources if resource.kind is ResourceKind.MEMORY]
+    for resource in memories:
         element = named(parent, "definitions", "MemoryDefinition", resource.name, typed=True)
         if resource.bandwidth is not None:
             add(element, "dataRate", value=resource.bandwidth, unit="BPerSecond")
@@ -39,15 +41,19 @@ def write_hardware(parent: etree._Element, model: TaskModel, definitions: Mappin
         element = named(structure, "modules", "ProcessingUnit", unit.name, typed=True)
         element.set("frequencyDomain", ref("FrequencyDomain", _CLOCK))
         element.set("definition", ref("ProcessingUnitDefinition", definitions[unit.type]))
-    for resource in model.resources:
+    for resource in memories:
         element = named(structure, "modules", "Memory", resource.name, typed=True)
         element.set("definition", ref("MemoryDefinition", resource.name))
     domain = named(parent, "domains", "FrequencyDomain", _CLOCK, typed=True)
     add(domain, "defaultValue", value="1.0", unit="GHz")
 
 
-def write_system(parent: etree._Element, release: str) -> None:
-    """Append the scheduler: the table."""
+def write_system(parent: etree._Element, model: TaskModel, release: str) -> None:
+    """Append the locks as semaphores, and the scheduler: the table."""
+    for resource in model.resources:
+        if resource.kind is ResourceKind.LOCK:
+            semaphore = named(parent, "semaphores", "Semaphore", resource.name)
+            semaphore.set("maxValue", "1")
     text = "starts every job at the instants of a table"
     if release != "1.2.0":
         definition = named(parent, "schedulerDefinitions", "SchedulerDefinition", _SCHEDULER)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import ZERO
 from halpipe.exporters.amalthea.document import (
     Unique,
     add,
@@ -13,7 +14,7 @@ from halpipe.exporters.amalthea.document import (
     ref,
 )
 from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
-from halpipe.models import AccessKind
+from halpipe.models import AccessKind, ResourceKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,6 +34,7 @@ class Software:
         self._model = model
         self._switch = "ModeSwitch" if release == "1.2.0" else "Switch"
         self._definitions = definitions  # of the type of each unit
+        self._locks = {resource.name for resource in model.resources if resource.kind is ResourceKind.LOCK}
         unique = Unique()
         self.runnables = {
             (task.name, version.name): unique(f"{task.name}/{version.name}")
@@ -73,15 +75,33 @@ class Software:
     def _runnable(self, parent: etree._Element, task: Task, version: Version) -> None:
         element = named(parent, "runnables", "Runnable", self.runnables[task.name, version.name])
         graph = add(element, "activityGraph")
-        _label_accesses(graph, version.accesses, "read")
-        self._ticks(graph, version)
-        _label_accesses(graph, version.accesses, "write")
+        is_timed = task.let is not None
+        _label_accesses(graph, version.accesses, "read", is_timed=is_timed)
+        if is_timed and not any(access.transfers for access in version.accesses):
+            _label_access(graph, _let_label(task), "read", is_timed=True)
+        self._work(graph, version)
+        _label_accesses(graph, version.accesses, "write", is_timed=is_timed)
 
-    def _ticks(self, parent: etree._Element, version: Version) -> None:
-        """Append the WCET in ticks of 1 ns, for every kind of unit that may run the version."""
+    def _work(self, parent: etree._Element, version: Version) -> None:
+        """Append the WCET in ticks of 1 ns, parted where locks are requested and released."""
         if version.wcet is None:
             return
-        ticks = math.ceil(version.wcet.ns)
+        held = [access for access in version.accesses if access.resource in self._locks]
+        at = ZERO
+        for instant in sorted({*(a.start for a in held), *(a.end for a in held), version.wcet}):
+            self._ticks(parent, version, math.ceil(instant.ns) - math.ceil(at.ns))
+            at = instant
+            for access in held:
+                if access.end == instant:
+                    _semaphore_access(parent, access, "release")
+            for access in held:
+                if access.start == instant:
+                    _semaphore_access(parent, access, "request")
+
+    def _ticks(self, parent: etree._Element, version: Version, ticks: int) -> None:
+        """Append ticks for every kind of unit that may run the version."""
+        if not ticks:
+            return
         element = add(parent, "items", "Ticks")
         definitions = dict.fromkeys(self._definitions[unit] for unit in version.units)
         for definition in definitions:
@@ -94,6 +114,9 @@ class Software:
         """Return every buffer that is transferred, with the size of its largest transfer."""
         sizes: dict[str, int] = {}
         for task in self._model.tasks:
+            versions = [v for v in task.versions if not any(access.transfers for access in v.accesses)]
+            if task.let is not None and versions:
+                sizes[_let_label(task)] = 1
             for access in (access for version in task.versions for access in version.accesses):
                 for transfer in access.transfers:
                     sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 0))
@@ -124,12 +147,27 @@ def _label(parent: etree._Element, name: str, mode: str, initial: str, role: str
     add_property(element, "role", role)
 
 
-def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: str) -> None:
+def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: str, *, is_timed: bool = False) -> None:
     """Append the transfers of a direction; what is not written is read."""
     for phase in accesses:
         if (phase.kind is AccessKind.WRITE) is (access == "write"):
             for transfer in phase.transfers:
-                add(parent, "items", "LabelAccess", data=ref("Label", transfer.buffer), access=access)
+                _label_access(parent, transfer.buffer, access, is_timed=is_timed)
+
+
+def _label_access(parent: etree._Element, label: str, access: str, *, is_timed: bool) -> None:
+    element = add(parent, "items", "LabelAccess", data=ref("Label", label), access=access)
+    if is_timed:
+        element.set("implementation", "timed")
+
+
+def _let_label(task: Task) -> str:
+    """Return the name of a label for the timed access of a task that transfers no other."""
+    return f"{task.name}/let"
+
+
+def _semaphore_access(parent: etree._Element, held: Access, access: str) -> None:
+    add(parent, "items", "SemaphoreAccess", semaphore=ref("Semaphore", held.resource), access=access)
 
 
 def _preemption(task: Task) -> str:
