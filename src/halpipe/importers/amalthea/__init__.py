@@ -1,10 +1,10 @@
 """Import of AMALTHEA models (Eclipse APP4MC .amxmi), from ITEA 1.1.0 to APP4MC 3.3.0.
 
 The steps, each in its own module: `sniff` tells files apart; `xmi` makes one forest of items of them, in which
-references can be followed; `hardware`, `modes`, `graph` with `values`, `stimuli`, `mapping` and `memory` read what
-items say; `parts` makes drafts of tasks; `entities`, `timing` and `chains` read constraints; `versions`, `tasks` and
-`build` make the task model; `modefiles` puts models of single modes together; `embedded` reads the native
-model of halpipe's own export; `account` accounts for every element.
+references can be followed; `hardware`, `modes`, `graph` with `values`, `stimuli`, `mapping`, `memory` and `locks` read
+what items say; `parts` with `triggers` makes drafts of tasks; `entities`, `timing` and `chains` read constraints;
+`versions`, `tasks` and `build` make the task model; `modefiles` puts models of single modes together; `embedded` reads
+the native model of halpipe's own export; `account` accounts for every element, by the lists of `meaning`.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ class AmaltheaFormat:
     extent = Extent(
         {
             "units": "ProcessingUnit with its definition, Core with its type",
-            "resources": "Memory that mapped labels are accessed in, with its peak data rate",
+            "resources": "Memory that mapped labels are accessed in, with its peak data rate; Semaphore as a lock",
             "tasks": "Task with its stimuli, cut where it waits for others; ISR that activates tasks",
-            "timing": "offset of the stimulus; ResponseTime and StartToStart limits",
+            "timing": "offset of the stimulus; ResponseTime and StartToStart limits; LET of timed label accesses",
             "versions": "Ticks or instructions, for each kind of processing unit; affinity and schedulers",
             "split": "`preemption`, at the ends of runnables; preemptive ones also within runnables (`--pieces`)",
             "binding": "allocation to one unit",
             "interrupts": "ISR; sporadic stimuli and arrival curves as polled arrivals",
-            "accesses": "LabelAccess, by sizes of labels, latencies and data rates",
+            "accesses": "LabelAccess, by sizes of labels, latencies and data rates; SemaphoreAccess",
             "transfers": "the labels accessed",
             "precedence": "DelayConstraint, RunnableSequencingConstraint, InterProcessTrigger, WaitEvent",
             "chains": "EventChain with latency constraints, ProcessChain, DataAgeConstraint",
@@ -48,7 +48,7 @@ class AmaltheaFormat:
         },
         (
             "Branches that data or probability choose count with the longest one.",
-            "Jitter, priorities, semaphores, tags and components are counted as ignored, with a reason.",
+            "Kinds that are listed as harmless are counted as ignored, with a reason; others that are not read warn.",
         ),
     )
 
