@@ -57,6 +57,8 @@ def explain(
 def _summarise(explanation: Explanation) -> None:
     for name, verdict in explanation.verdicts:
         output.result(f"mode {name}: {verdict}")
+    for source, target in explanation.switches:
+        output.result(f"switch from {source} to {target}: no table found")
 
 
 def _explain_code(id: str) -> int:

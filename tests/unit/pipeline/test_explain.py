@@ -17,8 +17,9 @@ from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes as search_codes
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.transitions.tables import NO_TABLE
 from halpipe.pipeline.verify import verify
-from support import access, after, chain, job, model, ms, schedule, task, version
+from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 CORES = "c1 c2"
 
@@ -251,6 +252,45 @@ def test_slack_below_the_grid_of_the_other_times_is_of_use():
     """7 and 10 ms have gcd 1: with 1/4 of slack on each, 0.36 is the least found, where whole ticks need 0.4."""
     system = model(task("a", 7, version("v", 3), slack="1/5"), task("b", 10, version("v", 4), slack="3/10"))
     assert any(t.startswith('slack of "a", "b" >= 0.36') for t in remedies(system, ["a", "b"]))
+
+
+def switching(limit):
+    """To reach `on`, where b starts at 0 just when a has run for 6 ms, a must run first: the table takes 6 ms."""
+    tasks = (
+        task("a", 10, version("v", 6)),
+        task("b", 10, version("v", 4, "u1", after("a", 6, 6)), offset=0),
+        task("c", 10, version("v", 9), offset=0),
+    )
+    modes = [mode("on", tasks[:2]), mode("off", tasks[2:])]
+    return model(*tasks, modes=modes, transitions=[("off", "on", limit)])
+
+
+def test_a_switch_without_a_table_is_explained_as_schedule_reports_it():
+    found = explain(switching(1), ExplainOptions())
+    assert found.switches == (("off", "on"),)
+    assert int(found.exit) == 3
+    assert NO_TABLE.id in {d.code for d in found.diagnostics}
+    [remedy] = [d for d in found.diagnostics if d.code == codes.REMEDY.id]
+    assert remedy.message.startswith("max-length 6ms instead of 1ms (found sufficient")
+
+
+def test_switches_with_tables_have_no_findings():
+    found = explain(switching(6), ExplainOptions())
+    assert (found.switches, int(found.exit)) == ((), 0)
+    assert {d.code for d in found.diagnostics} == {codes.SCHEDULABLE.id}
+
+
+def test_jobs_that_stay_are_explained_as_with_schedule():
+    """b fits anywhere but where the jobs of a, which stay, leave no gap that is long enough."""
+    b = task("b", 20, version("v", 9))
+    spread = task("a", 10, version("v", 2), slack=1)
+    assert explain(model(spread, b), ExplainOptions()).exit == 0
+    before = model(spread, task("b", 20, version("v", 1)))
+    jobs = [job(before, "a", 0, 0, "u1"), job(before, "a", 1, 10, "u1")]
+    found = explain(model(spread, b), ExplainOptions(shipped=schedule(before, 20, *jobs)))
+    assert found.verdicts == (("all", Verdict.NOT_FOUND),)
+    texts = [d.message for d in found.diagnostics if d.code == codes.REMEDY.id]
+    assert any(text.startswith('jobs of "a" that need not stay') for text in texts)
 
 
 def test_the_smallest_limit_is_searched_for():

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
-from halpipe.core.options import Form, option, time_limit_of
+from halpipe.core.options import Form, option, positive_duration, time_limit_of
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
 from halpipe.models import Schedule, Status
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Mode, TaskModel
+    from halpipe.pipeline.solve.schedule import SearchOptions
 
 BUDGET = 5_000
 """Moves per task of the search that is explained where no schedule is given, in modes of up to 400 jobs."""
@@ -66,9 +67,30 @@ class ExplainOptions:
     exact: bool = option(True, "Look for a minimal conflict with the exact engine, if installed.", form=Form.SWITCH)
     remedies: bool = option(True, "Look for the smallest changes that help.", form=Form.SWITCH)
     seed: int = option(1, "Same model, options and seed: same findings.", whole(0), metavar="N")
+    tick: Duration | None = option(
+        None,
+        "Grid of the start times, as with `schedule`.",
+        positive_duration,
+        metavar="TIME",
+        otherwise="the largest that loses nothing",
+    )
+    shipped: Schedule | None = option(
+        None,
+        "Schedule whose jobs stay where they are, as with `schedule`.",
+        name="freeze",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
     time_limit: Duration | None = option(
         None, "Time after which no new search begins, such as 30s.", time_limit_of, metavar="TIME", otherwise="none"
     )
+
+    def search(self) -> SearchOptions:
+        """Return the options of the searches that are explained."""
+        from halpipe.pipeline.solve.schedule import SearchOptions
+
+        return SearchOptions(seed=self.seed, tick=self.tick, shipped=self.shipped)
 
 
 EXITS = {
@@ -81,10 +103,12 @@ EXITS = {
 
 @record
 class Explanation:
-    """The verdict on each mode, and all findings: witnesses first, what would help last."""
+    """The verdict on each mode, all findings (witnesses first, what would help last), and switches without a table."""
 
     verdicts: tuple[tuple[str, Verdict], ...]
     diagnostics: tuple[Diagnostic, ...]
+    switches: tuple[tuple[str, str], ...] = ()
+    """Listed switches between modes with schedules for which no table was found."""
 
     @property
     def exit(self) -> Exit:
@@ -93,6 +117,8 @@ class Explanation:
         for verdict in (Verdict.INVALID, Verdict.INFEASIBLE, Verdict.NOT_FOUND):
             if verdict in found:
                 return EXITS[verdict]
+        if self.switches:
+            return Exit.NOT_FOUND
         return Exit.OK if found else Exit.FINDINGS  # a model without modes is invalid
 
 
@@ -121,12 +147,18 @@ def explain(
     for chosen in model.modes:
         if options.mode in ("", chosen.name):
             question = _Question(
-                model, chosen, options.schedule, options.exact, options.remedies, budget, options.seed, go_on
+                model, chosen, options.schedule, options.exact, options.remedies, budget, options.search(), go_on
             )
             verdict, found = question.answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found
-    return Explanation(tuple(verdicts), tuple(diagnostics))
+    switches: tuple[tuple[str, str], ...] = ()
+    if len(verdicts) > 1 and {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE} and go_on():
+        from halpipe.pipeline.explain.switches import failed_switches
+
+        switches, found = failed_switches(model, options.search(), go_on, remedies=options.remedies)
+        diagnostics += found
+    return Explanation(tuple(verdicts), tuple(diagnostics), switches)
 
 
 @record
@@ -139,7 +171,7 @@ class _Question:
     use_exact: bool
     remedies: bool
     budget: int | None
-    seed: int
+    search: SearchOptions
     go_on: Callable[[], bool]
 
     def answer(self) -> tuple[Verdict, list[Diagnostic]]:
@@ -153,7 +185,8 @@ class _Question:
             return Verdict.SCHEDULABLE, [self._schedulable("the search finds one")]
         found = self._not_found(best, broken)
         conflict = find_conflict(self.model, self.mode, self.go_on) if self.use_exact else None
-        if conflict is not None and conflict.answer is Answer.FEASIBLE:
+        is_asked_as_is = self.search.shipped is None and self.search.tick is None
+        if conflict is not None and conflict.answer is Answer.FEASIBLE and is_asked_as_is:
             help = "schedule it without --budget, or with --engine exact"
             return Verdict.SCHEDULABLE, [
                 *self._rounded(conflict),
@@ -181,19 +214,20 @@ class _Question:
         if not self.remedies:
             return []
         expansion = expand(self.model, self.mode)
-        trials = Trials(self.mode.name, expansion.job_count, self.go_on, natural_tick(expansion))
+        tick = self.search.tick or natural_tick(expansion)
+        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, self.search)
         return find_remedies(self.model, tasks, trials)
 
     def _best(self) -> Schedule:
         """Return the placement to explain: the mode's of the schedule given, or that of a search."""
-        from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+        from halpipe.pipeline.solve.schedule import schedule_model
 
         tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
         if self.schedule is not None and tables:
             return self.schedule.alone(tuple(tables))
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
-        options = SearchOptions(seed=self.seed, budget=budget, modes=(self.mode.name,))
+        options = replace(self.search, budget=budget, modes=(self.mode.name,))
         try:
             return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
         except HalpipeError as failure:

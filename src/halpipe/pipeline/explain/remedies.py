@@ -6,7 +6,7 @@ where a witness still holds with it; otherwise no schedule was found with it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
@@ -68,6 +68,7 @@ class Trials:
     jobs: int
     go_on: Callable[[], bool]
     tick: Duration = NANOSECOND
+    search: SearchOptions = field(default_factory=SearchOptions)
     left: int = TRIALS
 
     @property
@@ -90,7 +91,8 @@ class Trials:
             return None
         budget = max(20, min(2000, WORK // max(1, self.jobs)))
         try:
-            options = SearchOptions(budget=budget, modes=(self.mode,), tick=self._grid(model))
+            tick = self.search.tick or self._grid(model)
+            options = replace(self.search, budget=budget, modes=(self.mode,), tick=tick)
             tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
         except HalpipeError:  # such as numbers that have become too large for the search
             return None
@@ -149,6 +151,7 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
     running = {run.task for run in model.mode(trials.mode).runs}
     concerned = [task for task in model.tasks if task.name in (set(tasks) & running or running)]
     found = [
+        *_unfrozen(model, concerned, trials),
         *_units(model, concerned, trials),
         *_limits(model, running, trials),
         *_offsets(model, concerned, trials),
@@ -342,6 +345,21 @@ def _gaps(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagn
             limits = [v.split.max_gaps for v in task.versions if v.split.max_gaps is not None]
             text = f'max-gaps of "{task.name}" of {max(limits) + found[0]} instead of {max(limits)}'
             yield _remedy(trials, text, tasks_named([task.name]), allow(found[0] - 1))
+
+
+def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Let the jobs of tasks that have shipped move, one task after the other, then all of the conflict."""
+    shipped = trials.search.shipped
+    if shipped is None:
+        return
+    frozen = {job.task for mode in shipped.modes if mode.name == trials.mode for job in mode.jobs}
+    names = [task.name for task in tasks if task.name in frozen]
+    for group in [*([name] for name in names[:MAX_TASKS]), names]:
+        modes = (replace(m, jobs=tuple(job for job in m.jobs if job.task not in group)) for m in shipped.modes)
+        freer = replace(trials, search=replace(trials.search, shipped=shipped.alone(tuple(modes))))
+        if group and freer.schedule(model) is not None:
+            yield _remedy(trials, f"jobs of {quoted(group)} that need not stay (freeze)", tasks_named(group), None)
+            return
 
 
 def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
