@@ -1,4 +1,4 @@
-"""Models of the devices: what a bundle loads is executed on them, and their grants are held against the schedule.
+"""Execution on models of devices: a bundle is loaded, and grants are compared with the schedule.
 
 Each model is written from the device's documentation and knows nothing of the exporter.
 """
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.reading import Tables
 
 
+AGAIN = "export the bundle again; what is loaded was changed, or the exporter is wrong: report it"
+
+
 @dataclass(slots=True)
 class Case:
     """What a device is loaded with, and what it must then grant; `findings` are collected, `steps` counted."""
@@ -38,10 +41,9 @@ class Case:
         """The folder of the bundle that is loaded."""
         return self.tables.backend
 
-    def note(self, code: Code, name: str, text: str, *, line: int = 0, path: str = "") -> None:
+    def note(self, code: Code, name: str, text: str, *, line: int = 0, path: str = "", help: str = AGAIN) -> None:
         """Add a finding about a file of the folder."""
         at = self.bundle.at(f"{self.folder}/{name}", line) if line else self.bundle.at(f"{self.folder}/{name}")
-        help = "export the bundle again; what is loaded was changed, or the exporter is wrong: report it"
         self.findings.append(code(text, at=at, path=path, help=help))
 
 

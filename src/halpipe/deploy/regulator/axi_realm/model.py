@@ -348,7 +348,8 @@ def _share(case: Case) -> None:
                 "reads and writes share an isolation: where both are greedy, writes were measured to get 67 to 80 % of "
                 "their budget"
             )
-            case.note(SHARED_ISOLATION, "setup.txt", text, path=about(unit=unit.name))
+            help = "give the writes of this unit a manager of their own, and export again"
+            case.note(SHARED_ISOLATION, "setup.txt", text, path=about(unit=unit.name), help=help)
             case.caveat = "only to units that do not read and write at once"
     if case.facts.settings["axi-realm"]["bursts"] != "modifiable":
         case.caveat += "; " * bool(case.caveat) + "if all short bursts are modifiable"
