@@ -19,6 +19,7 @@ from halpipe.models import Anchor, Match, ResourceKind
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from halpipe.core.diagnostics import Location
     from halpipe.core.durations import Duration
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
 
@@ -125,10 +126,7 @@ def expand(model: TaskModel, mode: Mode) -> Expansion:
 
 def refuse_unknown(model: TaskModel) -> None:
     """Raise `HalpipeError` with every requirement that the search cannot keep: on releases that no offset fixes."""
-    released = {task.name: task.at for task in model.tasks if task.let is not None}
-    rows = (row for task in model.tasks for version in task.versions for row in version.precedences)
-    released |= {row.task: row.at for row in rows if row.anchor is Anchor.RELEASE}
-    released |= {chain.tasks[0]: chain.at for chain in model.chains if chain.anchor is Anchor.RELEASE}
+    released = released_by_offset(model)
     free = {task.name for task in model.tasks if task.offset is None}
     help = 'state the offset of the task, such as offset="0ms"'
     unknown = [
@@ -138,6 +136,14 @@ def refuse_unknown(model: TaskModel) -> None:
     ]
     if unknown:
         raise HalpipeError(*unknown, exit=Exit.UNSUPPORTED)
+
+
+def released_by_offset(model: TaskModel) -> dict[str, Location]:
+    """Return the tasks whose releases count, with the places that say so: the search needs their offsets."""
+    found = {task.name: task.at for task in model.tasks if task.let is not None}
+    rows = (row for task in model.tasks for version in task.versions for row in version.precedences)
+    found |= {row.task: row.at for row in rows if row.anchor is Anchor.RELEASE}
+    return found | {chain.tasks[0]: chain.at for chain in model.chains if chain.anchor is Anchor.RELEASE}
 
 
 def _running(model: TaskModel, mode: Mode) -> dict[str, tuple[Task, tuple[Version, ...]]]:

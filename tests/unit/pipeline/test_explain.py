@@ -7,7 +7,7 @@ import pytest
 
 from halpipe.core.diagnostics import Subject
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Chain, Mode, Split, Unit
+from halpipe.models import Anchor, Chain, Match, Mode, Precedence, Split, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
@@ -387,3 +387,19 @@ def test_changes_touch_what_they_name_only():
     halved = changes.with_wcet(system, ["d"], Fraction(1, 2))
     assert halved.task("d").versions[0].accesses[0].end == Duration.parse("0.5ms")
     assert halved.task("a") == system.task("a")
+
+
+def test_a_latency_limit_is_raised_to_what_a_schedule_keeps():
+    """a writes at 20 and keeps the unit from 0 to 4 ms of every cycle, so that b starts at 24 and ends at 28 ms."""
+    first = replace(task("a", "20ms", version("v", "4ms"), offset="0ms"), let=ms("20ms"))
+    second = task("b", "20ms", version("v", "4ms"), slack=1)
+    limited = Chain(name="stop", tasks=("a", "b"), max_latency=ms("25ms"))
+    explanation = explain(replace(model(first, second), chains=(limited,)))
+    assert any("latency 28ms instead of 25ms" in d.message for d in explanation.diagnostics)
+
+
+def test_proofs_are_sound_where_requirements_refer_to_cycles_and_locks():
+    """What a proof ignores, it must not take for a plain window: the model has a schedule."""
+    row = Precedence(task="a", anchor=Anchor.END, to=Anchor.END, match=Match.CYCLE, max=ms("2ms"))
+    first, second = task("a", "10ms", version("v", "4ms")), task("b", "10ms", version("v", "5ms", "u2", row))
+    assert verdicts(explain(model(first, second, units="u1 u2"))) == [Verdict.SCHEDULABLE]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Precedence, Task, TaskModel, Version
+    from halpipe.models import Chain, Precedence, Task, TaskModel, Version
 
 
 def more_units(model: TaskModel, like: str, count: int) -> TaskModel:
@@ -101,15 +101,24 @@ def without_offset(model: TaskModel, tasks: Collection[str]) -> TaskModel:
 
 
 def without_limits(model: TaskModel, chain: str) -> TaskModel:
-    """Take the limits of a chain away."""
-    free = (replace(c, max_reaction=None, max_age=None) if c.name == chain else c for c in model.chains)
-    return replace(model, chains=tuple(free))
+    """Take the limits of a chain away; that of the latency stays in name, so that schedules state the figure."""
+
+    def free(found: Chain) -> Chain:
+        latency = None if found.max_latency is None else found.max_latency * 1000
+        return replace(found, max_reaction=None, max_age=None, max_latency=latency)
+
+    return replace(model, chains=tuple(free(c) if c.name == chain else c for c in model.chains))
 
 
-def with_limits(model: TaskModel, chain: str, reaction: Duration | None, age: Duration | None) -> TaskModel:
+def with_limits(
+    model: TaskModel, chain: str, reaction: Duration | None, age: Duration | None, latency: Duration | None
+) -> TaskModel:
     """Give a chain other limits."""
-    limited = (replace(c, max_reaction=reaction, max_age=age) if c.name == chain else c for c in model.chains)
-    return replace(model, chains=tuple(limited))
+
+    def limit(found: Chain) -> Chain:
+        return replace(found, max_reaction=reaction, max_age=age, max_latency=latency)
+
+    return replace(model, chains=tuple(limit(c) if c.name == chain else c for c in model.chains))
 
 
 def with_deadline(model: TaskModel, task: str, deadline: Duration) -> TaskModel:

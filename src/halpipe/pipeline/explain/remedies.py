@@ -17,7 +17,7 @@ from halpipe.core.quantities import format_rational
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.jobs import expand, natural_tick
+from halpipe.pipeline.jobs import expand, natural_tick, released_by_offset
 from halpipe.pipeline.solve.exactmodel import exact_tick
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
@@ -363,7 +363,8 @@ def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[D
 
 
 def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    names = [task.name for task in tasks if task.offset is not None]
+    fixed = released_by_offset(model)
+    names = [task.name for task in tasks if task.offset is not None and task.name not in fixed]
     groups = [[name] for name in names] if len(names) <= MAX_TASKS else []
     for group in (*groups, names):
         if group and trials.schedule(changes.without_offset(model, group)) is not None:
@@ -374,7 +375,7 @@ def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Di
 def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Diagnostic]:
     """Take the limits of a chain away, then put them back as close to what is asked as a schedule keeps them."""
     for chain in model.chains:
-        limited = chain.max_reaction is not None or chain.max_age is not None
+        limited = (chain.max_reaction, chain.max_age, chain.max_latency) != (None, None, None)
         if not limited or not running.issuperset(chain.tasks):
             continue
         table = trials.schedule(changes.without_limits(model, chain.name))
@@ -387,8 +388,8 @@ def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Dia
             yield _remedy(trials, text, [Subject("chain", chain.name)], smaller, f"in steps of {step}")
 
 
-Limits = tuple["Duration | None", "Duration | None"]
-"""Of reaction time and data age; None where there is none."""
+Limits = tuple["Duration | None", "Duration | None", "Duration | None"]
+"""Of reaction time, data age and latency; None where there is none."""
 
 
 def _kept(chain: Chain, table: ModeSchedule) -> Limits | None:
@@ -396,15 +397,18 @@ def _kept(chain: Chain, table: ModeSchedule) -> Limits | None:
     latency = next((found for found in table.chains if found.name == chain.name), None)
     if latency is None or latency.reaction is None or latency.age is None:
         return None
+    if chain.max_latency is not None and latency.latency is None:
+        return None
     return (
         None if chain.max_reaction is None else max(chain.max_reaction, latency.reaction),
         None if chain.max_age is None else max(chain.max_age, latency.age),
+        None if chain.max_latency is None or latency.latency is None else max(chain.max_latency, latency.latency),
     )
 
 
 def _closest(model: TaskModel, chain: Chain, found: Limits, trials: Trials) -> tuple[Limits, Duration, Limits]:
     """Halve the way between what is asked and what was found; return what is left, the step, and what is too close."""
-    below = asked = (chain.max_reaction, chain.max_age)
+    below = asked = (chain.max_reaction, chain.max_age, chain.max_latency)
     steps = [trials.step(far - near) for near, far in zip(asked, found, strict=True) if near and far and far > near]
     step = max(steps, default=trials.tick)
     while (middle := _between(below, found, trials.tick)) not in (below, found) and _is_apart(below, found, step):
@@ -419,11 +423,11 @@ def _closest(model: TaskModel, chain: Chain, found: Limits, trials: Trials) -> t
 
 
 def _between(near: Limits, far: Limits, tick: Duration) -> Limits:
-    reaction, age = (
+    reaction, age, latency = (
         None if one is None or two is None else one + tick * (((two - one) / 2) // tick)
         for one, two in zip(near, far, strict=True)
     )
-    return reaction, age
+    return reaction, age, latency
 
 
 def _is_apart(near: Limits, far: Limits, step: Duration) -> bool:
@@ -432,8 +436,8 @@ def _is_apart(near: Limits, far: Limits, step: Duration) -> bool:
 
 def _raised(chain: Chain, found: Limits) -> Iterator[tuple[str, Duration, Duration]]:
     """Name the limits that are higher than asked for."""
-    asked = (chain.max_reaction, chain.max_age)
-    for what, one, two in zip(("reaction time", "data age"), asked, found, strict=True):
+    asked = (chain.max_reaction, chain.max_age, chain.max_latency)
+    for what, one, two in zip(("reaction time", "data age", "latency"), asked, found, strict=True):
         if one is not None and two is not None and two > one:
             yield what, one, two
 

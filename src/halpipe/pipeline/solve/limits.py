@@ -64,7 +64,7 @@ def check_range(problem: Problem) -> None:
     worst = hyperperiod * heaviest * max(1, jobs) * max(1, arrays.rect_first[-1])
     worst += hyperperiod * arrays.unit_weight * max(1, jobs) * sides
     hottest = 512 * 10_000 * problem.mean_wcet * arrays.unit_weight
-    stated = max([0, *arrays.row.column(1), *arrays.chain_limit.flat])
+    stated = max([0, *arrays.row.column(1), *arrays.chain_limit.flat, *arrays.chain_latency])
     if max(worst, hottest, stated) >= LARGEST:
         raise HalpipeError(too_large(problem.expansion, problem.tick))
 

@@ -38,14 +38,14 @@ def common_tick(model: TaskModel, schedule: Schedule) -> Duration:
     """Return the largest duration that divides every time that a rule compares."""
     times: list[Duration] = [time for unit in model.units for i in unit.interrupts for time in (i.distance, i.wcet)]
     for task in model.tasks:
-        times += [time for time in (task.period, task.offset, task.deadline, task.distance) if time is not None]
+        times += [time for time in (task.period, task.offset, task.deadline, task.distance, task.let) if time]
         times += [task.period * task.slack] if task.period is not None else []
         for version in task.versions:
             times += [version.wcet] if version.wcet is not None else []
             times += [*version.split.points, version.split.resume, version.split.min_part or version.split.resume]
-            times += [time for row in version.precedences for time in (row.min, row.max)]
+            times += [time for row in version.precedences for time in (row.min, row.max, row.point) if time]
             times += [time for access in version.accesses for time in (access.start, access.end)]
-    times += [t for chain in model.chains for t in (chain.max_reaction, chain.max_age) if t is not None]
+    times += [t for c in model.chains for t in (c.max_latency, c.max_reaction, c.max_age) if t is not None]
     jobs = [*(job for mode in schedule.modes for job in mode.jobs), *(j for t in schedule.transitions for j in t.jobs)]
     times += [job.start for job in jobs]
     times += [time for job in jobs for part in job.parts for time in (part.start, part.executed_to)]

@@ -50,11 +50,11 @@ def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -
     """Yield one row for each version of the named tasks (or all), for a schedule that verifies.
 
     By `growth` more the schedule still verifies, with every start where it is; by anything more it does not. Where jobs
-    are split or interrupted, or serve arrivals, verify itself says so: by a tick more it does not. There the last part
-    of a split job grows.
+    are split or interrupted, serve arrivals, or keep requirements of MODEL 10, verify itself says so: by a tick more it
+    does not. There the last part of a split job grows.
     """
     tick = common_tick(model, schedule)
-    whole = _has_undisturbed_jobs(model)
+    whole = _has_undisturbed_jobs(model) and not any(True for _ in model.refinements())
     modes = {mode.name: FixedStarts.of(model, mode, tick) for mode in schedule.modes} if whole else {}
     for task in model.tasks:
         for version in task.versions:
