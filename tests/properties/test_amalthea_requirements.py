@@ -4,7 +4,6 @@ Schedules are drawn at random, and those that verify calls valid are played in `
 """
 
 import random
-from fractions import Fraction
 
 import pytest
 
@@ -100,7 +99,7 @@ def simulate(count, first, folder):
 
 
 def test_valid_schedules_of_imported_models_keep_their_requirements(tmp_path):
-    assert Fraction(simulate(60, 0, tmp_path), 60) > Fraction(1, 4)
+    assert simulate(20, 0, tmp_path) > 5
 
 
 @pytest.mark.slow  # the same with many more; above, a few tens
