@@ -10,7 +10,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, error
-from halpipe.core.files import MANIFEST, MANIFEST_KEY, read_bytes, sha256
+from halpipe.core.files import MANIFEST, MANIFEST_KEY, read_plain, sha256
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def open_bundle(path: str) -> Bundle:
 def _manifest(folder: str) -> dict[str, Any]:
     name = f"{folder}/{MANIFEST}"
     try:
-        manifest = json.loads(read_bytes(name))
+        manifest = json.loads(read_plain(name))
     except (ValueError, RecursionError) as failure:
         raise HalpipeError(_no_bundle(name, f"the manifest is no JSON: {failure}")) from None
     if not isinstance(manifest, dict) or manifest.get(MANIFEST_KEY) != VERSION:
@@ -105,7 +105,7 @@ def _no_bundle(name: str, message: str) -> Diagnostic:
 def _content(folder: str, name: str, stated: str, findings: Findings) -> bytes | None:
     """Return a file as it was sealed; otherwise collect what is wrong with it."""
     try:
-        content = read_bytes(f"{folder}/{name}")
+        content = read_plain(f"{folder}/{name}")
     except HalpipeError as failure:
         findings.extend(failure.diagnostics)
         return None

@@ -63,6 +63,7 @@ CONTAINMENT = {
     "jobs execute in machine mode": ("monitor.S", "csrc mstatus, t0", "csrs mstatus, t0", None),
     "the protection is never armed": ("monitor.c", "WRITE_CSR(pmpcfg0, entries);", "", declared.OPEN_CORE),
     "the data of others is open": ("monitor.c", "hp_site[JOB_END] >> 2U", "NEVER >> 10U", declared.OPEN_CORE),
+    "a trap keeps the stack of the job": ("monitor.S", "ld sp, hp_site + 40\n    call trapped", "call trapped", None),
     "the mailbox is open": ("monitor.c", "hp_site[JOB_END] >> 2U", "hp_site[DSPM_END] >> 2U", declared.OPEN_CORE),
 }
 OTHERS = {

@@ -1,6 +1,7 @@
 """Bundles: what is sealed opens as it was, and nothing that was changed since opens at all."""
 
 import json
+import os
 
 import pytest
 from hypothesis import given
@@ -35,6 +36,14 @@ def test_a_bundle_opens_as_it_was_sealed(folder):
 @given(st.dictionaries(st.from_regex(r"[a-z0-9_]{1,8}(/[a-z0-9_]{1,8})?", fullmatch=True), st.binary(max_size=9)))
 def test_the_seal_does_not_depend_on_the_order_of_the_files(files):
     assert list(seal("k", files, {}).items()) == list(seal("k", dict(reversed(files.items())), {}).items())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+@pytest.mark.parametrize("name", ["manifest.json", "schedule.xml", "rtl/unit.v"])
+def test_a_pipe_in_a_bundle_is_refused_and_not_waited_for(folder, name):
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    assert [(d.code, d.message) for d in refusal(folder)] == [("HAL0001", "is no plain file")]
 
 
 def test_every_changed_or_missing_file_is_named(folder):

@@ -35,6 +35,7 @@ from halpipe.core.files.reading import (
     open_input,
     read_bytes,
     read_own,
+    read_plain,
     refuse_more_than,
     sha256,
 )
@@ -85,6 +86,7 @@ __all__ = [
     "protecting_inputs",
     "read_bytes",
     "read_own",
+    "read_plain",
     "refuse_foreign",
     "refuse_inputs",
     "refuse_more_than",

@@ -50,6 +50,14 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     return _read(path, is_input=True)
 
 
+def read_plain(path: str) -> bytes:
+    """Read a file of a folder that is read as a whole; refuse a pipe or a device there, which might never end."""
+    if os.path.exists(path) and not os.path.isfile(path):
+        help = "let every file of the folder be a plain one"
+        raise HalpipeError(CANNOT_READ("is no plain file", at=Location(path), help=help))
+    return read_bytes(path)
+
+
 def input_size(path: str | os.PathLike[str]) -> int:
     """Return how many bytes an input file has; 0 for standard input, and for what cannot be asked."""
     name = os.fspath(path)

@@ -123,8 +123,8 @@ WINDOW_FROM_START = warning(
 UNDIVIDED = error(
     "HAL0867",
     "Gang cannot divide what it writes",
-    "Each member of a gang writes its part of a variable into that part of the buffer. The bytes must be a multiple of "
-    "the number of members; up to eight bytes are written by the first member alone.",
+    "Each member of a gang writes its part of a variable into that part of the buffer. The parts must be whole words "
+    "of eight bytes, so that no number is torn; up to eight bytes are written by the first member alone.",
 )
 FIRST_ALONE = note(
     "HAL0894",

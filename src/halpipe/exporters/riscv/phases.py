@@ -108,9 +108,10 @@ def check_phases(version: Version, path: str, findings: Findings) -> bool:
             help = 'say kind="read" or kind="write"'
             findings.add(KINDLESS_PHASE("the phase has transfers, but no kind", at=access.at, path=path, help=help))
         for transfer in access.transfers if access.kind is AccessKind.WRITE else ():
-            if transfer.size > SCALAR and transfer.size % version.gang:
+            whole = SCALAR * version.gang
+            if version.gang > 1 and transfer.size > SCALAR and transfer.size % whole:
                 message = f'a gang of {version.gang} cannot divide the {transfer.size} bytes of "{transfer.symbol}"'
-                help = f"make it a multiple of {version.gang} bytes: each member writes its part"
+                help = f"make it a multiple of {whole} bytes: each member writes whole words of {SCALAR} bytes"
                 findings.add(UNDIVIDED(message, at=transfer.at, path=path, help=help))
         if access.kind is AccessKind.LOAD and access.start > ZERO:
             help = "let the one load phase of the version begin with the job"
@@ -166,7 +167,7 @@ def gaps(moving: list[Access], clock: Clock, wcet: Duration) -> Iterable[Stretch
 
 
 SCALAR = 8
-"""Bytes that the members of a gang do not divide among them: the first one writes them."""
+"""Bytes of a word, which the members of a gang never divide: a single one is written by the first member."""
 
 
 def written_alone(versions: Iterable[tuple[str, Version]]) -> Iterable[Diagnostic]:

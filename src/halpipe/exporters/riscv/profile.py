@@ -10,6 +10,7 @@ import math
 import re
 from dataclasses import replace
 from fractions import Fraction
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,9 @@ MAILBOX = 256
 
 RESERVED = 4096
 """Bytes at the end of a data scratchpad that jobs do not have: mailbox and monitor stack."""
+
+PAGE = 4096
+"""Bytes that the registers of a device take at least."""
 
 CLINT_SIZE = 0x10000
 """Bytes of the CLINT, which one entry of the memory protection keeps from jobs."""
@@ -253,19 +257,30 @@ def _faults(p: Profile) -> Iterator[str]:
     memories = {"main": p.main}
     for core in range(p.cores):
         memories |= {f"ispm of core {core + 1}": p.ispm.of(core), f"dspm of core {core + 1}": p.dspm.of(core)}
-    known = list(memories.items())
-    for i, (name, region) in enumerate(known):
+    for name, region in memories.items():
         if region.base % 4096 or region.size % 4096:
             yield f"{name} does not begin and end at multiples of 4 KiB"
+    places = memories | _devices(p)
+    for name, region in places.items():
         if region.end > 2**40:
             yield f"{name} ends beyond 2^40"
-        yield from (f"{name} and {other} overlap" for other, its in known[i + 1 :] if region.meets(its))
+    for (name, region), (other, its) in combinations(places.items(), 2):
+        if region.meets(its):
+            yield f"{name} and {other} overlap"
     if p.clint % CLINT_SIZE:
         yield f"clint does not begin at a multiple of {CLINT_SIZE:#x}"
     if p.code_room <= 0:
         yield f"ispm has no room beside the monitor's {MONITOR} bytes"
     if p.data_room <= 0 or p.stack % 16:
         yield "dspm has no room beside stack and mailbox, or the stack is no multiple of 16 bytes"
+
+
+def _devices(p: Profile) -> dict[str, Region]:
+    """Return the registers of the devices, in whole pages; the channels of the DMA engine lie a stride apart."""
+    found = {"clint": Region(p.clint, CLINT_SIZE), "uart": Region(p.uart, PAGE)}
+    if p.dma.kind == "pdma":
+        found["dma"] = Region(p.dma.base, -(-p.dma.stride * p.dma.channels // PAGE) * PAGE)
+    return found | ({"finisher": Region(p.finisher, PAGE)} if p.finisher else {})
 
 
 _ADDRESS = re.compile(r"0[xX][0-9a-fA-F]{1,10}|[0-9]{1,12}")

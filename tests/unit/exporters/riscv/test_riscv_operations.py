@@ -93,7 +93,7 @@ def test_a_gang_loads_and_reads_on_each_unit_and_each_member_writes_its_part():
     ("size", "members", "parts"),
     [
         (64, 2, [(0, 0, 32), (1, 32, 32)]),
-        (12, 3, [(0, 0, 4), (1, 4, 4), (2, 8, 4)]),
+        (72, 3, [(0, 0, 24), (1, 24, 24), (2, 48, 24)]),
         (8, 2, [(0, 0, 8)]),  # a scalar is the first member's
         (9, 1, [(0, 0, 9)]),
     ],

@@ -59,6 +59,15 @@ def test_unknown_profile_names_the_nearest():
         ("size: 120KiB", "size: 4KiB", "no room beside the monitor"),
         ("stack: 8KiB", "stack: 256KiB", "no room beside stack"),
         ("base: 0x80000000", "base: 0xffffffffff", "multiples of 4 KiB"),
+        ("clint: 0x02000000", "clint: 0x01040000", "dspm of core 1 and clint overlap"),
+        ("clint: 0x02000000", "clint: 0x01830000", "ispm of core 1 and clint overlap"),
+        ("clint: 0x02000000", "clint: 0x80000000", "main and clint overlap"),
+        ("base: 0x03000000", "base: 0x80002000", "main and dma overlap"),
+        ("base: 0x03000000", "base: 0x63fff000", "uart and dma overlap"),  # by its third channel
+        ("base: 0x64000000", "base: 0x03000000", "uart and dma overlap"),
+        ("base: 0x64000000", "base: 0x0200c000", "clint and uart overlap"),
+        ("clint:", "finisher: 0x64000800\nclint:", "uart and finisher overlap"),
+        ("base: 0x64000000", "base: 0xffffffffff", "uart ends beyond 2^40"),
     ],
 )
 def test_contradictions_are_told(tmp_path, old, new, said):

@@ -247,7 +247,7 @@ def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found
     jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
     injections = containment.injections_for(jobs, kinds, site, tolerance_of(site), tour.tables - 1, turn)
     outcome = simulate(target, tour, injections=injections)
-    found.add(injections, outcome.planned)
+    found.add(injections, jobs)
     found.dispatches.append(outcome.dispatch)
     found.findings += containment.prefixed(outcome.findings)
 
