@@ -6,7 +6,7 @@ import pytest
 
 from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve import groups
+from halpipe.pipeline.solve import one_mode
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
 from halpipe.pipeline.solve.groups import independent_groups
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -17,7 +17,7 @@ from support import access, after, chain, model, task, version
 
 @pytest.fixture(autouse=True)
 def small_modes_are_cut(monkeypatch):
-    monkeypatch.setattr(groups, "FEW_TASKS", 1)
+    monkeypatch.setattr(one_mode, "FEW_TASKS", 1)
 
 
 def names(*tasks, **parts):
@@ -49,9 +49,9 @@ def test_resources_windows_chains_and_demands_bind():
 
 
 def test_a_small_mode_is_not_cut(monkeypatch):
-    monkeypatch.setattr(groups, "FEW_TASKS", 2)
-    assert names(alone("a", "u1"), alone("b", "u2")) == ["ab"]
-    assert names(alone("a", "u1"), alone("b", "u2"), alone("c", "u3")) == ["a", "b", "c"]
+    monkeypatch.setattr(one_mode, "FEW_TASKS", 7)
+    result = found(corners(hard=True), budget=500)
+    assert GROUP_NOT_FOUND.id not in {d.code for d in result.diagnostics}
 
 
 def corners(hard):

@@ -18,7 +18,6 @@ from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.jobs import expand, natural_tick, released_by_offset
-from halpipe.pipeline.solve.exactmodel import exact_tick
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
@@ -101,6 +100,8 @@ class Trials:
 
     def _grid(self, model: TaskModel) -> Duration | None:
         """Return the grid that also divides slacks and deadlines, on which a small one is of use; None if too fine."""
+        from halpipe.pipeline.solve.exactmodel import exact_tick
+
         expansion = expand(model, model.mode(self.mode))
         tick = greatest_common_divisor([exact_tick(expansion), natural_tick(expansion)])
         return (

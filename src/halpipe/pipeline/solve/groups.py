@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
     Search = Callable[[Expansion, SearchOptions, str, OnProgress], Found]
 
-FEW_TASKS = 200
-"""Tasks of a mode up to which all groups are searched together: a few moves more."""
-
 FIRST_BUDGET = 2000
 """Moves per task that each group gets at first."""
 
@@ -37,9 +34,7 @@ MOST_NAMED = 8
 
 
 def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion]:
-    """Return the groups of a large mode as modes of their own, by their first tasks; a small mode as it is."""
-    if len(expansion.tasks) <= FEW_TASKS:
-        return [expansion]
+    """Return the groups of a mode as modes of their own, by their first tasks."""
     groups = _Groups()
     owner: dict[tuple[str, str], str] = {}
     for active in expansion.tasks:

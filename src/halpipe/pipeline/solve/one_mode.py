@@ -16,7 +16,6 @@ from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
-from halpipe.pipeline.solve.groups import independent_groups, search_groups
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
 
 if TYPE_CHECKING:
@@ -46,6 +45,9 @@ EXACT_JOBS = 200
 
 TURN_SEED = 1000
 """Between the seeds of the exact engine's turns; within one, it counts on from its own."""
+
+FEW_TASKS = 200
+"""Tasks of a mode up to which its independent groups are searched together: a few moves more."""
 
 STARTS, START_SEED = 3, 0x632BE59BD9B4E019
 """First schedules of a small mode from which chains are made shorter, and what lies between their seeds."""
@@ -81,15 +83,17 @@ def schedule_mode(
         of_mode = _Exact
     elif any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
         of_mode = _SplitJobs
-    is_whole = options.engine == EXACT or options.optimise
-    groups = [expansion] if is_whole else independent_groups(model, expansion)
 
     def search(part: Expansion, chosen: SearchOptions, key: str, tell: OnProgress) -> Found:
         return of_mode(model, part, chosen, number, tell, earlier, key).found()
 
-    if len(groups) == 1:
-        return search(expansion, options, "", on_progress)
-    return search_groups(model, expansion, groups, options, on_progress, search)
+    if options.engine != EXACT and not options.optimise and len(expansion.tasks) > FEW_TASKS:
+        from halpipe.pipeline.solve.groups import independent_groups, search_groups
+
+        groups = independent_groups(model, expansion)
+        if len(groups) > 1:
+            return search_groups(model, expansion, groups, options, on_progress, search)
+    return search(expansion, options, "", on_progress)
 
 
 @dataclass(frozen=True)
