@@ -50,6 +50,10 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         require_mode(name, model.modes)
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
+    if options.shipped is not None:
+        from halpipe.pipeline.shipped import check_shipped
+
+        check_shipped(model, options.shipped)
     doubt = _Doubt(model, options.modes, on_progress)
     try:
         best = _schedule_validated(model, options, doubt.on_progress)

@@ -3,8 +3,11 @@
 from dataclasses import replace
 from fractions import Fraction
 
-from halpipe.models import Status
+import pytest
+
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.pipeline.checked import schedule_model, verify_schedule
+from halpipe.pipeline.shipped import check_shipped
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, after, job, mode, model, schedule, task, version
@@ -56,13 +59,13 @@ def test_a_task_whose_version_is_gone_is_placed_anew_and_reported():
     assert placed(again)["sense", 0] == placed(shipped)["sense", 0]
 
 
-def test_shipped_jobs_that_now_collide_are_a_search_that_fails_and_not_a_schedule():
+def test_shipped_jobs_that_now_collide_are_a_proof_and_no_search():
     system = model(task("a", 10, version("v", 4, "u1")), task("b", 10, version("v", 4, "u1")), units="u1")
     shipped = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"))
     longer = model(task("a", 10, version("v", 6, "u1")), task("b", 10, version("v", 4, "u1")), units="u1")
-    again = found(longer, shipped)
-    assert [m.status for m in again.schedule.modes] == [Status.NOT_FOUND]
-    assert again.moves == 0
+    with pytest.raises(HalpipeError) as refused:
+        found(longer, shipped)
+    assert refused.value.exit is Exit.INFEASIBLE
 
 
 def test_starts_between_the_natural_ticks_are_kept():
@@ -77,3 +80,43 @@ def test_starts_between_the_natural_ticks_are_kept():
     again = found(system, off_grid)
     assert again.is_complete
     assert {j.start for j in again.schedule.modes[0].jobs} == {j.start for j in off_grid.modes[0].jobs}
+
+
+def renamed(shipped, **changes):
+    """Return a shipped schedule whose first job has been changed."""
+    (table,) = shipped.modes
+    return replace(shipped, modes=(replace(table, jobs=(replace(table.jobs[0], **changes), *table.jobs[1:])),))
+
+
+@pytest.mark.parametrize("changes", [{"task": "of another system"}, {"index": 99}])
+def test_shipped_jobs_without_a_place_in_the_model_are_no_success(changes):
+    system = base()
+    shipped = renamed(found(system).schedule, **changes)
+    with pytest.raises(HalpipeError) as refused:
+        check_shipped(system, shipped)
+    assert [each.code for each in refused.value.diagnostics] == ["HAL0468"]
+    assert refused.value.exit is Exit.FINDINGS
+
+
+def test_a_shipped_mode_that_the_model_does_not_have_is_no_success():
+    system = base()
+    shipped = found(system).schedule
+    other = replace(shipped, modes=(replace(shipped.modes[0], name="other"),))
+    with pytest.raises(HalpipeError) as refused:
+        check_shipped(system, other)
+    assert {each.code for each in refused.value.diagnostics} == {"HAL0468"}
+
+
+@pytest.mark.parametrize(("start", "is_possible"), [("2ms", False), ("3ms", True), ("9ms", False), ("8ms", True)])
+def test_frozen_jobs_that_exclude_each_other_are_a_proof(start, is_possible):
+    """One needs 3 ms from 0 on, the other 2 ms, round a cycle of 10 ms."""
+    rows = [task("a", 10, version("v", "3ms", "u1"), slack=1), task("b", 10, version("v", "2ms", "u1"), slack=1)]
+    system = model(*rows)
+    shipped = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, start, "u1"))
+    if is_possible:
+        check_shipped(system, shipped)
+        return
+    with pytest.raises(HalpipeError) as refused:
+        check_shipped(system, shipped)
+    assert [each.code for each in refused.value.diagnostics] == ["HAL0469"]
+    assert refused.value.exit is Exit.INFEASIBLE

@@ -1,0 +1,97 @@
+"""Shipped schedules before a search: jobs without a place in the model, and kept jobs that exclude each other."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import Exit, HalpipeError, about, error
+from halpipe.pipeline.jobs import expand
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
+    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
+    from halpipe.pipeline.jobs import Expansion
+
+UNMATCHED = error(
+    "HAL0468",
+    "Shipped job without a place in the model",
+    "Every job of the schedule given to --freeze has to stay. A job of a mode, a task or a number that the model does "
+    "not have is that of another system, or of a renamed task.",
+)
+EXCLUDED = error(
+    "HAL0469",
+    "Frozen jobs exclude each other",
+    "Jobs given to --freeze keep their starts, versions and units. With the WCETs of the model, two of them need one "
+    "unit at the same time: that is a proof, no other seed or budget helps.",
+)
+
+
+def check_shipped(model: TaskModel, shipped: Schedule) -> None:
+    """Raise `HalpipeError` where not every shipped job is one of the model, or two of them cannot both stay."""
+    modes = {mode.name: mode for mode in model.modes}
+    expansions = {mode.name: expand(model, modes[mode.name]) for mode in shipped.modes if mode.name in modes}
+    unmatched = [found for table in shipped.modes for found in _unmatched(expansions.get(table.name), table)]
+    if unmatched:
+        raise HalpipeError(*unmatched)
+    excluded = [found for table in shipped.modes for found in _excluded(expansions[table.name], table)]
+    if excluded:
+        raise HalpipeError(*excluded, exit=Exit.INFEASIBLE)
+
+
+def _unmatched(expansion: Expansion | None, table: ModeSchedule) -> Iterator[Diagnostic]:
+    for job in table.jobs:
+        active = None if expansion is None else expansion.by_name.get(job.task)
+        if active is not None and job.index < active.jobs:
+            continue
+        if expansion is None:
+            text = "the model has no such mode"
+        elif active is None:
+            text = "the task does not run in this mode of the model"
+        else:
+            text = f"the task has {active.jobs} jobs in this mode of the model"
+        help = "remove the job from the shipped schedule, rename it as in the model, or use --near in place of --freeze"
+        yield UNMATCHED(text, at=job.at, path=about(mode=table.name, task=job.task, job=job.index), help=help)
+
+
+def _excluded(expansion: Expansion, table: ModeSchedule) -> Iterator[Diagnostic]:
+    """Yield the pairs of neighbours on a unit that overlap; of jobs in one piece, at least their WCETs."""
+    by_unit: dict[str, list[tuple[Duration, Duration, Job]]] = {}
+    for job in _staying(expansion, table):
+        version = expansion.by_name[job.task].task.version(job.version)
+        if version.wcet is not None:
+            for unit in job.units:
+                by_unit.setdefault(unit, []).append((job.start, job.start + version.wcet, job))
+    for unit, spans in by_unit.items():
+        spans.sort(key=lambda span: (span[0], span[1], span[2].task))
+        first, last = spans[0], spans[-1]
+        cycle = expansion.hyperperiod
+        around = [(last, (first[0] + cycle, first[1] + cycle, first[2]))] if len(spans) > 1 else []
+        for (_, end, job), (start, _, other) in [*pairwise(spans), *around]:
+            if start < end:
+                text = f'and "{other.task}" job {other.index}, both frozen, need unit "{unit}" from {start} to {end}'
+                help = f'remove the jobs of "{job.task}" or "{other.task}" from the shipped schedule, or use --near'
+                path = about(mode=table.name, task=job.task, job=job.index)
+                yield EXCLUDED(text, at=expansion.by_name[job.task].task.at, path=path, help=help)
+
+
+def _staying(expansion: Expansion, table: ModeSchedule) -> Iterator[Job]:
+    """Yield the jobs in one piece of tasks that stay: all their jobs are shipped, with versions and units they have."""
+    jobs: dict[str, list[Job]] = {}
+    for job in table.jobs:
+        jobs.setdefault(job.task, []).append(job)
+    for name, own in jobs.items():
+        active = expansion.by_name[name]
+        units = {version.name: (frozenset(version.units), version.gang) for version in active.versions}
+        if len(own) == active.jobs and all(
+            job.version in units
+            and not job.parts
+            and job.start < expansion.hyperperiod
+            and frozenset(job.units) <= units[job.version][0]
+            and len(job.units) == units[job.version][1]
+            for job in own
+        ):
+            yield from own
