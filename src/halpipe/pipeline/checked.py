@@ -95,6 +95,7 @@ class _Doubt:
 
 
 def _schedule_validated(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
+    _refuse_crowded(model, options)
     if options.grid is not None:
         return _schedule_on_grid(model, options, options.grid, on_progress)
     if options.near is not None:
@@ -102,6 +103,18 @@ def _schedule_validated(model: TaskModel, options: SearchOptions, on_progress: O
 
         return schedule_near(model, options, options.near, lambda chosen: _search(model, chosen, on_progress))
     return _search(model, options, on_progress)
+
+
+def _refuse_crowded(model: TaskModel, options: SearchOptions) -> None:
+    """Raise with the proof that a tick leaves too few instants to start at, if there is one."""
+    from halpipe.pipeline.solve.crowding import check_starts
+
+    if options.tick is None or options.engine == "exact":
+        return
+    wanted = options.modes or tuple(mode.name for mode in model.modes)
+    chosen = replace(model, modes=tuple(mode for mode in model.modes if mode.name in wanted))
+    if found := tuple(check_starts(chosen, options.tick)):
+        raise HalpipeError(*found, exit=Exit.INFEASIBLE)
 
 
 def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:

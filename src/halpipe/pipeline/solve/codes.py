@@ -170,3 +170,9 @@ GRID_BREAKS = error(
     "The search kept every rule on the grid, but verify finds one broken with the exact times: most likely two jobs "
     "that end within the same window. Another --seed gives another schedule.",
 )
+TOO_MANY_STARTS = error(
+    "HAL0415",
+    "More jobs than ticks to start at",
+    "With `--tick`, jobs start at multiples of the tick, so that one that is shorter still takes a whole tick of its "
+    "unit. The jobs of these tasks are more than there are ticks. No schedule exists with this tick.",
+)

@@ -24,21 +24,38 @@ _MAX_CLASSES = 200
 _HELP = "shorten or thin out these tasks, give them cheaper versions, or let some of them run in another mode"
 
 
-class _Need(NamedTuple):
-    """What a task takes at least in a hyperperiod, in nanoseconds."""
+class Need(NamedTuple):
+    """What a task takes at least in a hyperperiod, in nanoseconds, and how many jobs it has."""
 
     task: str
     amount: int | Fraction
+    jobs: int
 
 
 # ------------------------------------------------------------------------------------------------ units
 
 
 def check_units(context: Context) -> Iterator[Diagnostic]:
-    """The tasks that can run only on a set of units need no more time than those units have.
+    """The tasks that can run only on a set of units need no more time than those units have."""
+    for over in overloads(context):
+        yield _units_overloaded(over)
 
-    The sets tried are the unit sets of the tasks, and all units. Of sets that contain each other the smallest that is
-    overloaded is reported.
+
+class Overload(NamedTuple):
+    """A set of units on which the tasks of a mode need more than there is; `taken` is the share of interrupts."""
+
+    mode: ActiveMode
+    hyperperiod: Duration
+    units: frozenset[str]
+    needs: list[Need]
+    total: Duration
+    taken: Fraction
+
+
+def overloads(context: Context) -> Iterator[Overload]:
+    """Yield the overloaded sets of units: of those that contain each other the smallest.
+
+    The sets tried are the unit sets of the tasks, and all units.
     """
     loads = {name: min(Fraction(1), load_of(unit)) for name, unit in context.units.items() if unit.interrupts}
     for mode in context.active:
@@ -55,17 +72,17 @@ def check_units(context: Context) -> Iterator[Diagnostic]:
             taken = sum((loads[unit] for unit in units & loads.keys()), Fraction(0))
             if total > mode.hyperperiod * (len(units) - taken):
                 overloaded.append(units)
-                yield _units_overloaded(mode, mode.hyperperiod, sorted(units), needs, total, taken)
+                yield Overload(mode, mode.hyperperiod, units, needs, total, taken)
 
 
-def _unit_classes(context: Context, mode: ActiveMode) -> dict[frozenset[str], list[_Need]]:
+def _unit_classes(context: Context, mode: ActiveMode) -> dict[frozenset[str], list[Need]]:
     """Group the tasks of a mode by the units that any of their versions may use."""
     jobs = mode.least_jobs
-    classes: dict[frozenset[str], list[_Need]] = {}
+    classes: dict[frozenset[str], list[Need]] = {}
     for name, active in mode.tasks.items():
         units = frozenset().union(*(version.units for version in active.versions))
         if units and units <= context.units.keys():
-            classes.setdefault(units, []).append(_Need(name, jobs[name] * _shortest(active)))
+            classes.setdefault(units, []).append(Need(name, jobs[name] * _shortest(active), jobs[name]))
     return classes
 
 
@@ -75,24 +92,25 @@ def _shortest(active: ActiveTask) -> int | Fraction:
 
 
 def _needs_within(
-    classes: Mapping[frozenset[str], list[_Need]], units: frozenset[str], is_everything: bool
-) -> list[_Need]:
+    classes: Mapping[frozenset[str], list[Need]], units: frozenset[str], is_everything: bool
+) -> list[Need]:
     if len(classes) > _MAX_CLASSES and not is_everything:
         return classes[units]
     return [need for within, needs in classes.items() if within <= units for need in needs]
 
 
-def _units_overloaded(
-    mode: ActiveMode, hyperperiod: Duration, units: list[str], needs: list[_Need], total: Duration, taken: Fraction
-) -> Diagnostic:
-    room = hyperperiod * (len(units) - taken)
-    text = f"in each hyperperiod of {hyperperiod}, the tasks that can run only on {quoted(units)} need {total}, "
-    interrupts = f" beside {hyperperiod * taken} of interrupts" if taken else ""
-    text += f"{total - room} more than the {room} there are{interrupts}; the largest: {_largest(needs)}"
-    return codes.UNITS_OVERLOADED(text, at=place(mode.mode), path=mode.path, help=f"{_HELP}, or add units")
+def _units_overloaded(over: Overload) -> Diagnostic:
+    room = over.hyperperiod * (len(over.units) - over.taken)
+    text = (
+        f"in each hyperperiod of {over.hyperperiod}, the tasks that can run only on {quoted(sorted(over.units))} need "
+    )
+    text += f"{over.total}, "
+    interrupts = f" beside {over.hyperperiod * over.taken} of interrupts" if over.taken else ""
+    text += f"{over.total - room} more than the {room} there are{interrupts}; the largest: {_largest(over.needs)}"
+    return codes.UNITS_OVERLOADED(text, at=place(over.mode.mode), path=over.mode.path, help=f"{_HELP}, or add units")
 
 
-def _largest(needs: list[_Need]) -> str:
+def _largest(needs: list[Need]) -> str:
     ordered = sorted((need for need in needs if need.amount > 0), key=lambda need: (-need.amount, need.task))
     return ", ".join(f'"{need.task}" {Duration(need.amount)}' for need in ordered[:3])
 
@@ -147,7 +165,7 @@ def _resource_overloaded(
     mode: ActiveMode, hyperperiod: Duration, resource: str, jobs: Mapping[str, int], total: Duration
 ) -> Diagnostic:
     needs = [
-        _Need(name, jobs[name] * Fraction(*least))
+        Need(name, jobs[name] * Fraction(*least), jobs[name])
         for name, active in mode.tasks.items()
         if (least := _least_access(active).get(resource))
     ]

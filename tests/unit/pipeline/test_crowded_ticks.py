@@ -1,0 +1,61 @@
+"""With a tick, one job can start at each tick of a unit: too many jobs are proven by counting, not searched for."""
+
+from dataclasses import replace
+
+import pytest
+
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.models import Interrupt
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.solve.codes import TOO_MANY_STARTS
+from halpipe.pipeline.solve.crowding import check_starts
+from halpipe.pipeline.solve.schedule import SearchOptions
+from support import model, ms, task, version
+
+
+def crowd(count, *, units="u", wcet="50us", period=10):
+    tasks = [task(f"t{i}", period, version("v", wcet, units)) for i in range(count)]
+    return model(*tasks, units=units)
+
+
+def told(system, tick="1ms"):
+    return list(check_starts(system, ms(tick)))
+
+
+@pytest.mark.parametrize(
+    ("count", "options", "fits"),
+    [
+        (10, {}, True),
+        (11, {}, False),
+        (20, {"units": "u v"}, True),
+        (21, {"units": "u v"}, False),
+        (5, {"wcet": "1001us"}, True),
+        (6, {"wcet": "1001us"}, False),
+        (10, {"wcet": "1ms"}, True),
+    ],
+)
+def test_each_job_takes_whole_ticks(count, options, fits):
+    assert [d.code for d in told(crowd(count, **options))] == ([] if fits else [TOO_MANY_STARTS.id])
+
+
+def test_the_proof_counts_and_names_a_tick_that_would_do():
+    (proof,) = told(crowd(13))
+    assert 'the 13 jobs of the tasks that can run only on "u" take 13ms of the 10ms' in proof.message
+    assert "use a tick of 500us" in proof.help
+    assert "--granularity ostask" in proof.help
+    assert told(crowd(13), "500us") == []
+
+
+def test_interrupts_may_come_in_the_rest_of_a_tick():
+    system = crowd(10)
+    busy = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms("1ms"), wcet=ms("100us")),))
+    assert told(replace(system, units=(busy,))) == []
+
+
+def test_the_search_is_not_begun():
+    with pytest.raises(HalpipeError) as refused:
+        schedule_model(crowd(13), SearchOptions(tick=ms("1ms")), lambda *_: pytest.fail("a search began"))
+    assert refused.value.exit is Exit.INFEASIBLE
+    assert {d.code for d in refused.value.diagnostics} == {TOO_MANY_STARTS.id}
+    assert schedule_model(crowd(13), SearchOptions(tick=ms("500us")), lambda *_: True).is_complete
+    assert schedule_model(crowd(10), SearchOptions(tick=ms("1ms")), lambda *_: True).is_complete
