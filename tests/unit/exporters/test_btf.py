@@ -17,7 +17,7 @@ from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.compare import CompareOptions, compare
 from stated_options import stated
-from support import ms
+from support import job, model, ms, schedule, task, version
 
 ROUNDING = ms("1ns")
 TASK_EVENTS = {"activate", "start", "preempt", "resume", "terminate"}
@@ -163,3 +163,44 @@ def test_a_pipeline_file_states_the_cycles():
 @pytest.mark.parametrize("cycles", ["0", "-1", "x", "1001", "99999999999"])
 def test_cycles_that_are_none(cycles):
     assert [d.code for d in settings(f"{{cycles: {cycles}}}")[1]] == ["HAL0023"]
+
+
+def test_entities_carry_the_letters_of_their_types():
+    """BTF 2.1.5, table 1: rows of entityTypeTable are a type letter and a name; the head of the types is typeTable."""
+    header = [line for line in write(*roboracer()).splitlines() if line.startswith("#")]
+    assert "#typeTable" in header
+    assert "#entityType" not in header
+    rows_of_types = header[header.index("#entityTypeTable") + 1 :]
+    letter = {"Core_": "C", "TASK_": "T", "STI_": "STI"}
+    assert rows_of_types
+    for row in rows_of_types:
+        kind, name = row.removeprefix("#-").split(" ")
+        assert kind == next(letter[prefix] for prefix in letter if name.startswith(prefix))
+
+
+def responses(text):
+    """Response times as other tools take them: terminate minus activate of each instance."""
+    activated, found = {}, {}
+    for time, _, _, _, target, instance, event in rows(text):
+        if event == "activate":
+            activated[target, instance] = int(time)
+        elif event == "terminate":
+            found[target, instance] = int(time) - activated[target, instance]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("offset", "delays", "early"), [("0ms", (3, 4), False), (None, (0, 1), False), ("8ms", (15, 16), True)]
+)
+def test_jobs_are_activated_at_their_release(offset, delays, early):
+    """Jobs start at 3 and 14 ms of 20 ms. With the offset 8 ms they wrap: the first two releases precede the trace."""
+    system = model(task("a", "10ms", version("v", "3ms", "u1"), offset=offset, slack="1"))
+    starts = (3, 14)
+    planned = schedule(system, "20ms", *(job(system, "a", n, f"{start}ms", "u1") for n, start in enumerate(starts)))
+    text = write(system, planned, cycles=2)
+    due = {
+        str(n): (min(delays[n % 2], starts[n % 2] + 20 * (n // 2)) + 3) * 10**6  # the trace begins at 0
+        for n in range(4)
+    }
+    assert {instance: time for (_, instance), time in responses(text).items()} == due
+    assert ("# 2 releases before the trace begins" in text) == early

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.arxml.document import add, named, ref
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.exporters.arxml.timing import latency, periodic
+from halpipe.exporters.common.timeline import delays_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from lxml import etree
 
-    from halpipe.core.durations import Duration
     from halpipe.exporters.arxml.timing import Descriptions
-    from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel
+    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
 
 
 def write_guarantees(elements: etree._Element, model: TaskModel, schedule: Schedule, known: Descriptions) -> None:
@@ -49,19 +46,3 @@ def _mode(parent: etree._Element, model: TaskModel, table: ModeSchedule, known: 
         for kind, value in (("REACTION", forward), ("AGE", chain.age)):
             if value is not None:
                 latency(parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value, up=True)
-
-
-def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> list[Duration]:
-    """Return the delay of each job after its release, s + j * D modulo t_P (MODEL 3).
-
-    The phase s is the offset of the task, or the one that delays jobs least: without an offset the instants
-    theta - j * D lie on an arc of the hyperperiod that begins behind the widest gap between them.
-    """
-    latest = [(job.start - period * job.index) % hyperperiod for job in jobs]
-    if task.offset is not None:
-        phase = task.offset % period
-    else:
-        places = sorted(set(latest))
-        gaps = [(place - before) % hyperperiod for before, place in pairwise([places[-1], *places])]
-        phase = places[gaps.index(max(gaps))]
-    return [(place - phase) % hyperperiod for place in latest]

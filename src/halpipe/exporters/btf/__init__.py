@@ -1,4 +1,4 @@
-"""The Best Trace Format (BTF 2.1), which timing tools and Eclipse Trace Compass open: the schedule as it would run."""
+"""Best Trace Format (BTF 2.1), which timing tools and Eclipse Trace Compass open: the schedule as it would run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class BtfExporter(PlainExporter):
         {
             "units": "core entities",
             "modes": "stimuli that mark the start of each table",
-            "schedule": "activate, start and terminate of every job",
+            "schedule": "activate at the release, start and terminate of every job",
             "tables": "played between the modes",
             "parts": "preempt and resume between the parts of a job",
         },

@@ -1,7 +1,8 @@
-"""The lines of a BTF trace, and the run that they tell of.
+"""Lines of a BTF trace (BTF 2.1.5), and the run that they describe.
 
-Names follow what viewers go by: Trace Compass ties tasks to cores only where a core's name begins with ``Core`` and a
-task's with ``TASK``. The start of each table is marked by a stimulus, so that a comparison needs no guess.
+Trace Compass ties tasks to cores only where a core's name begins with ``Core`` and a task's with ``TASK``. The start of
+each table is marked by a stimulus, so that a comparison needs no guess. A job is activated at its release, from which
+tools count response times; a job of a transition table or of a task on demand has none, and is activated at its start.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.exporters.common.timeline import delays_of
 
 if TYPE_CHECKING:
     from halpipe.exporters.btf import BtfOptions
@@ -36,7 +38,7 @@ class Piece:
 def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str:
     """Return the trace of a run through every mode and switch that can be reached from the first mode."""
     pieces, unreached = tour(schedule, options.cycles)
-    events, rounded = _events(pieces)
+    events, rounded, early = _events(pieces, _releases(model, schedule))
     header = [
         "#version 2.1.5",
         "#creator halpipe",
@@ -45,6 +47,7 @@ def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str
         f"# {options.title or model.name}",
         f"# model SHA-256 {schedule.model_sha256}",
         f"# {rounded} instants rounded down to whole nanoseconds",
+        *([f"# {early} releases before the trace begins stand at 0"] if early else []),
         *(f"# not reached from {schedule.modes[0].name}: {name}" for name in unreached),
         *_entities(pieces),
     ]
@@ -109,18 +112,34 @@ def _entities(pieces: list[Piece]) -> list[str]:
     marks = dict.fromkeys(f"STI_TABLE_{piece.name}" for piece in pieces)
     stimuli = dict.fromkeys(f"STI_{job.task}" for piece in pieces for job in piece.jobs)
     types = {"C": sorted(cores), "T": sorted(tasks), "STI": sorted([*marks, *stimuli])}
-    lines = ["#entityType", *(f"#-{number} {kind}" for number, kind in enumerate(types)), "#entityTable"]
     names = [(kind, name) for kind, found in types.items() for name in found]
-    lines += [f"#-{number} {name}" for number, (_, name) in enumerate(names)]
-    numbers = {kind: number for number, kind in enumerate(types)}
-    return [*lines, "#entityTypeTable", *(f"#-{numbers[kind]} {name}" for kind, name in names)]
+    return [
+        "#typeTable",
+        *(f"#-{number} {kind}" for number, kind in enumerate(types)),
+        "#entityTable",
+        *(f"#-{number} {name}" for number, (_, name) in enumerate(names)),
+        "#entityTypeTable",
+        *(f"#-{kind} {name}" for kind, name in names),
+    ]
 
 
-def _events(pieces: list[Piece]) -> tuple[list[str], int]:
-    """Return the events in the order of time, and how many instants had to be rounded."""
+def _releases(model: TaskModel, schedule: Schedule) -> dict[tuple[str, str, int], Duration]:
+    """Return how long after its release each job of a periodic task starts, by mode, task and index."""
+    found = {}
+    for mode in schedule.modes:
+        for task in model.tasks:
+            jobs = [job for job in mode.jobs if job.task == task.name]
+            if jobs and task.period is not None:
+                delays = delays_of(task, task.period, jobs, mode.hyperperiod)
+                found.update({(mode.name, task.name, j.index): late for j, late in zip(jobs, delays, strict=True)})
+    return found
+
+
+def _events(pieces: list[Piece], delays: dict[tuple[str, str, int], Duration]) -> tuple[list[str], int, int]:
+    """Return the events in the order of time, how many instants are rounded, and how many releases come too early."""
     found: list[tuple[int, int, str]] = []
     instances: Counter[str] = Counter()
-    rounded = 0
+    rounded = early = 0
 
     def put(at: Duration, rank: int, text: str) -> None:
         nonlocal rounded
@@ -133,18 +152,20 @@ def _events(pieces: list[Piece]) -> tuple[list[str], int]:
         for job in sorted(piece.jobs, key=lambda job: (job.start.ns, job.task, job.index)):
             stretches = [(piece.start + start, piece.start + end) for start, end in job.occupations()]
             start, end = stretches[0][0], stretches[-1][1]
+            release = start - delays.get((piece.name, job.task, job.index), ZERO)
+            early += release < ZERO
             for unit in job.units:
                 # A gang job is one instance on each of its units: BTF knows jobs on one core only.
                 name, instance = job.task, instances[job.task]
                 instances[name] += 1
-                put(start, _ACTIVATE, f"STI_{name},{instance},T,TASK_{name},{instance},activate")
+                put(max(release, ZERO), _ACTIVATE, f"STI_{name},{instance},T,TASK_{name},{instance},activate")
                 put(start, _START, f"Core_{unit},0,T,TASK_{name},{instance},start")
                 for (_, pause), (again, _) in pairwise(stretches):
                     put(pause, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},preempt")
                     put(again, _START, f"Core_{unit},0,T,TASK_{name},{instance},resume")
                 put(end, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},terminate")
     found.sort(key=lambda event: event[:2])
-    return [f"{at},{text}" for at, _, text in found], rounded
+    return [f"{at},{text}" for at, _, text in found], rounded, early
 
 
 _NANOSECOND = Duration(1)

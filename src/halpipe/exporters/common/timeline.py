@@ -8,6 +8,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import defaultdict
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
@@ -16,9 +17,19 @@ from halpipe.models import Anchor
 from halpipe.pipeline.parts import parts_of, phase_instants, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-    from halpipe.models import Access, Job, ModeSchedule, Precedence, Schedule, TaskModel, TransitionTable, Version
+    from halpipe.models import (
+        Access,
+        Job,
+        ModeSchedule,
+        Precedence,
+        Schedule,
+        Task,
+        TaskModel,
+        TransitionTable,
+        Version,
+    )
 
 # A switch is drawn with a full cycle of both modes around it; more jobs than this in all such cycles of one export
 # would make the output large and say nothing new.
@@ -90,6 +101,22 @@ class Link:
 def versions_of(model: TaskModel) -> dict[tuple[str, str], Version]:
     """Return every version by the names of its task and itself."""
     return {(task.name, version.name): version for task in model.tasks for version in task.versions}
+
+
+def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> list[Duration]:
+    """Return the delay of each job after its release, s + j * D modulo t_P (MODEL 3).
+
+    The phase s is the offset of the task, or the one that delays jobs least: without an offset the instants
+    theta - j * D lie on an arc of the hyperperiod that begins behind the widest gap between them.
+    """
+    latest = [(job.start - period * job.index) % hyperperiod for job in jobs]
+    if task.offset is not None:
+        phase = task.offset % period
+    else:
+        places = sorted(set(latest))
+        gaps = [(place - before) % hyperperiod for before, place in pairwise([places[-1], *places])]
+        phase = places[gaps.index(max(gaps))]
+    return [(place - phase) % hyperperiod for place in latest]
 
 
 class PhaseTimes:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
 from halpipe.exporters.common.palette import FILLS, tone
-from halpipe.exporters.common.timeline import Window, resource_steps, unroll
+from halpipe.exporters.common.timeline import Window, delays_of, resource_steps, unroll
 from halpipe.exporters.report.chains import latency_of
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def figures(task: Task, jobs: Sequence[Job], length: Duration) -> Plain:
     plain: Plain = {"jobs": len(jobs), "gaps": sum(max(0, len(job.parts) - 1) for job in jobs)}
     if task.period is None:
         return plain
-    delays = _delays(task, task.period, jobs, length)
+    delays = delays_of(task, task.period, jobs, length)
     if task.distance is None:
         response = max(delay + (job.end - job.start) for delay, job in zip(delays, jobs, strict=True))
     else:
@@ -113,18 +113,6 @@ def _response_to_arrivals(jobs: Sequence[Job], length: Duration) -> Duration:
     ordered = sorted(jobs, key=lambda job: job.start.ns)
     before = [ordered[-1].start - length, *(job.start for job in ordered[:-1])]
     return max(job.end - start for job, start in zip(ordered, before, strict=True))
-
-
-def _delays(task: Task, period: Duration, jobs: Sequence[Job], length: Duration) -> list[Duration]:
-    """Return how long after its release each job starts, on the circle of the hyperperiod.
-
-    Where the first release is free, it is the latest that no job starts before.
-    """
-    if task.offset is not None:
-        return [(job.start - task.offset - period * job.index) % length for job in jobs]
-    first = jobs[0].start - period * jobs[0].index
-    drifts = [(job.start - first - period * job.index + length / 2) % length for job in jobs]
-    return [drift - min(drifts) for drift in drifts]
 
 
 def _chain(chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Plain:
