@@ -1,6 +1,7 @@
 """Valid schedules of imported AMALTHEA models keep the requirements of their source, by a simulator of its own.
 
-Schedules are drawn at random, and those that verify calls valid are played in `amalthea_simulation`.
+Schedules are drawn at random, and those that verify calls valid are played in `amalthea_simulation`; so are those that
+the search finds.
 """
 
 import random
@@ -12,6 +13,9 @@ from halpipe.core.durations import least_common_multiple
 from halpipe.importers.amalthea import FORMAT
 from halpipe.importers.amalthea.options import AmaltheaImportOptions
 from halpipe.models import Job, ModeSchedule, Schedule, Status
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
 from support import ms
 
@@ -105,3 +109,33 @@ def test_valid_schedules_of_imported_models_keep_their_requirements(tmp_path):
 @pytest.mark.slow  # the same with many more; above, a few tens
 def test_valid_schedules_of_a_thousand_imported_models_keep_their_requirements(tmp_path):
     assert simulate(1000, 1000, tmp_path) > 250
+
+
+def searched(count, first, folder):
+    """Return how many systems the search found a schedule for, all of which keep their requirements."""
+    found = 0
+    for seed in range(first, first + count):
+        system = random_system(random.Random(seed))
+        model = imported(folder, system)
+        if any(d.is_error for d in validate(model)):
+            continue
+        made = schedule_model(model, SearchOptions(budget=500), lambda *_: True)
+        if not made.is_complete:
+            continue
+        [mode] = made.schedule.modes
+        together = {p.name: [] for p in system.processes}
+        for job in mode.jobs:
+            assert job.start.fraction % 1_000_000 == 0
+            together[job.task.partition("@")[0]].append(millis(job.start))
+        assert broken(system, together, millis(mode.hyperperiod)) == [], f"seed {seed}"
+        found += 1
+    return found
+
+
+def test_schedules_that_the_search_finds_keep_the_requirements(tmp_path):
+    assert searched(6, 0, tmp_path) > 2
+
+
+@pytest.mark.slow  # the same with many more; above, a few
+def test_schedules_of_many_systems_that_the_search_finds_keep_the_requirements(tmp_path):
+    assert searched(300, 5000, tmp_path) > 150

@@ -88,7 +88,7 @@ class TaskBuilder:
     def build(self, drafts: Drafts, timing: Timing) -> Built:
         """Return the tasks in the order of the drafts, and the chains."""
         for draft in drafts.items:
-            self._versions(draft)
+            self._versions(draft, several=sum(other.part is draft.part for other in drafts.of(draft.task)) > 1)
         self._report_unbound(len(drafts.items))
         chains = [
             self._chain(
@@ -117,11 +117,14 @@ class TaskBuilder:
 
     # --------------------------------------------------------------------------------------- versions
 
-    def _versions(self, draft: Draft) -> None:
+    def _versions(self, draft: Draft, *, several: bool) -> None:
+        """Make the versions of a draft; jobs of one task never overlap, so one with several activations is a lock."""
         bound = None if self._mapping is None else self._mapping.units(draft.task)
         state = self._state
-        made = self._maker.make(draft, self._candidates(draft, bound))
-        state.versions[draft] = tuple(made.items)
+        candidates = self._candidates(draft, bound)
+        made = self._maker.make(draft, candidates)
+        alone = several and len(candidates) > 1
+        state.versions[draft] = tuple(map(self._maker.alone(draft), made.items) if alone else made.items)
         state.by_mode[draft.name] = made.by_mode
         state.resources |= {a.resource: None for v in state.versions[draft] for a in v.accesses}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, seconds
@@ -13,7 +13,7 @@ from halpipe.importers.amalthea.names import legal
 from halpipe.models import WHOLE, Access, AccessKind, Version
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from fractions import Fraction
 
     from halpipe.core.durations import Duration
@@ -141,6 +141,18 @@ class VersionMaker:
             for lock in self._locks.held(draft, mode, unit)
         ]
         return wcet, (*laid, *held), self._splitter.split(draft, mode, unit, phases, laid, wcet)
+
+    def alone(self, draft: Draft) -> Callable[[Version], Version]:
+        """Return what lets jobs of a version hold the lock of their task from start to end."""
+        lock = self._locks.name(draft.task)
+
+        def held(version: Version) -> Version:
+            if version.wcet is None:
+                return version
+            whole = Access(resource=lock, start=ZERO, end=version.wcet)
+            return replace(version, accesses=(*version.accesses, whole))
+
+        return held
 
     def earliest(self, trigger: Trigger) -> Duration:
         """Return the least execution time of a source before the step that triggers, over modes and units."""

@@ -272,3 +272,18 @@ def test_timed_accesses_of_a_triggered_task_warn(tmp_path):
     assert imported.model.task("U").let is None
     [finding] = found(imported.diagnostics, codes.NOT_READ)
     assert finding.message.startswith("1 timed accesses are made by tasks that wait")
+
+
+def test_jobs_of_a_task_with_several_activations_never_overlap(tmp_path):
+    both = PLAIN_STIMULI + PLAIN_STIMULI.replace("p10", "q10")
+    sw = task("T", ticks(500), stimuli="p10?type=PeriodicStimulus q10?type=PeriodicStimulus")
+    imported = read(tmp_path, sw=sw + task("U", ticks(500)), stimuli=both)
+    held = {
+        t.name: [(a.resource, str(a.start), str(a.end)) for a in t.versions[0].accesses] for t in imported.model.tasks
+    }
+    assert held == {"T@p10": [("T", "0ms", "5us")], "T@q10": [("T", "0ms", "5us")], "U": []}
+    assert [(r.name, str(r.kind)) for r in imported.model.resources] == [("T", "lock")]
+    bound = '<schedulerAllocation scheduler="S0?type=TaskScheduler" responsibility="a0?type=ProcessingUnit"/>'
+    bound += '<taskAllocation task="T?type=Task" scheduler="S0?type=TaskScheduler"/>'
+    os = '<operatingSystems name="O"><taskSchedulers name="S0"/></operatingSystems>'
+    assert read(tmp_path, sw=sw, stimuli=both, mapping=bound, os=os).model.resources == ()
