@@ -250,6 +250,19 @@ class Precedence(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     @property
+    def is_plain(self) -> bool:
+        """Whether the window leads from the start or the end of any job of the predecessor to the start of this one."""
+        is_between = self.anchor in (Anchor.START, Anchor.END) and self.to is Anchor.START
+        return is_between and self.match is Match.WINDOW
+
+    @property
+    def words(self) -> str:
+        """The window in words: from which instant of which job to which instant of this one."""
+        cycle = "" if self.match is Match.WINDOW else " of the same cycle"
+        until = "" if self.to is Anchor.START else f", until the {self.to}"
+        return f"after the {self.instant} of {self.task}{cycle}{until}"
+
+    @property
     def instant(self) -> str:
         """The instant of the predecessor, in words."""
         return f"instant {self.point} of the execution" if self.anchor is Anchor.POINT else str(self.anchor)

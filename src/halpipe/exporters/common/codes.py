@@ -46,6 +46,12 @@ NEEDS_HOLD = error(
     "A job with gaps must be held at the end of each part until the next one begins; otherwise it is inside its next "
     "piece when another job of the unit comes, and that one is late. Not every target can do so.",
 )
+KEEPS_NO_LET = error(
+    "HAL1097",
+    "Target keeps no logical execution time",
+    "With a logical execution time, data are read at the release and written at release + LET, whatever the schedule. "
+    "A target without copies at these instants exchanges data earlier or later, so that latencies are others.",
+)
 PRIORITY_CYCLE = error(
     "HAL0809",
     "Target has no fixed priorities that play the schedule",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME
+from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, KEEPS_NO_LET, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME
 from halpipe.exporters.common.timeline import versions_of
 from halpipe.models.modes import require_mode
 
@@ -58,6 +58,17 @@ def refuse_gaps(model: TaskModel, schedule: Schedule, target: str, anywhere: str
         message = f"job {job.index} has {len(job.parts)} parts; {target}"
         help = points if versions[task, job.version].split.points else anywhere
         findings.add(NEEDS_HOLD(message, at=job.at, path=about(task=task), help=help))
+    findings.stop_on_errors()
+
+
+def refuse_let(model: TaskModel, schedule: Schedule, target: str) -> None:
+    """Raise `HalpipeError` with every scheduled task that has a LET, for a `target` that does not copy data."""
+    running = {job.task for mode in schedule.modes for job in mode.jobs}
+    help = "remove the LET, or copy the data in tasks of their own at the release and at release + LET"
+    findings = Findings()
+    for task in (task for task in model.tasks if task.let is not None and task.name in running):
+        message = f"has the LET {task.let}; {target} copies no data at the release and at release + LET"
+        findings.add(KEEPS_NO_LET(message, at=task.at, path=about(task=task.name), help=help))
     findings.stop_on_errors()
 
 

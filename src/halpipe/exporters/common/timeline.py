@@ -232,13 +232,13 @@ def _accumulate(changes: dict[int | Fraction, Fraction], low: int | Fraction, hi
 
 
 def links(model: TaskModel, table: ModeSchedule) -> list[Link]:
-    """Return, job by job, the predecessor job behind every constraint that the schedule keeps (MODEL 3)."""
+    """Return, job by job, the predecessor job behind every plain window that the schedule keeps (MODEL 3)."""
     versions = versions_of(model)
     anchors = _Anchors(table)
     found = []
     for job in table.jobs:
         for precedence in versions[job.task, job.version].precedences:
-            link = anchors.newest(job, precedence)
+            link = anchors.newest(job, precedence) if precedence.is_plain else None
             if link is not None:
                 found.append(link)
     return found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
+from halpipe.models import Anchor, Match
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -129,7 +130,11 @@ def _window(precedence: Precedence) -> str:
     low, high = str(precedence.min), str(precedence.max)
     unit = high.lstrip("0123456789./")
     same = low.removesuffix(unit) if precedence.min else "0"
-    return f"{precedence.anchor} +{same if low.endswith(unit) or same == '0' else low}..{high}"
+    text = f"{precedence.anchor} +{same if low.endswith(unit) or same == '0' else low}..{high}"
+    if precedence.point is not None:
+        text = text.replace("point", f"point {precedence.point}", 1)
+    until = "" if precedence.to is Anchor.START else f" to {precedence.to}"
+    return text + until + ("" if precedence.match is Match.WINDOW else ", same cycle")
 
 
 def _chain_steps(model: TaskModel, part: _Part) -> dict[tuple[str, str], list[int]]:

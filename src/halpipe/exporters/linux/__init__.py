@@ -76,10 +76,11 @@ class LinuxExporter(PlainExporter):
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.common.base.Exporter`."""
-        from halpipe.exporters.common.selection import select
+        from halpipe.exporters.common.selection import refuse_let, select
         from halpipe.exporters.linux.bundle import build
 
         chosen = select(model, schedule, options.mode, self.name)
+        refuse_let(model, chosen, "the dispatcher")
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = model.alone(options.mode)
         return build(model, chosen, specific(LinuxOptions, options))

@@ -32,6 +32,7 @@ from halpipe.exporters.regulator.codes import (
 )
 from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.words import BACKENDS
+from halpipe.models import ResourceKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -146,7 +147,7 @@ class Platform:
 
     def regulated(self, model: TaskModel) -> str:
         """Return the name of the resource of `model` that is regulated; raise `HalpipeError` if it is not clear."""
-        names = [resource.name for resource in model.resources]
+        names = [resource.name for resource in model.resources if resource.kind is not ResourceKind.LOCK]
         if self.resource in names:
             return self.resource
         if not self.resource and len(names) == 1:

@@ -507,7 +507,7 @@ def _version(version: Version, uses: list[tuple[str, int, int]]) -> VersionRow:
             f"{a.resource} {a.start} – {a.end}, bound {format_rational(a.bound)}" + (f", {a.kind}" if a.kind else "")
             for a in version.accesses
         ),
-        precedences=tuple(f"{p.min} – {p.max} after the {p.anchor} of {p.task}" for p in version.precedences),
+        precedences=tuple(f"{p.min} – {p.max} {p.words}" for p in version.precedences),
         used=", ".join(f"{mode} ({count}{_gaps(gaps)})" for mode, count, gaps in uses if count),
     )
 

@@ -111,10 +111,11 @@ class RosExporter(PlainExporter):
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return one document; see `halpipe.exporters.common.base.Exporter`."""
-        from halpipe.exporters.common.selection import refuse_early_phases, refuse_gaps, select
+        from halpipe.exporters.common.selection import refuse_early_phases, refuse_gaps, refuse_let, select
         from halpipe.exporters.ros.document import format_executors
 
         chosen = select(model, schedule, options.mode, self.name)
+        refuse_let(model, chosen, "an executor")
         own = specific(RosOptions, options)
         if own.package:
             from halpipe.exporters.ros.packaging import build

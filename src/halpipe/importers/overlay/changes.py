@@ -18,7 +18,7 @@ from halpipe.importers.overlay.codes import (
     REPLACED,
     UNKNOWN_NAME,
 )
-from halpipe.models import Access, Anchor, Interrupt, Match, Precedence, Source, Split
+from halpipe.models import Access, Interrupt, Precedence, Source, Split
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
@@ -144,9 +144,7 @@ def show(value: Any) -> str:
     if isinstance(value, Access):
         return f'{value.start} to {value.end} on "{value.resource}"'
     if isinstance(value, Precedence):
-        until = "" if value.to is Anchor.START else f", until its {value.to}"
-        cycle = "" if value.match is Match.WINDOW else " of the same cycle"
-        return f'{value.min} to {value.max} after the {value.instant} of "{value.task}"{cycle}{until}'
+        return f"{value.min} to {value.max} " + value.words.replace(f"of {value.task}", f'of "{value.task}"', 1)
     if isinstance(value, Split):
         return "anywhere" if value.anywhere else show(value.points)
     if isinstance(value, Interrupt):

@@ -1,6 +1,7 @@
 """Platform files: every value read, every problem at its line, with the numbers and the nearest choice that works."""
 
 import re
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from regulator_samples import PLATFORM, platform, platform_file
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator.codes import NO_RESOURCE, NOT_A_PLATFORM, NUMBERS_CONTRADICT, SHARED_MANAGER
 from halpipe.exporters.regulator.platform import read_frequency, read_platform
+from halpipe.models import Resource, ResourceKind
 from support import model, ms
 
 FOLDER = Path(__file__).parents[3] / "fixtures" / "regulator"
@@ -113,6 +115,8 @@ def test_frequencies_are_exact():
 def test_the_resource_may_be_left_to_a_model_that_has_one(tmp_path):
     one, two = model(resources="mem"), model(resources="mem bus")
     assert platform(tmp_path, resource=None).regulated(one) == "mem"
+    spin = Resource(name="spin", kind=ResourceKind.LOCK)
+    assert platform(tmp_path, resource=None).regulated(replace(one, resources=(*one.resources, spin))) == "mem"
     assert platform(tmp_path, resource="bus").regulated(two) == "bus"
     for wrong, system in ((None, two), (None, model()), ("mme", one)):
         with pytest.raises(HalpipeError) as refused:
