@@ -84,6 +84,8 @@ static void open_file(void) {
 }
 
 static void turn_over(void) {
+  flush();
+  if (out.file < 0) return;
   close(out.file);
   out.file = -1;
   if (rename(out.name, out.former)) out.error = errno;
