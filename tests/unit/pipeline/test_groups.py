@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from halpipe.models import Status
@@ -12,7 +14,7 @@ from halpipe.pipeline.solve.groups import independent_groups
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
-from support import access, after, chain, model, task, version
+from support import access, after, chain, model, ms, task, version
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +46,7 @@ def test_resources_windows_chains_and_demands_bind():
     assert names(alone("a", "u1"), alone("b", "u2", after("a", 0, 5)), alone("c", "u3")) == ["ab", "c"]
     served = task("s", None, version("v", 1, "u2"))
     assert names(alone("a", "u1", after("s", 1, 5)), served, alone("c", "u3")) == ["as", "c"]
-    limited, free = chain("l", "a b", age=40), chain("f", "b c")
+    limited, free = replace(chain("l", "a b"), max_latency=ms(40)), chain("f", "b c")
     assert names(alone("a", "u1"), alone("b", "u2"), alone("c", "u3"), chains=[limited, free]) == ["ab", "c"]
 
 

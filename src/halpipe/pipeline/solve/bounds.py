@@ -9,12 +9,15 @@ slacks of both may take back. The same holds for data age seen from the jobs of 
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Objective
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.core.durations import Duration
     from halpipe.models import Chain, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
@@ -93,4 +96,29 @@ def _largest_margin(expansion: Expansion) -> Fraction:
             least = min(least, expansion.hyperperiod.fraction / shortest - 1)
     if work:
         least = min(least, len(units) * expansion.hyperperiod.fraction / work - 1)
-    return least
+    return min([least, *_margins_of_units(expansion)])
+
+
+def _margins_of_units(expansion: Expansion) -> Iterator[Fraction]:
+    """Yield by what share WCETs could grow before a unit had too much of what runs there alone, or two jobs met."""
+    by_unit: dict[str, list[ActiveTask]] = {}
+    for active in expansion.tasks:
+        sets = {(frozenset(version.units), version.gang) for version in active.versions}
+        if active.task.period is not None and _least(active) and len(sets) == 1:
+            units, gang = sets.pop()
+            for unit in units if gang == len(units) else ():
+                by_unit.setdefault(unit, []).append(active)
+    for own in by_unit.values():
+        yield 1 / sum((_least(each).fraction / _period(each).fraction for each in own), Fraction(0)) - 1
+        longest: dict[Duration, list[Duration]] = {}
+        for each in own:
+            if not each.task.slack and not any(version.split.is_allowed for version in each.versions):
+                longest.setdefault(_period(each), []).append(_least(each))
+        tops = [(period, wcet) for period, wcets in longest.items() for wcet in sorted(wcets, reverse=True)[:2]]
+        for (period, wcet), (other, its) in combinations(tops, 2):
+            yield greatest_common_divisor([period, other]).fraction / (wcet + its).fraction - 1
+
+
+def _period(active: ActiveTask) -> Duration:
+    assert active.task.period is not None, "it was asked for"
+    return active.task.period

@@ -23,6 +23,7 @@ from halpipe.pipeline.solve.workers import Workers, watched
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, Job, Mode, TaskModel
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.exactmodel import Program
@@ -218,6 +219,14 @@ def _too_large(expansion: Expansion, text: str) -> HalpipeError:
 
 def _check(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> None:
     """Refuse a schedule that the independent checker refuses."""
+    wrong = violations(model, expansion, jobs)
+    if wrong:
+        text = f"verify finds {len(wrong)} violations in the schedule of the exact engine"
+        raise HalpipeError(EXACT_WRONG(text, path=about(mode=expansion.mode.name)), *wrong, exit=Exit.INTERNAL)
+
+
+def violations(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> list[Diagnostic]:
+    """Return what the independent checker finds in the jobs of a mode."""
     from halpipe.pipeline.verify import verify
 
     table = ModeSchedule(
@@ -225,7 +234,4 @@ def _check(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> None:
     )
     alone = model.alone(expansion.mode.name)
     schedule = Schedule(model=model.name, model_sha256=model.digest, modes=(table,))
-    wrong = [d for d in verify(alone, schedule) if d.is_error]
-    if wrong:
-        text = f"verify finds {len(wrong)} violations in the schedule of the exact engine"
-        raise HalpipeError(EXACT_WRONG(text, path=about(mode=expansion.mode.name)), *wrong, exit=Exit.INTERNAL)
+    return [d for d in verify(alone, schedule) if d.is_error]

@@ -83,7 +83,7 @@ def _linked(active: ActiveTask, expansion: Expansion) -> Iterator[str]:
 
 
 def _is_limited(chain: Chain) -> bool:
-    return chain.max_reaction is not None or chain.max_age is not None
+    return (chain.max_latency, chain.max_reaction, chain.max_age) != (None, None, None)
 
 
 def search_groups(

@@ -11,7 +11,7 @@ from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.bounds import lower_bound
-from halpipe.pipeline.solve.exact import Effort
+from halpipe.pipeline.solve.exact import Effort, violations
 from halpipe.pipeline.solve.goals import Finished
 
 if TYPE_CHECKING:
@@ -109,5 +109,13 @@ def finish(polish: Polish, jobs: tuple[Job, ...], seed: int, go_on: Callable[[],
             found = judge.worth(shortest.jobs)
             if found.values < worth.values and judge.keeps(first, found):
                 jobs, worth = shortest.jobs, found
+    if judge.objectives[0] is Objective.MARGIN and bounds[0] is not None and bounds[0] < worth.values[0]:
+        from halpipe.pipeline.solve.stretch import stretched
+
+        wider = stretched(judge.model, judge.expansion, jobs, -bounds[0])
+        found = judge.worth(wider)
+        is_better = found.values < worth.values and judge.keeps(first, found)
+        if is_better and not violations(judge.model, judge.expansion, wider):
+            jobs, worth = wider, found
     rows = zip(judge.objectives, first.values, worth.values, bounds, strict=True)
     return Finished(jobs, tuple(Reached(judge.expansion.mode.name, *row) for row in rows), is_stopped)
