@@ -108,7 +108,7 @@ def test_btf_jobs_run_from_start_to_terminate_without_what_preempts_them():
     )
     assert (b.task, b.start, b.end, b.busy) == ("TASK_b", Duration(2000), Duration(4000), Duration(2000))
     assert {(e.table, e.cycle) for e in (a, b)} == {("race", 0)}
-    assert "1 of type SIG" in told(BTF, codes.LEFT_OUT)[0].message
+    assert "1 of SIG" in told(BTF, codes.LEFT_OUT)[0].message
 
 
 @pytest.mark.parametrize(("scale", "ps"), [("ps", 1), ("ns", 10**3), ("us", 10**6), ("ms", 10**9), ("s", 10**12)])
@@ -137,6 +137,77 @@ def test_btf_rows_that_cannot_be_read(row):
 
 def test_btf_time_scale_that_is_none():
     assert [d.code for d in refusal("#timeScale fortnight\n1,C,0,T,a,0,start\n")] == [codes.BROKEN_ROW.id]
+
+
+def test_a_btf_job_polls_parks_and_runs_on_elsewhere():
+    """BTF 2.1.5, states of tasks: polling occupies the core, parking does not, poll_parking and run end a pause."""
+    text = """#timeScale us
+0,c1,0,T,A,0,start
+10,c1,0,T,A,0,poll
+20,c1,0,T,A,0,park
+50,c2,0,T,A,0,poll_parking
+60,c2,0,T,A,0,run
+95,c2,0,T,A,0,terminate
+100,c1,0,T,A,1,start
+110,c1,0,T,A,1,poll
+120,c1,0,T,A,1,run
+125,c1,0,T,A,1,park
+130,c1,0,T,A,1,release_parking
+140,c1,0,T,A,1,resume
+150,c1,0,T,A,1,terminate
+"""
+    first, second = executions(text)
+    assert (first.units, first.busy.ns, first.start.ns, first.end.ns) == (("c1", "c2"), 65_000, 0, 95_000)
+    assert [(a.ns, b.ns) for a, b in first.stretches] == [(0, 20_000), (50_000, 95_000)]
+    assert (second.units, second.busy.ns) == (("c1",), 35_000)
+    assert not told(text, codes.ODD_SEQUENCE)
+
+
+def test_btf_events_of_unknown_name_are_counted():
+    text = "1,C,0,T,a,0,start\n2,C,0,T,a,0,levitate\n4,C,0,T,a,0,terminate\n"
+    assert "1 of levitate" in told(text, codes.LEFT_OUT)[0].message
+
+
+NUMERIC = """#timeScale us
+#{types}
+#-0 T
+#-1 C
+#-2 STI
+#entityTable
+#-0 A
+#-1 c1
+#-2 STI_TABLE_run
+#entityTypeTable
+#-T A
+0,2,0,2,2,0,trigger
+0,1,0,0,0,0,start
+30,1,0,0,0,0,terminate
+"""
+
+
+@pytest.mark.parametrize("types", ["typeTable", "entityType"])
+def test_btf_types_and_entities_by_their_numbers(types):
+    (seen,) = executions(NUMERIC.replace("{types}", types))
+    assert (seen.task, seen.units, seen.end.ns, seen.table) == ("A", ("c1",), 30_000, "run")
+
+
+@pytest.mark.parametrize("lost", ["#-0 T\n", "#-0 A\n", "#-1 c1\n"])
+def test_btf_numbers_without_a_table_are_broken_rows(lost):
+    found = refusal(NUMERIC.replace("{types}", "typeTable").replace(lost, ""))
+    assert {d.code for d in found} == {codes.BROKEN_ROW.id}
+
+
+@pytest.mark.parametrize("counts", [(4, 5, 6, 7), (0, 0, 0, 1)])
+def test_btf_tables_are_counted_together_or_each_by_itself(counts):
+    names = ("m", "m->n", "n", "n")
+    marks = [
+        f"{n},S,0,STI,STI_TABLE_{name},{count},trigger"
+        for n, (name, count) in enumerate(zip(names, counts, strict=True))
+    ]
+    jobs = [f"{n},C,0,T,a,{n},{event}" for n in range(4) for event in ("start", "terminate")]
+    seen = executions("\n".join(["#timeScale s", *marks, *jobs]))
+    assert [e.table for e in seen] == list(names)
+    assert [e.cycle - seen[0].cycle for e in seen] == [0, 1, 2, 3]
 
 
 # ------------------------------------------------------------------------------------------------ Trace Event Format
@@ -193,6 +264,30 @@ def test_cells_that_the_library_refuses_are_told(text):
 @pytest.mark.parametrize("data", ["", "hello", "<xml/>", "{", '{"a":1}', "[" * 100_000, b"\xff\xfe", "a,b\n1,2\n"])
 def test_what_is_no_trace(data):
     assert [d.code for d in refusal(data)] == [codes.UNKNOWN_TRACE.id]
+
+
+FTRACE = (
+    b"  A-101   [000] d..2.  10.000000: sched_switch: prev_comm=swapper/0 prev_pid=0 ==> next_comm=A next_pid=101\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (b"# tracer: nop\n#\n# entries-in-buffer/entries-written: 4/4   #P:2\n#\n" + FTRACE, "ftrace"),
+        (FTRACE, "ftrace"),
+        (b"cpus=4\n" + FTRACE, "ftrace"),
+        (b"  kworker/0:1-12    (-------) [001] .... 5.0: x: y\n", "ftrace"),
+        (b"\x17\x08Dtracing6\0", "trace.dat"),
+        (b"MDF     4.10    ", "MDF"),
+        (b"\n\x18\x12\x02\x08\0\x40\1", "protobuf"),
+        (b"\xc1\x1f\xfc\xc1\0\0", "CTF"),
+    ],
+)
+def test_other_traces_are_refused_by_their_names(data, name):
+    (found,) = refusal(data)
+    assert found.code == codes.UNKNOWN_TRACE.id
+    assert name in found.message
 
 
 @pytest.mark.parametrize("text", ["task,start,end\n", "#version 2\n", "[]", '{"traceEvents":[{}]}'])

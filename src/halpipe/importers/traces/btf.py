@@ -1,8 +1,9 @@
-"""The Best Trace Format (BTF 2.x): ``time,source,instance,type,target,instance,event[,note]``, one event per line.
+"""Best Trace Format (BTF 2.x): ``time,source,instance,type,target,instance,event[,note]``, one event per line.
 
-Read leniently, as recorders write it: comments anywhere, headers twice, ``#timescale`` in any spelling. Task and ISR
-events make the executions. A stimulus ``STI_TABLE_<name>`` whose trigger marks the start of a table, as halpipe's own
-traces have it, tells which table a job belongs to.
+Read leniently, as recorders write it: comments anywhere, headers twice, ``#timescale`` in any spelling, types and
+entities by their numbers in the tables of the header. Task and ISR events make the executions. A job runs on each core
+that a run event names, also while it polls. A stimulus ``STI_TABLE_<name>`` marks the start of a table with its
+trigger.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
@@ -28,8 +30,13 @@ TABLE_MARK = "STI_TABLE_"
 _EVENT = re.compile(r"-?[0-9]+,[^,]*,-?[0-9]+,[^,]*,[^,]*,-?[0-9]+,[^,]+(,.*)?")
 _SCALE = re.compile(r"#\s*timescale\s+(\w+)", re.IGNORECASE)
 _JOBS = ("T", "ISR", "I")
-_RUNS = ("start", "resume")
+_TABLE = re.compile(r"#\s*(typetable|entitytype|entitytable|entitytypetable)", re.IGNORECASE)
+_ROW = re.compile(r"#-(\d+) (.*)")
+_RUNS = ("start", "resume", "poll_parking", "run", "poll")
+"""`run` and `poll` also occur while a job runs: it polls, or has what it polled for, on the same core."""
 _PAUSES = ("preempt", "wait", "park")
+_KEEPS = ("activate", "release", "release_parking", "mtalimitexceeded")
+"""Events after which a job runs or pauses as before."""
 
 
 def is_event(line: str) -> bool:
@@ -42,7 +49,7 @@ class _Running:
     """A job between its first and its last instant; `since` is None while it does not run."""
 
     task: str
-    unit: str
+    units: list[str]
     start: Duration
     line: int
     since: Duration | None
@@ -83,9 +90,15 @@ class _Reader:
         self.done: list[Execution] = []
         self.marks: list[tuple[Duration, str, int]] = []
         self.others: Counter[str] = Counter()
+        self.table = ""
+        self.numbered: dict[str, dict[str, str]] = {}
 
     def comment(self, line: str, number: int) -> None:
-        """Take the time scale from a header line; everything else there is for people."""
+        """Take the time scale and the tables of types and entities from a header line."""
+        if heading := _TABLE.fullmatch(line):
+            self.table = heading[1].lower().removesuffix("table")
+        elif row := _ROW.match(line):
+            self.numbered.setdefault(self.table, {})[row[1]] = row[2].strip()
         stated = _SCALE.match(line)
         if stated and stated[1].lower() in SCALES_NS:
             self.scale = SCALES_NS[stated[1].lower()]
@@ -103,9 +116,18 @@ class _Reader:
         except ValueError as failure:
             self._broken(number, str(failure), "times and instances are whole numbers")
             return
-        kind, target, event = parts[3].strip(), parts[4].strip(), parts[6].strip().lower()
+        source, kind, target, event = (parts[column].strip() for column in (1, 3, 4, 6))
+        if kind.isdecimal():
+            try:
+                kind = (self.numbered.get("type") or self.numbered["entitytype"])[kind]
+                source, target = (self.numbered["entity"][entity] for entity in (source, target))
+            except KeyError as unknown:
+                help = "write the tables of types and entities into the header, or use names"
+                self._broken(number, f"no table of the header has the number {unknown}", help)
+                return
+        event = event.lower()
         if kind in _JOBS:
-            self._job(target, instance, event, parts[1].strip(), at, number)
+            self._job(target, instance, event, source, at, number)
         elif kind == "STI" and target.startswith(TABLE_MARK) and event == "trigger":
             self.marks.append((at, target.removeprefix(TABLE_MARK), instance))
         else:
@@ -115,15 +137,20 @@ class _Reader:
         job = self.running.get((task, instance))
         if event in _RUNS:
             if job is None:
-                self.running[task, instance] = _Running(task, source, at, line, at)
-            elif job.since is None:
+                self.running[task, instance] = _Running(task, [source], at, line, at)
+                return
+            if job.since is None:
                 job.since = at
-            else:
+            elif event not in ("run", "poll"):
                 self._odd(task, instance, f"{event} while it runs", line)
-        elif event in _PAUSES and job is not None and job.since is not None:
+            if source not in job.units:
+                job.units.append(source)
+        elif event in _PAUSES and job is not None:
             job.pause(at)
         elif event == "terminate":
             self._terminate(job, (task, instance), at, line)
+        elif event not in (*_PAUSES, *_KEEPS):
+            self.others[event] += 1
 
     def _terminate(self, job: _Running | None, key: tuple[str, int], at: Duration, line: int) -> None:
         if job is None:
@@ -136,7 +163,7 @@ class _Reader:
     def _execution(self, job: _Running, end: Duration | None, busy: Duration | None) -> Execution:
         return Execution(
             task=job.task,
-            units=(job.unit,),
+            units=tuple(job.units),
             start=job.start,
             end=end,
             busy=busy,
@@ -150,10 +177,13 @@ class _Reader:
         if left:
             self.findings.add(codes.UNFINISHED(f"{len(left)} jobs run when the trace ends", at=Location(self.file)))
         if self.others:
-            kinds = ", ".join(f"{count} of type {kind}" for kind, count in sorted(self.others.items()))
+            kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(self.others.items()))
             self.findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(self.file)))
         found = sorted(self.done + left, key=lambda execution: (execution.start.ns, execution.at.line))
         self.marks.sort(key=lambda mark: mark[0].ns)
+        if any(later[2] <= earlier[2] for earlier, later in pairwise(self.marks)):
+            # halpipe counts all tables, other writers the instances of each stimulus: then the order counts.
+            self.marks = [(at, table, cycle) for cycle, (at, table, _) in enumerate(self.marks)]
         return tuple(self._labelled(execution) for execution in found) if self.marks else tuple(found)
 
     def _labelled(self, execution: Execution) -> Execution:

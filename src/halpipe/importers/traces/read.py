@@ -1,7 +1,8 @@
-"""Tell the forms of traces apart, and read one into executions."""
+"""Detection of the form of a trace by its content, and the reading of one into executions."""
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
@@ -19,9 +20,21 @@ if TYPE_CHECKING:
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
 
 
+_OF_TASKS = "write its jobs as CSV with the columns task, start and end"
+_KNOWN_FORMS = (
+    (rb"\x17\x08Dtracing", "a trace.dat of trace-cmd", "print it with `trace-cmd report`, and " + _OF_TASKS),
+    (rb"MDF     |UnFinMF ", "a measurement file (MDF)", "export its events, and " + _OF_TASKS),
+    (rb"\n[^\0]{0,200}\0", "a trace of Perfetto in protobuf", "convert it with `traceconv json`"),
+    (rb"CTF 1|\xc1\x1f\xfc\xc1|\xc1\xfc\x1f\xc1", "a stream of CTF", "name the directory that holds its metadata"),
+    (rb"# tracer: |(#.*\n|\s)*.{1,32}-\d+ +(\(.{7}\) +)?\[\d+\] ", "the text of ftrace", _OF_TASKS),
+    (rb"cpus=\d+\n|version = \d+\nCPU", "the text of ftrace", _OF_TASKS),
+)
+"""Forms that are recognised and not read: how they begin, what they are, and what to do instead."""
+
+
 @record
 class Recording:
-    """The lines of time of one file, and what to tell the user about reading it."""
+    """The lines of time of one file, and the diagnostics of reading it."""
 
     traces: tuple[Trace, ...]
     diagnostics: tuple[Diagnostic, ...]
@@ -39,6 +52,10 @@ def read_traces(path: str) -> Recording:
 
 def parse_traces(data: bytes, file: str) -> Recording:
     """Read a trace from bytes; `file` names it in diagnostics."""
+    for begin, what, help in _KNOWN_FORMS:
+        if re.match(begin, data[:4096]):
+            message = f"this is {what}, which is not read"
+            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=help))
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as failure:
