@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 _ACCESS = "SemaphoreAccess"
+_MOST_STEPS = 10_000
+"""Steps with semaphores that are followed one by one; what comes after them holds its semaphores as a whole."""
 
 
 @record
@@ -106,13 +108,17 @@ class _Walk:
         self.open: dict[Item, tuple[Item, Item]] = {}
         self.found: list[Held] = []
         self.unpaired: list[Item] = []
+        self._left = _MOST_STEPS
 
     def through(self, found: Sequence[Item]) -> None:
         for step in found:
+            self._left -= 1
             if step.kind == _ACCESS:
                 self._access(step)
             elif not any(inner.kind == _ACCESS for inner in everything(self._forest, [step])):
                 self.at += self._evaluator.amount([step], self._mode, self._unit).cycles
+            elif self._left <= 0:
+                self._whole(step)
             elif step.kind in GROUPS and step.kind != "WhileLoop":
                 self.through(steps(step))
             elif step.kind in CALLS and step.one("statistic") is None:

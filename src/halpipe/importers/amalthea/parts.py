@@ -192,6 +192,8 @@ class _Drafting:
                 for found in self.occurrences.of(part.steps):
                     source = _Source(part, found.cause, found.top, found.count)
                     self.triggers.setdefault(found.target, []).append(source)
+                if self.occurrences.is_too_much:
+                    self._stop(part.task)
                 for step in everything(self.forest, part.steps):
                     for event in _events(self.forest, step) if step.kind == "SetEvent" else ():
                         self.setters.setdefault(event, []).append((part, step))
@@ -283,7 +285,7 @@ class _Drafting:
         self.forest.report_each(codes.NOT_READ, what, list(self.occurrences.counted), help)
 
     def _stop(self, task: Item) -> NoReturn:
-        message = f"is activated by more than {MOST} triggers"
+        message = f"makes, or is activated by, more than {MOST} triggers"
         raise HalpipeError(
             *self.forest.findings.items,
             TOO_MUCH(message, at=task.at, path=task.path, help="state its period in an overlay"),

@@ -69,11 +69,15 @@ class Triggers:
         self._calling: set[Item] = set()
         self.unread: dict[Item, None] = {}
         self.counted: dict[Item, None] = {}
+        self.is_too_much = False
+        events = [e for s in forest.kinds("EventStimulus") for e in forest.refs(s, "triggeringEvents")]
+        self._wanted = {forest.ref(event, "entity") for event in events if event.kind == "RunnableEvent"}
 
     def of(self, found: Iterable[Item]) -> list[Occurrence]:
         """Return what some steps of a job trigger and call, each as often as they do."""
         made = [occurrence for step in found for occurrence in self._step(step)]
-        return self._followed(made)[:MOST]
+        self.is_too_much = self.is_too_much or len(made) > MOST
+        return self._followed(made[:MOST])
 
     def counter(self, item: Item) -> Count:
         """Return the counter of a stimulus or a step."""
@@ -109,7 +113,9 @@ class Triggers:
         return [Occurrence(o.target, o.cause, step, o.count) for o in self._steps(steps(step))]
 
     def _steps(self, found: Iterable[Item]) -> list[Occurrence]:
-        return [occurrence for step in found for occurrence in self._step(step)][:MOST]
+        made = [occurrence for step in found for occurrence in self._step(step)]
+        self.is_too_much = self.is_too_much or len(made) > MOST
+        return made[:MOST]
 
     def _call(self, step: Item, called: Item) -> list[Occurrence]:
         if called in self._calling or len(self._calling) > _MOST_LEVELS:
@@ -121,8 +127,9 @@ class Triggers:
         own = self.counter(step)
         if own.each > 1:
             self.counted[step] = None
-        inner = [Occurrence(called, step, step), *self._of_runnable[called]]
-        times = min(MOST, math.ceil(call_count(self._forest, step, "upper")))
+        own_event = [Occurrence(called, step, step)] if called in self._wanted else []
+        inner = [*own_event, *self._of_runnable[called]]
+        times = min(MOST + 1, math.ceil(call_count(self._forest, step, "upper")))
         return [Occurrence(o.target, o.cause, step, own.then(o.count)) for _ in range(times) for o in inner]
 
     def _densest(self, ways: Sequence[Sequence[Occurrence]], step: Item) -> list[Occurrence]:

@@ -258,7 +258,18 @@ def test_too_many_triggers_are_an_error(tmp_path):
     sw = task("T0", TRIGGER.replace("go", "g0") * 4) + chain
     stimuli = PLAIN_STIMULI + "".join(stimulus(f"g{i}", "InterProcessStimulus") for i in range(8))
     [error] = refusal(read, tmp_path, sw=sw, stimuli=stimuli).diagnostics
-    assert "is activated by more than 1000 triggers" in error.message
+    assert "is activated by, more than 1000 triggers" in error.message
+    often = '><statistic><statistic xsi:type="am:SingleValueStatistic" value="1001.0"/></statistic></items>'
+    sw = task("T", call("R").replace("/>", often)) + runnable("R", TRIGGER)
+    sw += task("U", ticks(5), stimuli="go?type=InterProcessStimulus")
+    [error] = refusal(read, tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO).diagnostics
+    assert "makes, or is activated by, more than 1000" in error.message
+
+
+def test_many_calls_hide_no_trigger(tmp_path):
+    sw = task("T", call("R") * 1500, TRIGGER) + runnable("R", ticks(1))
+    sw += task("U", ticks(5), stimuli="go?type=InterProcessStimulus")
+    assert activations(read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO))["U"] == ("10ms", "None")
 
 
 def test_a_synthetic_stimulus_until_083_states_period_and_time_stamps(tmp_path):

@@ -243,6 +243,13 @@ def test_points_within_a_lock_stay_and_pieces_too(tmp_path):
     assert [(str(a.start), str(a.end)) for a in version.accesses] == [("0ms", "2us")]
 
 
+def test_calls_that_double_at_each_level_are_followed_only_so_far(tmp_path):
+    levels = "".join(runnable(f"R{n}", call(f"R{n + 1}"), call(f"R{n + 1}")) for n in range(40))
+    sw = task("T", call("R0")) + levels + runnable("R40", REQUEST, ticks(0), RELEASE)
+    imported = read(tmp_path, sw=sw, os='<semaphores name="L"/>')
+    assert [r.name for r in imported.model.resources] == ["L"]
+
+
 # ------------------------------------------------------------------------------------------ timed accesses
 
 
