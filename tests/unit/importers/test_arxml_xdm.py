@@ -1,7 +1,8 @@
 """Project data of EB tresos: lists and choices, what is not set, and modules that are not read."""
 
 import pytest
-from arxml_case import component, composition, every, found, orders, package, periods, read, refusal, write
+from arxml_case import component, composition, every, found, named, orders, package, periods, read, refusal, write
+from test_arxml_ecus import mappings, on
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.flow.formats import import_model
@@ -166,6 +167,18 @@ def test_another_module_is_refused_by_name_and_skipped_in_a_folder(tmp_path):
     project(tmp_path)
     (skipped,) = found(read(tmp_path), codes.SKIPPED_FILE)
     assert "configures Can" in skipped.message
+
+
+def test_a_project_is_one_ecu_whatever_its_system_describes(tmp_path):
+    """The system of a vehicle maps components to two ECUs; a workspace of the tool configures one of them."""
+    project(tmp_path)
+    parts = named("ECU-INSTANCE", "Front"), named("ECU-INSTANCE", "Rear")
+    other = component("Fan", every("0.02", "C", "Fan/C"), runnables="C"), composition("Box", "f:Fan")
+    split = mappings(on("a", "Front", "Car/p"), on("b", "Rear", "Box/f"))
+    write(tmp_path, package("T", *parts, *other, split), name="vehicle.arxml")
+    imported = read(tmp_path)
+    assert {task.name for task in imported.model.tasks} == {"p/A", "p/B"}
+    assert [unit.name for unit in imported.model.units] == ["Core0"]
 
 
 # --------------------------------------------------------------------------------------- schedules put onto projects

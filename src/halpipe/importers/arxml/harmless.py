@@ -31,7 +31,7 @@ _REASONS = {
         SENDER-RECEIVER-INTERFACE SERVICE-INTERFACE TRIGGER-INTERFACE VARIABLE-ACCESS VARIABLE-AND-PARAMETER-*
         PERSISTENCY-* PLATFORM-HEALTH-* SYNCHRONIZED-TIME-BASE-* MODE-ACCESS-POINT
     """,
-    "a server that is called at once runs within its client": "SYNCHRONOUS-SERVER-CALL-POINT",
+    "what is called at once runs within its caller": "SYNCHRONOUS-SERVER-CALL-POINT BSW-CALLED-ENTITY",
     "communication: when frames are sent is left to the network": """
         CAN-* COMMUNICATION-* CONTAINER-I-PDU DCM-I-PDU DATA-TRANSFORMATION* DDS-* DO-IP-* E2E-* END-TO-END-*
         ETHERNET-* FLEXRAY-* FRAME-PORT GATEWAY GENERAL-PURPOSE-* HW-PORT-* I-PDU-* I-SIGNAL* IP-SEC-* J-1939-*
@@ -74,9 +74,10 @@ _REASONS = {
     """,
     "general settings of Rte and EcuC": """
         BswInitialization Ecuc* InitFunction Pdu* PostbuildLoadable RteBswExclusiveAreaImpl RteBswGeneral
+        RteBswRequiredModeGroupConnection RteBswRequiredTriggerConnection PublishedInformation OsCORTEX*
         RteExclusiveAreaImplementation RteComponentTypeCalibration RteGeneration RteInitializationBehavior
         RteNvRamAllocation RtePostBuildVariantConfiguration RteSwComponentType VectorCommonData
-        CommonPublishedInformation
+        CommonPublishedInformation BswConfiguration
     """,
     "Adaptive Platform: state of processes and machines": """
         FUNCTION-GROUP-SET OS-MODULE-INSTANTIATION PROCESS-STATE-MACHINE STARTUP-CONFIG-SET

@@ -173,10 +173,9 @@ def standard_modules(tree: Tree) -> dict[str, str]:
     found: dict[str, str] = {}
     others: list[tuple[Node, str]] = []
     for node in tree.tagged(_MODULE):
-        stated = tree.text(node, "DEFINITION-REF")
-        definition = stated.value if stated else None
-        inside = (tree.text(container, "DEFINITION-REF") for container in node.inside(_CONTAINER))
-        module = module_with(definition, ()) or module_with(None, (_last(text.value) for text in inside if text))
+        definition = _first_definition(node)
+        inside = (_last(_first_definition(container)) for container in node.inside(_CONTAINER))
+        module = module_with(definition, ()) or module_with(None, inside)
         if module and module == module_with(definition, ()):
             found[node.path] = module
         elif module:
@@ -184,6 +183,11 @@ def standard_modules(tree: Tree) -> dict[str, str]:
     taken = {(path.rpartition("/")[0], module) for path, module in found.items()}
     others = [(node, module) for node, module in others if (node.path.rpartition("/")[0], module) not in taken]
     return found | {node.path: module for node, module in others}
+
+
+def _first_definition(node: Node) -> str | None:
+    """Return the definition that the first part of a node states; contradictions count only where it is used."""
+    return next((element.text for element, _ in node.elements("DEFINITION-REF")), None)
 
 
 def container_kinds(tree: Tree) -> dict[str, str]:

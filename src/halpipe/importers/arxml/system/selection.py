@@ -12,6 +12,7 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.meaning_codes import ABSENT_MODULE
 from halpipe.importers.arxml.names import listed
+from halpipe.importers.arxml.system.containers import standard_modules
 from halpipe.importers.arxml.system.instances import upstream
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
                     else did_you_mean(name, known, f"the ECUs are {', '.join(known) or 'none'}"),
                 )
             )
-    elif len(used) > 1:
+    elif len(used) > 1 and not _is_of_tresos(tree):
         chosen = []
         tree.findings.add(
             codes.SEVERAL_ECUS(
@@ -63,6 +64,12 @@ def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
         return Selection()
     tree.findings.stop_on_errors()
     return Selection(chosen[0], _modules(tree, used, chosen[0]) if len(used) > 1 else None)
+
+
+def _is_of_tresos(tree: Tree) -> bool:
+    """Whether a project of EB tresos configures the Rte: it has one ECU, whatever else its system describes."""
+    standard = standard_modules(tree)
+    return any(standard.get(node.path) == "Rte" and node.at.file.endswith(".xdm") for node in tree.tagged(_MODULE))
 
 
 # ------------------------------------------------------------------------------------------- ECU configurations
