@@ -122,7 +122,23 @@ def _edge_excess(placement: Placement) -> int:
     total = 0
     if placement.expansion.mode.edge is Edge.CLOSED:
         total += sum(max(0, job.end - placement.hyperperiod) for job in placement.jobs)
-    return total
+    free = (placement.expansion.by_name[name] for name in placement.expansion.in_first)
+    return total + sum(_beyond_first(placement, active) for active in free if active.task.offset is None)
+
+
+def _beyond_first(placement: Placement, active: ActiveTask) -> int:
+    """Return by how much the earliest phase that suits all jobs of a task lies beyond its first period."""
+    task, jobs = active.task, placement.by_task[active.name]
+    if task.period is None or not jobs:
+        return 0
+    period, slack = task.period // placement.tick, task.period * task.slack / placement.tick
+    phase = placement.phases[active.name]
+    if phase < period:
+        return 0
+    due = None if task.distance is not None else (task.deadline or task.period) / placement.tick
+    rooms = ((placement.delay(job), slack if due is None else min(slack, due - job.length)) for job in jobs)
+    earliest = max(phase + delay - room for delay, room in rooms)
+    return max(0, math.floor(earliest) - period + 1) if task.let is None else phase - period + 1
 
 
 def _distance(anchors: Instants, start: int, low: int, high: int, hyperperiod: int) -> int:
