@@ -122,8 +122,8 @@ def _edge_excess(placement: Placement) -> int:
     total = 0
     if placement.expansion.mode.edge is Edge.CLOSED:
         total += sum(max(0, job.end - placement.hyperperiod) for job in placement.jobs)
-    free = (placement.expansion.by_name[name] for name in placement.expansion.in_first)
-    return total + sum(_beyond_first(placement, active) for active in free if active.task.offset is None)
+    free = [a for a in placement.expansion.tasks if a.task.offset is None and a.name in placement.expansion.in_first]
+    return total + sum(_beyond_first(placement, active) for active in free)
 
 
 def _beyond_first(placement: Placement, active: ActiveTask) -> int:
