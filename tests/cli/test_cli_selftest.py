@@ -2,13 +2,16 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from halpipe.flow.formats import EXPORTERS, IMPORTERS, formats
+from halpipe.pipeline import verify
 from halpipe.selftest import confidence, evidence, run, second
 from halpipe.selftest import run as run_package
+from halpipe.selftest.edges import edges
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,6 +26,30 @@ def test_the_checkers_agree_and_both_verdicts_occur(halpipe):
     assert said.stdout.endswith("the checkers disagree on 0\n")
     outcome = run(60, 1)
     assert min(outcome.valid, outcome.broken) >= 10
+
+
+JUDGED = [rule.name for rule in verify.RULES if rule is not verify.PRIORITY_RULE]
+
+
+@pytest.mark.parametrize("name", JUDGED)
+def test_each_rule_that_is_switched_off_is_noticed(monkeypatch, name):
+    """Volume is no sensitivity: a single schedule for each rule is enough, if no other rule refuses it."""
+
+    def off(rule):
+        return replace(rule, check=lambda _: ()) if rule.name == name else rule
+
+    for group in ("MODE_RULES", "SWITCH_RULES"):
+        monkeypatch.setattr(verify, group, tuple(map(off, getattr(verify, group))))
+    for single in ("FIGURES", "SYSTEM_BINDING", "HEALTH"):
+        monkeypatch.setattr(verify, single, off(getattr(verify, single)))
+    outcome = run(1, 1)
+    assert outcome.differing
+    assert outcome.unseen == [name]
+
+
+def test_each_edge_breaks_its_rule_alone():
+    assert run(1, 1).unseen == []
+    assert {edge.rule for edge in edges()} == set(JUDGED)
 
 
 @pytest.mark.parametrize("verdict", [True, False])

@@ -34,5 +34,10 @@ def selftest(
     for line in outcome.differing[:_SHOWN]:
         output.result(line)
     counts = f"{outcome.valid} valid, {outcome.broken} not valid"
-    output.result(f"{mutants} schedules, {counts}; the checkers disagree on {len(outcome.differing)}")
-    return Exit.FINDINGS if outcome.differing else Exit.OK
+    for rule in outcome.unseen:
+        output.result(f'no schedule shows that rule "{rule}" of verify is at work')
+    shown = len(outcome.alone) - len(outcome.unseen)
+    output.result(f"{shown} of {len(outcome.alone)} rules of verify each refuse a schedule that no other one refuses")
+    total = outcome.valid + outcome.broken
+    output.result(f"{total} schedules, {counts}; the checkers disagree on {len(outcome.differing)}")
+    return Exit.FINDINGS if outcome.differing or outcome.unseen else Exit.OK

@@ -128,6 +128,7 @@ def _validation(outcome: Outcome, mutants: int, seed: int) -> dict[str, Any]:
         "valid": outcome.valid,
         "not valid": outcome.broken,
         "disagreements": outcome.differing,
+        "refused by one rule alone": outcome.alone,
         "by fault": {
             fault: {"not valid": broken, "valid": valid} for fault, (broken, valid) in sorted(outcome.by_fault.items())
         },

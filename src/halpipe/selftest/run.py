@@ -1,4 +1,4 @@
-"""Mutants of valid systems go through files, and both checkers say what they think of each."""
+"""Verdicts of both checkers on schedules at the edge of each rule, and on mutants of valid systems, through files."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from halpipe.core.files import parse_xml
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.importers.native import parse_model, read_model, read_schedule
-from halpipe.pipeline.checked import schedule_model, verify_schedule
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate_with_witness
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.verify import RULES, broken_rules
+from halpipe.pipeline.verify.runtime import PRIORITY_RULE
 from halpipe.selftest import second
+from halpipe.selftest.edges import edges
 from halpipe.selftest.mutants import OPERATORS, SCHEDULE, scaled, with_tables
 
 if TYPE_CHECKING:
@@ -38,17 +41,34 @@ TABLES = Fraction(1, 2)
 """Of the systems with switches, those whose switches get a table."""
 
 
+def _none() -> dict[str, int]:
+    return {rule.name: 0 for rule in RULES if rule is not PRIORITY_RULE}
+
+
 @dataclass(slots=True)
 class Outcome:
-    """What the checkers said; `differing` are the numbers of the mutants on which they do not agree."""
+    """Verdicts of the checkers; `differing` names the schedules on which they do not agree.
+
+    `alone` counts for each rule of verify the schedules that no other rule refuses: without one, nothing would show
+    that the rule is at work.
+    """
 
     valid: int = 0
     broken: int = 0
     differing: list[str] = field(default_factory=list)
     by_fault: dict[str, list[int]] = field(default_factory=dict)
+    alone: dict[str, int] = field(default_factory=_none)
 
-    def count(self, faults: str, by_verify: bool, by_second: bool, name: str) -> None:
-        """Enter one mutant."""
+    @property
+    def unseen(self) -> list[str]:
+        """The rules of verify that no schedule has shown to be at work."""
+        return [name for name, count in self.alone.items() if not count]
+
+    def count(self, faults: str, broken: frozenset[str], by_second: bool, name: str) -> None:
+        """Enter one schedule with the rules that verify finds broken."""
+        by_verify = not broken
+        if len(broken) == 1:
+            self.alone.update({rule: self.alone[rule] + 1 for rule in broken if rule in self.alone})
         self.valid += by_verify
         self.broken += not by_verify
         row = self.by_fault.setdefault(faults, [0, 0])
@@ -73,12 +93,20 @@ def systems(seed: int) -> Iterator[tuple[str, TaskModel, Schedule]]:
 
 
 def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Judge that many mutants twice each; the same seed gives the same ones."""
+    """Judge the edges of all rules and that many mutants, twice each; the same seed gives the same mutants."""
     from lxml import etree
 
     outcome, known = Outcome(), _texts(seed)
     with scratch_folder() as folder:
         model_file, schedule_file = Path(folder, "model.xml"), Path(folder, "schedule.xml")
+        files = str(model_file), str(schedule_file)
+        for edge in edges():
+            model_file.write_bytes(edge.model)
+            for words, content in (("kept", edge.kept), ("broken", edge.broken)):
+                schedule_file.write_bytes(content)
+                found, fault = _broken(*files), f"{edge.rule} {words}"
+                by_second = second.accepts(*files) if edge.by_second else words == "kept"
+                outcome.count(fault, found, by_second, "edge")
         for number in range(mutants):
             if number % MUTANTS_OF_ONE == 0:
                 name, *pair = _sound(known, seed, number // MUTANTS_OF_ONE)
@@ -89,8 +117,7 @@ def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -
                 OPERATORS[fault](rng, model, schedule)
             model_file.write_bytes(etree.tostring(model))
             schedule_file.write_bytes(etree.tostring(schedule))
-            files = str(model_file), str(schedule_file)
-            outcome.count(" and ".join(faults) or "none", _verified(*files), second.accepts(*files), f"{name} {number}")
+            outcome.count(" and ".join(faults) or "none", _broken(*files), second.accepts(*files), f"{name} {number}")
             told(number + 1)
     return outcome
 
@@ -115,11 +142,11 @@ def _texts(seed: int) -> list[tuple[str, bytes, bytes]]:
     return [(name, format_model(model), format_schedule(schedule)) for name, model, schedule in systems(seed)]
 
 
-def _verified(model: str, schedule: str) -> bool:
+def _broken(model: str, schedule: str) -> frozenset[str]:
     try:
-        return not any(found.is_error for found in verify_schedule(read_model(model), read_schedule(schedule)))
+        return broken_rules(read_model(model), read_schedule(schedule))
     except HalpipeError:
-        return False
+        return frozenset(("reading",))
 
 
 def _without_costs(schedule: object) -> None:

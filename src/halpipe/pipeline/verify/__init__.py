@@ -28,10 +28,12 @@ from halpipe.pipeline.verify.tables import MAX_BITS, ModeTable
 from halpipe.pipeline.verify.transitions import SWITCH_RULES
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
-__all__ = ["RULES", "Rule", "verify", "verify_switches"]
+__all__ = ["RULES", "Rule", "broken_rules", "verify", "verify_switches"]
 
 MODE_RULES: tuple[Rule[ModeTable], ...] = (
     COMPLETE,
@@ -58,39 +60,48 @@ def verify(model: TaskModel, schedule: Schedule) -> tuple[Diagnostic, ...]:
 
     Never raises on any model or schedule: a model that gives "valid" no meaning is itself reported.
     """
-    return _verify(model, schedule, switches_only=False)
+    return tuple(sort_diagnostics(found for _, found in _findings(model, schedule, switches_only=False)))
 
 
 def verify_switches(model: TaskModel, schedule: Schedule) -> tuple[Diagnostic, ...]:
     """Return the findings about the tables between modes alone, given that `verify` found no fault with the modes."""
-    return _verify(model, schedule, switches_only=True)
+    return tuple(sort_diagnostics(found for _, found in _findings(model, schedule, switches_only=True)))
 
 
-def _verify(model: TaskModel, schedule: Schedule, *, switches_only: bool) -> tuple[Diagnostic, ...]:
-    found = Findings()
-    found.extend(reading.header(model, schedule))
+def broken_rules(model: TaskModel, schedule: Schedule) -> frozenset[str]:
+    """Return the names of the rules that a schedule breaks; what cannot be read counts as ``reading``."""
+    return frozenset(name for name, found in _findings(model, schedule, switches_only=False) if found.is_error)
+
+
+def _findings(model: TaskModel, schedule: Schedule, *, switches_only: bool) -> Iterator[tuple[str, Diagnostic]]:
+    """Yield every finding with the name of its rule, in the order of checking."""
+    read = Findings()
+    read.extend(reading.header(model, schedule))
     clock = reading.make_clock(model, schedule)
     if clock is None:
         text = f"the common denominator of all durations has more than {MAX_BITS} bits"
-        found.add(codes.TOO_FINE(text, at=schedule.at, path="schedule", help="use coarser times"))
-        return tuple(sort_diagnostics(found.items))
-    modes = reading.active_modes(model, clock, found)
-    tables = reading.mode_tables(model, schedule, modes, clock, found)
-    sound = not any(d.code == codes.MODEL_FAULT.id for d in found.items)
+        read.add(codes.TOO_FINE(text, at=schedule.at, path="schedule", help="use coarser times"))
+        yield from (("reading", found) for found in read.items)
+        return
+    modes = reading.active_modes(model, clock, read)
+    tables = reading.mode_tables(model, schedule, modes, clock, read)
+    sound = not any(d.code == codes.MODEL_FAULT.id for d in read.items)
     for table in tables.values():
         table.sound = sound
         for rule in () if switches_only else MODE_RULES:
-            violations = tuple(rule.check(table))
-            found.extend(violations)
-            table.broken.update([rule.name] if violations else [])
-        found.extend(() if switches_only else FIGURES.check(table))
+            for violation in rule.check(table):
+                table.broken.add(rule.name)
+                yield rule.name, violation
+        if not switches_only:
+            yield from ((FIGURES.name, found) for found in FIGURES.check(table))
     switches = []
-    for switch in reading.switches(model, schedule, tables, clock, found):
+    for switch in reading.switches(model, schedule, tables, clock, read):
         switches.append(switch)
         for switch_rule in SWITCH_RULES:
-            found.extend(switch_rule.check(switch))
+            yield from ((switch_rule.name, found) for found in switch_rule.check(switch))
+    yield from (("reading", found) for found in read.items)
     everything = Tables(model, tuple(tables.values()), tuple(switches))
-    found.extend(SYSTEM_BINDING.check(everything))
-    found.extend(() if switches_only else PRIORITY_RULE.check(everything))
-    found.extend(() if switches_only else HEALTH.check(Health(model, schedule)))
-    return tuple(sort_diagnostics(found.items))
+    yield from ((SYSTEM_BINDING.name, found) for found in SYSTEM_BINDING.check(everything))
+    if not switches_only:
+        yield from ((PRIORITY_RULE.name, found) for found in PRIORITY_RULE.check(everything))
+        yield from ((HEALTH.name, found) for found in HEALTH.check(Health(model, schedule)))

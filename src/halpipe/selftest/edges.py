@@ -1,0 +1,100 @@
+"""Schedules at the edge of each rule: one keeps every rule, its twin breaks a single one by the least amount."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from halpipe.core.records import record
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+EDGES = Path(__file__).with_name("edges.yaml")
+
+
+@record
+class Edge:
+    """A model, a schedule that keeps every rule, and one that breaks `rule` alone.
+
+    `by_second` tells whether the second checker judges the rule.
+    """
+
+    rule: str
+    model: bytes
+    kept: bytes
+    broken: bytes
+    by_second: bool
+
+
+@cache
+def edges() -> tuple[Edge, ...]:
+    """Return the edges of all rules."""
+    import yaml
+
+    return tuple(_edge(stated) for stated in yaml.safe_load(EDGES.read_bytes()))
+
+
+def _edge(stated: dict[str, Any]) -> Edge:
+    kept, broken = (_schedule(stated, values) for values in stated["values"])
+    return Edge(stated["rule"], _model(stated), kept, broken, stated.get("second", True))
+
+
+def _model(stated: dict[str, Any]) -> bytes:
+    runs = "".join(f'<run task="{name}" versions="v"/>' for name in "pq" if f'name="{name}"' in stated["tasks"])
+    limit = f' max-length="{stated["limit"]}ms"' if "limit" in stated else ""
+    parts = {
+        "platform": '<unit name="a"/><unit name="b"/><resource name="r"/><resource name="l" kind="lock"/>',
+        "tasks": stated["tasks"],
+        "chains": stated.get("chains", ""),
+        "modes": stated.get("modes") or f'<mode name="m">{runs}</mode>',
+        "transitions": f'<transition from="m" to="n"{limit}/>' if "length" in stated else "",
+        "health": stated.get("health", ""),
+    }
+    inside = "".join(f"<{name}>{content}</{name}>" for name, content in parts.items() if content)
+    return f'<task-model xmlns="urn:halpipe:task-model:1" name="m">{inside}</task-model>'.encode()
+
+
+def _schedule(stated: dict[str, Any], values: list[str]) -> bytes:
+    left = iter(values)
+
+    def filled(text: str) -> str:
+        return "".join(part + next(left) if more else part for part, more in _pieces(text))
+
+    cycle = stated.get("cycle", 10)
+    figures = stated.get("figures", "")
+    mode = f'<mode name="{{}}" hyperperiod="{cycle}ms" status="valid">{{}}</mode>'
+    inside = mode.format("m", _jobs(stated["jobs"], filled) + filled(figures))
+    if "length" in stated:
+        length = filled(str(stated["length"]))
+        latency = filled(str(stated.get("latency", cycle + int(stated["length"]) if "latency" not in stated else "")))
+        table = _jobs(stated.get("table", ()), filled)
+        ends = f'length="{length}ms" worst-latency="{latency}ms" status="valid"'
+        inside += mode.format("n", _jobs(stated["then"], filled))
+        inside += f'<transition from="m" to="n" {ends}>{table}</transition>'
+    inside += filled(stated.get("reaction", ""))
+    return f'<schedule xmlns="urn:halpipe:schedule:1" model="m">{inside}</schedule>'.encode()
+
+
+def _pieces(text: str) -> Iterator[tuple[str, bool]]:
+    *parts, last = text.split("{}")
+    yield from ((part, True) for part in parts)
+    yield last, False
+
+
+def _jobs(stated: list[str], filled: Any) -> str:
+    """Return jobs from their short form: task, index, start, end, version, units, then parts with their execution."""
+    made = []
+    for text in map(filled, stated):
+        if not text:
+            continue
+        job, *parts = text.split(" | ")
+        task, index, start, end, version, *units = job.split()
+        inside = ""
+        for part in parts:
+            begin, until, first, last = part.split()
+            inside += f'<part start="{begin}ms" end="{until}ms" from="{first}ms" to="{last}ms"/>'
+        where = f'start="{start}ms" end="{end}ms" version="{version}" units="{" ".join(units)}"'
+        made.append(f'<job task="{task}" index="{index}" {where}>{inside}</job>')
+    return "".join(made)
