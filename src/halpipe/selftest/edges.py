@@ -64,14 +64,17 @@ def _schedule(stated: dict[str, Any], values: list[str]) -> bytes:
 
     cycle = stated.get("cycle", 10)
     figures = stated.get("figures", "")
-    mode = f'<mode name="{{}}" hyperperiod="{cycle}ms" status="valid">{{}}</mode>'
-    inside = mode.format("m", _jobs(stated["jobs"], filled) + filled(figures))
+
+    def mode(name: str, content: str) -> str:
+        return f'<mode name="{name}" hyperperiod="{cycle}ms" status="valid">{content}</mode>'
+
+    inside = mode("m", _jobs(stated["jobs"], filled) + filled(figures))
     if "length" in stated:
         length = filled(str(stated["length"]))
         latency = filled(str(stated.get("latency", cycle + int(stated["length"]) if "latency" not in stated else "")))
         table = _jobs(stated.get("table", ()), filled)
         ends = f'length="{length}ms" worst-latency="{latency}ms" status="valid"'
-        inside += mode.format("n", _jobs(stated["then"], filled))
+        inside += mode("n", _jobs(stated["then"], filled))
         inside += f'<transition from="m" to="n" {ends}>{table}</transition>'
     inside += filled(stated.get("reaction", ""))
     return f'<schedule xmlns="urn:halpipe:schedule:1" model="m">{inside}</schedule>'.encode()
