@@ -547,6 +547,17 @@ def test_an_extended_os_task_is_woken_by_its_only_event(tmp_path):
     assert "/E/Os/Go" in [c.new for c in changes if c.name == "OsScheduleTableSetEventRef"]
 
 
+def test_an_extended_os_task_is_woken_by_the_event_that_its_expiry_point_sets(tmp_path):
+    points = {"0": acts("Main", event="Go"), "5": acts("Main", event="Come")}
+    path = project(tmp_path, events=["Go", "Come"], more=[old_table(points)])
+    text = path.read_text().replace("RteUsedOsEventRef", "RteOther")
+    path.write_text(
+        text.replace("RteUsedOsAlarmRef", "RteUsedOsSchTblExpiryPointRef").replace("/E/Os/ByHand<", "/E/Os/Old/P5<")
+    )
+    changes = put(path, model_of(path)).changes
+    assert [c.new for c in changes if c.name == "OsScheduleTableSetEventRef"] == ["/E/Os/Come"] * 2
+
+
 def test_an_extended_os_task_of_which_no_event_is_known_is_refused(tmp_path):
     text = project(tmp_path, events=["Go", "Come"]).read_text()
     path = tmp_path / "system.arxml"

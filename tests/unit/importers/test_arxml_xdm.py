@@ -179,6 +179,8 @@ def test_a_project_is_one_ecu_whatever_its_system_describes(tmp_path):
     imported = read(tmp_path)
     assert {task.name for task in imported.model.tasks} == {"p/A", "p/B"}
     assert [unit.name for unit in imported.model.units] == ["Core0"]
+    (tmp_path / "EcuC.xdm").unlink()
+    assert [unit.name for unit in read(tmp_path).model.units] == ["core0"]
 
 
 # --------------------------------------------------------------------------------------- schedules put onto projects

@@ -354,16 +354,30 @@ class _Reader:
         assert event is not None
         container = self._containers.by_path.get(mapping.place.path) if mapping is not None else None
         prefix = "RteBsw" if event.place.kind.startswith("BSW-") else "Rte"
+        os_task = member.os_task.place.path if member.os_task is not None else ""
+        alarms = tuple(self._values(container, f"{prefix}UsedOsAlarmRef"))
+        points = tuple(self._values(container, f"{prefix}UsedOsSchTblExpiryPointRef"))
+        events = [value.text for value in self._values(container, f"{prefix}UsedOsEventRef")]
         return Call(
             mapping=mapping.place.path if mapping is not None else "",
             event=event.place.path,
             is_bsw=event.place.kind.startswith("BSW-"),
-            os_task=member.os_task.place.path if member.os_task is not None else "",
-            os_events=tuple(v.text for v in self._values(container, f"{prefix}UsedOsEventRef")),
-            alarms=tuple(self._values(container, f"{prefix}UsedOsAlarmRef")),
-            points=tuple(self._values(container, f"{prefix}UsedOsSchTblExpiryPointRef")),
+            os_task=os_task,
+            os_events=tuple(events or self._set_by((*alarms, *points), os_task)),
+            alarms=alarms,
+            points=points,
             has_period=event.period is not None and not member.used,
         )
+
+    def _set_by(self, triggers: Sequence[Value], os_task: str) -> dict[str, None]:
+        """Return the OsEvents of an OsTask that the alarms and expiry points set which a mapping uses."""
+        found: dict[str, None] = {}
+        for trigger in triggers:
+            container = self._containers.by_path.get(trigger.text)
+            for inside in self._containers.below(container) if container is not None else ():
+                events = [ref.path for ref in inside.refs("OsAlarmSetEventRef", "OsScheduleTableSetEventRef")]
+                found.update(dict.fromkeys(event for event in events if event in self._waits.get(os_task, ())))
+        return found
 
     def _alone(self, member: Activation, path: str) -> Call:
         """Return an OsTask that hosts no events as a call: it is activated, or woken by what recurs."""

@@ -29,10 +29,14 @@ _STANDARD = re.compile(r"(?<![a-z])(?:[a-z]|[A-Z0-9_]+)?(?:Os|Rte|EcuC)$")  # by
 
 @record
 class Selection:
-    """The ECU that is imported (None: there are not several), and its module configurations (paths; None: all)."""
+    """The ECU that is imported (None: there are not several), and its module configurations (paths; None: all).
+
+    `is_whole` tells that everything is of one ECU, though the system describes more.
+    """
 
     ecu: Ecu | None = None
     modules: frozenset[str] | None = None
+    is_whole: bool = False
 
 
 def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
@@ -61,7 +65,7 @@ def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
             )
         )
     else:
-        return Selection()
+        return Selection(is_whole=len(used) > 1)
     tree.findings.stop_on_errors()
     return Selection(chosen[0], _modules(tree, used, chosen[0]) if len(used) > 1 else None)
 
