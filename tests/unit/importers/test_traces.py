@@ -1,5 +1,6 @@
 """Traces in their three forms: what is read, exactly, and what is refused, with its line."""
 
+import json
 from fractions import Fraction
 
 import pytest
@@ -229,6 +230,51 @@ def test_slices_are_executions_and_threads_units():
     assert (a.start, a.end) == (Duration(100), Duration(350))
     assert [(e.task, e.start) for e in second.executions] == [("b", Duration(7000))]
     assert len(told(text, codes.LEFT_OUT)) == 1
+
+
+def slices(*events):
+    traces = parse_traces(json.dumps([{"pid": 1, "tid": 1, "name": "a", **event} for event in events]).encode(), "t")
+    return [(e.task, e.start.ns, e.end and e.end.ns) for trace in traces.traces for e in trace.executions], traces
+
+
+def test_slices_that_begin_and_end_are_nested_on_their_thread():
+    found, _ = slices(
+        {"ph": "B", "ts": 1},
+        {"ph": "B", "ts": 2, "tid": 2, "name": "c"},
+        {"ph": "B", "ts": 3, "name": "b"},
+        {"ph": "E", "ts": 9, "tid": 2},
+        {"ph": "E", "ts": 7},  # recorders write the events of a thread after one another
+        {"ph": "E", "ts": 4, "name": "b"},
+    )
+    assert found == [("a", 1000, 7000), ("c", 2000, 9000), ("b", 3000, 4000)]
+
+
+@pytest.mark.parametrize(("begin", "end"), ["be", "SF"])
+def test_asynchronous_slices_are_paired_by_their_id(begin, end):
+    found, _ = slices(
+        {"ph": begin, "ts": 1, "id": 1},
+        {"ph": begin, "ts": 2, "id": "0x2", "name": "b"},
+        {"ph": end, "ts": 3, "id": 1},
+        {"ph": end, "ts": 4, "id": "0x2", "tid": 7},
+    )
+    assert found == [("a", 1000, 3000), ("b", 2000, 4000)]
+
+
+def test_slices_without_an_end_or_a_beginning():
+    found, recording = slices({"ph": "E", "ts": 0}, {"ph": "B", "ts": 1}, {"ph": "i", "ts": 2}, {"ph": "C", "ts": 2})
+    assert found == [("a", 1000, None)]
+    assert [d.code for d in recording.diagnostics] == [codes.ODD_SEQUENCE.id, codes.UNFINISHED.id, codes.LEFT_OUT.id]
+    assert "1 of phase C, 1 of phase i" in recording.diagnostics[-1].message
+
+
+@pytest.mark.parametrize("broken", [{"ph": "B"}, {"ph": "E", "ts": "1"}, {"ph": "X", "ts": 1, "dur": -1}])
+def test_slices_whose_times_cannot_be_read(broken):
+    text = json.dumps([{"ph": "B", "ts": 0, "name": "a"}, {"name": "a", **broken}, {"ph": "E", "ts": 5}])
+    assert codes.BROKEN_ROW.id in [d.code for d in refusal(text)]
+
+
+def test_a_list_of_events_may_lack_its_last_bracket():
+    assert len(executions('[{"ph":"X","name":"a","ts":1,"dur":2},\n{"ph":"X","name":"b","ts":3,"dur":2},\n')) == 2
 
 
 @pytest.mark.parametrize("value", ['"1"', "true", "null", "1e99999999", "NaN", "[1]"])

@@ -1,12 +1,14 @@
-"""The Trace Event Format (JSON) of Perfetto and Chrome: complete slices (``X``) on threads, which are the units.
+"""Trace Event Format (JSON) of Perfetto and Chrome: slices on threads, which are the units.
 
-Each process is a line of time of its own. What halpipe's own traces say in the arguments of a slice (table, cycle, job)
-is used; slices that lie across the edge of the picture are left out.
+Slices are complete (``X``), or begin and end: ``B`` and ``E`` nested on a thread, ``b`` and ``e`` (before: ``S`` and
+``F``) by their id. Each process is a line of time of its own. The arguments of halpipe's own slices (table, cycle, job)
+are used; slices that lie across the edge of the picture are left out.
 """
 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
@@ -22,12 +24,13 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
 
 _MAX_EXPONENT = 30
+_ENDS = {"E": "B", "e": "b", "F": "S"}
 
 
 def read(text: str, file: str, findings: Findings) -> list[Trace]:
     """Return one line of time for each process, in their order."""
     try:
-        document = json.loads(text, parse_float=Decimal)
+        document = json.loads(_closed(text), parse_float=Decimal)
     except (ValueError, RecursionError, ArithmeticError) as failure:
         line = getattr(failure, "lineno", 1)
         message = f"it is no JSON: {failure}"
@@ -38,6 +41,12 @@ def read(text: str, file: str, findings: Findings) -> list[Trace]:
     return _Reader(file, findings).traces([event for event in events if isinstance(event, dict)])
 
 
+def _closed(text: str) -> str:
+    """Return the text with the bracket that recorders may omit at the end of a plain list."""
+    bare = text.strip()
+    return bare.removesuffix(",") + "]" if bare.startswith("[") and not bare.endswith("]") else text
+
+
 class _Reader:
     """Collects slices by process; one job is one slice on each of its units."""
 
@@ -46,7 +55,8 @@ class _Reader:
         self.findings = findings
         self.processes: dict[Any, str] = {}
         self.threads: dict[tuple[Any, Any], str] = {}
-        self.left_out = 0
+        self.open: dict[Any, list[tuple[dict[str, Any], int]]] = {}
+        self.others: Counter[str] = Counter()
 
     def traces(self, events: list[dict[str, Any]]) -> list[Trace]:
         """Return the lines of all processes."""
@@ -54,12 +64,21 @@ class _Reader:
             if event.get("ph") == "M":
                 self._name(event)
         jobs: dict[Any, dict[Any, Execution]] = {}
-        for number, event in enumerate(events):
-            if event.get("ph") == "X":
-                self._slice(event, number, jobs.setdefault(_key(event.get("pid")), {}))
-        if self.left_out:
-            message = f"{self.left_out} slices lie across the edge of the picture"
-            self.findings.add(codes.LEFT_OUT(message, at=Location(self.file)))
+        for number, event in self._in_order(events):
+            phase = str(event.get("ph"))
+            of_process = jobs.setdefault(_key(event.get("pid")), {})
+            if phase == "X":
+                self._complete(event, number, of_process)
+            elif phase in _ENDS.values():
+                self.open.setdefault(_pair(event, phase), []).append((event, number))
+            elif phase in _ENDS:
+                self._end(event, number, _ENDS[phase], of_process)
+            elif phase != "M":
+                self.others[f"of phase {phase[:20]}"] += 1
+        self._unfinished(jobs)
+        if self.others:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(self.others.items()))
+            self.findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(self.file)))
         return [
             Trace(
                 name=self.processes.get(process, str(process)),
@@ -76,17 +95,61 @@ class _Reader:
         elif isinstance(name, str) and event.get("name") == "thread_name":
             self.threads[_key(event.get("pid")), _key(event.get("tid"))] = name
 
-    def _slice(self, event: dict[str, Any], number: int, jobs: dict[Any, Execution]) -> None:
+    def _in_order(self, events: list[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
+        """Return the events with their numbers; where slices begin and end, by time."""
+        numbered = list(enumerate(events))
+        if not any(event.get("ph") in ("B", "E", "b", "e", "S", "F") for event in events):
+            return numbered
+        times = [_microseconds(event.get("ts")) for event in events]
+        return sorted(numbered, key=lambda item: (times[item[0]] or ZERO).ns)
+
+    def _end(self, event: dict[str, Any], number: int, begin: str, jobs: dict[Any, Execution]) -> None:
+        begun = self.open.get(_pair(event, begin))
+        end = _microseconds(event.get("ts"))
+        if end is None:
+            self._broken(number)
+        elif not begun:
+            help = "check the recorder for lost events"
+            message = f"event {number} ends a slice that did not begin"
+            self.findings.add(codes.ODD_SEQUENCE(message, at=Location(self.file), help=help))
+        else:
+            first, position = begun.pop()
+            self._slice(first, position, _microseconds(first.get("ts")), end, jobs)
+
+    def _unfinished(self, jobs: dict[Any, dict[Any, Execution]]) -> None:
+        left = [begun for found in self.open.values() for begun in found]
+        for event, number in left:
+            self._slice(event, number, _microseconds(event.get("ts")), None, jobs[_key(event.get("pid"))])
+        if left:
+            self.findings.add(codes.UNFINISHED(f"{len(left)} slices have no end", at=Location(self.file)))
+
+    def _broken(self, number: int) -> None:
+        message = f"event {number} has no name, ts or dur that can be read"
+        self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file), help="record it again"))
+
+    def _complete(self, event: dict[str, Any], number: int, jobs: dict[Any, Execution]) -> None:
+        start, length = _microseconds(event.get("ts")), _microseconds(event.get("dur"))
+        if start is None or length is None or length < ZERO:
+            self._broken(number)
+        else:
+            self._slice(event, number, start, start + length, jobs)
+
+    def _slice(
+        self,
+        event: dict[str, Any],
+        number: int,
+        start: Duration | None,
+        end: Duration | None,
+        jobs: dict[Any, Execution],
+    ) -> None:
         stated = event.get("args")
         arguments: dict[str, Any] = stated if isinstance(stated, dict) else {}
         if "began" in arguments or "ends" in arguments:
-            self.left_out += 1
+            self.others["slices across the edge of the picture"] += 1
             return
-        start, length = _microseconds(event.get("ts")), _microseconds(event.get("dur"))
         task = event.get("name")
-        if start is None or length is None or not isinstance(task, str) or not task:
-            message = f"event {number} has no name, ts or dur that can be read"
-            self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file), help="record it again"))
+        if start is None or not isinstance(task, str) or not task:
+            self._broken(number)
             return
         process, thread = _key(event.get("pid")), _key(event.get("tid"))
         unit = self.threads.get((process, thread), str(thread))
@@ -96,7 +159,7 @@ class _Reader:
             task=task,
             units=(unit,),
             start=start,
-            end=start + length,
+            end=end,
             table=table if isinstance(table, str) else "",
             cycle=cycle if isinstance(cycle, int) else None,
             job=job if isinstance(job, int) else None,
@@ -124,6 +187,12 @@ def _with_part(known: Execution | None, part: Execution) -> Execution:
         busy=sum((end - start for start, end in stretches), ZERO),
         stretches=tuple(stretches),
     )
+
+
+def _pair(event: dict[str, Any], begin: str) -> Any:
+    """Return what the begin and the end of a slice share: their thread, or their category and id."""
+    pair = (event.get("tid"),) if begin == "B" else (event.get("cat"), event.get("id", str(event.get("id2"))))
+    return (begin, _key(event.get("pid")), *map(_key, pair))
 
 
 def _key(value: Any) -> Any:
