@@ -70,7 +70,7 @@ class Trace:
     def next_packet(self, cpu=0):
         self.streams.setdefault(cpu, [[]]).append([])
 
-    def _event(self, time, id, data, extended):
+    def event(self, time, id, data, extended):
         mark = self.mark
         if self.header == "large":
             head = (
@@ -86,7 +86,7 @@ class Trace:
         return head + data
 
     def packet(self, cpu, events, discarded=0, extended=False):
-        body = b"".join(self._event(*event, extended) for event in events)
+        body = b"".join(self.event(*event, extended) for event in events)
         begin = events[0][0] if events else 0
         end = events[-1][0] if events else 0
         size = 8 + 44 + len(body)
@@ -100,6 +100,8 @@ class Trace:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "metadata").write_text(self.text)
         for cpu, packets in self.streams.items():
+            ordered = iter(sorted((event for packet in packets for event in packet), key=lambda event: event[0]))
+            packets = [[next(ordered) for _ in packet] for packet in packets]
             lost = [0] * (len(packets) - 1) + [discarded]
             data = [self.packet(cpu, events, n, extended) for events, n in zip(packets, lost, strict=True)]
             (folder / f"channel_{cpu}").write_bytes(b"".join(data))

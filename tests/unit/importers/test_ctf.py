@@ -100,7 +100,7 @@ def test_declarations_that_are_none(text):
         ("freq = 1000000000", "freq = 1=0"),
         ("offset = 1000000", "offset = often"),
         ("stream_id = 0", "stream_id = 0=0"),
-        ("compact", "compost"),
+        ("uint32_t timestamp", "uint33_t timestamp"),
         ("packet.header := struct", "packet.header := 7; x := struct"),
     ],
 )
@@ -216,3 +216,134 @@ def test_a_trace_of_callbacks_is_compared_under_the_names_of_tasks(tmp_path):
     (line,) = read_traces(str(ros_trace(4).write(tmp_path))).traces
     assert [e.task for e in line.executions[:3]] == ["/source", "/sink/callback_1", "/sink/callback_0"]
     assert line.executions[0].end - line.executions[0].start == line.executions[0].start.parse("1ms")
+
+
+HEADERS = {
+    "struct { uint64_t id; uint64_t timestamp; }": ("<QQ", 64),
+    "struct { uint8_t id; uint16_t timestamp; }": ("<BH", 16),
+    "struct { uint16_t id; CLOCK _at; }": ("<HI", 32),
+    "struct { enum : uint8_t { one = 0, two = 1 } id; variant <id> { struct { uint16_t timestamp; } one; "
+    "struct { uint64_t timestamp; } two; } v; }": ("<BH", 16),
+}
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_any_structure_is_a_header_of_events(tmp_path, header):
+    """CTF 1.8, 6.1.1: the header of events is any structure; short time stamps count on from the one before."""
+    layout, bits = HEADERS[header]
+    trace = Trace()
+    trace.declare("a:one", number="u64")
+    clock = "integer { size = 32; align = 8; signed = false; map = clock.monotonic.value; }"
+    trace.text = trace.text.replace("struct large;", header.replace("CLOCK", clock) + ";")
+    trace.event = lambda time, id, data, extended: struct.pack(layout, id, time % 2**bits) + data
+    times = [5, 60_000, 70_000, 70_001, 130_000]
+    for time in times:
+        trace.add("a:one", time, number=time)
+    found, damage = all_events(trace.write(tmp_path))
+    assert [event.time - trace.offset for event in found] == times
+    assert [event.fields["number"] for event in found] == times
+    assert damage == Damage()
+
+
+def test_a_trace_without_headers_is_one_packet_of_one_class(tmp_path):
+    text = """/* CTF 1.8 */ trace { major = 1; minor = 8; byte_order = le; };
+stream { id = 0; };
+event { name = "e"; id = 0; stream_id = 0; fields := struct { integer { size = 8; } n; } align(8); };"""
+    (tmp_path / "metadata").write_text(text)
+    (tmp_path / "s").write_bytes(b"\1\2\3")
+    found, damage = all_events(tmp_path)
+    assert [event.fields["n"] for event in found] == [1, 2, 3]
+    assert damage == Damage()
+
+
+def test_events_without_bytes_end_the_stream(tmp_path):
+    text = "/* CTF 1.8 */ trace { byte_order = le; }; stream { id = 0; }; event { name = e; id = 0; stream_id = 0; };"
+    (tmp_path / "metadata").write_text(text)
+    (tmp_path / "s").write_bytes(b"abc")
+    found, damage = all_events(tmp_path)
+    assert found == []
+    assert "no bytes" in damage.broken[0]
+
+
+UUID = "".join(f"{n:02x}" for n in range(16))
+CONTEXT = 24
+"""Bytes of the header of the packets below: magic, UUID, stream."""
+
+
+def damaged(tmp_path, change, tracer=""):
+    """Two packets of two events each, of which `change` gets the headers as lists of numbers, and the times."""
+    trace = Trace()
+    trace.declare("a:one")
+    trace.text = trace.text.replace("uint32_t magic;", "uint32_t magic; uint8_t uuid[16];")
+    trace.text = trace.text.replace("byte_order", f'uuid = "{UUID}"; byte_order')
+    trace.text = trace.text.replace("events_discarded;", "events_discarded; uint64_t packet_seq_num;")
+    second = trace.text[trace.text.index("stream {") : trace.text.index("event {")].replace("id = 0", "id = 1")
+    trace.text += second + tracer
+    packets = []
+    for number, times in enumerate(([10, 20], [30, 40])):
+        packets.append(
+            {"uuid": bytes(range(16)), "stream": 0, "begin": times[0], "end": times[1], "lost": 3, "seq": 7 + number}
+            | {"times": times, "content": None, "size": None}
+        )
+    change(packets)
+    data = b""
+    for packet in packets:
+        body = b"".join(struct.pack("<HIQII", 65535, 0, time, 7, 8) for time in packet["times"])
+        size = CONTEXT + 52 + len(body)
+        content = 8 * size if packet["content"] is None else packet["content"]
+        total = 8 * size if packet["size"] is None else packet["size"]
+        data += struct.pack("<I16sI", 0xC1FC1FC1, packet["uuid"], packet["stream"])
+        data += struct.pack(
+            "<QQQQQQI", packet["begin"], packet["end"], content, total, packet["lost"], packet["seq"], 0
+        )
+        data += body
+    (tmp_path / "metadata").write_text(trace.text)
+    (tmp_path / "s").write_bytes(data)
+    found, damage = all_events(tmp_path)
+    return [event.time - trace.offset for event in found], damage
+
+
+def put(number, **values):
+    return lambda packets: packets[number].update(values)
+
+
+@pytest.mark.parametrize(
+    ("change", "left", "said"),
+    [
+        (put(1, uuid=bytes(16)), 2, "another trace"),
+        (put(1, stream=1), 2, "another stream"),
+        (put(1, stream=2), 2, "not declared"),
+        (put(0, begin=30), 0, "ends before it begins"),
+        (put(1, begin=19), 2, "begins before the end"),
+        (put(0, begin=11), 0, "precedes its packet"),
+        (put(0, times=[20, 10]), 1, "the event before it"),
+        (put(0, end=19), 1, "follows the end"),
+        (put(1, lost=2), 4, "discarded events decreases"),
+        (put(0, content=8), 0, "contradict"),
+        (put(0, content=2**30), 0, "contradict"),
+        (put(1, size=2**30), 2, "cut off"),
+        (put(0, size=0, content=0), 0, "contradict"),
+    ],
+)
+def test_damage_that_babeltrace2_reports(tmp_path, change, left, said):
+    times, damage = damaged(tmp_path, change)
+    assert times == [10, 20, 30, 40][:left] or len(times) == left
+    (broken,) = damage.broken
+    assert said in broken
+
+
+def test_the_damaged_trace_is_sound_without_the_damage(tmp_path):
+    times, damage = damaged(tmp_path, lambda packets: None)
+    assert (times, damage) == ([10, 20, 30, 40], Damage(discarded=3))
+
+
+def test_packets_that_are_missing_are_counted(tmp_path):
+    _, damage = damaged(tmp_path, put(1, seq=11))
+    assert (damage.packets, damage.broken) == (3, [])
+
+
+@pytest.mark.parametrize(("minor", "broken"), [(10, 0), (11, 1)])
+def test_events_after_the_end_of_a_packet_as_old_tracers_wrote_them(tmp_path, minor, broken):
+    tracer = f'env {{ tracer_name = "lttng-ust"; tracer_major = 2; tracer_minor = {minor}; }};'
+    _, damage = damaged(tmp_path, put(0, end=19), tracer)
+    assert len(damage.broken) == broken

@@ -1,4 +1,4 @@
-"""The diagnostics of reading traces."""
+"""Diagnostics of reading traces."""
 
 from __future__ import annotations
 
@@ -37,13 +37,16 @@ LEFT_OUT = note(
 NO_CTF = error(
     "HAL1126",
     "Directory is no trace that can be read",
-    "A trace of LTTng is a directory with a file called metadata in it or below it, in CTF 1.8.",
+    "A trace of LTTng is a directory with a file called metadata in it or below it, in CTF 1.8. LTTng writes CTF 2 by "
+    "default since 2.15, unless the session is created with `--trace-format=ctf-1.8`; such a trace has to be recorded "
+    "again, since babeltrace2 does not convert CTF 2 to CTF 1.8.",
 )
 CUT_OFF = warning(
     "HAL1127",
     "Trace is cut off",
-    "A packet of a stream is incomplete or malformed, most often since the trace was copied while it was written. What "
-    "comes before it counts; the rest of that stream does not.",
+    "A packet of a stream is incomplete or malformed, belongs to another stream or trace, or its instants contradict "
+    "each other; most often the trace was copied while it was written. The events before it count; the rest of that "
+    "stream does not.",
 )
 LOST_EVENTS = warning(
     "HAL1128",

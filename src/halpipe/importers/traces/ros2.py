@@ -73,7 +73,7 @@ def read_ros_trace(root: str, findings: Findings) -> RosTrace:
             join.take(event)
     except (CtfError, OSError) as failure:
         text = str(failure) if isinstance(failure, CtfError) else failure.strerror or "it cannot be read"
-        help = "name the directory that lttng or `ros2 trace` wrote (CTF 1.8)"
+        help = "name the directory of a trace in CTF 1.8; from LTTng 2.15 on: `lttng create --trace-format=ctf-1.8`"
         raise HalpipeError(codes.NO_CTF(text, at=Location(root), help=help)) from None
     trace = join.result(damage)
     _report(trace, join, damage, findings)
@@ -86,8 +86,9 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
         text = f"{len(damage.broken)} streams end early: {damage.broken[0]}"
         help = "stop the session with `lttng stop` and `lttng destroy` before copying the trace"
         findings.add(codes.CUT_OFF(text, at=at, help=help))
-    if damage.discarded:
-        text = f"{damage.discarded} events were discarded while tracing, so jobs and publishers may be missing"
+    if damage.discarded or damage.packets:
+        lost = f"{damage.discarded} events" + (f" and {damage.packets} packets" if damage.packets else "")
+        text = f"{lost} were discarded while tracing, so jobs and publishers may be missing"
         help = "trace again with more or larger sub-buffers: lttng enable-channel --subbuf-size 8M --num-subbuf 4"
         findings.add(codes.LOST_EVENTS(text, at=at, help=help))
     if join.foreign:

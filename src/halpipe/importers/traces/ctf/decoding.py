@@ -68,7 +68,7 @@ def _string(data: bytes, at: int, scope: Scope) -> tuple[str, int]:
     return data[at:end].decode("utf-8", "replace"), end + 1
 
 
-def _plain(name: str) -> str:
+def field_name(name: str) -> str:
     """Return the name of a field without the underscore that the language adds."""
     return name.removeprefix("_")
 
@@ -81,7 +81,7 @@ def _structure(type: Struct) -> Decoder:
     def flush() -> None:
         if run:
             layout, size, align = _layout([field for _, field in run])
-            names = tuple(_plain(name) for name, _ in run)
+            names = tuple(field_name(name) for name, _ in run)
             steps.append((names, struct.Struct(layout).unpack_from, (size, align - 1)))
             run.clear()
 
@@ -90,7 +90,7 @@ def _structure(type: Struct) -> Decoder:
         if not isinstance(flat, Int | Float):
             flush()
             read_it = _variant(field, type) if isinstance(field, Variant) else decoder(field)
-            steps.append(((_plain(name),), None, read_it))
+            steps.append(((field_name(name),), None, read_it))
             continue
         if run and (run[0][1].order != flat.order or max(8, flat.align) > max(8, run[0][1].align)):
             flush()
@@ -125,7 +125,7 @@ def _layout(fields: list[Int | Float]) -> tuple[str, int, int]:
 
 def _array(type: Array) -> Decoder:
     length, element = type.length, type.element
-    plain = _plain(length) if isinstance(length, str) else ""
+    plain = field_name(length) if isinstance(length, str) else ""
 
     def count(scope: Scope) -> int:
         if isinstance(length, int):
@@ -165,12 +165,12 @@ def _array(type: Array) -> Decoder:
 
 def _variant(type: Variant, owner: Struct) -> Decoder:
     """Return what reads a variant whose tag is a field of the same structure."""
-    tags = [field for name, field in owner.fields if _plain(name) == _plain(type.tag)]
+    tags = [field for name, field in owner.fields if field_name(name) == field_name(type.tag)]
     if not tags or not isinstance(tags[0], Enum):
         raise CtfError(f'a variant has the tag "{type.tag}", which is no enumeration beside it')
-    choices = {_plain(label): decoder(choice) for label, choice in type.choices}
-    ranges = [(low, high, choices.get(_plain(label))) for low, high, label in tags[0].ranges]
-    tag = _plain(type.tag)
+    choices = {field_name(label): decoder(choice) for label, choice in type.choices}
+    ranges = [(low, high, choices.get(field_name(label))) for low, high, label in tags[0].ranges]
+    tag = field_name(type.tag)
 
     def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
         for low, high, choice in ranges:

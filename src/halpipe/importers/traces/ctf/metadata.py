@@ -31,7 +31,7 @@ def text_of(raw: bytes) -> str:
     if len(raw) > _MOST_BYTES:
         raise CtfError(f"the metadata has {len(raw)} bytes, more than {_MOST_BYTES}")
     if raw[:2] == b"\x1e{":
-        raise CtfError("the metadata is that of CTF 2; convert the trace to CTF 1.8 with babeltrace2")
+        raise CtfError("the trace is in CTF 2, which LTTng writes by default since 2.15")
     for order in "<>":
         if len(raw) >= 4 and struct.unpack_from(order + "I", raw)[0] == MAGIC:
             raw = b"".join(_packets(raw, order))
@@ -59,10 +59,11 @@ def _packets(raw: bytes, order: str) -> list[bytes]:
 
 @dataclass(slots=True)
 class Metadata:
-    """What a trace declares: byte order, clock, the header of packets, streams and classes of events."""
+    """Declarations of a trace: byte order, environment, clock, header of packets, streams and classes of events."""
 
     order: str = "<"
     trace: dict[str, Any] = field(default_factory=dict)
+    env: dict[str, Any] = field(default_factory=dict)
     clocks: list[dict[str, Any]] = field(default_factory=list)
     streams: dict[int, dict[str, Any]] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
@@ -120,6 +121,8 @@ class _Parser:
     def _keep(self, kind: str, body: dict[str, Any]) -> None:
         if kind == "trace":
             self.found.trace = body
+        elif kind == "env":
+            self.found.env = body
         elif kind == "clock":
             self.found.clocks.append(body)
         elif kind == "stream":
@@ -227,6 +230,7 @@ class _Parser:
             str(stated.get("signed", 0)).lower() in ("1", "true"),
             self._order(stated),
             str(stated.get("encoding", "none")).lower() in ("utf8", "ascii"),
+            str(stated.get("map", "")).startswith("clock."),
         )
 
     def _compound(self, word: str) -> Type:

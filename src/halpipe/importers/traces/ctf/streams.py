@@ -1,7 +1,7 @@
-"""Reads the packets of CTF streams into events, in the order of time.
+"""Packets of CTF streams as events, in the order of time.
 
-A packet that is cut off ends its stream: what comes before it counts, and the damage is reported. So does a counter of
-events that the tracer discarded.
+A packet that is cut off, that belongs to another trace, or whose instants contradict each other ends its stream: the
+events before it count, and the damage is reported. So are events and packets that the tracer discarded.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ import heapq
 import os
 import struct
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from halpipe.core.files import folders_with, mapped, plain_files, read_bytes
-from halpipe.importers.traces.ctf.decoding import Decoder, decoder
+from halpipe.importers.traces.ctf.decoding import Decoder, decoder, field_name
 from halpipe.importers.traces.ctf.metadata import MAGIC as METADATA_MAGIC
 from halpipe.importers.traces.ctf.metadata import Metadata, parse, text_of
-from halpipe.importers.traces.ctf.types import CtfError, Enum, Struct, Variant, alignment
+from halpipe.importers.traces.ctf.types import CtfError, Enum, Int, Struct, Type, Variant, alignment
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from mmap import mmap
 
 MAGIC = 0xC1FC1FC1
@@ -28,6 +28,10 @@ METADATA = "metadata"
 _LARGEST_HEAD = 4096
 _MALFORMED = (CtfError, struct.error, ValueError, IndexError, KeyError, TypeError, AttributeError, OverflowError)
 """What comes of declarations, and of packets, that contradict themselves."""
+
+
+Head: TypeAlias = "Callable[[bytes, int, int], tuple[int, int, int]]"
+"""Reads the header of an event at a byte of a packet, given the time so far: its id, its time, and the next byte."""
 
 
 class Event(NamedTuple):
@@ -42,9 +46,10 @@ class Event(NamedTuple):
 
 @dataclass(slots=True)
 class Damage:
-    """What a trace lacks: events that the tracer discarded, and streams that are cut off or cannot be read on."""
+    """Losses of a trace: discarded events and packets, and streams that are cut off or cannot be read further."""
 
     discarded: int = 0
+    packets: int = 0
     broken: list[str] = field(default_factory=list)
 
 
@@ -68,30 +73,17 @@ def events(folders: list[str], damage: Damage) -> Iterator[Event]:
 
 
 class _Stream:
-    """What metadata says of one kind of streams: how to read headers, contexts and each class of events."""
+    """Decoders of one kind of streams: of headers, contexts and each class of events."""
 
     def __init__(self, meta: Metadata, number: int) -> None:
         stated = meta.streams[number]
-        self.context = decoder(_struct(stated, "packet.context"))
+        self.context = decoder(stated.get("packet.context", Struct(())))
         self._event_context = stated.get("event.context")
         self._classes = {int(e.get("id", 0)): e for e in meta.events if int(e.get("stream_id", 0)) == number}
         self._decoders: dict[int, tuple[str, Decoder | None, Decoder | None, Decoder | None]] = {}
-        self._head(_struct(stated, "event.header"))
-
-    def _head(self, header: Struct) -> None:
-        """Take what differs between the headers that LTTng knows: compact (5 bits and 27) and large (16 and 32)."""
-        fields = dict(header.fields)
-        id, choice = fields.get("id"), fields.get("v")
-        if not isinstance(id, Enum) or not isinstance(choice, Variant):
-            raise CtfError("the header of its events is neither LTTng's compact nor its large one")
-        self.is_compact = id.base.size == 5
-        self.last = 31 if self.is_compact else 65535
-        if id.base.size not in (5, 16) or not any(low <= self.last <= high for low, high, _ in id.ranges):
-            raise CtfError("the header of its events is neither LTTng's compact nor its large one")
-        choices = dict(choice.choices)
+        header = stated.get("event.header", Struct(()))
         self.align = max(8, alignment(header)) // 8
-        self.align_short = max(8, alignment(choices["compact"])) // 8
-        self.align_long = max(8, alignment(choices["extended"])) // 8
+        self.head = _lttng(header, meta.order) or _general(header)
 
     def of(self, id: int) -> tuple[str, Decoder | None, Decoder | None, Decoder | None]:
         """Return name and decoders of a class of events, made when the first one occurs: most never do."""
@@ -105,11 +97,76 @@ class _Stream:
         return self._decoders[id]
 
 
-def _struct(stated: dict[str, Any], key: str) -> Struct:
-    found = stated.get(key)
-    if not isinstance(found, Struct):
-        raise CtfError(f"the metadata does not declare {key}")
-    return found
+def _lttng(header: Struct, order: str) -> Head | None:
+    """Return what reads LTTng's headers, compact (5 bits and 27) or large (16 and 32); None for any other.
+
+    They have a way of their own since most traces have them, and the compact one has bit fields.
+    """
+    id, choice = (dict(header.fields).get(name) for name in ("id", "v"))
+    if not isinstance(id, Enum) or not isinstance(choice, Variant) or id.base.size not in (5, 16):
+        return None
+    is_compact = id.base.size == 5
+    last, width = (31, 27) if is_compact else (65535, 32)
+    choices = dict(choice.choices)
+    if {*choices} != {"compact", "extended"} or not any(low <= last <= high for low, high, _ in id.ranges):
+        return None
+    shorter, longer = (max(8, alignment(choices[name])) // 8 for name in ("compact", "extended"))
+    u16, u32, u64 = (struct.Struct(order + code).unpack_from for code in "HIQ")
+    little = order == "<"
+
+    def head(data: bytes, at: int, now: int) -> tuple[int, int, int]:
+        if is_compact:
+            id = data[at] & 31 if little else data[at] >> 3
+            if id != last:
+                (word,) = u32(data, at)
+                low = word >> 5 if little else word & 0x7FFFFFF
+            at += 1 if id == last else 4
+        else:
+            (id,) = u16(data, at)
+            at += 2
+            if id != last:
+                at = -(-at // shorter) * shorter
+                (low,) = u32(data, at)
+                at += 4
+        if id != last:
+            return id, now + ((low - now) & ((1 << width) - 1)), at
+        at = -(-at // longer) * longer
+        (id,) = u32(data, at)
+        at = -(-(at + 4) // longer) * longer
+        return id, u64(data, at)[0], at + 8
+
+    return head
+
+
+def _general(header: Struct) -> Head:
+    """Return what reads any header of whole bytes that CTF 1.8 allows, none at all too."""
+    read, fields = decoder(header), dict(header.fields)
+    clocks = _clocks(header)
+    choices = [
+        (field_name(name), field_name(field.tag), low, high, _clocks(dict(field.choices).get(label)))
+        for name, field in header.fields
+        if isinstance(field, Variant) and isinstance(tag := fields[field.tag], Enum)
+        for low, high, label in tag.ranges
+    ]
+
+    def head(data: bytes, at: int, now: int) -> tuple[int, int, int]:
+        found, at = read(data, at, {})
+        id = found.get("id", 0)
+        chosen = [(found[name], sizes) for name, tag, low, high, sizes in choices if low <= found[tag] <= high]
+        for values, sizes in ((found, clocks), *chosen):
+            for name, size in sizes:
+                now += (values[name] - now) & ((1 << size) - 1)
+            id = values.get("id", id) if isinstance(values, dict) else id
+        return id, now, at
+
+    return head
+
+
+def _clocks(type: Type | None) -> list[tuple[str, int]]:
+    """Return name and size of the fields of a structure that hold the time."""
+    fields = type.fields if isinstance(type, Struct) else ()
+    ints = [(field_name(name), field) for name, field in fields if isinstance(field, Int)]
+    return [(name, field.size) for name, field in ints if field.is_time or name == "timestamp"]
 
 
 class _Trace:
@@ -129,8 +186,11 @@ class _Trace:
         self._frequency = int(clock.get("freq", 10**9)) or 10**9
         self._offset = int(clock.get("offset_s", 0)) * 10**9
         self._offset += int(clock.get("offset", 0)) * 10**9 // self._frequency
-        self._order = meta.order
-        self._header = decoder(_struct(meta.trace, "packet.header"))
+        self._header = decoder(meta.trace.get("packet.header", Struct(())))
+        self._uuid = [*bytes.fromhex(str(meta.trace.get("uuid", "")).replace("-", ""))]
+        tracer = (meta.env.get("tracer_name"), meta.env.get("tracer_major", 0), meta.env.get("tracer_minor", 0))
+        # Before 2.11, LTTng wrote events after the end that their packet states.
+        self._ends_late = str(tracer[0]).startswith("lttng") and tracer[1:] < (2, 11)
         self._streams = {number: _Stream(meta, number) for number in meta.streams}
 
     def streams(self) -> list[Iterator[Event]]:
@@ -139,74 +199,78 @@ class _Trace:
 
     def _file(self, path: str) -> Iterator[Event]:
         with mapped(path) as data:
-            at = discarded = 0
+            at = discarded = ended = 0
+            first: _Stream | None = None
+            following: int | None = None
             while at < len(data):
                 try:
                     stream, context, start, end, size = self._packet(data, at)
+                    if first not in (None, stream):
+                        raise CtfError("the packet belongs to another stream")
+                    first, (begin, ended) = stream, self._span(context, ended)
+                    number = context.get("packet_seq_num")
+                    if number is not None:
+                        self._damage.packets += max(0, number - (number if following is None else following))
+                        following = number + 1
                     packet = data[at : at + size]
-                    yield from self._events(stream, context, packet, start, end)
-                    lost = int(context.get("events_discarded", 0))
+                    for event in self._events(stream, context, packet, start, end):
+                        if event.time < begin:
+                            raise CtfError("an event precedes its packet, or the event before it")
+                        if ended and event.time > ended and not self._ends_late:
+                            raise CtfError("an event follows the end of its packet")
+                        begin = event.time
+                        yield event
+                    ended = max(begin, ended)
+                    lost = int(context.get("events_discarded", discarded))
+                    if lost < discarded:
+                        raise CtfError("the count of discarded events decreases")
                 except _MALFORMED as failure:
                     known = str(failure) if isinstance(failure, CtfError) else "a packet is malformed"
                     self._damage.broken.append(f"{os.path.basename(path)} from byte {at} on: {known}")
                     return
-                self._damage.discarded += max(0, lost - discarded)
-                discarded = max(lost, discarded)
+                self._damage.discarded += lost - discarded
+                discarded = lost
                 at += size
+
+    def _span(self, context: dict[str, Any], ended: int) -> tuple[int, int]:
+        """Return the first and last instant of a packet, 0 where it states none; raise `CtfError` if they disagree."""
+        begin, end = (self._ns(context[key]) if context.get(key) else 0 for key in ("timestamp_begin", "timestamp_end"))
+        if end and begin > end:
+            raise CtfError("the packet ends before it begins")
+        if begin and begin < ended:
+            raise CtfError("the packet begins before the end of the one before it")
+        return begin, end
 
     def _packet(self, data: mmap, at: int) -> tuple[_Stream, dict[str, Any], int, int, int]:
         """Return the kind of stream, the context, first and last byte of the events, and the size of a packet."""
         head = data[at : at + _LARGEST_HEAD]
         header, position = self._header(head, 0, {})
-        if header.get("magic") != MAGIC:
+        if header.get("magic", MAGIC) != MAGIC:
             raise CtfError("no packet begins there")
-        number = int(header.get("stream_id", 0))
+        if self._uuid and header.get("uuid", self._uuid) != self._uuid:
+            raise CtfError("the packet belongs to another trace")
+        number = int(header.get("stream_id", next(iter(self._streams), 0)))
         if number not in self._streams:
             raise CtfError(f"stream {number} is not declared")
         stream = self._streams[number]
         context, position = stream.context(head, position, {})
-        size, end = int(context["packet_size"]) // 8, int(context["content_size"]) // 8
-        if not position <= end <= size:
+        size = int(context.get("packet_size", 8 * (len(data) - at))) // 8
+        end = int(context.get("content_size", 8 * size)) // 8
+        if not position <= end <= size or not size:
             raise CtfError("a packet has sizes that contradict each other")
         if at + size > len(data):
             raise CtfError("the packet is cut off")
         return stream, context, position, end, size
 
     def _events(self, stream: _Stream, packet: dict[str, Any], data: bytes, at: int, end: int) -> Iterator[Event]:
-        short = struct.Struct(self._order + ("I" if stream.is_compact else "H")).unpack_from
-        u32, u64 = (struct.Struct(self._order + code).unpack_from for code in "IQ")
         now, cpu = int(packet.get("timestamp_begin", 0)), int(packet.get("cpu_id", -1))
-        little = self._order == "<"
         data = data[:end]
         while at < end:
             at = -(-at // stream.align) * stream.align
             if at >= end:
                 break
-            if stream.is_compact:
-                width = 27
-                first = data[at] & 31 if little else data[at] >> 3
-                if first != stream.last:
-                    (word,) = short(data, at)
-                    id, low = (word & 31, word >> 5) if little else (word >> 27, word & 0x7FFFFFF)
-                    at += 4
-                else:
-                    id, at = first, at + 1
-            else:
-                width = 32
-                (id,) = short(data, at)
-                at += 2
-                if id != stream.last:
-                    at = -(-at // stream.align_short) * stream.align_short
-                    (low,) = u32(data, at)
-                    at += 4
-            if id == stream.last:
-                at = -(-at // stream.align_long) * stream.align_long
-                (id,) = u32(data, at)
-                at = -(-(at + 4) // stream.align_long) * stream.align_long
-                (now,) = u64(data, at)
-                at += 8
-            else:
-                now += (low - now) & ((1 << width) - 1)
+            begin = at
+            id, now, at = stream.head(data, at, now)
             name, common, own, fields = stream.of(id)
             context: dict[str, Any] = {}
             if common is not None:
@@ -217,6 +281,8 @@ class _Trace:
             values: dict[str, Any] = {}
             if fields is not None:
                 values, at = fields(data, at, {})
+            if at == begin:
+                raise CtfError("an event has no bytes")
             yield Event(self._ns(now), name, cpu, context, values)
 
     def _ns(self, cycles: int) -> int:

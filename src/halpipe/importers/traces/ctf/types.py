@@ -6,18 +6,19 @@ from halpipe.core.records import record
 
 
 class CtfError(ValueError):
-    """What is wrong with a trace; the text is for people."""
+    """A fault of a trace; its text is for people."""
 
 
 @record
 class Int:
-    """An integer of `size` bits; `text`: it is a character."""
+    """An integer of `size` bits; `text`: it is a character; `is_time`: it maps the value of a clock."""
 
     size: int
     align: int
     signed: bool
     order: str
     text: bool = False
+    is_time: bool = False
 
 
 @record
