@@ -8,7 +8,7 @@ Everything is imported where it is used, so that ``import halpipe`` costs nothin
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -56,6 +56,10 @@ def load_schedule(path: str) -> Schedule:
     return read_schedule(path)
 
 
+@overload
+def save(value: TaskModel, path: str) -> TaskModel: ...
+@overload
+def save(value: Schedule, path: str) -> Schedule: ...
 def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
     """Write a model or a schedule as XML, all of it or nothing; return what `load` or `load_schedule` would return.
 
@@ -191,6 +195,10 @@ def sensitivity(model: TaskModel, schedule: Schedule, tasks: Iterable[str] = ())
     return list(sensitivities(model, schedule, frozenset(tasks)))
 
 
+@overload
+def diff(before: TaskModel, after: TaskModel) -> tuple[Change, ...]: ...
+@overload
+def diff(before: Schedule, after: Schedule) -> ScheduleDiff: ...
 def diff(before: TaskModel | Schedule, after: TaskModel | Schedule) -> tuple[Change, ...] | ScheduleDiff:
     """Return what differs between two models, or between two schedules."""
     from halpipe.models import Schedule, TaskModel

@@ -17,7 +17,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, dataclass_transform, overl
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["record", "unchecked"]
+    def field(
+        *, default: Any = ..., init: bool = True, repr: bool = True, compare: bool = True, metadata: Any = None
+    ) -> Any:
+        """Return a field of a record; its default may have any type that the record coerces."""
+
+else:
+    field = dataclasses.field
+
+__all__ = ["field", "record", "unchecked"]
 
 T = TypeVar("T")
 FACTORY = object()
@@ -32,7 +40,7 @@ def record(cls: type[T], /) -> type[T]: ...
 def record(*, kw_only: bool = False, eq: bool = True) -> Callable[[type[T]], type[T]]: ...
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, field))
 def record(cls: type[T] | None = None, /, *, kw_only: bool = False, eq: bool = True) -> Any:
     """Make a class a dataclass with ``frozen=True`` and ``slots=True``; without `eq`, records are equal to themselves.
 

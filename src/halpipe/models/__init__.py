@@ -3,6 +3,7 @@
 Traces are in `halpipe.models.trace`, which few commands need.
 """
 
+from halpipe.models.coercion import DurationLike
 from halpipe.models.schedule import (
     ChainLatency,
     CostTerms,
@@ -54,6 +55,7 @@ __all__ = [
     "Chain",
     "ChainLatency",
     "CostTerms",
+    "DurationLike",
     "Edge",
     "HealthAction",
     "HealthEvent",

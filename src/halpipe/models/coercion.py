@@ -15,8 +15,48 @@ from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_rational
 from halpipe.models.attributes import BANDWIDTH, SIZE, codec_of
 
+DurationLike = Duration | str
+"""A duration, or a text such as ``"5ms"``."""
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
+    from typing import Generic, TypeVar
+
+    R = TypeVar("R", covariant=True)
+    W = TypeVar("W", contravariant=True)
+    T = TypeVar("T")
+    E = TypeVar("E", bound=Enum)
+
+    class Coerced(Generic[R, W]):
+        """A field as type checkers see it: given as `W`, read as `R`. At runtime it is an ordinary slot."""
+
+        def __get__(self, instance: object, owner: object = None) -> R: ...
+        def __set__(self, instance: object, value: W) -> None: ...
+
+    Time = Coerced[Duration, DurationLike]
+    OptionalTime = Coerced[Duration | None, DurationLike | None]
+    Times = Coerced[tuple[Duration, ...], list[Duration] | list[str] | tuple[DurationLike, ...]]
+    Exact = Coerced[Fraction, Fraction | int | str]
+    Size = Coerced[int, int | str]
+    OptionalSize = Coerced[int | None, int | str | None]
+    Names = Coerced[tuple[str, ...], list[str] | tuple[str, ...]]
+    Items = Coerced[tuple[T, ...], Iterable[T]]
+    Choice = Coerced[E, E | str]
+    OptionalChoice = Coerced[E | None, E | str | None]
+
+_READ_AS = {
+    "Time": "Duration",
+    "OptionalTime": "Duration | None",
+    "Times": "tuple[Duration, ...]",
+    "Exact": "Fraction",
+    "Size": "int",
+    "OptionalSize": "int | None",
+    "Names": "tuple[str, ...]",
+    "Items": "tuple[{}, ...]",
+    "Choice": "{}",
+    "OptionalChoice": "{} | None",
+}
+"""What a field of these types holds; the item of the brackets goes in."""
 
 _EXAMPLES = {
     "Duration": 'a duration such as "5ms"',
@@ -37,8 +77,10 @@ class Coercion:
         self._right: dict[tuple[type, ...], bool] = {}
         self._items: list[tuple[int, frozenset[type]]] = []
         for field in fields(kind):
-            optional = field.type.endswith(" | None")
-            stated = field.type.removesuffix(" | None")
+            name, _, item = field.type.removesuffix("]").partition("[")
+            held = _READ_AS[name].format(item) if name in _READ_AS else field.type
+            optional = held.endswith(" | None")
+            stated = held.removesuffix(" | None")
             types, read = _reader(stated, namespace)
             if types[0] is tuple:
                 self._items.append((len(self._readers), frozenset(_reader(stated[6:-6], namespace)[0])))

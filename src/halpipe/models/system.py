@@ -6,14 +6,14 @@ an `origin`, the place in the OEM's file it was imported from (part of its value
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import replace
 from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import NOWHERE, Location
-from halpipe.core.durations import ZERO, Duration
-from halpipe.core.records import record
+from halpipe.core.durations import ZERO
+from halpipe.core.records import field, record
 from halpipe.models.attributes import (
     BANDWIDTH,
     BOUND,
@@ -38,6 +38,19 @@ from halpipe.models.coercion import Coercion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from halpipe.models.coercion import (
+        Choice,
+        Exact,
+        Items,
+        Names,
+        OptionalChoice,
+        OptionalSize,
+        OptionalTime,
+        Size,
+        Time,
+        Times,
+    )
 
 _COERCIONS: dict[type, Coercion] = {}
 
@@ -157,8 +170,8 @@ class Interrupt(Element):
     """Sporadic work of a unit: `wcet` c at most once in `distance` T; it interrupts every job at once (MODEL 8.1)."""
 
     name: str = field(metadata=attribute(NAME))
-    distance: Duration = field(metadata=attribute(POSITIVE, "The least time between two of them."))
-    wcet: Duration = field(metadata=attribute(POSITIVE, "The longest time that one takes."))
+    distance: Time = field(metadata=attribute(POSITIVE, "The least time between two of them."))
+    wcet: Time = field(metadata=attribute(POSITIVE, "The longest time that one takes."))
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -169,7 +182,7 @@ class Unit(Element):
 
     name: str = field(metadata=attribute(NAME))
     type: str = field(default="", metadata=attribute(NAME, "Such as the kind of core; not interpreted."))
-    interrupts: tuple[Interrupt, ...] = ()
+    interrupts: Items[Interrupt] = field(default=())
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -179,10 +192,10 @@ class Resource(Element):
     """A shared resource r of R; `bandwidth` is its peak in bytes per second, for the exporters."""
 
     name: str = field(metadata=attribute(NAME))
-    bandwidth: int | None = field(
+    bandwidth: OptionalSize = field(
         default=None, metadata=attribute(BANDWIDTH, "The peak, for exporters; no rule depends on it.")
     )
-    kind: ResourceKind = field(
+    kind: Choice[ResourceKind] = field(
         default=ResourceKind.MEMORY,
         metadata=attribute(word(ResourceKind), "A lock is held by one job at a time, gaps included."),
     )
@@ -196,7 +209,7 @@ class Transfer(Element):
 
     buffer: str = field(metadata=attribute(NAME, "In the shared memory."))
     symbol: str = field(metadata=attribute(NAME, "In the task's program."))
-    size: int = field(metadata=attribute(SIZE))
+    size: Size = field(metadata=attribute(SIZE))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -205,15 +218,15 @@ class Access(Element):
     """An access phase of A_i^v with its bound B_i^v: in force on [start, end) from the job's start."""
 
     resource: str = field(metadata=attribute(NAME))
-    start: Duration = field(metadata=attribute(DURATION, "From the start of the job."))
-    end: Duration = field(
+    start: Time = field(metadata=attribute(DURATION, "From the start of the job."))
+    end: Time = field(
         metadata=attribute(POSITIVE, "From the start of the job; at most the WCET. The span is half-open.")
     )
-    bound: Fraction = field(
+    bound: Exact = field(
         default=Fraction(1), metadata=attribute(BOUND, "The share of the resource: above 0, at most 1.", always=True)
     )
-    kind: AccessKind | None = field(default=None, metadata=attribute(word(AccessKind)))
-    transfers: tuple[Transfer, ...] = ()
+    kind: OptionalChoice[AccessKind] = field(default=None, metadata=attribute(word(AccessKind)))
+    transfers: Items[Transfer] = field(default=())
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -226,26 +239,26 @@ class Precedence(Element):
     """
 
     task: str = field(metadata=attribute(NAME, "The predecessor."))
-    anchor: Anchor = field(
+    anchor: Choice[Anchor] = field(
         default=Anchor.START,
         metadata=attribute(
             word(Anchor), "The instant of the predecessor from which the window counts.", name="from", always=True
         ),
     )
-    point: Duration | None = field(
+    point: OptionalTime = field(
         default=None,
         metadata=attribute(DURATION, "The execution time of the predecessor from which the window counts."),
     )
-    to: Anchor = field(
+    to: Choice[Anchor] = field(
         default=Anchor.START,
         metadata=attribute(word(Anchor), "The instant of this job that lies in the window: its start or its end."),
     )
-    match: Match = field(
+    match: Choice[Match] = field(
         default=Match.WINDOW,
         metadata=attribute(word(Match), "Any job of the predecessor in the window, or the one of the same cycle."),
     )
-    min: Duration = field(default=ZERO, metadata=attribute(DURATION, always=True))
-    max: Duration = field(metadata=attribute(DURATION))
+    min: Time = field(default=ZERO, metadata=attribute(DURATION, always=True))
+    max: Time = field(metadata=attribute(DURATION))
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -272,9 +285,9 @@ class Precedence(Element):
 class Source(Element):
     """The C sources of a version, for deployment: files, entry function, preprocessor definitions."""
 
-    files: tuple[str, ...] = field(metadata=attribute(TEXTS, "Names without white space."))
+    files: Names = field(metadata=attribute(TEXTS, "Names without white space."))
     entry: str = field(metadata=attribute(TOKEN, "The function of one job."))
-    defines: tuple[str, ...] = field(
+    defines: Names = field(
         default=(), metadata=attribute(TEXTS, "Definitions for the preprocessor, such as PARTICLES=500.")
     )
     at: Location = field(default=NOWHERE, compare=False, repr=False)
@@ -289,15 +302,13 @@ class Split(Element):
     `min_part` is the least execution time of each part of a job with gaps. The default: a job runs in one piece.
     """
 
-    points: tuple[Duration, ...] = ()
+    points: Times = field(default=())
     anywhere: bool = False
-    resume: Duration = field(
-        default=ZERO, metadata=attribute(DURATION, "Preemption overhead, lost when a job resumes.")
-    )
+    resume: Time = field(default=ZERO, metadata=attribute(DURATION, "Preemption overhead, lost when a job resumes."))
     max_gaps: int | None = field(
         default=None, metadata=attribute(GAPS, 'Absent: no limit, for split points; must be stated for "anywhere".')
     )
-    min_part: Duration | None = field(
+    min_part: OptionalTime = field(
         default=None,
         metadata=attribute(POSITIVE, 'The least execution time of each part of a job with gaps; for "anywhere" only.'),
     )
@@ -326,13 +337,13 @@ class Version(Element):
     """
 
     name: str = field(metadata=attribute(NAME))
-    wcet: Duration | None = field(
+    wcet: OptionalTime = field(
         default=None,
         metadata=attribute(
             POSITIVE, "Absent in an imported model whose source states no WCET; such a model cannot be scheduled yet."
         ),
     )
-    units: tuple[str, ...] = field(
+    units: Names = field(
         default=(),
         metadata=attribute(
             NAMES,
@@ -342,8 +353,8 @@ class Version(Element):
         ),
     )
     gang: int = field(default=1, metadata=attribute(GANG, "How many of them a job takes together.", element="units"))
-    accesses: tuple[Access, ...] = ()
-    precedences: tuple[Precedence, ...] = ()
+    accesses: Items[Access] = field(default=())
+    precedences: Items[Precedence] = field(default=())
     source: Source | None = None
     split: Split = WHOLE
     origin: Origin | None = None
@@ -359,38 +370,38 @@ class Task(Element):
     """
 
     name: str = field(metadata=attribute(NAME))
-    period: Duration | None = field(
+    period: OptionalTime = field(
         default=None,
         metadata=attribute(POSITIVE, "Absent: the task runs on demand of the precedence constraints that name it."),
     )
-    slack: Fraction = field(
+    slack: Exact = field(
         default=Fraction(0),
         metadata=attribute(SHARE, "The share of the period by which a job may start after its release."),
     )
-    offset: Duration | None = field(
+    offset: OptionalTime = field(
         default=None, metadata=attribute(DURATION, "The first release, modulo the period. Absent: free.")
     )
-    deadline: Duration | None = field(
+    deadline: OptionalTime = field(
         default=None,
         metadata=attribute(
             POSITIVE,
             "Counted from the release, or, with a distance, from the arrival. Absent: the period, or the distance.",
         ),
     )
-    distance: Duration | None = field(
+    distance: OptionalTime = field(
         default=None,
         metadata=attribute(
             POSITIVE,
             "The least time between two of the sporadic arrivals that the task serves by polling with its period.",
         ),
     )
-    let: Duration | None = field(
+    let: OptionalTime = field(
         default=None,
         metadata=attribute(
             POSITIVE, "Logical execution time: data are read at the release and written so long after it."
         ),
     )
-    binding: Binding = field(
+    binding: Choice[Binding] = field(
         default=Binding.JOB,
         metadata=attribute(
             word(Binding),
@@ -399,7 +410,7 @@ class Task(Element):
             common=True,
         ),
     )
-    versions: tuple[Version, ...] = ()
+    versions: Items[Version] = field(default=())
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -416,19 +427,19 @@ class Chain(Element):
     """A cause-effect chain: tasks in order, with optional limits on reaction time and data age."""
 
     name: str = field(metadata=attribute(NAME))
-    tasks: tuple[str, ...] = field(metadata=attribute(NAMES, "In the order of the data."))
-    max_latency: Duration | None = field(
+    tasks: Names = field(metadata=attribute(NAMES, "In the order of the data."))
+    max_latency: OptionalTime = field(
         default=None,
         metadata=attribute(POSITIVE, "From a job of the first task to the first job of the last that has its data."),
     )
-    max_reaction: Duration | None = field(
+    max_reaction: OptionalTime = field(
         default=None, metadata=attribute(POSITIVE, "From a stimulus to the end of the last task that has seen it.")
     )
-    max_age: Duration | None = field(
+    max_age: OptionalTime = field(
         default=None,
         metadata=attribute(POSITIVE, "From the start of the first task to the end of the last that uses its data."),
     )
-    anchor: Anchor | None = field(
+    anchor: OptionalChoice[Anchor] = field(
         default=None,
         metadata=attribute(
             word(Anchor),
@@ -436,14 +447,14 @@ class Chain(Element):
             name="from",
         ),
     )
-    to: Anchor | None = field(
+    to: OptionalChoice[Anchor] = field(
         default=None,
         metadata=attribute(
             word(Anchor),
             "The instant of the last task to which latencies count. Absent: its end, or release + LET with a LET.",
         ),
     )
-    weight: Fraction = field(
+    weight: Exact = field(
         default=Fraction(1),
         metadata=attribute(WEIGHT, "What its latencies count beside those of others."),
     )
@@ -456,7 +467,7 @@ class Run(Element):
     """A task that runs in a mode, with the versions available there."""
 
     task: str = field(metadata=attribute(NAME))
-    versions: tuple[str, ...] = field(metadata=attribute(NAMES, "Those available in the mode."))
+    versions: Names = field(metadata=attribute(NAMES, "Those available in the mode."))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -465,11 +476,11 @@ class Mode(Element):
     """An execution mode M_n; a task without a run is not scheduled in it."""
 
     name: str = field(metadata=attribute(NAME))
-    edge: Edge = field(
+    edge: Choice[Edge] = field(
         default=Edge.OPEN,
         metadata=attribute(word(Edge), "Closed: no job and no access is in progress where the table begins again."),
     )
-    runs: tuple[Run, ...]
+    runs: Items[Run]
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -480,7 +491,7 @@ class Transition(Element):
 
     source: str = field(metadata=attribute(NAME, name="from"))
     target: str = field(metadata=attribute(NAME, name="to"))
-    max_length: Duration | None = field(
+    max_length: OptionalTime = field(
         default=None, metadata=attribute(DURATION, "Of the table between the two modes. Absent: any.")
     )
     origin: Origin | None = None
@@ -495,7 +506,7 @@ class HealthRule(Element):
     """
 
     task: str = field(metadata=attribute(NAME))
-    event: HealthEvent = field(
+    event: Choice[HealthEvent] = field(
         default=HealthEvent.ANY,
         metadata=attribute(
             word(HealthEvent),
@@ -508,7 +519,7 @@ class HealthRule(Element):
     cycles: int = field(
         default=1, metadata=attribute(TIMES, "in how many tables in a row, those of modes and of transitions.")
     )
-    action: HealthAction = field(
+    action: Choice[HealthAction] = field(
         default=HealthAction.SWITCH,
         metadata=attribute(
             word(HealthAction),
@@ -529,13 +540,13 @@ class TaskModel(Element):
     """
 
     name: str = field(metadata=attribute(NAME))
-    units: tuple[Unit, ...] = ()
-    resources: tuple[Resource, ...] = ()
-    tasks: tuple[Task, ...] = ()
-    chains: tuple[Chain, ...] = ()
-    modes: tuple[Mode, ...] = ()
-    transitions: tuple[Transition, ...] = ()
-    health: tuple[HealthRule, ...] = ()
+    units: Items[Unit] = field(default=())
+    resources: Items[Resource] = field(default=())
+    tasks: Items[Task] = field(default=())
+    chains: Items[Chain] = field(default=())
+    modes: Items[Mode] = field(default=())
+    transitions: Items[Transition] = field(default=())
+    health: Items[HealthRule] = field(default=())
     origin: Origin | None = None
     digest: str = field(default="", init=False, compare=False, repr=False)
     at: Location = field(default=NOWHERE, compare=False, repr=False)
