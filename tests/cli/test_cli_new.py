@@ -21,6 +21,18 @@ def test_the_graph_with_its_overlay_is_a_model(tmp_path):
     arguments = ("import", "ros", "first/graph.dot", "--overlay", "first/overlay.yaml", "-o", "m.xml")
     assert run_here(tmp_path, *arguments).returncode == 0
     assert run_here(tmp_path, "schedule", "m.xml", "-o", "s.xml").returncode == 0
+    model, imported = (read_model(str(tmp_path / name)) for name in ("first/model.xml", "m.xml"))
+    (of_model,), (of_graph,) = model.chains, imported.chains
+    assert of_graph.max_reaction == of_model.max_reaction
+    assert [name.strip("/") for name in of_graph.tasks] == list(of_model.tasks)
+    for name in of_model.tasks:  # the tutorial and the files say so
+        (stated, *_), (read,) = model.task(name).versions, imported.task(f"/{name}").versions
+        assert (read.wcet, read.units) == (stated.wcet, stated.units)
+        assert timing(imported.task(f"/{name}")) == timing(model.task(name))
+
+
+def timing(task):
+    return task.period, task.slack, task.offset, task.deadline
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

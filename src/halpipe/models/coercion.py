@@ -52,11 +52,11 @@ _READ_AS = {
     "Size": "int",
     "OptionalSize": "int | None",
     "Names": "tuple[str, ...]",
-    "Items": "tuple[{}, ...]",
-    "Choice": "{}",
-    "OptionalChoice": "{} | None",
+    "Items": "tuple[*, ...]",
+    "Choice": "*",
+    "OptionalChoice": "* | None",
 }
-"""What a field of these types holds; the item of the brackets goes in."""
+"""What a field of these types holds; the item of the brackets replaces the star."""
 
 _EXAMPLES = {
     "Duration": 'a duration such as "5ms"',
@@ -78,7 +78,7 @@ class Coercion:
         self._items: list[tuple[int, frozenset[type]]] = []
         for field in fields(kind):
             name, _, item = field.type.removesuffix("]").partition("[")
-            held = _READ_AS[name].format(item) if name in _READ_AS else field.type
+            held = _READ_AS[name].replace("*", item) if name in _READ_AS else field.type
             optional = held.endswith(" | None")
             stated = held.removesuffix(" | None")
             types, read = _reader(stated, namespace)
