@@ -14,7 +14,7 @@ def changed(halpipe, folder):
     model = first_model()["model.xml"]
     (folder / "first.xml").write_bytes(model)
     assert halpipe("schedule", "first.xml", "-o", "first.schedule.xml").returncode == 0
-    (folder / "first.xml").write_bytes(model.replace(b'name="full" wcet="6ms"', b'name="full" wcet="7ms"'))
+    (folder / "first.xml").write_bytes(model.replace(b'name="full" wcet="6ms"', b'name="full" wcet="5ms"'))
     return "first.xml", "first.schedule.xml"
 
 

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import pytest
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
@@ -134,12 +135,16 @@ def test_without_the_exact_engine_tasks_are_put_back(monkeypatch):
     assert moved(first, found.schedule) == 0 or note.message.endswith("no schedule moves fewer: not proven")
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
-def test_never_more_move_than_with_freeze(seed):
-    owner = generate(SetParameters(tasks=20, units=3), seed)
-    first = scheduled(owner).schedule
-    longer = with_longer(owner, owner.tasks[seed].name, Fraction(21, 20))
-    frozen = schedule_model(longer, SearchOptions(shipped=first), lambda *_: True)
-    near = scheduled(longer, near=first).schedule
-    if frozen.is_complete:
-        assert moved(first, near) <= moved(first, frozen.schedule)
+def test_never_more_move_than_with_freeze():
+    compared = 0
+    for seed in range(1, 16):
+        owner = generate(SetParameters(tasks=20, units=3, utilisation=Fraction(3, 10)), seed)
+        first = scheduled(owner).schedule
+        longer = with_longer(owner, owner.tasks[seed].name, Fraction(21, 20))
+        try:
+            frozen = schedule_model(longer, SearchOptions(shipped=first), lambda *_: True)
+        except HalpipeError:  # proven to be impossible
+            continue
+        assert moved(first, scheduled(longer, near=first).schedule) <= moved(first, frozen.schedule)
+        compared += 1
+    assert compared >= 5
