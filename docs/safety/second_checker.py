@@ -120,15 +120,14 @@ class Version:
             (need(a, "resource"), at(a, "start"), at(a, "end"), number(a.get("bound", "1")))
             for a in inside(element, "access")
         ]
-        if any(name in locks and bound != 1 for name, *_, bound in self.phases):
-            raise UnreadableError("a lock is taken by less than the whole")
+        cut = {name for name, p, q, _ in self.phases if any(p < point < q for point in self.points)}
+        if not cut <= locks or any(name in locks and bound != 1 for name, *_, bound in self.phases):
+            raise UnreadableError("a phase has a split point inside, or a lock is taken by less than the whole")
         self.constraints = [Constraint(p) for p in inside(element, "precedence")]
 
     def may_split(self, at: int) -> bool:
-        if self.anywhere:
-            held = (p < at < q for name, p, q, _ in self.phases if name not in self.locks)
-            return 0 < at < self.wcet and not any(held)
-        return at in self.points
+        held = (p < at < q for name, p, q, _ in self.phases if name not in self.locks)
+        return 0 < at < self.wcet and not any(held) if self.anywhere else at in self.points
 
 
 class Constraint:
