@@ -241,34 +241,35 @@ def check(bundle: str, **options: Any) -> Checked:
 # ------------------------------------------------------------------------------------------------ plain tables
 
 
-def jobs(schedule: Schedule) -> list[dict[str, Any]]:
-    """Return the jobs of all modes and tables as plain rows, a part of a job with gaps in a row of its own.
+def jobs(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
+    """Return the jobs of all modes and tables as plain rows, each execution segment in a row of its own.
 
-    Times are exact milliseconds (`Fraction`). ``pandas.DataFrame(halpipe.jobs(schedule))`` is a data frame.
+    Times are in milliseconds, as floats for data frames and plots: ``pandas.DataFrame(halpipe.jobs(schedule))``. With
+    `exact`, every number is a `Fraction` or an integer.
     """
-    from halpipe.flow.rows import job_rows
+    from halpipe.flow.rows import as_floats, job_rows
 
-    return job_rows(schedule)
-
-
-def loads(schedule: Schedule) -> list[dict[str, Any]]:
-    """Return the loads of units and resources in every mode as plain rows; shares are exact."""
-    from halpipe.flow.rows import load_rows
-
-    return load_rows(schedule)
+    return job_rows(schedule) if exact else as_floats(job_rows(schedule))
 
 
-def latencies(schedule: Schedule, model: TaskModel | None = None) -> list[dict[str, Any]]:
-    """Return reaction time, data age and latency of the chains in every mode as plain rows, in exact milliseconds.
+def loads(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
+    """Return the loads of units and resources in every mode as plain rows; numbers as in `jobs`."""
+    from halpipe.flow.rows import as_floats, load_rows
+
+    return load_rows(schedule) if exact else as_floats(load_rows(schedule))
+
+
+def latencies(schedule: Schedule, model: TaskModel | None = None, *, exact: bool = False) -> list[dict[str, Any]]:
+    """Return reaction time, data age and latency of the chains in every mode as plain rows; numbers as in `jobs`.
 
     Without the model, latencies are those that the schedule states: where the model refers to them.
     """
-    from halpipe.flow.rows import latency_rows
+    from halpipe.flow.rows import as_floats, latency_rows
 
-    if model is None:
-        return latency_rows(schedule)
-    from halpipe.pipeline.checked import refuse_invalid
-    from halpipe.pipeline.measure.metrics import with_latencies
+    if model is not None:
+        from halpipe.pipeline.checked import refuse_invalid
+        from halpipe.pipeline.measure.metrics import with_latencies
 
-    refuse_invalid(model, schedule)
-    return latency_rows(with_latencies(model, schedule))
+        refuse_invalid(model, schedule)
+        schedule = with_latencies(model, schedule)
+    return latency_rows(schedule) if exact else as_floats(latency_rows(schedule))

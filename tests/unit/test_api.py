@@ -1,9 +1,11 @@
 """The public functions of the package: the tool from Python."""
 
+import math
 import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -172,6 +174,21 @@ def test_tables_are_plain_rows():
     assert rows[0]["end_ms"] - rows[0]["start_ms"] in (3, 4)
     assert {row["name"] for row in halpipe.loads(plan)} == {"u1"}
     assert halpipe.latencies(plan) == []
+
+
+def test_numbers_of_tables_are_floats_or_exact():
+    third = task("t", "100/3ms", version("v", "10/3ms", "u1"))
+    system = model(third, chains=[chain("c", "t", "90ms")])
+    plan = halpipe.schedule(system)
+    for rows in (halpipe.jobs, halpipe.loads, partial(halpipe.latencies, model=system)):
+        for name, exact in rows(plan, exact=True)[0].items():
+            shown = rows(plan)[0][name]
+            assert type(shown) is (float if type(exact) is Fraction else type(exact)), name
+            assert shown == (float(exact) if type(exact) is Fraction else exact), name
+    assert halpipe.jobs(plan, exact=True)[0]["end_ms"] == Fraction(10, 3)
+    (load,) = plan.modes[0].unit_loads
+    loads = (replace(load, share=Fraction(10**400)),)
+    assert halpipe.loads(replace(plan, modes=(replace(plan.modes[0], unit_loads=loads),)))[0]["share"] == math.inf
 
 
 def test_changes_and_limits():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -72,6 +73,18 @@ def switch_rows(schedule: Schedule) -> list[Row]:
         )
         for t in schedule.transitions
     ]
+
+
+def as_floats(rows: Iterable[Mapping[str, Any]]) -> list[Row]:
+    """Return the rows with floats in the place of fractions, for data frames and plots; nothing is decided by them."""
+    return [{name: _float(value) for name, value in row.items()} for row in rows]
+
+
+def _float(value: Any) -> Any:
+    try:
+        return float(value) if isinstance(value, Fraction) else value
+    except OverflowError:  # a file may state any number; only verify judges it
+        return math.inf
 
 
 def _ms(time: Duration | None) -> Fraction | None:
