@@ -12,6 +12,7 @@ from halpipe.deploy.riscv import DEPLOYMENT
 from halpipe.deploy.riscv import codes as declared
 from halpipe.deploy.riscv.board.machine import Timing
 from halpipe.deploy.riscv.judge import check
+from halpipe.deploy.riscv.judge.containment import PREFIX
 from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv import bundle
 from one_fault import with_fault
@@ -207,12 +208,12 @@ def test_tables_that_are_not_those_of_the_schedule_are_found_without_playing(sou
     assert check.static_findings(sound) == []
 
 
-def _with_runtime(export, tmp_path, monkeypatch, what, instead):
+def _with_runtime(export, tmp_path, monkeypatch, what, instead, change=lambda text: text):
     shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
     path = tmp_path / "runtime" / "runtime.c"
     path.write_text(with_fault(path.read_text(), what, instead))
     monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
-    return export()
+    return export(change=change)
 
 
 @pytest.mark.parametrize(
@@ -257,3 +258,35 @@ def test_a_unit_of_time_for_slow_cores(cycles):
     timing = Timing.of(100_000_000, 1_000_000, cycles)
     assert Fraction(timing.cycle, timing.rate) == Fraction(cycles) / 100_000_000
     assert Fraction(timing.tick, timing.rate) == Fraction(1, 1_000_000)
+
+
+@pytest.mark.parametrize(
+    ("what", "instead"),
+    [
+        ("if (is_suspect != 0U) {", "if (0) {"),
+        ("(state == DMA_IDLE) && (is_held(s, o) != 0U)", "0"),
+        pytest.param("is_suspect = 1U;", "is_suspect = 0U;", marks=pytest.mark.slow),
+    ],
+)
+def test_a_runtime_that_gives_a_unit_away_under_a_late_transfer(export, tmp_path, monkeypatch, what, instead):
+    target = _with_runtime(export, tmp_path, monkeypatch, what, instead, two_channels)
+    found = [d for d in DEPLOYMENT.check(target, CheckOptions()).diagnostics if d.is_error]
+    assert any(d.message.startswith(PREFIX) for d in found)
+
+
+def two_channels(text):
+    """The model of these tests, with a channel of its own for what is read."""
+    read = '<access resource="memory" start="100us" end="150us" kind="read">'
+    known = '<resource name="memory" bandwidth="400MB/s"/>'
+    assert read in text
+    assert known in text
+    text = text.replace(read, read.replace("memory", "sensors"))
+    return text.replace(known, known + known.replace("memory", "sensors"))
+
+
+@pytest.mark.parametrize("change", [lambda text: text, two_channels])
+def test_a_transfer_late_by_up_to_a_hyperperiod_holds_its_channel_and_unit(export, change):
+    checked = DEPLOYMENT.check(export(change=change), CheckOptions())
+    assert checked.diagnostics == ()
+    (line,) = (line for line in checked.lines if "transfers late by up to a hyperperiod" in line)
+    assert int(line.split("the ")[1].split()[0]) > 5

@@ -61,7 +61,7 @@ def test_no_operation_is_later_than_computed(tmp_path, toolchain):
         pytest.skip("riscv64-unknown-elf-gcc is not installed")
     text = FOLDER.joinpath("vcu118x8.yaml").read_text()
     tmp_path.joinpath("fine.yaml").write_text(
-        text.replace("timebase: 1000000", "timebase: 50000000").replace("service: 6500ns", "service: 1500ns")
+        text.replace("timebase: 1000000", "timebase: 50000000").replace("service: 6500ns", "service: 1600ns")
     )
     model, tables = on_disk(tmp_path, *crowded())
     options = RiscvOptions(profile=str(tmp_path / "fine.yaml"), toolchain=toolchain)

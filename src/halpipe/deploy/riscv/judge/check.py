@@ -25,9 +25,10 @@ from halpipe.deploy.riscv.judge.regulated import hold_transfers
 from halpipe.deploy.riscv.judge.summary import summary_lines, trace_csv
 from halpipe.deploy.riscv.judge.tables import wrong_operations
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, read_images
+from halpipe.deploy.riscv.run.delays import SPACE, delays
 from halpipe.deploy.riscv.run.drivers import REQUEST, read_drivers
 from halpipe.deploy.riscv.run.expectation import Expectation
-from halpipe.deploy.riscv.run.injection import Injection, Saboteur
+from halpipe.deploy.riscv.run.injection import Injection, Kind, Saboteur
 from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
 from halpipe.deploy.riscv.target import read_site
 
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.judge.health import Trial
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.run.injection import Kind
     from halpipe.deploy.riscv.target import Site
 
 CYCLES = 2
@@ -72,6 +72,9 @@ SWITCHES = 12
 
 ASKING = 12
 """Tables of the run in which tasks may ask for modes."""
+
+DELAYS, TURNS = 8, 8
+"""Late transfers in a run, and such runs for each mode with --inject."""
 
 TRIALS = 12
 """Runs that try health rules in a check of every day."""
@@ -208,6 +211,9 @@ def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
             sabotage(target, replace(tour, tables=cycles + 1), kinds, turn, found)
     for tour in containment.switches(target.schedule)[: SWITCHES if everything else 0]:
         sabotage(target, tour, kinds, 0, found)
+    if site.dma.kind == "pdma":
+        for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
+            delay(target, tour, min(affordable, DELAYS * SPACE), found, turns=TURNS if everything else 1)
     for trial in list(health.trials(target))[: None if everything else TRIALS]:
         try_rule(target, trial, found)
     if lacking:
@@ -215,6 +221,25 @@ def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
         help = "deploy check --inject takes more time"
         found.findings.append(codes.NOT_INJECTED(message, help=help))
     return found
+
+
+def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: int) -> None:
+    """Play tours in which transfers are late by up to a hyperperiod, and add what differs from what has to follow."""
+    site = read_site(target.bundle)
+    images = read_images(target.bundle, site)
+    tour = replace(tour, tables=max(tables, SPACE) + 1)
+    expected = played_tables(target.schedule, tour.first, (), tour.tables, site.tick)
+    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
+    length = math.floor(expected[0].length / site.tick)
+    margin = math.ceil(tolerance_of(site) / site.tick) + 1
+    for turn in range(turns):
+        injections = delays([job for job in jobs if job.table.cycle < tour.tables - 1], length, margin, turn)
+        if injections:
+            outcome = simulate(target, tour, injections=injections)
+            found.delays += sum(i.kind is not Kind.HELD for i in injections)
+            found.held += sum(i.kind is Kind.HELD for i in injections)
+            found.dispatches.append(outcome.dispatch)
+            found.findings += containment.prefixed(outcome.findings)
 
 
 def try_rule(target: Target, trial: Trial, found: Injected) -> None:

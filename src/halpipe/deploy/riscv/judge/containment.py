@@ -37,6 +37,8 @@ class Injected:
     jobs: set[str] = field(default_factory=set)
     missed: int = 0
     trials: int = 0
+    delays: int = 0
+    held: int = 0
     dispatches: list[Dispatch] = field(default_factory=list)
     findings: list[Diagnostic] = field(default_factory=list)
 
@@ -54,6 +56,8 @@ class Injected:
             yield f"injected: {sum(self.kinds.values())} faults of {kinds} kinds into {len(self.jobs)} jobs"
             if not any(found.is_error for found in self.findings):
                 yield "each was stopped in its time and recorded; nothing else changed"
+        if self.delays and not any(found.is_error for found in self.findings):
+            yield f"{self.delays} transfers late by up to a hyperperiod: the {self.held} jobs that wait are abandoned"
         if self.trials and not any(found.is_error for found in self.findings):
             yield f"health rules: {self.trials} runs in which they have to fire, or must not, went as the model says"
 
@@ -65,7 +69,7 @@ def places(jobs: Sequence[PlannedJob]) -> dict[tuple[int, int], PlannedJob]:
 
 def kinds_for(site: Site) -> tuple[Kind, ...]:
     """Return what can go wrong on a target; without a DMA engine, its faults cannot."""
-    return tuple(Kind) if site.dma.kind == "pdma" else CODES
+    return tuple(kind for kind in Kind if kind is not Kind.HELD) if site.dma.kind == "pdma" else CODES
 
 
 def sweeps(schedule: Schedule, cycles: int) -> list[Tour]:
@@ -115,7 +119,7 @@ def recorded(
     slack = int(tolerance / run.site.tick) + 1
     for injection in injections:
         job = by_place.get((injection.cycle, injection.row))
-        found = victim(injection.kind, job) if job is not None else None
+        found = injection.befalls(job) if job is not None else None
         if job is None or found is None:
             continue
         record = next((r for r in left if _matches(r, job, found, slack)), None)

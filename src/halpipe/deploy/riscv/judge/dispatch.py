@@ -87,7 +87,9 @@ def _due(tables: Tables, record: Record, starts: Sequence[int]) -> tuple[int, in
 
 
 def _waits(tables: Tables, record: Record, due: int) -> bool:
-    """Whether the core may have waited for the transfer before this one: that is no work of its own."""
+    """Whether the core may have waited for another transfer before this one: that is no work of its own."""
+    if record.kind == Kind.COPY and record.flags & Flag.LATE:
+        return True
     if record.kind != Kind.COPY or record.operation == 0 or record.time <= due:
         return False
     return tables.operations(record.program)[record.operation - 1].kind == Kind.COPY

@@ -70,7 +70,7 @@ def events_of(jobs: Sequence[PlannedJob], injections: Sequence[Injection]) -> li
     found = []
     for injection in injections:
         job = by_place.get((injection.cycle, injection.row))
-        fallen = victim(injection.kind, job) if job is not None else None
+        fallen = injection.befalls(job) if job is not None else None
         if job is not None and fallen is not None:
             event = HealthEvent.OVERRUN if injection.kind in OVERRUNS else HealthEvent.FAULT
             found.append(Event(fallen.end, job.job.task, event))

@@ -43,9 +43,10 @@ class Kind(StrEnum):
     MAILBOX = "a store to the mailbox"
     LATE_DMA = "a transfer that takes too long"
     DMA_ERROR = "a transfer that fails"
+    HELD = "a late transfer of another job on its channel or unit"
 
 
-CODES = tuple(kind for kind in Kind if kind not in (Kind.LATE_DMA, Kind.DMA_ERROR))
+CODES = tuple(kind for kind in Kind if kind not in (Kind.LATE_DMA, Kind.DMA_ERROR, Kind.HELD))
 """What the code of a job can do wrong."""
 
 _HERE = 0x0000006F  # j .
@@ -98,22 +99,27 @@ class Injection:
     """One fault: of a `kind`, into the job of `row` of the `cycle`-th table.
 
     A late transfer is complete a little more than `late` ticks after its phase, when the check that it is complete has
-    certainly been made.
+    certainly been made. It befalls the `victim`, or what of the job is stated.
     """
 
     kind: Kind
     cycle: int
     row: int
     late: int = 0
+    stated: PlannedExecution | PlannedTransfer | None = None
 
     @property
     def flags(self) -> Flag:
         """What the runtime has to record of it, one of these."""
-        if self.kind is Kind.LATE_DMA:
+        if self.kind in (Kind.LATE_DMA, Kind.HELD):
             return Flag.LATE
         if self.kind is Kind.DMA_ERROR:
             return Flag.ERROR
         return {Kind.SPIN: Flag.OVERRUN, Kind.DEAF_SPIN: Flag.OVERRUN | Flag.FAULT}.get(self.kind, Flag.FAULT)
+
+    def befalls(self, job: PlannedJob) -> PlannedExecution | PlannedTransfer | None:
+        """Return what of its job the fault befalls."""
+        return self.stated or victim(self.kind, job)
 
     @property
     def ends(self) -> frozenset[Outcome]:
@@ -139,9 +145,11 @@ def victim(kind: Kind, job: PlannedJob) -> PlannedExecution | PlannedTransfer | 
 
 def consequence(injection: Injection, job: PlannedJob) -> PlannedJob:
     """Return what is left of a job that the fault befalls."""
-    found = victim(injection.kind, job)
+    found = injection.befalls(job)
     if found is None:
         return job
+    if injection.kind is Kind.HELD:
+        return _held(job, found)
     calls = tuple(call for call in job.calls if call.begin < found.end)
     if injection.kind in CODES:
         return replace(
@@ -160,12 +168,22 @@ def consequence(injection: Injection, job: PlannedJob) -> PlannedJob:
     )
 
 
+def _held(job: PlannedJob, found: PlannedExecution | PlannedTransfer) -> PlannedJob:
+    """Return what is left of a job of which a transfer waits beyond its phase, or an execution does not begin."""
+    return replace(
+        job,
+        transfers=tuple(takewhile(lambda t: t != found, (t for t in job.transfers if t.begin <= found.begin))),
+        executions=tuple(takewhile(lambda e: e != found, (e for e in job.executions if e.begin <= found.begin))),
+        calls=tuple(call for call in job.calls if call.begin <= found.begin),
+    )
+
+
 def _remaining(
     injection: Injection, job: PlannedJob, found: PlannedExecution | PlannedTransfer
 ) -> Iterator[PlannedTransfer]:
     """Yield the transfers that still begin: those before, and in the phase of a late one all, for it is the last."""
     for transfer in job.transfers:
-        if transfer is found:
+        if transfer == found:
             late = injection.kind is Kind.LATE_DMA
             yield replace(transfer, end=transfer.end + injection.late + 1) if late else transfer
             return
@@ -182,8 +200,8 @@ class Saboteur:
         self._executions: list[tuple[PlannedExecution, Kind]] = []
         self._transfers: list[tuple[PlannedTransfer, Injection]] = []
         for injection in injections:
-            found = victim(injection.kind, by_place[injection.cycle, injection.row])
-            if found is None:
+            found = injection.befalls(by_place[injection.cycle, injection.row])
+            if found is None or injection.kind is Kind.HELD:
                 continue
             if injection.kind in CODES:
                 self._executions.append((found, injection.kind))  # type: ignore[arg-type] # by its kind

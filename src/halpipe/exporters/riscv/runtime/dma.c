@@ -1,6 +1,21 @@
 /* The DMA engine. A start does not wait: the tables say when a transfer must be complete. */
 #include "halpipe.h"
 
+static uint64_t owners[HP_CHANNELS]; /* of what is under way, << UNIT_BITS, with the unit; 0: nothing */
+
+#define UNIT_BITS 8U
+
+uint32_t dma_holds(uint32_t unit, uint64_t owner) {
+    uint32_t found = DMA_NONE;
+    for (uint32_t channel = 0U; channel < HP_CHANNELS; channel++) {
+        uint64_t held = owners[channel];
+        if ((held != 0U) && ((held >> UNIT_BITS) != owner) && (dma_state(channel, owner) == DMA_BUSY)) {
+            found = (((held ^ unit) & 0xffU) == 0U) ? DMA_THIS : ((found == DMA_NONE) ? DMA_OTHERS : found);
+        }
+    }
+    return found;
+}
+
 #if HP_DMA_KIND == HP_DMA_PDMA /* SiFive PDMA, as in FU540, FU740 and PolarFire SoC */
 
 #define CLAIM 1U
@@ -17,8 +32,6 @@ typedef struct {
     uint64_t source;
 } pdma_channel;
 
-static uint64_t owners[HP_CHANNELS]; /* of what is under way, 0: nothing */
-
 static inline volatile pdma_channel *registers_of(uint32_t channel) {
     return (volatile pdma_channel *)(HP_DMA + ((uint64_t)channel * HP_DMA_STRIDE));
 }
@@ -32,7 +45,7 @@ void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
     c->source = o->source;
     fence();
     c->control = CLAIM | RUN;
-    owners[channel] = owner;
+    owners[channel] = (owner << UNIT_BITS) | o->unit;
 }
 
 uint32_t dma_state(uint32_t channel, uint64_t owner) {
@@ -43,7 +56,7 @@ uint32_t dma_state(uint32_t channel, uint64_t owner) {
         if ((control & (DONE | FAILED)) == 0U) {
             state = DMA_BUSY;
         } else {
-            if (((control & FAILED) != 0U) && (owners[channel] == owner)) {
+            if (((control & FAILED) != 0U) && ((owners[channel] >> UNIT_BITS) == owner)) {
                 state = DMA_FAILED;
             }
             c->control = 0U;
@@ -70,7 +83,7 @@ typedef struct {
 static transfer pending[HP_CHANNELS];
 
 void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
-    (void)owner;
+    owners[channel] = (owner << UNIT_BITS) | o->unit;
     pending[channel].source = o->source;
     pending[channel].target = o->target;
     pending[channel].size = o->size;

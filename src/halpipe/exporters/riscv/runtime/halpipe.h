@@ -220,6 +220,12 @@ static inline void wait_for_interrupt(void) { __asm__ volatile("wfi" ::: "memory
 void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner);
 /* How the last transfer of a channel stands; an error that is another owner's is forgotten. */
 uint32_t dma_state(uint32_t channel, uint64_t owner);
+#define DMA_NONE 0U
+#define DMA_OTHERS 1U
+#define DMA_THIS 2U
+
+/* Whether transfers of other owners are under way from or to the scratchpads of this unit, or of others only. */
+uint32_t dma_holds(uint32_t unit, uint64_t owner);
 /* Does a part of what the hardware does not; 0: nothing to do. */
 uint32_t dma_work(void);
 /* Counts an event for a health rule, in a table of the run; returns 1 if the rule fires, whose switch or stop follows. */

@@ -45,6 +45,7 @@ typedef struct {
 static progress current;
 
 static uint64_t base;
+static uint32_t is_suspect; /* a job was abandoned: what it had under way may not be complete */
 static hp_record *cursor;
 
 static inline void wait_until(uint64_t instant) {
@@ -96,6 +97,7 @@ static void abandon(slot *s, const hp_operation *o, uint64_t flags, uint64_t now
         is_trap = 1U;
     }
     s->is_over = 1U;
+    is_suspect = 1U;
     f->time = now - base;
     f->cycle = (uint32_t)s->where;
     f->table = (uint32_t)(s->where >> 32U);
@@ -142,6 +144,16 @@ __attribute__((noinline)) static void react(const slot *s, const hp_operation *o
 
 /* ---- operations; each returns its flags ---- */
 
+/* Whether what an abandoned job has under way would overwrite what a unit is given now, or carry it away. */
+static inline uint32_t is_held(const slot *s, const hp_operation *o) {
+    uint32_t found = DMA_NONE;
+    if (is_suspect != 0U) {
+        found = dma_holds(o->unit, s->number);
+        is_suspect = found;
+    }
+    return (found == DMA_THIS) ? 1U : 0U;
+}
+
 static inline uint64_t run(const slot *s, const hp_operation *o) {
     volatile hp_mailbox *box = boxes[o->unit];
     uint64_t flags = FLAG_STUCK;
@@ -178,7 +190,7 @@ static inline uint64_t failure_of(uint32_t state) {
     return (state == DMA_FAILED) ? FLAG_ERROR : ((state == DMA_BUSY) ? FLAG_LATE : 0U);
 }
 
-/* Returns the tick at which a transfer is tried again that has to wait for the one before it, 0 if it need not. The last
+/* Returns the tick at which a transfer is tried again that has to wait for another one, 0 if it need not. The last
  * try is the check that its phase is not over. */
 static inline uint64_t again(const slot *s, const hp_operation *o, uint64_t now) {
     uint64_t end = s->base + (o->key >> 2U) + o->limit;
@@ -206,7 +218,7 @@ static inline void step(uint32_t place) {
     if (s->is_over != 0U) {
         flags = FLAG_SKIPPED;
     } else if (o->kind == OP_RUN) {
-        flags = run(s, o);
+        flags = (is_held(s, o) != 0U) ? FLAG_LATE : run(s, o);
     } else if (o->kind == OP_STOP) {
         flags = stop(o, &at);
 #ifdef HP_DRIVERS
@@ -215,6 +227,9 @@ static inline void step(uint32_t place) {
 #endif
     } else {
         uint32_t state = dma_state(o->channel, s->number);
+        if ((o->kind == OP_COPY) && (state == DMA_IDLE) && (is_held(s, o) != 0U)) {
+            state = DMA_BUSY;
+        }
         flags = failure_of(state);
         if (o->kind == OP_COPY) {
             if (state == DMA_IDLE) {
