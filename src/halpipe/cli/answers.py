@@ -1,4 +1,4 @@
-"""What the verbs that answer questions share: the form of the answer, and the search they make."""
+"""Common parts of the verbs that answer questions: the form of the answer, and the search behind it."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def serve(
 def _listen(port: int) -> socket:
     import socket as sockets
 
-    # Named, TCP is told not to wait with small packets, which would hold every second answer for 40 ms.
+    # Named, TCP_NODELAY keeps small packets from waiting, which would hold every second answer for 40 ms.
     listening = sockets.socket(sockets.AF_INET, sockets.SOCK_STREAM, sockets.IPPROTO_TCP)
     try:
         listening.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)

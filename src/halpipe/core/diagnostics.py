@@ -262,7 +262,7 @@ class HalpipeError(Exception):
 
 @dataclass(slots=True)
 class Findings:
-    """Collects diagnostics while work goes on, so that all are reported and not only the first."""
+    """Collects diagnostics during a command, so that all are reported and not only the first."""
 
     items: list[Diagnostic] = field(default_factory=list)
 

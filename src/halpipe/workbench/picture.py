@@ -1,4 +1,4 @@
-"""What the page of the workbench shows: a session as plain values."""
+"""Content of the workbench page: a session as plain values."""
 
 from __future__ import annotations
 

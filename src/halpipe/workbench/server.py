@@ -110,7 +110,7 @@ class _Guard:
         if "token" in request.query_params and (is_known or _same(request.query_params["token"], self._token)):
             response = RedirectResponse("/", 303)
             if not is_known:
-                self._token = secrets.token_urlsafe(24)  # it admits nobody else: histories and process lists keep it
+                self._token = secrets.token_urlsafe(24)  # it admits no other user: histories and process lists keep it
                 response.set_cookie(self._cookie, self._pass, httponly=True, samesite="strict")
             return response
         if not is_known:

@@ -1,4 +1,4 @@
-"""Linux bundles on the machine at hand: built, run for a while, and what was recorded held against the schedule."""
+"""Linux bundles on the machine at hand: built, run for a while, and their recordings compared with the schedule."""
 
 from __future__ import annotations
 

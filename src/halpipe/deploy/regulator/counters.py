@@ -1,4 +1,4 @@
-"""Bandwidth counters of a board, held against the timeline that a bundle of regulators promises and grants.
+"""Bandwidth counters of a board, compared with the timeline that a bundle of regulators promises and grants.
 
 A row of the CSV is what one unit moved in one direction in an interval: `unit`, `direction`, `bytes`, and `window` (of
 its table) or `start` and `end` from the begin of the table on, in nanoseconds or as the column says (``start_us``).

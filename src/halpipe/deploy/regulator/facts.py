@@ -1,4 +1,4 @@
-"""What platform.yaml of a bundle says: the figures that tables.json repeats, and those that devices are modelled by.
+"""Platform figures of a bundle (platform.yaml): those that tables.json repeats, and those of the device models.
 
 Read here on its own, by the documented form (docs/reference/regulator-platform.md), and not through the exporter.
 """

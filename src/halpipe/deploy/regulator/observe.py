@@ -69,7 +69,7 @@ def judge(tables: Tables, run: Run, trace: bytes, at: Location) -> Verdict:
 
 
 class _Judge:
-    """Goes through a trace; of each kind of finding on each row the first is told, with the number of further ones."""
+    """Reads a trace and reports the first finding of each kind on each row, with the number of further ones."""
 
     def __init__(self, tables: Tables, run: Run, at: Location) -> None:
         self.verdict = Verdict(switches=run.switches)
@@ -97,7 +97,7 @@ class _Judge:
             self._window(numbers[0], numbers[1:])
 
     def _is_silent(self, text: str, silence: _Silence) -> bool:
-        """Count a window in which nobody asked and all is as it must be; return whether it was such a one."""
+        """Count a window without requests that is as it must be; return whether the window was such a one."""
         number = self.verdict.windows
         if number >= len(self._run.expected) or any(self._owed):
             return False
@@ -229,7 +229,7 @@ class _Budgets:
 
 
 class _Silence:
-    """What the trace must say of a window in which nobody asks, with "@" for its number in the table.
+    """Return the line that a window without requests must have in the trace, with "@" for its number in the table.
 
     It is written once for all windows from one entry, of any unit, to the next.
     """

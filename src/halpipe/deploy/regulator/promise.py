@@ -1,4 +1,4 @@
-"""What a schedule promises every unit and direction in every window, computed from model and schedule alone, exactly.
+"""Promised bandwidth of each unit and direction in each window, computed exactly from model and schedule alone.
 
 Times are nanoseconds as ``Fraction``. A row is a pair of unit and direction; its rate at an instant is the sum of the
 bounds of its access phases in force, each shared equally by the units of a gang (paper, section IV).
@@ -103,7 +103,7 @@ def transition_timeline(
     """Return the line of a switch, and how many cycles of the new mode it covers.
 
     0 is the end of the old mode's last hyperperiod. Jobs of the old mode run to their end; from `length` on the new
-    mode's jobs are started, and what would be wrapped into its first cycle was never started. The table goes on until
+    mode's jobs are started, and what would be wrapped into its first cycle was never started. The table continues until
     the new mode's own table has at least what the line has, on every row at every instant.
     """
     length, period = table.length.fraction, target.hyperperiod.fraction

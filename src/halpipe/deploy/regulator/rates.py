@@ -1,4 +1,4 @@
-"""What back-ends with one rate per unit share: the rates promised, and how a device's rates are held against them."""
+"""Promised rates of back-ends with one rate per unit, and their comparison with the rates of the device."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ STEPPED_CYCLES = {"verilator": 2**31, "icarus": 400_000}
 
 @record
 class Played:
-    """A run that was simulated, and what is to be said of it."""
+    """A simulated run with its findings."""
 
     run: Run
     verdict: Verdict

@@ -1,4 +1,4 @@
-"""What the masters and the software of the bench do in a simulation: drawn from a seed, written down as a script.
+"""Stimuli of a simulated bench: accesses of managers and software, drawn from a seed and recorded as a script.
 
 Nothing is drawn but from SHA-256 of the seed, so that a run can be repeated on any machine.
 """
@@ -94,7 +94,7 @@ class Traffic:
     cycles: int = 0
     """Cycles of a window; 0: those of the platform."""
     is_silent: bool = False
-    """Nobody asks for anything: the run is about tables and budgets alone, and ends when all tables were played."""
+    """Make no requests: such a run checks tables and budgets alone, and ends when all tables were played."""
     is_owing: bool = False
     """Bursts are of one beat, and the memory takes no data of writes in the first three quarters of the run."""
 

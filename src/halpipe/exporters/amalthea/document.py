@@ -1,4 +1,4 @@
-"""What all parts of an AMALTHEA document share: elements with ids, references, quantities, properties of halpipe."""
+"""Elements common to all parts of an AMALTHEA document: ids, references, quantities, properties of halpipe."""
 
 from __future__ import annotations
 

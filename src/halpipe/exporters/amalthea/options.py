@@ -1,4 +1,4 @@
-"""What may be chosen of an AMALTHEA model."""
+"""Options of the AMALTHEA export."""
 
 from __future__ import annotations
 

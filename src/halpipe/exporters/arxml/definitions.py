@@ -1,4 +1,4 @@
-"""ECU configurations held against the definitions of their modules (ECUC-MODULE-DEF), as a configurator does it.
+"""Check of ECU configurations against the definitions of their modules (ECUC-MODULE-DEF), as in a configurator.
 
 A module is found by the path of its definition, or by the standard module that a definition refines. What is checked:
 names, multiplicities, ranges, words of enumerations, and what references lead to, as far as it is in the file.

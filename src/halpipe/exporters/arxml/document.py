@@ -1,4 +1,4 @@
-"""What all parts of an ARXML document share: elements, references, special data groups, times as AUTOSAR has them."""
+"""Elements common to all parts of an ARXML document: references, special data groups, times in AUTOSAR form."""
 
 from __future__ import annotations
 

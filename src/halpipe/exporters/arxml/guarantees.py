@@ -1,4 +1,4 @@
-"""What a schedule proves, as timing guarantees: for each mode how tasks recur and respond, and how long chains take."""
+"""Timing guarantees of a schedule: recurrence and response times of tasks, and latencies of chains, in each mode."""
 
 from __future__ import annotations
 

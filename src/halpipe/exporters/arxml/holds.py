@@ -1,4 +1,4 @@
-"""Where OsTasks are held: at the split points in use, and where an access phase begins (MODEL 8.2, run time).
+"""Hold points of OsTasks: the preemption points in use, and the begin of each access phase (MODEL 8.2, run time).
 
 An OsTask waits there for an event, which the schedule table sets: where the job has a gap, when its next part begins;
 at an access phase, when the phase begins; otherwise when the job starts, so that it does not wait at all. Where an
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @record
 class Hold:
-    """A position in the execution of a version: the OsTask waits before it goes on from there.
+    """A position in the execution of a version, at which the OsTask waits.
 
     With `is_second` it has gone on after a gap, and waits for its access phase.
     """

@@ -218,7 +218,7 @@ def _table(module: Module, table: Table, plan: Plan, names: OsNames) -> None:
 
 
 def _autostart(container: Container, table: Table, plan: Plan, names: OsNames) -> None:
-    """Let the OS begin with the first mode, or with another one where StartOS is told so; never at 0, which is now."""
+    """Autostart the first mode, or another one where StartOS names it; never at 0, which means now."""
     start = container.inside("OsScheduleTableAutostart", "OsScheduleTableAutostart")
     start.choice("OsScheduleTableAutostartType", "ABSOLUTE")
     start.integer("OsScheduleTableStartValue", plan.counter.min_cycle)

@@ -93,7 +93,7 @@ def _starts(path: str, jobs: tuple[Job, ...], holds: Holds) -> Iterator[tuple[st
     for job in jobs:
         yield path, f'the start of job {job.index} of task "{job.task}"', job.start
         for hold, until in holds.instants(job):
-            yield path, f'where job {job.index} of task "{job.task}" goes on at {hold.position}', until
+            yield path, f'where job {job.index} of task "{job.task}" resumes at {hold.position}', until
 
 
 def _check_tick(tick: Duration, largest: Duration, found: list[tuple[str, str, Duration]]) -> None:

@@ -1,4 +1,4 @@
-"""What the model demands, as timing extensions: periods, deadlines, orders with their windows, chains with limits."""
+"""Timing requirements of the model as TIMEX: periods, deadlines, precedence windows, chains with limits."""
 
 from __future__ import annotations
 

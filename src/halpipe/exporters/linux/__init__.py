@@ -59,7 +59,7 @@ class LinuxExporter(PlainExporter):
             "transfers": "between buffers and variables of the program, at the start and the end of a job",
             "modes": "tables",
             "transitions": "switches on request, at the end of a table",
-            "health": "switches after one overrun; the others are told",
+            "health": "switches after one overrun; other rules are reported",
             "sources": "compiled by the bundle's Makefile",
             "schedule": "every start is an absolute instant of a clock",
             "parts": "held at split points until the next part; anywhere: preempted",

@@ -28,7 +28,7 @@ _OVERRUN, _FAULT = HealthEvent.OVERRUN, HealthEvent.FAULT
 
 @record
 class Part:
-    """From `start` (ns) on, the functions [first, last) run; none where a job only goes on after a gap."""
+    """From `start` (ns) on, the functions [first, last) run; none where a job only resumes after a gap."""
 
     start: int
     first: int
@@ -208,7 +208,7 @@ class _Programs:
     ) -> list[Duration]:
         """Return until when a job is held at a position: until its gap ends, and then until its phase begins.
 
-        Between the two it goes on without a function: that is when the time passes which going on takes.
+        Between the two it resumes without a function: in this time the preemption overhead passes.
         """
         return sorted({instants[position] for instants in (gaps, phases) if position in instants})
 

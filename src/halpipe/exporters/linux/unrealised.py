@@ -1,4 +1,4 @@
-"""What the dispatcher does not do of a schedule, in sentences for the bundle and for its user."""
+"""Parts of a schedule that the dispatcher does not realise, in sentences for the bundle and its user."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ UNSAFE_DEFAULTS = error(
     "HAL0830",
     "Exported default budgets are not safe",
     "The defaults hold until regulation starts: with the overshoot they must not exceed the capacity of a window, and "
-    "each must be at least one burst, or nobody could start.",
+    "each must be at least one burst, or no unit could start.",
 )
 UNKNOWN_UNIT = warning(
     "HAL0831",

@@ -1,4 +1,4 @@
-"""When which unit may use how much: the access phases of every table, exact, on the line that the table covers.
+"""Bandwidth demand of each unit over time: the exact access phases of every table, on the span that it covers.
 
 A table is a mode (a circle: jobs that wrap come in again at its start) or a transition (a line that begins at the last
 hyperperiod's end of the mode before). Times are integers: ticks that divide every time of the schedule and the window.

@@ -1,4 +1,4 @@
-"""What only one unit may own, as a bus port: who owns it already, and which is the nearest that nobody does."""
+"""Exclusive properties of units, such as a bus port: the present owner, and the nearest free value."""
 
 from __future__ import annotations
 

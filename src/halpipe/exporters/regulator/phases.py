@@ -1,4 +1,4 @@
-"""How well the tables keep the promise: for every access phase what was promised, what is granted, and the lag."""
+"""Accuracy of the tables: for every access phase the promised amount, the granted amount, and the lag."""
 
 from __future__ import annotations
 

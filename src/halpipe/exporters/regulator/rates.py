@@ -1,4 +1,4 @@
-"""What back-ends need that hold one rate per unit for a whole mode or phase: the rates that a table asks for."""
+"""Rates of a table for back-ends that hold one rate per unit for a whole mode or phase."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of an export: the table object as JSON, the report for people, and the same as JSON for tools."""
+"""Reports of an export: the tables as JSON, the report for people, and the same report as JSON for tools."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """From exact promises to whole bursts per window: the two rules, and how well they keep the promise.
 
-*whole*: the promise of every window is rounded up to bursts, window by window. Nobody ever waits, and a phase on the
+*whole*: the promise of every window is rounded up to bursts, window by window. No unit ever waits, and a phase on the
 grid of windows takes one table entry; it fits where a schedule was made with --quantise.
 
 *controlled*: the promise P(k) of windows [0, k) is rounded cumulatively, floor P(k) <= N(k) <= ceil P(k), with at most

@@ -145,7 +145,7 @@ class _Reader:
         return [self._closed(ends, way) for way in ways]
 
     def _joined(self, way: _Way, then: _Way) -> _Way:
-        """Return a way that goes on; where it goes on in another task, data must pass from one to the other."""
+        """Return a continued path; where it continues in another task, data must pass from one to the other."""
         broken = way.broken or then.broken
         if not broken and way.events and then.events and not self._meet(way.events[-1], then.events[0]):
             broken = f'a part ends at "{way.events[-1].name}", the next one begins at "{then.events[0].name}"'
@@ -167,7 +167,7 @@ class _Reader:
             return True
         places = [self.entities.place(event) for event in (one, other)]
         if None in places:
-            return True  # an event in no task is told of elsewhere
+            return True  # an event in no task is reported elsewhere
         first, second = (place for place in places if place is not None)
         if first.label is not None and first.label is second.label:
             return True

@@ -1,4 +1,4 @@
-"""What events and entities of constraints are in terms of tasks: which drafts, and whether start or end is meant."""
+"""Events and entities of constraints in terms of tasks: the drafts meant, and whether start or end counts."""
 
 from __future__ import annotations
 

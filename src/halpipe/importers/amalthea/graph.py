@@ -1,4 +1,4 @@
-"""What the activity graphs of tasks and runnables come to: cycles and accesses, in one mode, on one kind of unit.
+"""Totals of the activity graphs of tasks and runnables: cycles and accesses, for one mode and kind of unit.
 
 The same graph is a ``callGraph`` with ``graphEntries`` and ``calls`` and flat ``runnableItems`` until 0.9.4, a
 ``callGraph`` with ``items`` in 0.9.5 and an ``activityGraph`` from 0.9.7.

@@ -1,4 +1,4 @@
-"""Which units may run a task: schedulers and what they are responsible for, affinities, target cores of constraints."""
+"""Units that may run a task: responsibilities of schedulers, affinities, target cores of constraints."""
 
 from __future__ import annotations
 

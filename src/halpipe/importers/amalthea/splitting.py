@@ -1,4 +1,4 @@
-"""Where the jobs of a task may be interrupted: as its preemption says, at the ends of the runnables that it calls."""
+"""Preemption points of a task, from its `preemption` attribute and the ends of the runnables that it calls."""
 
 from __future__ import annotations
 

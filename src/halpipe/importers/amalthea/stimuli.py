@@ -1,4 +1,4 @@
-"""What activates tasks, and how often: each stimulus as the densest periodic activations that it allows."""
+"""Activation of tasks: each stimulus as the densest periodic activations that it allows."""
 
 from __future__ import annotations
 

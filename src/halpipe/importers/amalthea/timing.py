@@ -1,4 +1,4 @@
-"""What constraints say of tasks: deadlines, slack, precedence windows, orders of runnables, event chains, data ages."""
+"""Timing constraints of tasks: deadlines, start jitter, precedence windows, orders, event chains, data ages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much work an element of an activity graph states: one number of a distribution, in cycles of a kind of unit."""
+"""Execution demand of an element of an activity graph: one number of a distribution, in cycles of a kind of unit."""
 
 from __future__ import annotations
 

@@ -321,7 +321,7 @@ UNKNOWN_ELEMENT = warning(
 WRONG_CASE = warning(
     "HAL0568",
     "Reference differs in case",
-    "Paths are told apart by case, but no two elements may differ in case only, so that it is clear what was meant.",
+    "Paths are case-sensitive, but no two elements may differ in case only, so that it is clear what was meant.",
 )
 SINGLE_SHOT = note(
     "HAL0569",

@@ -1,4 +1,4 @@
-"""What the user is told about an import as a whole: what is no task and why, what was assumed, what data flows."""
+"""Findings about an import as a whole: elements that became no task and why, assumptions made, data flows."""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ def read_inputs(
     """Read every file of `paths`, and in directories those with one of `suffixes`; the first is the usual one.
 
     `read` raises `HalpipeError` for a file of another kind: that is an error if the file was named directly, and a
-    note of the code `skipped` if it was found in a directory. `no_input` reports that no file is left. `on_progress` is
-    told the bytes of the files that have been read, and of all.
+    note of the code `skipped` if it was found in a directory. `no_input` reports that no file is left. `on_progress`
+    gets the bytes of the files that have been read, and of all.
     """
     documents = []
     names = list(dict.fromkeys(find_inputs(paths, suffixes)))

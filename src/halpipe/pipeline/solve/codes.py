@@ -73,7 +73,7 @@ EXACT_WRONG = error(
 EXACT_INFEASIBLE = error(
     "HAL0423",
     "Exact engine finds that there is no schedule",
-    "CP-SAT searched the whole mode and says that it has no schedule. That is its own word, which nobody can check by "
+    "CP-SAT searched the whole mode and says that it has no schedule. That is its own word, which cannot be checked by "
     "hand; `halpipe explain` looks for the conflict behind it.",
 )
 EXACT_TICK = error(

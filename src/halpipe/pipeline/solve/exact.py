@@ -1,6 +1,6 @@
 """The exact engine: one mode as a constraint program for CP-SAT, every rule of MODEL 3, for small systems.
 
-It starts from the expanded model and shares nothing with the annealer's arrays, so that each can be held against the
+It starts from the expanded model and shares nothing with the annealer's arrays, so that each can be compared with the
 other. Its schedules are checked by verify before anyone sees them; "infeasible" is its own word alone, which `explain`
 turns into a set of tasks and constraints that can be looked at.
 """
@@ -63,7 +63,7 @@ class ExactResult:
 
     @property
     def is_last(self) -> bool:
-        """Whether nobody wants to know more."""
+        """Whether the caller has stopped the search."""
         return self.stopped or self.status is not Answer.UNKNOWN
 
 
@@ -154,7 +154,7 @@ class _Turn:
     answered: float = math.inf
 
     def solve(self, numbered: tuple[int, Program]) -> ExactResult:
-        """Let CP-SAT run on one thread; starts that cannot be dealt out to units are no answer."""
+        """Let CP-SAT run on one thread; starts that cannot be assigned to units are no answer."""
         number, program = numbered
         solver = solver_for(self.cp_model, self.effort)
         go_on = lambda: number < self.answered and self.effort.go_on()  # noqa: E731
@@ -178,7 +178,7 @@ def solver_for(cp_model: Any, effort: Effort) -> Any:
     parameters.num_workers = 1
     parameters.random_seed = effort.seed
     parameters.max_deterministic_time = effort.work
-    parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
+    parameters.catch_sigint_signal = False  # Ctrl-C belongs to the caller of `go_on`
     parameters.symmetry_level = 0  # programs have their own, and the detection of OR-Tools 9.15 fails on some of them
     return solver
 

@@ -40,7 +40,7 @@ JOBS = 400
 class Shortest:
     """What no weighted sum of latencies falls below, in nanoseconds, and the jobs of a better schedule, if any.
 
-    `stopped` tells that somebody wanted no more, before the effort was spent.
+    `stopped` states that the caller stopped it before the effort was spent.
     """
 
     bound: Fraction
@@ -57,7 +57,7 @@ def shortest_chains(
     """
     least = {chain: sum(times, Fraction(0)) for chain, times in chain_bounds(model, expansion)}
     is_asked = is_installed() and is_exact_model(model) and expansion.job_count <= JOBS and is_small(expansion)
-    if not is_asked or now >= NEVER:  # a chain that nothing gets through has no latency in ticks
+    if not is_asked or now >= NEVER:  # a chain that carries no data to its end has no latency in ticks
         return Shortest(_sum(least))
     for chain in least:
         alone = _solve(model, _part(expansion, chain.tasks), [chain], (), None, replace(effort, work=ALONE))

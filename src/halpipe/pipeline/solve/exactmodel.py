@@ -465,7 +465,7 @@ class Program:
     # ---- answer
 
     def jobs(self, solver: Any) -> list[Job] | None:
-        """Return the jobs of a solution with names and exact times; None where they cannot be dealt out to units."""
+        """Return the jobs of a solution with names and exact times; None where they cannot be assigned to units."""
         units = self.placement.deal(solver)
         if units is None:
             return None

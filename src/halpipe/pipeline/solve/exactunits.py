@@ -1,7 +1,7 @@
 """On which units jobs run, as part of a constraint program, in two forms.
 
 `Groups` places times only: units that are treated alike are one capacity, and who gets which of them is decided when
-all starts are known. That is a small program, but one that may, on a circle, find starts that cannot be dealt out.
+all starts are known. That is a small program, but one that may, on a circle, find starts that cannot be assigned.
 `Units` decides units and times at once. It is larger, but knows how full each unit is, which counts where nothing may
 stay idle.
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.exactmodel import JobVars, Program
 
-Dealt = dict[tuple[str, int], tuple[str, ...]]
+AssignedUnits = dict[tuple[str, int], tuple[str, ...]]
 """The units of every job, by task and index."""
 
 MAX_SPLITS = 64
@@ -53,7 +53,7 @@ class Form(ABC):
         """Write down variables and constraints."""
 
     @abstractmethod
-    def deal(self, solver: Any) -> Dealt | None:
+    def deal(self, solver: Any) -> AssignedUnits | None:
         """Return the units of all jobs of a solution; None where its starts allow none."""
 
     def choices(self) -> Iterator[tuple[JobVars, Version, Any]]:
@@ -105,7 +105,7 @@ def _splits(version: Version, groups: list[list[str]]) -> list[Counter[int]]:
 
 
 class Groups(Form):
-    """Groups as capacities; units are dealt when all starts are known."""
+    """Groups as capacities; units are assigned when all starts are known."""
 
     def state(self) -> None:
         """Every job takes its gang of one group, or splits it; no group ever holds more than it has units."""
@@ -136,7 +136,7 @@ class Groups(Form):
                 program.cp.add_cumulative(intervals[group], heights[group], len(names))
             state_load(program, [(work, literal) for work, literal, _ in loads[group]], len(names) * program.total)
 
-    def deal(self, solver: Any) -> Dealt | None:
+    def deal(self, solver: Any) -> AssignedUnits | None:
         """Colour the arcs of every group: at each start of one, those in force have different units."""
         arcs: list[list[Arc]] = [[] for _ in self.groups]
         keys: list[tuple[str, int]] = []
@@ -146,14 +146,14 @@ class Groups(Form):
             for group, count in split.items():
                 arcs[group].append(Arc(len(keys), int(solver.value(job.theta)), self.length(version), count))
             keys.append((job.active.name, job.index))
-        dealt: Dealt = dict.fromkeys(keys, ())
+        assigned: AssignedUnits = dict.fromkeys(keys, ())
         for names, members in zip(self.groups, arcs, strict=True):
             coloured = _colour(members, len(names), self.program.total)
             if coloured is None:
                 return None
             for number, places in coloured.items():
-                dealt[keys[number]] += tuple(names[place] for place in places)
-        return dealt
+                assigned[keys[number]] += tuple(names[place] for place in places)
+        return assigned
 
 
 class Line(Groups):
@@ -210,14 +210,14 @@ class Units(Form):
                     heights += [version.gang] * len(parts)
             self.program.cp.add_cumulative(intervals, heights, len(group))
 
-    def deal(self, solver: Any) -> Dealt | None:
+    def deal(self, solver: Any) -> AssignedUnits | None:
         """Read the units of all jobs."""
-        dealt: Dealt = {}
+        assigned: AssignedUnits = {}
         for job, name, literal in self.units:
             if solver.value(literal):
                 key = job.active.name, job.index
-                dealt[key] = (*dealt.get(key, ()), name)
-        return dealt
+                assigned[key] = (*assigned.get(key, ()), name)
+        return assigned
 
 
 class NamedUnits(Units):

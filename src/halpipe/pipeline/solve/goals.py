@@ -68,7 +68,7 @@ class Polish:
 
 @record
 class Finished:
-    """The jobs of a mode at the end, what was reached, and whether somebody wanted no more before."""
+    """The jobs of a mode at the end, what was reached, and whether the caller stopped it before."""
 
     jobs: tuple[Job, ...]
     reached: tuple[Reached, ...] = ()

@@ -1,4 +1,4 @@
-"""The schedule of one mode: who looks for it, what it is to keep to, and what is said of the outcome."""
+"""Schedule of one mode: choice of the engine, fixed jobs and options, and the reported result."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ class _Search:
     def bettered(self, jobs: tuple[Job, ...], notes: list[Diagnostic], engine: str, moves: int = 0) -> Found:
         """Return what became of the mode where another engine than the annealer has found valid jobs: these or better.
 
-        The annealer goes on from them, on a grid on which they all lie, as it does from those of its own.
+        The annealer continues from them, on a grid on which they all lie, as it does from those of its own.
         """
         better = self._annealed(jobs) if self.polish is not None else None
         is_cut = better is not None and better.unimproved

@@ -105,7 +105,7 @@ class Arrays:
     task_chain: Ints
     construction: Ints  # entries, in the order in which they are placed first
     unit_weight: int  # cost of one tick of distance from a window or beyond a limit
-    missing_cost: int  # cost of a demand not met, or of a chain that never gets through
+    missing_cost: int  # cost of a demand not met, or of a chain that carries no data to its end
     is_closed: int  # 1: no job may be in progress at the end of the hyperperiod
 
 

@@ -40,13 +40,13 @@ _Result = TypeVar("_Result")
 CONNECT_SECONDS = 10
 
 LOUD = ("distributed", "distributed.client", "tornado.application")
-"""Loggers that tell on stderr, with tracebacks, what is told here in words."""
+"""Loggers that write to stderr, with tracebacks, what diagnostics report here in words."""
 
 GO_ON = "start workers, or leave --cluster away, and"
 """Advice where a cluster was lost on which one model was searched."""
 
 ASK_SECONDS = 0.1
-"""How often somebody who waits for a cluster is asked whether to go on."""
+"""Interval at which `go_on` is called while waiting for a cluster."""
 
 LOST_ASKS = 100
 """After so many unanswered questions whether to go on, it is looked whether the cluster still has workers."""

@@ -71,8 +71,8 @@ class SearchOptions:
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - Objectives to `optimise` come one before the other, none worse than at first. A cost F of at most `target` is the
       end of it.
-    - `on_better` is told of a mode how far its objectives are, whenever a better schedule is found.
-    - `keeper` saves the search on its way, or goes on with one that was saved.
+    - `on_better` gets a mode and its objectives, whenever a better schedule is found.
+    - `keeper` saves the search on its way, or restores one that was saved.
     - `workers` are the threads for modes and searches; their number changes the time alone.
     - A `cluster` makes the moves of searches in their place, which changes the time alone, too.
     """

@@ -16,7 +16,7 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 ASK_SECONDS = 0.1
-"""How often somebody is asked whether to go on."""
+"""Interval at which `go_on` is called."""
 
 
 def once(function: Callable[[], _Result]) -> Callable[[], _Result]:
@@ -72,7 +72,7 @@ class Workers:
     ) -> Iterator[_Result | None]:
         """Yield the results in the order of the items, from processes: for work that does not leave the interpreter.
 
-        `go_on` is told how many items are finished; once it says no, the next one that is not comes as None, the last.
+        `go_on` gets the number of finished items; once it says no, the next one that is not comes as None, the last.
         """
         from halpipe.pipeline.solve.run import map_tasks
 

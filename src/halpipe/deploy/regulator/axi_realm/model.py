@@ -305,7 +305,7 @@ def _read(case: Case, name: str, device: Device, reads: dict[int, Range]) -> Non
     for (register, number), (mask, least, most) in wanted.items():
         found = reads.pop(device.file.offset(register, number), None)
         if found is None or (found.mask, found.least, found.most) != (mask, least, most):
-            have = "not read" if found is None else f"held against {found.least:#x} to {found.most:#x}"
+            have = "not read" if found is None else f"compared with {found.least:#x} to {found.most:#x}"
             text = f"{register} {number} is {have}, it must be from {least:#x} to {most:#x}"
             case.note(GRANTS_DIFFER, name, text, line=found.line if found else 0)
     for check in reads.values():

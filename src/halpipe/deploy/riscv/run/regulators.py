@@ -46,7 +46,7 @@ def regulators_playing(target: Target, site: Site, rate: int) -> Regulators | No
 
 
 class Regulators:
-    """They follow the runtime: with each of its tables begins their own, unless that of a switch still goes on.
+    """They follow the runtime: with each of its tables begins their own, unless that of a switch is still in force.
 
     Before the first one nothing is regulated. What they will play is the successor of each table, until the runtime
     begins another one.

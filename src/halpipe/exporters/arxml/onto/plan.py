@@ -1,4 +1,4 @@
-"""What the schedule tables of a project do: which OsTask or event each expiry point starts, on which counter."""
+"""Plan of the schedule tables of a project: the OsTask or event of each expiry point, and its counter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What else starts the OsTasks that a schedule plays: it is stopped in the project's files, or the export refuses.
+"""Other starters of the scheduled OsTasks: each is disabled in the project's files, or the export refuses.
 
 An alarm or a table is stopped by taking away what starts it. A table that does more loses the actions that are doubled.
 One that only code starts cannot be stopped in a configuration.

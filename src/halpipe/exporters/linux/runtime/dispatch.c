@@ -94,7 +94,7 @@ static int64_t offset_of(clockid_t clock) {
   return found;
 }
 
-/* Tables are played on CLOCK_MONOTONIC, which has the same rate: control goes on when the clock of the origin is set. */
+/* Tables are played on CLOCK_MONOTONIC, which has the same rate: control is not disturbed when the clock of the origin is set. */
 static void check_clock(void) {
   const int64_t found = offset_of(now_.clock), step = found - offset;
   if (step > -MILLISECOND && step < MILLISECOND) return;
@@ -118,7 +118,7 @@ static void wait_in_order(worker_state *self, int64_t at) {
   for (int i = 0; i < PATIENCE && is_ahead(self, at); i++) {
     const struct timespec moment = {0, 50000};
     if (i < YIELDS) sched_yield();
-    else clock_nanosleep(CLOCK_MONOTONIC, 0, &moment, NULL);   /* without SCHED_FIFO, yielding lets nobody in particular run */
+    else clock_nanosleep(CLOCK_MONOTONIC, 0, &moment, NULL);   /* without SCHED_FIFO, a yield prefers no thread */
   }
   atomic_store_explicit(&self->next, INT64_MAX, memory_order_relaxed);
 }
@@ -190,7 +190,7 @@ static void play(worker_state *self, const dispatch_job *job, const turn *turn) 
   keep(self, &event);
 }
 
-/* Wait for a turn; one that lags by more than the ring goes on with the oldest that is still known. */
+/* Wait for a turn; one that lags by more than the ring continues with the oldest that is still known. */
 static turn turn_of(uint64_t *number, worker_state *self) {
   pthread_mutex_lock(&gate);
   while (published <= *number) pthread_cond_wait(&opened, &gate);

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Looks at what makes starts late on this machine, and mends what can be mended while it runs. Written by halpipe.
+# Looks at what makes starts late on this machine, and corrects what can be corrected at run time. Written by halpipe.
 #   setup.sh --check   only say;   setup.sh --apply   as root: governor, throttling
 CPUS="{{ cpus | join(' ') }}"
 apply=0

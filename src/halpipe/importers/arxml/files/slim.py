@@ -1,4 +1,4 @@
-"""What of a large input cannot matter to timing: it is left out while it is read, so that memory suffices.
+"""Filter for large inputs: elements that cannot matter to timing are dropped while reading, to bound memory.
 
 Only what nothing else refers to, or is referred to by its path alone, may be left out; it is counted by kind.
 """

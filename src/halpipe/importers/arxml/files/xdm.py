@@ -68,7 +68,7 @@ def is_set(element: etree._Element) -> bool:
 
 
 def _importer(element: etree._Element) -> str:
-    """Return which step of the tool wrote a value, or a container; empty if somebody did by hand."""
+    """Return which step of the tool wrote a value, or a container; empty if it was entered by hand."""
     for attribute in element.iterchildren("{*}a"):
         if attribute.get("name") == "IMPORTER_INFO":
             return attribute.get("value") or ""

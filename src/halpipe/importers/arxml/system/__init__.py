@@ -1,1 +1,1 @@
-"""What the elements say about timing, as frozen values."""
+"""Timing content of ARXML elements, as frozen values."""

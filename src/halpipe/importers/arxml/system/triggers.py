@@ -1,4 +1,4 @@
-"""What recurs in the OS: alarms and the expiry points of repeating schedule tables, in the ticks of their counters."""
+"""Periodic triggers of the OS: alarms and expiry points of repeating schedule tables, in ticks of their counters."""
 
 from __future__ import annotations
 

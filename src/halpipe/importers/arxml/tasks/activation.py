@@ -1,4 +1,4 @@
-"""What starts what: every event of every component instance with its OS task, and OS tasks on their own."""
+"""Activation of OS tasks: every event of every component instance with its OS task, and OS tasks on their own."""
 
 from __future__ import annotations
 

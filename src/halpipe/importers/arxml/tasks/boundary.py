@@ -1,4 +1,4 @@
-"""What the chosen ECU shares with others: data that crosses between component instances, and signals of the network."""
+"""Boundary of the chosen ECU: data that crosses between component instances, and signals of the network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the RTE calls: several events that lead to one call in an OsTask are one task, as its generator has it.
+"""Calls of the RTE: several events that lead to one call in an OsTask are one task, as the RTE generator has it.
 
 An event of the RTE and one of the BSW scheduler at the same position of an OsTask, with the same period, whose
 runnable and entity are the same C function, are one call. Several events of one runnable of one instance in an OsTask

@@ -1,4 +1,4 @@
-"""Which runnable's data reaches which: along the connectors of all compositions, and within a component."""
+"""Data flow between runnables: along the connectors of all compositions, and within a component."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def with_interrupts(
     platform: Platform, system: System, overlay: Supplement | None, ledger: Ledger, findings: Findings
 ) -> tuple[Unit, ...]:
-    """Return the units with the interrupts that they serve; report the routines that nobody says enough of."""
+    """Return the units with the interrupts that they serve; report routines that are not described enough."""
     served: dict[str, list[Interrupt]] = {unit.name: [] for unit in platform.units}
     lacking: list[OsIsr] = []
     for routine in system.configuration.routines:

@@ -271,7 +271,7 @@ class Periods:
     def _offset(self, activation: Activation, recurrence: Recurrence) -> Duration | None:
         """Return the first stated offset other than zero, within the period.
 
-        Tools write 0 where nobody chose an offset, so that zero leaves the phase to the scheduler.
+        Tools write 0 where no offset was chosen, so that zero leaves the phase to the scheduler.
         """
         event, mapping = activation.event, activation.mapping
         for stated in (mapping.offset if mapping else None, event.offset if event else None):

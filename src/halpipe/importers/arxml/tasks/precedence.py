@@ -168,7 +168,7 @@ def _meet(first: Draft, second: Draft) -> bool:
 
 
 def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], findings: Findings) -> None:
-    """Report what one OsTask runs in an order that nobody states."""
+    """Report what one OsTask runs in an order that no input states."""
     unordered = [draft for draft in found if draft.position is None]
     groups = [*slots.values(), [*unordered, *found[:1]] if unordered else []]
     for group in groups:

@@ -1,4 +1,4 @@
-"""What the timing extension requires, for tasks: deadlines, distances between tasks, chains with their limits.
+"""Requirements of the timing extension for tasks: deadlines, distances between tasks, chains with their limits.
 
 A latency from the beginning to the end of one runnable is a deadline. Any other chain is a cause-effect chain of the
 tasks that its events belong to.

@@ -1,4 +1,4 @@
-"""Where jobs of an OsTask may be interrupted: between its runnables, where OsTaskSchedule is FULL."""
+"""Preemption points of an OsTask: between its runnables, where OsTaskSchedule is FULL."""
 
 from __future__ import annotations
 

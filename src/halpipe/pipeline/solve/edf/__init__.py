@@ -1,1 +1,1 @@
-"""Tables of split jobs: earliest deadline first over parts, and a search over what it is told (MODEL 8.3)."""
+"""Tables of preemptive jobs: earliest deadline first over segments, and a search over its inputs (MODEL 8.3)."""

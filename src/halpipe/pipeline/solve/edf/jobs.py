@@ -18,7 +18,7 @@ Span = tuple[int, int, int, int]
 
 @record
 class Plan:
-    """What the simulation is told: for each task its way, the phase of its releases, and how urgent its jobs are.
+    """Input of the simulation: for each task its option, the phase of its releases, and the urgency of its jobs.
 
     `urgency` is the deadline by which jobs are ordered, from their release; they are held back for `holds` after it.
     With `fresh` a job waits, as long as it can, for the job of its predecessor that was released before it or with it.

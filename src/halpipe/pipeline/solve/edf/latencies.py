@@ -28,7 +28,7 @@ Latency = tuple[Ticks, Ticks]
 """Reaction time and data age."""
 
 NEVER = 2**60
-"""Stands for the latency of a chain that nothing gets through: longer than any."""
+"""Stands for the latency of a chain that carries no data to its end: longer than any."""
 
 
 class ChainTimes:
@@ -43,7 +43,7 @@ class ChainTimes:
         self._is_exact = natural_tick(mode.expansion) % mode.tick == ZERO and not mode.fixed.jobs
 
     def of(self, plan: Plan, table: Table) -> list[Latency]:
-        """Return the latencies of the chains in a table that is closed; NEVER where nothing gets through."""
+        """Return the latencies of the chains in a table that is closed; NEVER where no data reach the end."""
         if not self._is_exact:
             return self._named(plan, table)
         members = {task: _Member(table, task) for tasks in self._tasks for task in tasks}

@@ -49,7 +49,7 @@ def rows_at(counts: Iterable[int]) -> Ints:
 
 
 def flat(rows: Iterable[Iterable[int]]) -> Ints:
-    """Return rows one after the other; of none, one word that nobody reads, since there are no empty arrays in C."""
+    """Return rows one after the other; of none, one word that is never read, since there are no empty arrays in C."""
     return ints(chain.from_iterable(rows)) or ints([0])
 
 
@@ -179,7 +179,7 @@ def most_parts(way: Way) -> int:
 
 
 class Memory:
-    """What the library remembers of one simulation; `room` is how much of it there is, where nobody knows."""
+    """What the library remembers of one simulation; `room` is how much of it there is, where that is not known."""
 
     def __init__(self, system: System, told: Told, room: Mapping[str, int]) -> None:
         """Make room, and some that grows with the system."""
@@ -278,7 +278,7 @@ class Simulation:
         return bool(self._ask("sign", now, turn))
 
     def is_quiescent(self, now: int) -> bool:
-        """Return whether nothing is under way, and nobody looks back: the next hyperperiod repeats the first."""
+        """Return whether nothing is in progress and no job looks back: the next hyperperiod repeats the first."""
         return not self.told.histories and bool(self._ask("is_quiescent", now))
 
     def finish(self, end: int) -> None:

@@ -1,4 +1,4 @@
-"""The search over what earliest deadline first is told: units, phases and urgencies, until the table is valid.
+"""Search over the inputs of earliest deadline first: units, phases and urgencies, until the table is valid.
 
 The first plan is often enough: deadlines propagated back along windows, units by load. Where jobs come too late, the
 plan changes around them: they become more urgent, are released at another phase, or move to other units.
@@ -54,9 +54,9 @@ def search(
     polish: Polish | None = None,
     kept: Kept | None = None,
 ) -> Found:
-    """Look for a valid table of `mode`; `pinned` tasks stay on their units; with `polish` it goes on to better ones.
+    """Look for a valid table of `mode`; `pinned` tasks stay on their units; with `polish` it continues to better ones.
 
-    What is `kept` of an earlier run is where the search goes on from.
+    The search continues from what is `kept` of an earlier run.
     """
     return _Search(mode, model, Draws(seed), effort, pinned, polish, kept).run()
 

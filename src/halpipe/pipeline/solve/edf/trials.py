@@ -41,7 +41,7 @@ class Try:
 
 @record
 class Effort:
-    """How long to search, in jobs placed, and then to improve; `go_on` is told of jobs placed and the least excess."""
+    """How long to search, in jobs placed, and then to improve; `go_on` gets the jobs placed and the least excess."""
 
     budget: int
     polish: int

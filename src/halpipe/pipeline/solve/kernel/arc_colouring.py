@@ -2,7 +2,7 @@
 
 The kernel keeps the load of a group within its size. On a line that would be enough to give every job its own
 units; on a circle it may fail, because the jobs that cross the cut must end up on the units they began on. The
-sweep mends that by renaming idle units on the way, and gives up only where no renaming helps.
+sweep resolves that by renaming idle units on the way, and gives up only where no renaming helps.
 """
 
 from __future__ import annotations

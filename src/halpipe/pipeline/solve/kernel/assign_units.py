@@ -25,10 +25,10 @@ def deal(problem: Problem, start: Ints, option: Ints) -> Units | None:
     for group, (names, members) in enumerate(zip(problem.groups, arcs, strict=True)):
         if not members:
             continue
-        dealt = assign_units(members, arrays.lane_capacity[group], arrays.hyperperiod)
-        if dealt is None:
+        assigned = assign_units(members, arrays.lane_capacity[group], arrays.hyperperiod)
+        if assigned is None:
             return None
-        for job, places in dealt.items():
+        for job, places in assigned.items():
             units[job] = units.get(job, ()) + tuple(names[place] for place in places)
     return units
 

@@ -74,7 +74,7 @@ def _numbers(problem: Problem, task: int) -> dict[_Choice, int]:
 def _option(problem: Problem, numbers: Mapping[_Choice, int], group_of: Mapping[str, int], job: Job) -> int | None:
     """Return the option that puts a job's version on its units; None if the task no longer has it.
 
-    Nor does a job have one that starts outside of the hyperperiod, as in a schedule that nobody verified.
+    Nor does a job have one that starts outside of the hyperperiod, as in a schedule that was not verified.
     """
     if not 0 <= job.start // problem.tick < int(problem.arrays.hyperperiod):
         return None

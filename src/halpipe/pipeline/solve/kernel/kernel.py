@@ -89,7 +89,7 @@ def move_cluster(arrays: Arrays, state: State, noise: Ints, size: int) -> None:
 
 
 def move_swap(arrays: Arrays, state: State, noise: Ints, entry: int) -> bool:
-    """Let an entry change places with another one, and account for the cost; False if it has nobody to do so."""
+    """Swap an entry with another one, and account for the cost; False if there is none to swap with."""
     return ask("move_swap", arrays, state, entry, noise=noise) != 0
 
 

@@ -3,7 +3,7 @@
 The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
 first as many as all others together. Later those of many entries without windows go on as replicas at fixed
 temperatures (`tempering.py`), for which the hardest problems ask. Of few entries, the first two then make more than the
-others. With windows, a search that goes on for long is worth no more than a new one. The first to succeed, by turn and
+others. With windows, a long search is worth no more than a new one. The first to succeed, by turn and
 number, has won. Who wins does not depend on how many of them run at the same time; with as many threads as searches,
 the time is that of the quickest.
 """

@@ -163,7 +163,7 @@ class _Improvement:
             getattr(state, name)[:] = facts[name]
         state.register[BEST] = 0
         units = deal(problem, state.best_start, state.best_option)
-        assert units is not None, "it was dealt before"
+        assert units is not None, "units were assigned before"
         return _Step(state, units, facts["moves"][0], stopped=False)
 
 
@@ -353,7 +353,7 @@ def _latencies(best: _Best) -> list[list[int]]:
 
 
 def _limits(latencies: list[list[int]]) -> Table:
-    """Return limits; what nothing gets through cannot be limited."""
+    """Return limits; a chain that carries no data to its end cannot be limited."""
     return Table.of(([time if time < NEVER // 2 else NO_TICK for time in pair] for pair in latencies), 2)
 
 

@@ -35,7 +35,7 @@ PLACED = ("start", "option", "phase")
 """What of a state says where the jobs are."""
 
 WANDERINGS = 512
-"""Moves per task from a placement whose jobs cannot be dealt out to others that cost nothing."""
+"""Moves per task from a placement whose jobs cannot be assigned to units, to others that cost nothing."""
 
 
 @record
@@ -80,7 +80,7 @@ def search(
     """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
 
     `separate` builds the same problem with one lane per unit; it is needed only where the load of a group of
-    units fits, but the jobs cannot be dealt out to its units as they lie. `polish` goes on improving a valid one, and
+    units fits, but the jobs cannot be assigned to its units as they lie. `polish` improves a valid one further, and
     comes with what builds the problem with the chains that count for that.
     `shipped` jobs stay where they are. What is `kept` is gone on from.
     """
@@ -186,7 +186,7 @@ def _completed(problem: Problem, state: State, seed: int) -> State:
 def _dealt_nearby(
     problem: Problem, state: State, limit: int, go_on: Callable[[int], bool]
 ) -> tuple[Units | None, int, bool]:
-    """Look near a placement that costs nothing for one whose jobs can be dealt out to their units.
+    """Look near a placement that costs nothing for one whose jobs can be assigned to units.
 
     Where units are full, it is the luck of the circle who ends up on the unit on which it began; others that cost
     nothing are a few moves away. Return the units, the moves made, and whether it was told to stop. Where there are

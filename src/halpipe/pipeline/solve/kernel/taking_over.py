@@ -1,4 +1,4 @@
-"""A schedule that somebody else has found, as a state of the kernel to go on from."""
+"""Kernel state from an existing schedule (warm start)."""
 
 from __future__ import annotations
 

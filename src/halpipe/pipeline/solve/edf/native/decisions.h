@@ -5,7 +5,7 @@
 
 #include "walls.h"
 
-/* Whether a job may have all its units: nobody runs there, and who has begun is less urgent and may stop. */
+/* Whether a job may have all its units: no job runs there, and those begun are less urgent and may stop. */
 static bool is_free_for(const Simulation *s, int64_t task, int64_t now) {
     const Memory *m = s->memory;
     const Way *way = way_of(s, task);
@@ -229,7 +229,7 @@ static int64_t oldest_part(const Simulation *s, int64_t now) {
     return oldest;
 }
 
-/* Whether what a piece asks of resources is free, and nobody comes late by it; else see to it that it is asked again. */
+/* Whether what a piece asks of resources is free, and no job is late by it; else see to it that it is asked again. */
 static bool is_welcome(
     const Simulation *s, int64_t task, const Piece *piece, int64_t end, int64_t asked, int64_t waiting, int64_t now) {
     int64_t free_at = collision(s, asked);
@@ -278,7 +278,7 @@ static void cut(const Simulation *s, int64_t task, int64_t unit, int64_t now) {
     Piece piece = running_piece(s, task);
     int64_t where = first_stop(s->system, &piece, now, job->executed);
     if (where == job->executed && job->kept == now)
-        return; /* nobody could take its place at this instant */
+        return; /* no job could take its place at this instant */
     if (where >= job->target)
         return;
     job->target = where;

@@ -43,7 +43,7 @@ static void keep(const Simulation *s, int64_t task) {
     m->late[task] = least(MOST_LATE, m->late[task] + late);
 }
 
-/* End a piece; the job goes on, or makes room, when the unit is dispatched. */
+/* End a piece; the job continues, or is preempted, when the unit is dispatched. */
 static void stop(const Simulation *s, int64_t task, int64_t now) {
     Memory *m = s->memory;
     Job *job = &m->jobs[task];

@@ -39,7 +39,7 @@ static Piece running_piece(const Simulation *s, int64_t task) {
     return (Piece){way, part->start, part->first, gaps ? way->resume : 0, gaps};
 }
 
-/* The part that goes on at `now` without a gap, or else begins then. */
+/* The part that continues at `now` without a gap, or else begins then. */
 static Piece piece_at(const Simulation *s, int64_t task, int64_t now) {
     const Job *job = &s->memory->jobs[task];
     if (job->parts && last_part(s, task)->end == now)

@@ -1,4 +1,4 @@
-/* What a simulation is told, and what it remembers; Python hands all of it over (native.py), field by field in the same
+/* Inputs and state of a simulation; Python hands all of it over (native.py), field by field in the same
  * order. Arrays whose rows belong to tasks, units or ways are laid out one after the other, with where each one's rows
  * begin beside them; the last of those is where all rows end. All times are ticks. */
 

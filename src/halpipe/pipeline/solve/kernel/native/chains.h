@@ -73,7 +73,7 @@ static int64_t forward(const Arrays *p, Placing x, int64_t chain, int64_t job, b
     return next.time + to_event(p, x, chain, next.job) - read - from_event(p, x, chain, job);
 }
 
-/* The worst reaction time of a chain, or its worst latency; NEVER if nothing gets through. */
+/* The worst reaction time of a chain, or its worst latency; NEVER if no data reach the end. */
 static int64_t worst_forward(const Arrays *p, Placing x, int64_t chain, bool missed) {
     int64_t task = p->chain_task[p->chain_first[chain]], worst = -1;
     for (int64_t job = p->task_job[task]; job < p->task_job[task + 1]; job++)
@@ -82,7 +82,7 @@ static int64_t worst_forward(const Arrays *p, Placing x, int64_t chain, bool mis
     return worst >= 0 ? worst : NEVER;
 }
 
-/* The worst data age of a chain, NEVER if nothing gets through. */
+/* The worst data age of a chain, NEVER if no data reach the end. */
 static int64_t worst_age(const Arrays *p, Placing x, int64_t chain) {
     int64_t begin = p->chain_first[chain], end = p->chain_first[chain + 1];
     int64_t task = p->chain_task[end - 1], worst = -1;

@@ -38,7 +38,7 @@ static void heat_up_task(const Arrays *p, State *s, int64_t task) {
         heat_up(s, entry);
 }
 
-/* Remember whoever shares an overloaded rectangle with a job. */
+/* Remember the entries that share an overloaded rectangle with a job. */
 static void heat_up_overlapped(const Arrays *p, State *s, int64_t job) {
     int64_t option = s->option[job];
     for (int64_t index = p->rect_first[option]; index < p->rect_first[option + 1]; index++) {
@@ -58,7 +58,7 @@ static void heat_up_overlapped(const Arrays *p, State *s, int64_t job) {
     }
 }
 
-/* Remember whoever has windows, demands or chains in common with jobs [begin, end) of a task. */
+/* Remember the entries that have windows, demands or chains in common with jobs [begin, end) of a task. */
 static void heat_up_partners(const Arrays *p, State *s, int64_t task, int64_t begin, int64_t end) {
     for (int64_t index = p->partner_first[task]; index < p->partner_first[task + 1]; index++)
         heat_up_task(p, s, p->partner[index].task);

@@ -158,7 +158,7 @@ static int64_t sample_shifts(const Arrays *p, State *s, const int64_t *noise, in
     return chosen;
 }
 
-/* Remember whoever may be in conflict after a move of the cluster. */
+/* Remember the entries that may be in conflict after a move of the cluster. */
 static void heat_up_cluster(const Arrays *p, State *s, int64_t size) {
     for (int64_t place = 0; place < size; place++) {
         int64_t task = s->cluster[place], begin = p->task_job[task], end = p->task_job[task + 1];

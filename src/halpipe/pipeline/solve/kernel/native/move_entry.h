@@ -191,7 +191,7 @@ static bool is_flexible(const Arrays *p, int64_t task) {
     return options_of(p, task) > 1 || p->option_late[p->task_option[task]] > 0;
 }
 
-/* Remember an entry of which jobs [begin, end) were placed, and whoever shares what is overloaded with them. */
+/* Remember an entry of which jobs [begin, end) were placed, and the entries that share what is overloaded with them. */
 static void heat_up_around(const Arrays *p, State *s, int64_t entry, int64_t begin, int64_t end) {
     heat_up(s, entry);
     for (int64_t job = begin; job < end; job++)

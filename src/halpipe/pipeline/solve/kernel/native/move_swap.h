@@ -85,7 +85,7 @@ static void sample_swaps(const Arrays *p, State *s, const int64_t *noise, Side o
     }
 }
 
-/* Let an entry change places with another one, and account for the cost; false if it has nobody to do so. */
+/* Swap an entry with another one, and account for the cost; false if there is none to swap with. */
 static bool move_swap(const Arrays *p, State *s, const int64_t *noise, int64_t entry) {
     int64_t partner = may_swap(p, s, entry) ? drawn_partner(p, s, entry) : -1;
     if (partner < 0)
