@@ -10,7 +10,7 @@ from halpipe.cli import output
 from halpipe.cli.answers import AnswerFormat, Answers, print_json
 from halpipe.core.diagnostics import Exit
 
-PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz")
+PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz", "packaging")
 EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",

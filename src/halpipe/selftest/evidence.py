@@ -6,15 +6,18 @@ import json
 import platform
 import re
 import sys
-from importlib.metadata import PackageNotFoundError, distribution, requires
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
+from halpipe.core import programs
 from halpipe.core.bundles import seal
-from halpipe.core.diagnostics import REGISTER
+from halpipe.core.diagnostics import REGISTER, HalpipeError
 from halpipe.core.files import sha256
+from halpipe.core.records import record
 from halpipe.selftest import confidence, second
+from halpipe.selftest.bill import bill, installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,21 +25,32 @@ if TYPE_CHECKING:
     from halpipe.selftest.run import Outcome
 
 PACKAGE = Path(__file__).parents[1]
-TESTS = PACKAGE.parents[1] / "tests"
+ROOT = PACKAGE.parents[1]
+TESTS = ROOT / "tests"
+CPUINFO = Path("/proc/cpuinfo")
 ARGUMENTS = Path(__file__).with_name("arguments")
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
 _CODE = re.compile(rb"HAL\d{4}")
+
+
+@record
+class Commit:
+    """The commit of a checkout with its `moment` in seconds since 1970, and whether files differ from it."""
+
+    id: str
+    moment: int
+    changed: bool
 
 
 def folder(outcome: Outcome, mutants: int, seed: int) -> dict[str, bytes]:
     """Return the files of the evidence with the manifest that seals them."""
+    commit, hashes = _commit(), _hashes()
     files = {
         **arguments(),
-        "environment.json": _json(_environment()),
+        "environment.json": _json(_environment(commit)),
         "requirements.json": _json(list(_requirements())),
         "validation.json": _json(_validation(outcome, mutants, seed)),
-        "sbom.cdx.json": _json(_bill()),
-        "hashes.json": _json(_hashes()),
+        "sbom.cdx.json": _json(bill(hashes, _timestamp(commit))),
+        "hashes.json": _json(hashes),
     }
     return seal("evidence", files, {"halpipe": __version__})
 
@@ -56,13 +70,53 @@ def _json(value: Any) -> bytes:
     return (json.dumps(value, indent=1, ensure_ascii=True) + "\n").encode()
 
 
-def _environment() -> dict[str, Any]:
+def _environment(commit: Commit | None) -> dict[str, Any]:
     return {
-        "tool": {"name": "halpipe", "version": __version__},
+        "tool": {"name": "halpipe", "version": __version__, "commit": commit and commit.id},
+        "changed since the commit": commit and commit.changed,
         "python": {"implementation": sys.implementation.name, "version": platform.python_version()},
-        "system": {"name": platform.system(), "machine": platform.machine(), "byteorder": sys.byteorder},
-        "packages": {component["name"]: component["version"] for component in _components()},
+        "system": {
+            "name": platform.system(),
+            "release": platform.release(),
+            "machine": platform.machine(),
+            "byteorder": sys.byteorder,
+            "C library": " ".join(platform.libc_ver()).strip(),
+            "processor": _processor(),
+        },
+        "packages": {name: package.version for name, (package, _) in installed().items()},
     }
+
+
+def _processor() -> str:
+    """Return the models of the processor by Linux, or what Python knows about it."""
+    try:
+        lines = CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    models = {line.partition(":")[2].strip() for line in lines if line.startswith("model name")}
+    return ", ".join(sorted(models)) or platform.processor()
+
+
+def _commit() -> Commit | None:
+    """Return the commit of a checkout; None where halpipe is no checkout, or git does not answer."""
+    if not (ROOT / ".git").exists():
+        return None
+    git = ["git", "--no-optional-locks", "-C", str(ROOT)]
+    try:
+        shown = programs.run([*git, "show", "-s", "--format=%H %ct", "HEAD"])
+        status = programs.run([*git, "status", "--porcelain"])
+    except HalpipeError:
+        return None
+    if shown.returncode or status.returncode:
+        return None
+    id, moment = shown.stdout.split()
+    return Commit(id, int(moment), bool(status.stdout.strip()))
+
+
+def _timestamp(commit: Commit | None) -> str:
+    """Return the moment of the bill, the same at each repetition: that of the commit, or of the installation."""
+    seconds = commit.moment if commit else int(Path(__file__).stat().st_mtime)
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def _requirements() -> Iterator[dict[str, Any]]:
@@ -133,34 +187,6 @@ def _validation(outcome: Outcome, mutants: int, seed: int) -> dict[str, Any]:
             fault: {"not valid": broken, "valid": valid} for fault, (broken, valid) in sorted(outcome.by_fault.items())
         },
     }
-
-
-def _components() -> list[dict[str, Any]]:
-    """Return what halpipe needs and what that needs, as far as it is installed."""
-    found, waiting = {}, ["halpipe"]
-    while waiting:
-        name = waiting.pop()
-        if name in found:
-            continue
-        try:
-            found[name] = distribution(name).version
-        except PackageNotFoundError:
-            continue
-        needed = [line for line in requires(name) or () if name == "halpipe" or "extra ==" not in line]
-        waiting += [match[0].lower().replace("_", "-") for line in needed if (match := _NAME.match(line))]
-    return [{"name": name, "version": version} for name, version in sorted(found.items())]
-
-
-def _bill() -> dict[str, Any]:
-    """Return the bill of materials in CycloneDX 1.5, without the moment and the number that would make each one new."""
-    parts = [
-        {"type": "library", **part, "purl": f"pkg:pypi/{part['name']}@{part['version']}"}
-        for part in _components()
-        if part["name"] != "halpipe"
-    ]
-    subject = {"type": "application", "name": "halpipe", "version": __version__}
-    head = {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "metadata": {"component": subject}}
-    return {**head, "components": parts}
 
 
 def _hashes() -> dict[str, str]:
