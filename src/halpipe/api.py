@@ -211,9 +211,10 @@ def diff(before: TaskModel | Schedule, after: TaskModel | Schedule) -> tuple[Cha
     raise TypeError("diff: give two models or two schedules")
 
 
-def compare(schedule: Schedule, trace: str, **options: Any) -> list[Comparison]:
+def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **options: Any) -> list[Comparison]:
     """Compare what ran, as the file or directory `trace` recorded it, with the schedule; one answer for each line.
 
+    With the `model`, its WCETs stand beside the run times, and the chains are measured.
     `options` are those of the command: ``mode="drive"``, ``tolerance="10us"``, ``origin="3ms"``.
     """
     from halpipe.core.options import from_keywords
@@ -222,7 +223,7 @@ def compare(schedule: Schedule, trace: str, **options: Any) -> list[Comparison]:
     from halpipe.pipeline.compare import compare as compare_line
 
     chosen = CompareOptions(**from_keywords("compare", CompareOptions, options))
-    return [compare_line(schedule, line, chosen) for line in read_traces(trace).traces]
+    return [compare_line(schedule, line, chosen, model) for line in read_traces(trace).traces]
 
 
 def check(bundle: str, **options: Any) -> Checked:

@@ -9,14 +9,15 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.options import takes
-from halpipe.core.diagnostics import Exit
-from halpipe.core.options import Values, refuse_unused
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.options import WITHOUT_EFFECT, Values, refuse_unused
 
 if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.pipeline.compare import CompareOptions, Comparison
 
-COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst", "end: worst", "longest", "WCET")
+COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst", "end: worst", "longest")
+CHAINS = ("chain", "figure", "count", "least", "median", "p99", "worst", "verified", "limit")
 
 
 def _kind() -> type:
@@ -37,22 +38,29 @@ def compare(
         ),
     ],
     options: Values,
+    model: Annotated[
+        str, typer.Option(metavar="FILE", help="Model of the schedule, for its WCETs and chains.", show_default=False)
+    ] = "",
 ) -> int:
     """Compare what ran with the schedule: lateness, overruns, order, missing and extra jobs of every task."""
-    from halpipe.importers.native import read_schedule
+    from halpipe.importers.native import read_model, read_schedule
     from halpipe.importers.traces import read_traces
     from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.compare import compare as compare_line
 
     chosen = CompareOptions(**options)
     if os.path.isdir(schedule):
+        if model:
+            help = "omit it: budgets of bytes stand in the bundle"
+            raise HalpipeError(WITHOUT_EFFECT('compare: "model" has no effect here', help=help), exit=Exit.USAGE)
         return _counters(schedule, trace, chosen)
     tables = read_schedule(schedule)
     recording = read_traces(trace)
-    lines = [compare_line(tables, line, chosen) for line in recording.traces]
+    system = read_model(model) if model else None
+    lines = [compare_line(tables, line, chosen, system) for line in recording.traces]
     found = [*recording.diagnostics, *(d for line in lines for d in line.diagnostics)]
     if output.is_text():
-        _show(lines)
+        _show(lines, has_model=system is not None)
     output.report(found, as_result=True)
     return Exit.FINDINGS if any(d.is_error for d in found) else Exit.OK
 
@@ -78,15 +86,23 @@ def _counters(bundle: str, file: str, options: CompareOptions) -> int:
     return Exit.FINDINGS if any(d.is_error for d in counted.diagnostics) else Exit.OK
 
 
-def _show(lines: list[Comparison]) -> None:
+def _show(lines: list[Comparison], *, has_model: bool) -> None:
+    columns = (*COLUMNS, "reserved", *(("WCET",) if has_model else ()))
     for line in lines:
         if line.name:
             output.result(line.name)
         rows = []
         for row in line.rows:
-            spans = (row.least, row.median, row.worst, row.worst_end, row.longest, row.budget)
+            spans = [row.least, row.median, row.worst, row.worst_end, row.longest, row.reserved]
+            spans += [row.wcet] if has_model else []
             rows.append((row.task, str(row.seen), str(row.missing), str(row.extra), *map(_text, spans)))
-        output.table(COLUMNS, rows, right=range(1, len(COLUMNS)))
+        output.table(columns, rows, right=range(1, len(columns)))
+        if line.chains:
+            chains = [
+                (c.chain, c.figure, str(c.count), *map(_text, (c.least, c.median, c.p99, c.worst, c.verified, c.limit)))
+                for c in line.chains
+            ]
+            output.table(CHAINS, chains, right=range(2, len(CHAINS)))
 
 
 def _text(span: Duration | None) -> str:

@@ -72,7 +72,7 @@ def test_a_faithful_trace_has_no_deviation():
     assert {task: row.seen for task, row in rows.items()} == {"a": 4, "b": 5, "c": 2}
     assert all(row.missing == row.extra == 0 for row in rows.values())
     assert all(row.least == row.worst == row.worst_end == ZERO for row in rows.values())
-    assert (rows["a"].longest, rows["a"].budget) == (ms(3), ms(3))
+    assert (rows["a"].longest, rows["a"].reserved) == (ms(3), ms(3))
 
 
 @given(st.integers(-(10**9), 10**9), st.booleans())

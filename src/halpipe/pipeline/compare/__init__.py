@@ -1,7 +1,7 @@
 """Comparison of a trace with the schedule it should follow: lateness, overruns and order violations, job by job.
 
-`expected` lays the tables out, `matching` finds which job each execution is, `judging` says what deviates. Exact
-throughout: the only allowance is the tolerance that the user states.
+`expected` lays the tables out, `matching` assigns executions to jobs, `judging` reports deviations, `chains` measures
+end-to-end figures. Exact throughout: the only allowance is the tolerance that the user states.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from halpipe.core.options import option
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.models.modes import require_mode
-from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TASK
+from halpipe.pipeline.compare.chains import deviations as chain_deviations
+from halpipe.pipeline.compare.chains import measured_chains
+from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNKNOWN_TASK
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge
 from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, match_nearest, match_stated
@@ -26,8 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Schedule
+    from halpipe.models import Schedule, TaskModel
     from halpipe.models.trace import Execution, Trace
+    from halpipe.pipeline.compare.chains import ChainRow
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
@@ -58,7 +61,11 @@ class CompareOptions:
 
 @record(kw_only=True)
 class TaskRow:
-    """The account of one task: jobs matched, missing and extra, and the lateness of its starts and ends."""
+    """Account of one task: jobs matched, missing and extra, lateness of starts and ends, and run times.
+
+    `reserved` is what the schedule reserves for the job that ran longest, interrupts included; `wcet` is the WCET of
+    its version, where the model is known.
+    """
 
     task: str
     seen: int
@@ -69,39 +76,72 @@ class TaskRow:
     worst: Duration | None = None
     worst_end: Duration | None = None
     longest: Duration | None = None
-    budget: Duration | None = None
+    reserved: Duration | None = None
+    wcet: Duration | None = None
 
 
 @record(kw_only=True)
 class Comparison:
-    """One line of time of a trace, compared: where the schedule's zero lies in it, the tasks, and what deviates."""
+    """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations."""
 
     name: str
     origin: Duration
     rows: tuple[TaskRow, ...]
+    chains: tuple[ChainRow, ...] = ()
     diagnostics: tuple[Diagnostic, ...]
 
 
-def compare(schedule: Schedule, trace: Trace, options: CompareOptions) -> Comparison:
-    """Compare one line of time with the schedule; raise `HalpipeError` if it cannot be said which table ran."""
+def compare(schedule: Schedule, trace: Trace, options: CompareOptions, model: TaskModel | None = None) -> Comparison:
+    """Compare one line of time with the schedule, and with a `model` its WCETs and chains.
+
+    Raise `HalpipeError` if it is open which table ran, or if the model is not that of the schedule.
+    """
+    if model is not None:
+        _require_same(model, schedule)
     tables = tables_of(schedule)
     findings = Findings()
     prefix = f"{trace.name}, " if trace.name else ""
     executions = _known(trace.executions, schedule, findings)
     unknown_tables(executions, tables, findings)
     if executions and all(execution.cycle is not None and execution.table for execution in executions):
+        names = {execution.table for execution in executions if execution.table in tables}
         origin, matching = _stated(executions, tables, options, findings)
     else:
-        origin, matching = _repeated(executions, tables[_mode(schedule, executions, options)], options)
+        names = {_mode(schedule, executions, options)}
+        origin, matching = _repeated(executions, tables[min(names)], options)
     if options.origin is None and executions:
         message = f"the schedule's zero lies at {origin} of the trace"
         findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
     judge = Judge(origin, options.tolerance, prefix)
     judge.judge(matching)
     findings.extend(judge.diagnostics())
+    rows = _rows(matching, origin, {task for name in names for task in tables[name].jobs}, model)
+    if idle := [row.task for row in rows if not row.seen + row.missing + row.extra]:
+        message = f"{len(idle)} tasks have no job within the recording: {', '.join(idle[:5])}"
+        findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
+    chains: list[ChainRow] = []
+    if model is not None:
+        played = {match.cycle: match.table.name for match in matching.matches}
+        seen = [(match.cycle, match.execution) for match in matching.matches]
+        seen += [(-1 if e.cycle is None else e.cycle, e) for e in matching.extra]
+        chains = measured_chains(model, schedule, played, seen)
+        one_mode = len({*played.values()}) == 1
+        findings.extend(chain_deviations(model, chains, options.tolerance * 2, prefix, one_mode=one_mode))
     return Comparison(
-        name=trace.name, origin=origin, rows=tuple(_rows(matching, origin)), diagnostics=tuple(findings.items)
+        name=trace.name, origin=origin, rows=tuple(rows), chains=tuple(chains), diagnostics=tuple(findings.items)
     )
+
+
+def _require_same(model: TaskModel, schedule: Schedule) -> None:
+    """Raise `HalpipeError` if the schedule was made from another model."""
+    modes = {mode.name for mode in schedule.modes} <= {mode.name for mode in model.modes}
+    jobs = [job for mode in schedule.modes for job in mode.jobs]
+    jobs += [job for switch in schedule.transitions for job in switch.jobs]
+    versions = {(task.name, version.name) for task in model.tasks for version in task.versions}
+    changed = model.digest and schedule.model_sha256 and model.digest != schedule.model_sha256
+    if changed or model.name != schedule.model or not modes or not {(j.task, j.version) for j in jobs} <= versions:
+        message = f'model "{model.name}" is not the one from which this schedule of "{schedule.model}" was made'
+        raise HalpipeError(OTHER_MODEL(message, help="give the model file from which the schedule was made"))
 
 
 def _stated(
@@ -196,14 +236,14 @@ def _names(known: Collection[str], others: Mapping[str, str]) -> Callable[[str],
     return plain
 
 
-def _rows(matching: Matching, origin: Duration) -> list[TaskRow]:
+def _rows(matching: Matching, origin: Duration, due: set[str], model: TaskModel | None) -> list[TaskRow]:
     matches = defaultdict(list)
     for match in matching.matches:
         matches[match.job.task].append(match)
     missing = Counter(job.task for _, _, job, _ in matching.missing)
     extra = Counter(execution.task for execution in matching.extra)
     rows = []
-    for task in sorted({*matches, *missing, *extra}):
+    for task in sorted({*matches, *missing, *extra, *due}):
         found = matches[task]
         starts = sorted((lateness(match, origin) for match in found), key=lambda late: late.ns)
         ended = [match for match in found if match.execution.end is not None]
@@ -220,7 +260,8 @@ def _rows(matching: Matching, origin: Duration) -> list[TaskRow]:
                 worst=starts[-1] if starts else None,
                 worst_end=max(ends, default=None),
                 longest=_busy(longest.execution) if longest else None,
-                budget=longest.reserved if longest else None,
+                reserved=longest.reserved if longest else None,
+                wcet=model.task(task).version(longest.job.version).wcet if model and longest else None,
             )
         )
     return rows

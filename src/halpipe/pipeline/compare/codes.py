@@ -1,4 +1,4 @@
-"""The diagnostics of comparing a trace with its schedule."""
+"""Diagnostics of comparing a trace with its schedule."""
 
 from __future__ import annotations
 
@@ -79,4 +79,29 @@ NO_DATA = error(
     "Job ran without data",
     "Its instant came and there was no message for it. It started in time, and yet its part of every chain is missing: "
     "the publisher is not there, has stopped, or publishes later than scheduled.",
+)
+DID_NOT_RUN = note(
+    "HAL1116",
+    "Task did not run in the recording",
+    "No job of it was due within the time that the trace covers, which is less than a cycle of the schedule. So it is "
+    "open whether the task keeps the schedule.",
+)
+CHAIN_EXCEEDED = error(
+    "HAL1117",
+    "Measured figure of a chain exceeds its bound",
+    "A latency, reaction time or data age of what ran is more than the limit of the model, or (a warning) more than "
+    "the verified worst case of the schedule; twice --tolerance is allowed, since both ends may be off. A job that is "
+    "late by less than the tolerance may still miss the data of a whole period.",
+)
+NOT_MEASURED = note(
+    "HAL1118",
+    "Chain is not measured",
+    "Its figures count from or to releases, by a logical execution time or by an event; a recording has only starts "
+    "and ends.",
+)
+OTHER_MODEL = error(
+    "HAL1119",
+    "Model is not that of the schedule",
+    "The model given with --model has another name or content than the one from which the schedule was made, or lacks "
+    "modes, tasks or versions of it.",
 )

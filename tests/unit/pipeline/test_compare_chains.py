@@ -1,0 +1,224 @@
+"""Measured figures of chains, and WCETs of the model beside run times."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.core.diagnostics import HalpipeError, Severity
+from halpipe.core.durations import ZERO, Duration
+from halpipe.models import Anchor, Interrupt, ModeSchedule, Status, TransitionTable
+from halpipe.models.trace import Execution, Trace
+from halpipe.pipeline.compare import CompareOptions, codes, compare
+from halpipe.pipeline.compare.chains import FIGURES
+from halpipe.pipeline.measure.metrics import with_latencies
+from profiles import examples
+from support import chain, job, mode, model, ms, schedule, task, version
+
+SYSTEM = model(
+    task("a", "10ms", version("v", "2ms", "u1")),
+    task("b", "20ms", version("v", "3ms", "u1")),
+    chains=[chain("c", "a b")],
+)
+PLAN = schedule(
+    SYSTEM,
+    "20ms",
+    job(SYSTEM, "a", 0, "0ms", "u1"),
+    job(SYSTEM, "a", 1, "10ms", "u1"),
+    job(SYSTEM, "b", 0, "5ms", "u1"),
+)
+
+
+def ran(cycles, plan=PLAN):
+    mode = plan.modes[0]
+    return [
+        Execution(task=j.task, start=j.start + mode.hyperperiod * n, end=j.end + mode.hyperperiod * n)
+        for n in range(cycles)
+        for j in mode.jobs
+    ]
+
+
+def compared(executions, system=SYSTEM, plan=PLAN, **options):
+    ordered = tuple(sorted(executions, key=lambda execution: execution.start.ns))
+    return compare(plan, Trace(name="", executions=ordered), CompareOptions(origin=ZERO, **options), system)
+
+
+def figures(answer):
+    return {row.figure: row for row in answer.chains}
+
+
+def test_a_faithful_recording_has_the_verified_figures():
+    """Job a of 0 is read at 5 (8), that of 10 at 25 (18); the one missed at 0 is seen at 10 and read at 25."""
+    answer = compared(ran(4))
+    rows = figures(answer)
+    assert [rows[name].worst for name in FIGURES] == [ms("18ms"), ms("28ms"), ms("8ms")]
+    assert [rows[name].verified for name in FIGURES] == [rows[name].worst for name in FIGURES]
+    assert (rows["latency"].count, rows["latency"].least, rows["latency"].median) == (7, ms("8ms"), ms("8ms"))
+    assert (rows["reaction"].count, rows["age"].count) == (6, 4)
+    assert answer.diagnostics == ()
+
+
+def test_quantiles_are_samples():
+    """One of 200 paths is long: the 99th of 100 samples does not see it, the worst does."""
+    seen = ran(200)
+    late = next(n for n, e in enumerate(seen) if e.task == "b" and e.start > ms("500ms"))
+    seen[late] = replace(seen[late], end=seen[late].end + ms("1ms"))
+    age = figures(compared(seen))["age"]
+    assert (age.median, age.p99, age.worst, age.count) == (ms("8ms"), ms("8ms"), ms("9ms"), 200)
+    first = figures(compared(ran(200)[:-1]))["age"]
+    assert first.count == 199
+
+
+def exceeded(executions, system=SYSTEM, **options):
+    found = [d for d in compared(executions, system, **options).diagnostics if d.code == codes.CHAIN_EXCEEDED.id]
+    return [(d.severity, d.message) for d in found]
+
+
+def test_a_job_that_comes_too_early_for_its_data_is_seen_in_the_chain():
+    """Starting 4 ms early, b reads before a has written: data of 14 ms, and those of a wait for b 20 ms later."""
+    seen = ran(4)
+    position = next(n for n, e in enumerate(seen) if e.task == "b" and e.start == ms("45ms"))
+    seen[position] = replace(seen[position], start=ms("41ms"), end=ms("44ms"))
+    for tolerance, names in (("2ms", FIGURES), ("3ms", FIGURES[:2]), ("5ms", ())):  # 6, 10 and 10 ms too much
+        found = exceeded(seen, tolerance=ms(tolerance))
+        assert [message.partition(" of ")[0] for _, message in found] == list(names)
+        assert all(severity is Severity.WARNING for severity, _ in found)
+
+
+@pytest.mark.parametrize(("limit", "severity"), [("13ms", Severity.ERROR), ("14ms", Severity.WARNING)])
+def test_more_than_the_limit_of_the_model_is_an_error(limit, severity):
+    seen = ran(4)
+    position = next(n for n, e in enumerate(seen) if e.task == "b" and e.start == ms("45ms"))
+    seen[position] = replace(seen[position], start=ms("41ms"), end=ms("44ms"))
+    system = replace(SYSTEM, chains=(replace(SYSTEM.chains[0], max_age=ms(limit)),))
+    (found,) = [severity for severity, message in exceeded(seen, system) if message.startswith("age of 14ms")]
+    assert found is severity
+
+
+def test_events_of_a_chain_are_measured_where_they_are_recorded():
+    ends = replace(SYSTEM, chains=(replace(SYSTEM.chains[0], anchor=Anchor.END, to=Anchor.START),))
+    rows = figures(compared(ran(4), ends))
+    assert [rows[name].worst for name in FIGURES] == [ms("13ms"), ms("23ms"), ms("3ms")]
+    assert all(rows[name].verified == rows[name].worst for name in FIGURES)
+
+
+def test_no_path_leads_through_a_mode_without_the_chain():
+    """In the mode idle only a runs: data that wait for the next b, or a b that finds old data, are no paths."""
+    idle = mode("idle", SYSTEM.tasks[:1])
+    system = replace(SYSTEM, modes=(*SYSTEM.modes, idle))
+    jobs = (job(SYSTEM, "a", 0, "0ms", "u1"),)
+    table = ModeSchedule(name="idle", hyperperiod=ms("10ms"), status=Status.VALID, jobs=jobs)
+    switches = tuple(
+        TransitionTable(source=s, target=t, length=ZERO, worst_latency=ZERO, status=Status.VALID)
+        for s, t in (("all", "idle"), ("idle", "all"))
+    )
+    plan = replace(PLAN, modes=(*PLAN.modes, table), transitions=switches)
+    seen, now, cycle = [], ZERO, 0
+    for played in [plan.modes[0]] * 3 + [table] * 5 + [plan.modes[0]] * 3:
+        for j in played.jobs:
+            start, end = now + j.start, now + j.end
+            seen.append(Execution(task=j.task, start=start, end=end, table=played.name, cycle=cycle, job=j.index))
+        now, cycle = now + played.hyperperiod, cycle + 1
+    rows = figures(compared(seen, system, plan))
+    assert [rows[name].worst for name in FIGURES] == [ms("18ms"), ms("28ms"), ms("8ms")]
+    assert [rows[name].count for name in FIGURES] == [10, 8, 6]
+
+
+@pytest.mark.parametrize("change", ["anchor", "let"])
+def test_chains_from_releases_are_not_measured(change):
+    let = ms("5ms") if change == "let" else None
+    system = replace(SYSTEM, tasks=tuple(replace(t, let=let, offset=ZERO) for t in SYSTEM.tasks))
+    if change == "anchor":
+        system = replace(system, chains=(replace(SYSTEM.chains[0], anchor=Anchor.RELEASE),))
+    answer = compared(ran(4), system)
+    assert answer.chains == ()
+    assert [d.code for d in answer.diagnostics] == [codes.NOT_MEASURED.id]
+
+
+SPANS = st.lists(st.tuples(st.integers(0, 60), st.integers(1, 9)), min_size=1, max_size=7, unique_by=lambda s: s[0])
+
+
+def oracle(members):
+    """The figures by their definition, job against job, without an order or a search."""
+    found = {name: [] for name in FIGURES}
+
+    def forward(written, rest):
+        for spans in rest:
+            later = [span for span in spans if span[0] >= written]
+            if not later:
+                return None
+            written = min(later)[1]
+        return written
+
+    for first in members[0]:
+        if (last := forward(first[1], members[1:])) is not None:
+            found["latency"].append(last - first[0])
+        after = [span for span in members[0] if span[0] > first[0]]
+        if after and (last := forward(min(after)[1], members[1:])) is not None:
+            found["reaction"].append(last - first[0])
+    for last in members[-1]:
+        read = last[0]
+        for spans in members[-2::-1]:
+            before = [span for span in spans if span[1] <= read]
+            if not before:
+                break
+            read = max(before, key=lambda span: (span[1], span[0]))[0]
+        else:
+            found["age"].append(last[1] - read)
+    return {name: sorted(values) for name, values in found.items()}
+
+
+@examples(200)
+@given(st.lists(SPANS, min_size=3, max_size=3))
+def test_measured_figures_are_those_of_an_own_simulation(drawn):
+    members = [sorted((start, start + length) for start, length in spans) for spans in drawn]
+    system = model(*(task(n, "1ms", version("v", "1ns", "u1")) for n in "abc"), chains=[chain("c", "a b c")])
+    plan = schedule(system, "1ms", *(job(system, n, 0, f"{k}ns", "u1") for k, n in enumerate("abc")))
+    seen = [
+        Execution(task=name, start=Duration(start), end=Duration(end))
+        for name, spans in zip("abc", members, strict=True)
+        for start, end in spans
+    ]
+    rows = figures(compared(seen, system, plan))
+    for name, values in oracle(members).items():
+        row = rows[name]
+        assert row.count == len(values)
+        if values:
+            expected = (values[0], values[(len(values) - 1) // 2], values[-(-99 * len(values) // 100) - 1], values[-1])
+            assert (row.least.ns, row.median.ns, row.p99.ns, row.worst.ns) == expected
+
+
+def test_the_verified_figures_come_from_the_schedule():
+    assert figures(compared(ran(1)))["latency"].verified == with_latencies(SYSTEM, PLAN).modes[0].chains[0].latency
+
+
+def test_run_times_stand_beside_the_wcet_and_the_reserved_length():
+    unit = replace(SYSTEM.units[0], interrupts=(Interrupt(name="rx", distance=ms("10ms"), wcet=ms("1ms")),))
+    system = replace(SYSTEM, units=(unit,))
+    longer = tuple(replace(j, end=j.end + ms("1ms")) for j in PLAN.modes[0].jobs)
+    plan = replace(PLAN, modes=(replace(PLAN.modes[0], jobs=longer),))
+    row = compared(ran(2, plan), system, plan).rows[0]
+    assert (row.longest, row.reserved, row.wcet) == (ms("3ms"), ms("3ms"), ms("2ms"))
+    assert compare(plan, Trace(name="", executions=tuple(ran(1, plan))), CompareOptions()).rows[0].wcet is None
+
+
+def test_a_task_that_was_not_due_is_listed():
+    answer = compared([e for e in ran(1) if e.task == "a"][:1])
+    assert [(row.task, row.seen, row.missing) for row in answer.rows] == [("a", 1, 0), ("b", 0, 0)]
+    (found,) = [d for d in answer.diagnostics if d.code == codes.DID_NOT_RUN.id]
+    assert found.message.endswith(": b")
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(SYSTEM, name="other"),
+        replace(SYSTEM, tasks=SYSTEM.tasks[:1]),
+        replace(SYSTEM, modes=(replace(SYSTEM.modes[0], name="other"),)),
+    ],
+)
+def test_another_model_is_refused(other):
+    with pytest.raises(HalpipeError) as refused:
+        compared(ran(1), other)
+    assert [d.code for d in refused.value.diagnostics] == [codes.OTHER_MODEL.id]
