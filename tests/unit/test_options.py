@@ -38,9 +38,9 @@ KINDS = {
 NAMES = sorted({name for kind in KINDS.values() for name in names_of(kind)})
 OWN = {
     *("output", "report", "coverage", "trace", "bandwidth", "format", "quiet", "verbose", "help"),
-    *("share", "cluster", "workers", "resume"),
+    *("share", "cluster", "workers", "resume", "model"),
 }
-"""Options of commands that say where results go and how they look, not what they are."""
+"""Options of commands that name further files, or say where results go and how they look, not what they are."""
 
 
 def flags(verb, name):

@@ -56,6 +56,24 @@ def test_the_name_of_a_time_column_states_its_unit(unit, ns):
     assert (seen.start, seen.end) == (Duration(Fraction(ns, 3)), Duration(9 * 10**9))
 
 
+@pytest.mark.parametrize("text", ["task;start [us];end (us)\nb;10,5;20\n", "task\tstart_us\tend_us\nb\t10.5\t20\n"])
+def test_tables_of_spreadsheets(text):
+    (seen,) = executions(text)
+    assert (seen.task, seen.start.ns, seen.end.ns) == ("b", 10_500, 20_000)
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("task;start;end\nb;1,5;2,5\nb;1.500;2,5\n", [3]),
+        ("task;start;end\nb;1.500,5;2\n", [2]),
+        ('task,start,end\nb,"1,5",2\n', [2]),
+    ],
+)
+def test_decimal_signs_that_may_mean_thousands_are_refused(text, lines):
+    assert [d.at.line for d in refusal(text)] == lines
+
+
 def test_rows_are_ordered_by_their_start_and_blank_lines_are_none():
     seen = executions("task,start,end,unit\nb,5,6,c\n\na,1,2,c\n")
     assert [(e.task, e.units, e.cycle, e.job, e.table) for e in seen] == [
@@ -372,6 +390,11 @@ def test_records_of_caret_are_executions_each_once():
         ("/m/callback_1", "2us", "2.6us"),
         ("/m/callback_1", "3us", None),
     ]
+
+
+def test_cells_of_records_without_a_start_are_counted():
+    (found,) = told(CARET_RECORDS + "0,1000.0,1500,2000,2600\n1,1000,1500,nan,\n2,nan,nan,,\n", codes.LEFT_OUT)
+    assert found.message.startswith("3 cells")
 
 
 def test_a_record_that_ends_before_it_starts_is_named():

@@ -4,6 +4,7 @@ Needed are ``task``, ``start`` and ``end``; known are also ``units`` (separated 
 ``job``, ``busy`` and ``data`` (0: there was no message for the job). Times are nanoseconds, or as the name of the
 column says: ``start_us``. An empty end is that of a job which still ran when the trace ended. CARET's records have
 two columns for each callback instead, which end in ``/callback_start_timestamp`` and ``/callback_end_timestamp``.
+Columns are separated by commas, semicolons or tabulators; where no comma separates, numbers may have a decimal comma.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from fractions import Fraction
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -37,7 +39,13 @@ _ABSENT = ("", "nan", "none", "<na>")
 
 def is_header(line: str) -> bool:
     """Whether a line names the columns that are needed."""
-    return bool(_records(line.split(","))) or _is_complete(_columns(line.split(",")))
+    names = line.split(_separator(line))
+    return bool(_records(names)) or _is_complete(_columns(names))
+
+
+def _separator(header: str) -> str:
+    """Return what separates the columns: the one of comma, semicolon and tabulator that makes most."""
+    return max(",;\t", key=header.count)
 
 
 def _is_complete(columns: dict[str, tuple[int, str]]) -> bool:
@@ -56,7 +64,7 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
     """Return position and unit of time of each column, by its plain name."""
     found: dict[str, tuple[int, str]] = {}
     for position, name in enumerate(names):
-        full = name.strip().strip('"').lower().replace(" [", "_").rstrip("]")
+        full = name.strip().strip('"').lower().replace("(", "[").replace(" [", "_").rstrip(")]")
         plain, _, unit = _LONG.get(full, full).partition("_")
         if plain in TIMES and (unit or "ns") in SCALES_NS:
             found.setdefault(plain, (position, unit or "ns"))
@@ -76,35 +84,63 @@ def read(text: str, file: str, findings: Findings) -> list[Trace]:
 
 
 def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
-    rows = csv.reader(io.StringIO(text, newline=""))
+    separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     filled = (cells for cells in rows if any(cell.strip() for cell in cells))
     executions: list[Execution] = []
-    is_complete = False
+    is_complete, absent = False, 0
     try:
         header = next(filled, [])
         columns, records = _columns(header), _records(header)
-        row, is_complete = _Row(columns, file), _is_complete(columns)
+        row, is_complete = _Row(columns, file, _Numbers(separator)), _is_complete(columns)
         for cells in filled:
-            at = Location(file, rows.line_num)
             try:
-                executions += [row.execution(cells, rows.line_num)] if is_complete else _recorded(records, cells, at)
+                if is_complete:
+                    executions.append(row.execution(cells, rows.line_num))
+                else:
+                    found = _recorded(records, cells, row.numbers, Location(file, rows.line_num))
+                    executions += found
+                    absent += len(records) - len(found)
             except ValueError as failure:
                 help = "correct the row; times are whole or decimal numbers"
-                findings.add(codes.BROKEN_ROW(str(failure), at=at, help=help))
+                findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help=help))
     except csv.Error as failure:
         findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help="write plain CSV"))
+    if absent:
+        message = f"{absent} cells of records have no start: the message did not come so far, or was not recorded"
+        findings.add(codes.LEFT_OUT(message, at=Location(file)))
     return executions if is_complete else list(dict.fromkeys(executions))
 
 
-def _recorded(records: dict[str, tuple[int, int]], cells: list[str], at: Location) -> list[Execution]:
+class _Numbers:
+    """Reader of numbers with a decimal point or a decimal comma, but not both in one table."""
+
+    def __init__(self, separator: str) -> None:
+        self._marks = {".", ","} - {separator}
+
+    def instant(self, text: str, scale: int | Fraction) -> Duration:
+        """Return an instant; raise ``ValueError`` if it is none, or has another decimal sign than one before."""
+        marks = self._marks & set(text)
+        if marks:
+            if len(self._marks) == 2:
+                self._marks = marks
+            text = text.replace(",", ".")
+        elif {".", ","} & set(text):
+            raise ValueError(f"{text[:40]!r} has another decimal sign than the rows before")
+        return instant(text, scale)
+
+
+def _recorded(
+    records: dict[str, tuple[int, int]], cells: list[str], numbers: _Numbers, at: Location
+) -> list[Execution]:
     """Return the jobs of a row of CARET's records; rows of a path repeat a job for each message that it made."""
     found = []
     for name, places in records.items():
         start, end = (cells[place].strip() if place < len(cells) else "" for place in places)
         if start.lower() in _ABSENT:
             continue
-        began = instant(start, 1)
-        ended = None if end.lower() in _ABSENT else instant(end, 1)
+        began = numbers.instant(start, 1)
+        ended = None if end.lower() in _ABSENT else numbers.instant(end, 1)
         if ended is not None and ended < began:
             raise ValueError(f"{name} ends at {end}, before it starts")
         found.append(Execution(task=name, start=began, end=ended, at=at))
@@ -120,8 +156,9 @@ def _flag(text: str) -> bool:
 class _Row:
     """Reads the cells of a row by the names of their columns."""
 
-    def __init__(self, columns: dict[str, tuple[int, str]], file: str) -> None:
+    def __init__(self, columns: dict[str, tuple[int, str]], file: str, numbers: _Numbers) -> None:
         self.columns = columns
+        self.numbers = numbers
         self.file = file
 
     def execution(self, cells: list[str], line: int) -> Execution:
@@ -153,7 +190,7 @@ class _Row:
         if name not in self.columns:
             return None
         scale = SCALES_NS[self.columns[name][1]]
-        return self._optional(cells, name, lambda text: instant(text, scale))
+        return self._optional(cells, name, lambda text: self.numbers.instant(text, scale))
 
     def _optional(self, cells: list[str], name: str, read: Callable[[str], T]) -> T | None:
         text = self._cell(cells, name)
