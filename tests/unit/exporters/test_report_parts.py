@@ -94,21 +94,15 @@ def circles(draw):
 
 
 def placed(job):
-    return SimpleNamespace(start=job.start.ns, end=job.end.ns, length=(job.end - job.start).ns)
+    start, end = job.start.ns, job.end.ns
+    return SimpleNamespace(start=start, end=end, length=end - start, read=start, write=end, begin=start)
 
 
 @given(circles(), st.sampled_from(["abc", "ab", "ca", "a", "cba"]))
 def test_the_ways_are_as_long_as_the_latencies(table, names):
     chain = Chain(name="c", tasks=tuple(names))
     reaction, age = worst_reaction(chain, table), worst_age(chain, table)
-    members = [
-        [
-            SimpleNamespace(start=j.start.ns, end=j.end.ns, length=(j.end - j.start).ns)
-            for j in table.jobs
-            if j.task == name
-        ]
-        for name in names
-    ]
+    members = [[placed(j) for j in table.jobs if j.task == name] for name in names]
     hyperperiod = table.hyperperiod.ns
     assert (reaction[-1].end - reaction[0].start).ns == latency.worst_reaction(members, hyperperiod)
     assert (age[-1].end - age[0].start).ns == latency.worst_age(members, hyperperiod)

@@ -90,7 +90,7 @@ SHUTTLE = Schedule(
             ),
             resource_loads=(ResourceLoad(resource="ddr", peak=Fraction(41, 60), mean=Fraction(1, 8)),),
             chains=(
-                ChainLatency(name="scan-to-pose", reaction=time("100/3ms"), age=time("31ms")),
+                ChainLatency(name="scan-to-pose", reaction=time("100/3ms"), age=time("31ms"), latency=time("30ms")),
                 ChainLatency(name="unlimited", reaction=None, age=None),
             ),
         ),

@@ -89,10 +89,20 @@ def test_jobs_on_demand_count():
         chain_of_demands.append(task(f"d{i}", None, version("v", "1ns", "u1", *rows)))
     asks = task("a", "1s", version("v", "1ns", "u1", after("d7", 0, 10)))
     assert "11111112 jobs" in the(model(asks, *chain_of_demands), codes.TOO_MANY_JOBS).message
-    assert (
-        validate(model(replace(asks, versions=(version("v", "1ns", "u1", after("d6", 0, 10)),)), *chain_of_demands[:7]))
-        == ()
-    )
+
+
+def test_demands_that_multiply_are_limited_by_themselves():
+    chain_of_demands = [task("d0", None, version("v", "1ns"))]
+    for i in range(1, 6):
+        rows = [after(f"d{i - 1}", 0, n) for n in range(10)]
+        chain_of_demands.append(task(f"d{i}", None, version("v", "1ns", "u1", *rows)))
+
+    def asking(number):
+        asks = task("a", "1s", version("v", "1ns", "u1", after(f"d{number}", 0, 10)))
+        return model(asks, *chain_of_demands[: number + 1])
+
+    assert validate(asking(4)) == ()
+    assert 'task "d0" has 100000 jobs' in the(asking(5), codes.TOO_MANY_JOBS).message
 
 
 def test_the_version_that_demands_most_counts():
