@@ -195,7 +195,7 @@ static void brake_in_time(void) {
 }
 
 void local_planner(void) {
-  lp_path.valid = 0;
+  lp_path = (struct path){0}; /* all of it leaves the core */
   if (!good_pose(&lp_pose)) return;
   if (!good_path(&lp_state)) lp_state.valid = 0;
   q16 s, d, before;

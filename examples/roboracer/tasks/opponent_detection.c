@@ -131,7 +131,7 @@ static void track(int found) {
 }
 
 void opponent_detection(void) {
-  od_opponents.count = 0;
+  od_opponents = (struct opponents){0}; /* all of it leaves the core */
   od_opponents.stamp = od_pose.stamp;
   if (!good_scan(&od_scan) || !good_pose(&od_pose)) return;
   if (!good_opponents(&od_state) || od_pose.stamp - od_state.stamp > FORGET) od_state.count = 0;

@@ -151,7 +151,7 @@ static void resample(uint64_t total) {
 }
 
 void particle_filter(void) {
-  pf_pose.valid = 0;
+  pf_pose = (struct pose){0}; /* all of it leaves the core */
   if (!good_scan(&pf_scan) || !good_odometry(&pf_odometry)) return;
   if (!good_particles(&pf_state)) begin();
   move();

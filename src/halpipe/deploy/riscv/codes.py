@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.core.diagnostics import error, note
+from halpipe.core.diagnostics import error, note, warning
 
 BROKEN_TARGET = error(
     "HAL1030",
@@ -161,6 +161,12 @@ COLD_START = error(
     "Bundle does not begin by itself",
     "Where main memory is not prepared, the runtime empties the buffers and begins with the first mode. Otherwise "
     "jobs would read what the memory of the board held when the power came.",
+)
+LEFTOVER = warning(
+    "HAL1071",
+    "Written bytes depend on former contents of a scratchpad",
+    "Scratchpads are not cleared between jobs: the stack, variables of transfers that were not read, and unused memory "
+    "hold what another job left. In a second run with other contents there, the job wrote other bytes.",
 )
 WRONG_DRIVER = error(
     "HAL1069",

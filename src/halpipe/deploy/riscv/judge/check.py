@@ -21,6 +21,7 @@ from halpipe.deploy.riscv.judge.containment import Injected
 from halpipe.deploy.riscv.judge.contents import contradictions
 from halpipe.deploy.riscv.judge.dispatch import Dispatch, measured
 from halpipe.deploy.riscv.judge.health import Course
+from halpipe.deploy.riscv.judge.leftovers import Rubbish, leftovers
 from halpipe.deploy.riscv.judge.regulated import hold_transfers
 from halpipe.deploy.riscv.judge.summary import summary_lines, trace_csv
 from halpipe.deploy.riscv.judge.tables import wrong_operations
@@ -136,6 +137,8 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     lines += held.lines
     findings = tuple(sort_diagnostics([*static, *totals.findings, *held.findings]))
     sound = not any(found.is_error for found in findings)
+    if sound:
+        findings = tuple(sort_diagnostics([*findings, *foul_findings(target, totals, options)]))
     dispatches = [outcome.dispatch for outcome in totals.outcomes]
     if sound and options.inject != "none":
         injected = inject(target, totals, everything=options.inject == "all")
@@ -172,6 +175,16 @@ def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
     spare = budget_of(site, (), ())
     budget = Budget({**spare.instructions, MANAGEMENT: SPARE + size}, spare.traps, spare.calls + size)
     return cold_start(target, budget, MARGIN + seconds(size * site.cpi / site.clock))
+
+
+def foul_findings(target: Target, totals: Totals, options: CheckOptions) -> Iterator[Diagnostic]:
+    """Yield where jobs depend on former contents of scratchpads: a second run of every tour with new versions."""
+    known: set[tuple[str, str]] = set()
+    for tour, plain in zip(tours(target.schedule, options.cycles or CYCLES), totals.outcomes, strict=False):
+        versions = {(job.task, job.version) for table in plain.tables for job in table.jobs}
+        if versions - known:
+            known |= versions
+            yield from leftovers(plain.jobs, simulate(target, tour, execution=options.execution, is_foul=True).jobs)
 
 
 def margin_lines(target: Target) -> Iterator[str]:
@@ -286,17 +299,21 @@ def simulate(
     cpi: Fraction | int | None = None,
     injections: Sequence[Injection] = (),
     course: Course | None = None,
+    is_foul: bool = False,
 ) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
 
-    Without a course, no health rule follows from what is injected. What modes tasks ask for is not heard.
+    Without a course, no health rule follows from what is injected. What modes tasks ask for is not heard. In a foul
+    run, jobs find other bytes wherever nothing was put for them.
     """
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
     if course is not None:
         expected, injections = course.tables, course.injections
-    jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(expected)
+    images = read_images(target.bundle, site)
+    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
+    saboteur = Rubbish(site, images.values()) if is_foul else Saboteur(site, jobs, injections) if injections else None
     simulation = CoSimulation(
         target,
         budget=budget_of(site, jobs, expected),
@@ -306,7 +323,7 @@ def simulate(
         execution=execution,
         bandwidth=bandwidth,
         cpi=cpi,
-        saboteur=Saboteur(site, jobs, injections) if injections else None,
+        saboteur=saboteur,
         health=course is not None or not injections,
         hears=False,
     )

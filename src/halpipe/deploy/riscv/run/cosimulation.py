@@ -179,6 +179,7 @@ class CoSimulation:
         self._saboteur = saboteur
         self._health = health
         if saboteur is not None:
+            saboteur.memory = self._machine.memory
             self._recorder.begins = self._sabotage
             self._machine.fate = saboteur.fate
         self._memory = self._machine.memory

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.deploy.riscv.board.dma import Transfer
+    from halpipe.deploy.riscv.board.memory import Memory
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
     from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.target import Site, UnitSite
@@ -191,7 +192,9 @@ def _remaining(
 
 
 class Saboteur:
-    """Does what is planned to go wrong in a run of the co-simulation; see `CoSimulation`."""
+    """Does what is planned to go wrong in a run of the co-simulation; see `CoSimulation`, which gives it the memory."""
+
+    memory: Memory
 
     def __init__(self, site: Site, jobs: Sequence[PlannedJob], injections: Sequence[Injection]) -> None:
         self._site = site

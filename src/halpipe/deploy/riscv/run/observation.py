@@ -55,6 +55,7 @@ class Execution:
     end: int = 0
     outcome: Outcome = Outcome.OPEN
     wrong: list[tuple[int, int]] = field(default_factory=list)
+    given: list[tuple[int, int]] = field(default_factory=list)  # address and size of what was loaded, read or cleared
     level: Level = Level.USER
     rank: int = 0
     ranks: int = 1
@@ -206,6 +207,7 @@ class Recorder:
             begin, end = (execution.image.program.symbols.get(name, (0, 0))[0] for name in BSS)
             pieces += [(begin, bytes(end - begin))] if fresh and begin < end else []
             pieces += [(s.target, s.data) for s in segments if s.data and (fresh or s.is_executable)]
+        execution.given = [(target, len(data)) for target, data in pieces]
         for target, data in pieces:
             if memory.read(target, len(data)) != data:
                 execution.wrong.append((target, len(data)))
