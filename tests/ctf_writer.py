@@ -162,6 +162,8 @@ def ros_trace(rounds=20, switches=False, sends=None, **options):
     )
     add("ros2_caret:callback_group_add_timer", 13, callback_group_addr=60, timer_handle=21)
     add("ros2_caret:callback_group_add_subscription", 14, callback_group_addr=60, subscription_handle=30)
+    if switches:
+        add("sched_switch", 15, prev_tid=0, next_tid=8)
     for k in range(rounds):
         at = (10 * k + 1) * MS
         trace.next_packet(0)

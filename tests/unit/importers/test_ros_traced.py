@@ -3,10 +3,11 @@
 import pytest
 from ros_case import Overlay, found, periods, predecessors, rows
 
-from ctf_writer import ros_trace
+from ctf_writer import MS, ROS, Trace, ros_trace
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.options import RosImportOptions
+from halpipe.importers.traces.codes import RESTARTED
 
 GRAPH = """\
 named_paths:
@@ -58,6 +59,79 @@ def test_a_timer_that_ran_once_is_no_periodic_task(tmp_path, rounds, sends, is_o
     imported = read(ros_trace(rounds, sends=sends).write(tmp_path / "session"))
     assert bool(found(imported.diagnostics, codes.ONE_SHOT)) == is_one_shot
     assert ("/sink/callback_0" in periods(imported)) != is_one_shot
+
+
+def timers(folder, runs, *, thread=None, node="beat"):
+    """A node with a timer of 10 ms in a process for each of `runs`: pid, milliseconds of its starts; jobs last 2 ms."""
+    trace = Trace()
+    for name, fields in ROS.items():
+        trace.declare(name, **fields)
+    for pid, starts in runs:
+        t = starts[0] * MS - 1000
+        trace.add("ros2:rcl_node_init", t, pid=pid, node_handle=1, rmw_handle=0, node_name=node, namespace="/")
+        trace.add("ros2:rcl_timer_init", t + 1, pid=pid, timer_handle=11, period=10 * MS)
+        trace.add("ros2:rclcpp_timer_callback_added", t + 2, pid=pid, timer_handle=11, callback=100)
+        trace.add("ros2:rclcpp_timer_link_node", t + 3, pid=pid, timer_handle=11, node_handle=1)
+        trace.add("ros2_caret:construct_executor", t + 4, pid=pid, executor_addr=50, executor_type_name="single")
+        group = {"executor_addr": 50, "callback_group_addr": 60, "group_type_name": "mutually_exclusive"}
+        trace.add("ros2_caret:add_callback_group", t + 5, pid=pid, **group)
+        trace.add("ros2_caret:callback_group_add_timer", t + 6, pid=pid, callback_group_addr=60, timer_handle=11)
+        for start in starts:
+            at = start * MS
+            if thread is not None:
+                trace.add("sched_switch", at - 1, tid=0, prev_tid=0, next_tid=thread)
+                trace.add("sched_switch", at + MS, tid=thread, prev_tid=thread, next_tid=0)
+                trace.add("sched_switch", at + 2 * MS - 500, tid=0, prev_tid=0, next_tid=thread)
+            trace.add("ros2:callback_start", at, pid=pid, callback=100, is_intra_process=0)
+            trace.add("ros2:callback_end", at + 2 * MS, pid=pid, callback=100)
+    return trace.write(folder / "session")
+
+
+EVERY = tuple(range(10, 210, 10))
+
+
+def test_a_node_that_started_again_is_one_node(tmp_path):
+    imported = read(timers(tmp_path, [(7, EVERY), (9, [1000 + start for start in EVERY])]))
+    assert wcets(imported) == {"/beat": "2ms"}
+    assert [d.message for d in found(imported.diagnostics, RESTARTED)] == ["1 nodes ended and started again: /beat"]
+    assert not found(imported.diagnostics, codes.MISSED_PERIODS)
+    assert "of 40 samples" in found(imported.diagnostics, codes.CALIBRATED)[0].message
+
+
+def test_nodes_of_one_name_that_run_at_once_are_two(tmp_path):
+    imported = read(timers(tmp_path, [(7, EVERY), (9, [5 + start for start in EVERY])]))
+    assert set(wcets(imported)) == {"/beat/callback_0", "/beat/callback_1"}
+    assert not found(imported.diagnostics, RESTARTED)
+
+
+@pytest.mark.parametrize(("thread", "gross", "wcet"), [(8, False, "1.0005ms"), (4711, True, "2ms")])
+def test_threads_that_no_switch_names_have_gross_durations(tmp_path, thread, gross, wcet):
+    """Containers number their threads anew: the 8 of the callbacks is the 4711 of the kernel."""
+    imported = read(timers(tmp_path, [(7, EVERY)], thread=thread))
+    assert wcets(imported) == {"/beat": wcet}
+    notes = found(imported.diagnostics, codes.WALL_TIME)
+    assert bool(notes) == gross
+    assert all("20 jobs" in note.message for note in notes)
+
+
+LATE = (10, 20, 36, 40, 50, 66, 70, 80)
+"""Some starts are late by more than half a period, but none is missing."""
+
+
+@pytest.mark.parametrize(
+    ("starts", "missed"), [(EVERY, 0), (LATE, 0), (EVERY[::2], 9), ((10, 20, 40, 50), 1), ((10, 20, 30, 46, 60), 1)]
+)
+def test_periods_without_a_job_are_counted(tmp_path, starts, missed):
+    messages = [d.message for d in found(read(timers(tmp_path, [(7, starts)])).diagnostics, codes.MISSED_PERIODS)]
+    assert messages == ([f"its timer of 10ms fired {len(starts)} times and missed {missed} periods"] if missed else [])
+
+
+@pytest.mark.parametrize(("sends", "stopped"), [(5, True), (6, True), (7, False), (10, False)])
+def test_a_timer_that_stops_before_its_node_is_reported(tmp_path, sends, stopped):
+    """The timer of 20 ms stops, and the subscription of its node runs on, for four periods or less."""
+    imported = read(ros_trace(sends=sends).write(tmp_path / "session"))
+    messages = [d.message for d in found(imported.diagnostics, codes.MISSED_PERIODS)]
+    assert [("lives on" in message) for message in messages] == ([True] if stopped else [])
 
 
 def test_a_trace_alone_is_a_model_with_wcets(trace):

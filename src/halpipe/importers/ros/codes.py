@@ -199,6 +199,12 @@ COMPUTE_UNITS = note(
     "A compute unit of a design is a computer, which may have several cores; a design does not say how many. Each is "
     "one execution unit of the model until an overlay names cores.",
 )
+MISSED_PERIODS = warning(
+    "HAL0650",
+    "Timer missed periods",
+    "A timer fired more seldom than its period says, or stopped before its node: its callback or the executor takes "
+    "too long, or the program cancels it. The model has its stated period.",
+)
 WALL_TIME = note(
     "HAL0646",
     "Measured durations contain preemption",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Location, named
@@ -172,10 +173,33 @@ def measure(trace: RosTrace, callbacks: Sequence[Callback], into: Measurements, 
         if key in names:
             for job in jobs:
                 into.add(names[key], job.busy, at)
-    if not trace.has_switches:
-        text = "durations are from start to end, with whatever preempted the callbacks in between"
-        help = "trace sched_switch of the kernel, too, to measure the time on the CPU alone"
+    _report_missed(trace, names, findings)
+    if not trace.has_switches or trace.unswitched:
+        which = f" of {trace.unswitched} jobs whose threads no switch names" if trace.has_switches else ""
+        text = f"durations{which} are from start to end, with whatever preempted the callbacks in between"
+        help = "trace sched_switch of the kernel, too, and outside of containers, which number threads anew"
         findings.add(codes.WALL_TIME(text, at=at, help=help))
+
+
+def _report_missed(trace: RosTrace, names: Mapping[Key, str], findings: Findings) -> None:
+    """Report the timers that fired in fewer periods than the trace has between their first job and their node's end."""
+    for key, jobs in trace.jobs.items():
+        period = int(key.subject) if key.kind == TIMER else 0
+        if key not in names or not period or len(jobs) < 2:
+            continue
+        starts = sorted(job.start for job in jobs)
+        again = trace.restarts.get(key.node, [])
+        gaps = [(b - a) for a, b in pairwise(starts) if not any(a < end < b for end in again)]
+        # A late start makes a long gap and a short one, so only the sum of both is counted.
+        missed = sum((2 * gap + period) // (2 * period) - 1 for gap in gaps)
+        idle = (trace.ends.get(key.node, 0) - starts[-1]) // period - 1
+        if missed > 0 or idle >= _FEWEST:
+            stop = f", and its node lives on for {idle} periods after the last" if idle >= _FEWEST else ""
+            text = f"its timer of {Duration(period)} fired {len(jobs)} times and missed {max(0, missed)} periods{stop}"
+            help = "correct the period in the overlay, or see what delays the timer"
+            findings.add(
+                codes.MISSED_PERIODS(text, at=Location(trace.file), path=named("callback", names[key]), help=help)
+            )
 
 
 def matched(trace: RosTrace, callbacks: Sequence[Callback]) -> dict[Key, str]:

@@ -54,6 +54,12 @@ LOST_EVENTS = warning(
     "The buffers were full. Jobs, publishers and maxima of execution times may be missing, so nothing that rests on "
     "all events being there can be relied on.",
 )
+RESTARTED = note(
+    "HAL1130",
+    "Node started again while it was traced",
+    "A process with the node began after the one before it had ended. Its callbacks are taken for the ones of before, "
+    "so they are one task each, with the jobs of all runs. Processes that run at once are nodes of their own.",
+)
 FOREIGN_EVENTS = note(
     "HAL1129",
     "Events of other tracepoints are not used",

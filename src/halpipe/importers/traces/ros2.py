@@ -28,7 +28,7 @@ Handle = tuple[int, int]
 
 
 class Key(NamedTuple):
-    """What makes a callback itself: node, kind, topic or service or period, and its place among equal ones."""
+    """Identity of a callback: node, kind, topic or service or period, and its place among equal ones."""
 
     node: str
     kind: str
@@ -58,6 +58,12 @@ class RosTrace:
     groups: dict[str, tuple[str, list[Key]]] = field(default_factory=dict)
     executors: dict[str, tuple[str, list[str]]] = field(default_factory=dict)
     has_switches: bool = False
+    unswitched: int = 0
+    """Jobs of threads that no switch of the kernel names, as those of containers, which number their own."""
+    restarts: dict[str, list[int]] = field(default_factory=dict)
+    """When the processes of a node ended that started again."""
+    ends: dict[str, int] = field(default_factory=dict)
+    """When a process of a node wrote its last event."""
     discarded: int = 0
 
 
@@ -98,6 +104,9 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
     if odd := join.unmatched + join.unended:
         text = f"{join.unended} callbacks have no end, {join.unmatched} ends no beginning"
         findings.add(codes.ODD_SEQUENCE(f"{text}; {odd} jobs are left out", at=at, help="trace from start to shutdown"))
+    if again := sorted(trace.restarts):
+        text = f"{len(again)} nodes ended and started again: {', '.join(again[:5])}"
+        findings.add(codes.RESTARTED(text, at=at, help="trace a single start if the runs are not alike"))
     if not trace.callbacks:
         help = "trace from before the nodes start, with the events ros2:*"
         text = "it describes no callback of a node"
@@ -138,6 +147,9 @@ class _Join:
         self._cpu_time: dict[int, int] = {}
         self._has_switches = False
         self._created: list[Handle] = []
+        self._started: dict[str, dict[int, int]] = {}
+        self._last: dict[int, int] = {}
+        self._switched: set[int] = set()
         self.foreign: Counter[str] = Counter()
         self.unmatched = 0
         self._handlers = {
@@ -170,6 +182,7 @@ class _Join:
         provider, _, name = event.name.rpartition(":")
         handler = self._handlers.get(name) if provider in _PROVIDERS else None
         if handler is not None:
+            self._last[event.context.get("vpid", 0)] = event.time
             try:
                 handler(event, event.context.get("vpid", 0), event.fields)
             except (KeyError, TypeError, AttributeError):  # a tracepoint of the name, but not of the form
@@ -182,6 +195,7 @@ class _Join:
     def _rcl_node_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         name = f"{fields['namespace'].rstrip('/')}/{fields['node_name']}"
         self._known.node[pid, fields["node_handle"]] = name
+        self._started.setdefault(name, {}).setdefault(pid, event.time)
 
     def _rcl_publisher_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         node = self._known.node.get((pid, fields["node_handle"]))
@@ -275,6 +289,7 @@ class _Join:
         """Add up the time that each thread has the CPU; what runs now counts up to now."""
         self._has_switches = True
         left, entered = event.fields["prev_tid"], event.fields["next_tid"]
+        self._switched |= {left, entered}
         since = self._switched_in.pop(left, None)
         if since is not None:
             self._cpu_time[left] = self._cpu_time.get(left, 0) + event.time - since
@@ -297,6 +312,7 @@ class _Join:
         for callback, jobs in self._ran.items():
             if callback in keys:
                 trace.jobs.setdefault(keys[callback], []).extend(jobs)
+                trace.unswitched += sum(job.thread not in self._switched for job in jobs)
         for handle, early in self._early.items():
             if handle in self._known.publisher:
                 self._published.setdefault(self._known.publisher[handle], Counter()).update(early)
@@ -304,10 +320,33 @@ class _Join:
             counts = trace.publishers.setdefault(of, Counter())
             for publishing, count in self._published.get(of, Counter()).items():
                 counts[keys.get(publishing) if publishing else None] += count
+        for node, lines in self._lines().items():
+            trace.ends[node] = max(self._last[pid] for line in lines for pid in line)
+            if again := [self._last[pid] for line in lines for pid in line[:-1]]:
+                trace.restarts[node] = sorted(again)
         self._groups(trace, keys)
         return trace
 
+    def _lines(self) -> dict[str, list[list[int]]]:
+        """Return the processes of each node: those of which one starts after the other has ended are a line."""
+        found: dict[str, list[list[int]]] = {}
+        for node, started in self._started.items():
+            lines = found.setdefault(node, [])
+            for pid, start in started.items():
+                before = next((line for line in lines if self._last[line[-1]] < start), None)
+                if before is None:
+                    lines.append([pid])
+                else:
+                    before.append(pid)
+        return found
+
     def _keys(self) -> Iterator[tuple[Handle, Key]]:
+        """Yield the callbacks; those of a node that started again are the ones of before."""
+        line_of = {
+            (pid, node): n for node, lines in self._lines().items() for n, line in enumerate(lines) for pid in line
+        }
+        count: Counter[tuple[int, str, str, str]] = Counter()
+        known: dict[tuple[int, str, str, str], list[int]] = {}
         order: Counter[tuple[str, str, str]] = Counter()
         for callback in self._created:
             kind, handle = self._known.trigger[callback]
@@ -318,12 +357,18 @@ class _Join:
                 places = self._known.subscription if kind == SUBSCRIPTION else self._known.service
                 node, subject = places.get(handle, ("", ""))
             if node:
-                yield callback, Key(node, kind, subject, order[node, kind, subject])
-                order[node, kind, subject] += 1
+                orders = known.setdefault((line_of[callback[0], node], node, kind, subject), [])
+                place = count[callback[0], node, kind, subject]
+                if place == len(orders):
+                    orders.append(order[node, kind, subject])
+                    order[node, kind, subject] += 1
+                count[callback[0], node, kind, subject] += 1
+                yield callback, Key(node, kind, subject, orders[place])
 
     def _groups(self, trace: RosTrace, keys: dict[Handle, Key]) -> None:
         members: dict[Handle, list[Key]] = {}
-        for callback, key in keys.items():
+        last = {key: callback for callback, key in keys.items()}  # of a node that started again
+        for key, callback in last.items():
             group = self._known.group_of.get(self._known.trigger[callback])
             if group is not None:
                 members.setdefault(group, []).append(key)
