@@ -89,7 +89,7 @@ SPENT_TOO_MUCH = error(
 GOT_TOO_LITTLE = error(
     "HAL1026",
     "Unit got less than its budget in simulation",
-    "A master that always asks must get the whole budget of every window.",
+    "A manager that always asks must get the whole budget of every window.",
 )
 SHARED_TOO_MUCH = error(
     "HAL1027",

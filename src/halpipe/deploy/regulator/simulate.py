@@ -1,4 +1,4 @@
-"""Plays the tables of a bundle on its own Verilog, between masters that ask for all they can get."""
+"""Plays the tables of a bundle on its own Verilog, between managers that ask for all they can get."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Draw:
 
 @record(kw_only=True)
 class Traffic:
-    """How the masters of a run behave; of the memory, its queues' depth and its latency in cycles."""
+    """How the managers of a run behave; of the memory, its queues' depth and its latency in cycles."""
 
     name: str
     greedy: bool = False
@@ -119,7 +119,7 @@ TRAFFIC = (
     Traffic(name="random lengths and gaps", flags=LENGTHS | GAPS, by_software=True),
     Traffic(name="clusters, shallow queues", flags=LENGTHS | CLUSTERS, depth=2, latency=45),
     Traffic(name="greedy, shallow queues", flags=0, depth=1, latency=3, by_software=True),
-    Traffic(name="each master different", mixed=True, depth=8),
+    Traffic(name="each manager different", mixed=True, depth=8),
     Traffic(name="data of writes waits", depth=512, is_owing=True),
 )
 
@@ -140,7 +140,7 @@ class Expected:
 
 @record(kw_only=True)
 class Run:
-    """One simulation: the script of the software, what the masters do, and which window of which table is expected."""
+    """One simulation: the script of the software, what the managers do, and which window of which table is expected."""
 
     traffic: Traffic
     seed: int

@@ -1,4 +1,4 @@
-// The regulators of a bundle between masters and a shared memory, and a monitor that counts what passes. What software
+// The regulators of a bundle between managers and a shared memory, and a monitor that counts what passes. What software
 // would do, a script does: lines "cycle w address data" and "cycle r address 0", in cycles since reset, one per cycle. The
 // same through AXI4-Lite: "l" and "a", with the strobes of a write in bits 29:26 of its address; four cycles apart.
 //
