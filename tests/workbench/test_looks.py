@@ -4,7 +4,9 @@ import pytest
 
 from halpipe.api import export, schedule
 from halpipe.exporters.native import format_model
+from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.models import Split
+from halpipe.pipeline.generate import SetParameters, generate_with_witness
 from support import chain, mode, model, task, version
 
 pytest.importorskip("starlette", reason="the extra [serve]")
@@ -94,3 +96,64 @@ def test_instants_on_the_axis_stand_apart(shown, width):
     assert len(told) >= 3
     ends = [(x - 3.5 * len(text), x + 3.5 * len(text)) for text, x in told]
     assert all(before[1] < after[0] for before, after in pairwise(ends))
+
+
+OUTSIDE = """
+const found = [], walker = document.createTreeWalker(document.querySelector("main"), NodeFilter.SHOW_TEXT);
+for (let text; text = walker.nextNode();) {
+  const at = text.parentElement, box = at.closest(".gauge, .card, .legend, section");
+  if (!text.textContent.trim() || !at.checkVisibility() || !box || at.closest(".wide, .scroll, svg")) continue;
+  const range = document.createRange(), outer = box.getBoundingClientRect();
+  range.selectNodeContents(text);
+  const isOutside = part => part.right > outer.right + .5 || part.left < outer.left - .5;
+  if ([...range.getClientRects()].some(isOutside)) found.push(text.textContent);
+}
+return found;
+"""
+FRAMES = "const done = arguments[0]; requestAnimationFrame(() => setTimeout(() => requestAnimationFrame(done), 50))"
+PICTURE = "return document.querySelector('canvas.viewer').toDataURL()"
+
+
+def chained():
+    """Three chains with limits: the gauges whose texts are longest, three cards beside each other."""
+    tasks = [task(f"sensor_{n}", "10ms", version("v", f"{n + 1}ms", UNITS)) for n in range(3)]
+    limits = {"max_latency": "33333us", "max_reaction": "123456us", "max_age": "123456us"}
+    chains = [replace(chain(f"chain_{n}", "sensor_0 sensor_1 sensor_2"), **limits) for n in range(3)]
+    return model(*tasks, units=UNITS, chains=chains, modes=[mode("drive", tasks)])
+
+
+@pytest.mark.parametrize("width", [480, 800, 1000, 1400, 1900])
+@pytest.mark.parametrize("system", [chained, long_names])
+def test_no_text_of_a_report_leaves_its_box(browser, tmp_path, system, width):
+    (tmp_path / "report.html").write_bytes(export("report", system(), schedule(system()))[""])
+    browser.set_window_size(width, 900)
+    try:
+        browser.get((tmp_path / "report.html").as_uri())
+        assert browser.execute_script(OUTSIDE) == []
+        narrowest = "return Math.min(...[...document.querySelectorAll('.track')].map(bar => bar.clientWidth))"
+        assert browser.execute_script(narrowest) >= 50
+    finally:
+        browser.set_window_size(1400, 900)
+
+
+def test_lanes_that_come_into_sight_are_painted(browser, tmp_path):
+    parameters = SetParameters(tasks=1000, units=100)
+    (content,) = FORMAT.write(*generate_with_witness(parameters, 5), ReportOptions()).values()
+    (tmp_path / "tall.html").write_bytes(content)
+    try:
+        for change in ("", "document.querySelector('section.cards').remove()"):
+            browser.set_window_size(1400, 500)
+            browser.get((tmp_path / "tall.html").as_uri())
+            browser.execute_async_script(FRAMES)
+            small = browser.execute_script(PICTURE)
+            if change:
+                browser.execute_script(change)  # as when something above is folded
+            else:
+                browser.set_window_size(1400, 1500)
+            browser.execute_async_script(FRAMES)
+            seen = browser.execute_script(PICTURE)
+            browser.execute_script("for (const viewer of viewers.values()) viewer.paint()")
+            assert seen == browser.execute_script(PICTURE)
+            assert seen != small
+    finally:
+        browser.set_window_size(1400, 900)

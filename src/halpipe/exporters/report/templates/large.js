@@ -1,5 +1,5 @@
 "use strict";
-// Large schedules: charts by the viewer, and tables whose rows are made as they are looked at; all of them for print.
+// Large schedules: charts by the viewer, and tables whose rows are made as they are looked at; print takes all rows of those that are unfolded.
 const SCENE = JSON.parse(document.getElementById("scene").textContent), STEP = 100;
 const viewers = new Map();
 for (const canvas of document.querySelectorAll("canvas.viewer")) {
@@ -68,7 +68,7 @@ for (const room of document.querySelectorAll("div.rows")) {
   const wide = document.createElement("div"); wide.className = "wide"; wide.append(table);
   box.append(head, search, wide, more); room.append(box);
   again();
-  let before = 0, open = false;
-  addEventListener("beforeprint", () => { before = made; open = box.open; box.open = true; add(shown.length); });
-  addEventListener("afterprint", () => { box.open = open; while (made > before && body.lastChild) { body.lastChild.remove(); made -= 1; } more.hidden = made >= shown.length; });
+  let before = 0;
+  addEventListener("beforeprint", () => { before = made; if (box.open) add(shown.length); });
+  addEventListener("afterprint", () => { while (made > before && body.lastChild) { body.lastChild.remove(); made -= 1; } more.hidden = made >= shown.length; });
 }

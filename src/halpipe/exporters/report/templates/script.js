@@ -76,10 +76,10 @@ for (const table of document.querySelectorAll("table.sortable")) {
   });
 }
 
-// What is folded is unfolded for print: it cannot be opened on paper.
+// Paper cannot be unfolded: short tables are unfolded for print. The rest is printed where the reader has unfolded it.
 let folded = [];
 addEventListener("beforeprint", () => {
-  folded = [...document.querySelectorAll("details:not([open])")];
+  folded = [...document.querySelectorAll("details:not([open], .aside)")].filter(box => box.querySelectorAll("tbody tr").length <= 50);
   for (const box of folded) box.open = true;
 });
 addEventListener("afterprint", () => { for (const box of folded) box.open = false; });

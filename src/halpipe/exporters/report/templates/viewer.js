@@ -18,8 +18,9 @@ class Viewer {
     on("wheel", this.onWheel, {passive: false});
     on("pointerdown", this.onDown); on("pointermove", this.onMove); on("pointerup", this.onUp); on("pointercancel", this.onUp);
     on("keydown", this.onKey);
-    new ResizeObserver(() => this.draw()).observe(canvas);
-    addEventListener("scroll", () => this.draw(), {passive: true});
+    const sizes = new ResizeObserver(() => this.draw()); // a page that grows or shrinks moves other lanes into sight
+    sizes.observe(canvas); sizes.observe(document.body);
+    for (const name of ["scroll", "resize"]) addEventListener(name, () => this.draw(), {passive: true});
     addEventListener("beforeprint", () => { this.whole = true; if (this.scene) this.paint(); this.whole = false; });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
