@@ -108,6 +108,10 @@ WORST = {
     "verify: laps": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='a' index='{i}' start='0ms' end='99999999999999s' version='v' units='u'/>\n")),
     "verify: modes": (VERIFY, "x.xml", lambda n: times(n, "<mode name='a{i}' hyperperiod='10ms' status='valid'/>\n", f"<schedule xmlns='{SCHEDULE}' model='m'>\n", "</schedule>")),
     "verify: transitions": (VERIFY, "x.xml", lambda n: times(n, "<transition from='a' to='a{i}' length='0ms' worst-latency='1ms' status='valid'/>\n", f"<schedule xmlns='{SCHEDULE}' model='m'>\n", "</schedule>")),
+    "junit: cases": (
+        ["selftest", "--mutants", "1", "--evidence", "out", "--results", "FILE"], "r.xml",
+        lambda n: times(n, "<testcase classname='tests.t{i}' name='test_a'><failure/></testcase>", "<testsuite>", "</testsuite>"),
+    ),
     # ARXML
     "arxml: unknown elements": (IMPORT["arxml"], "a.arxml", lambda n: arxml(n, "<ZZ><SHORT-NAME>z{i}</SHORT-NAME></ZZ>")),
     "arxml: same paths": (IMPORT["arxml"], "a.arxml", lambda n: arxml(n, "<APPLICATION-SW-COMPONENT-TYPE><SHORT-NAME>c</SHORT-NAME></APPLICATION-SW-COMPONENT-TYPE>")),

@@ -73,10 +73,26 @@ def test_evidence_is_made_again_to_the_same_bytes(halpipe, tmp_path):
     bill = json.loads(found["sbom.cdx.json"])
     assert bill["bomFormat"] == "CycloneDX"
     assert "lxml" in {part["name"] for part in bill["components"]}
-    requirements = json.loads(found["requirements.json"])
+    requirements = json.loads(found["requirements.json"])["requirements"]
     assert len({entry["id"] for entry in requirements}) == len(requirements)
     untested = [entry["id"] for entry in requirements if entry["codes"] and not entry["tests"]]
     assert untested == []
+
+
+@pytest.mark.parametrize(("mark", "code"), [("", 0), ("<failure/>", 1)])
+def test_results_reach_the_evidence_and_failures_the_exit_code(halpipe, tmp_path, mark, code):
+    file = "tests.unit.pipeline.test_verify_split_switches"
+    case = f'<testcase classname="{file}" name="test_a_bound_task_keeps_to_its_unit">{mark}</testcase>'
+    (tmp_path / "r.xml").write_text(f"<testsuites><testsuite>{case}</testsuite></testsuites>", encoding="utf-8")
+    words = ["selftest", "--mutants", "1", "--results", str(tmp_path / "r.xml")]
+    assert halpipe(*words).returncode == 2
+    said = halpipe(*words, "--evidence", str(tmp_path / "e"))
+    assert said.returncode == code
+    assert ("1 case of the tests failed" in said.stdout) == bool(code)
+    found = json.loads((tmp_path / "e" / "requirements.json").read_bytes())
+    (binding,) = (entry for entry in found["requirements"] if entry["id"] == "verify/binding")
+    assert binding["result"] == ("failed" if code else "passed")
+    assert [result["failed"] for result in found["results"]] == [code]
 
 
 def test_every_format_has_a_row_of_its_own():

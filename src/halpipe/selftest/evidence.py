@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import re
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,23 +12,18 @@ from typing import TYPE_CHECKING, Any
 from halpipe import __version__
 from halpipe.core import programs
 from halpipe.core.bundles import seal
-from halpipe.core.diagnostics import REGISTER, HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import sha256
 from halpipe.core.records import record
 from halpipe.selftest import confidence, second
 from halpipe.selftest.bill import bill, installed
+from halpipe.selftest.requirements import NO_RUN, PACKAGE, ROOT, Results, requirements
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from halpipe.selftest.run import Outcome
 
-PACKAGE = Path(__file__).parents[1]
-ROOT = PACKAGE.parents[1]
-TESTS = ROOT / "tests"
 CPUINFO = Path("/proc/cpuinfo")
 ARGUMENTS = Path(__file__).with_name("arguments")
-_CODE = re.compile(rb"HAL\d{4}")
 
 
 @record
@@ -41,13 +35,13 @@ class Commit:
     changed: bool
 
 
-def folder(outcome: Outcome, mutants: int, seed: int) -> dict[str, bytes]:
+def folder(outcome: Outcome, mutants: int, seed: int, results: Results = NO_RUN) -> dict[str, bytes]:
     """Return the files of the evidence with the manifest that seals them."""
     commit, hashes = _commit(), _hashes()
     files = {
         **arguments(),
         "environment.json": _json(_environment(commit)),
-        "requirements.json": _json(list(_requirements())),
+        "requirements.json": _json({"results": results.files, "requirements": requirements(results)}),
         "validation.json": _json(_validation(outcome, mutants, seed)),
         "sbom.cdx.json": _json(bill(hashes, _timestamp(commit))),
         "hashes.json": _json(hashes),
@@ -117,61 +111,6 @@ def _timestamp(commit: Commit | None) -> str:
     """Return the moment of the bill, the same at each repetition: that of the commit, or of the installation."""
     seconds = commit.moment if commit else int(Path(__file__).stat().st_mtime)
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def _requirements() -> Iterator[dict[str, Any]]:
-    """Yield every rule and check with its sentence, and the tests that name it or one of its codes."""
-    from halpipe.pipeline.validate import CHECKS
-    from halpipe.pipeline.verify import RULES
-
-    naming = _tests()
-    for rule in RULES:
-        id = f"verify/{rule.name}"
-        module = str(rule.check.__module__)
-        codes = sorted({code for code in REGISTER if code.startswith("HAL03")} & _codes_of(module))
-        yield {"id": id, "text": rule.sentence, "check": module, "codes": codes, "tests": _of(codes, naming)}
-    for check in CHECKS:
-        codes = [code.id for code in check.codes]
-        module = str(check.run.__module__)
-        yield {
-            "id": f"validate/{check.name}", "text": check.sentence, "check": module, "codes": codes,
-            "tests": _of(codes, naming),
-        }  # fmt: skip
-
-
-def _codes_of(module: str) -> set[str]:
-    """Return the codes that a module of verify reports: the constants of `codes` that it names."""
-    from halpipe.pipeline.verify import codes
-
-    source = PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
-    return {getattr(codes, name).id for name in re.findall(r"codes\.([A-Z_]+)", source) if hasattr(codes, name)}
-
-
-def _of(codes: list[str], naming: dict[str, list[str]]) -> list[str]:
-    return sorted({test for code in codes for test in naming.get(code, ())})
-
-
-def _tests() -> dict[str, list[str]]:
-    """Return, for each code, the tests and fixtures that name it; none where they are not installed."""
-    names = {code.id: name for name, code in _constants()}
-    naming: dict[str, list[str]] = {}
-    files = [path for path in TESTS.rglob("*") if path.name.startswith(("test_", "HAL")) and path.suffix != ".pyc"]
-    for path in sorted(file for file in files if file.is_file()):
-        text = path.read_bytes()
-        spelled = {found.decode() for found in _CODE.findall(path.name.encode() + text)}
-        words = set(re.findall(rb"\b[A-Z][A-Z_]{3,}\b", text))
-        for id in REGISTER:
-            if id in spelled or names.get(id, "?").encode() in words:
-                naming.setdefault(id, []).append(path.relative_to(TESTS.parent).as_posix())
-    return naming
-
-
-def _constants() -> Iterator[tuple[str, Any]]:
-    from halpipe.pipeline.validate import codes as validate
-    from halpipe.pipeline.verify import codes as verify
-
-    for module in (validate, verify):
-        yield from ((name, code) for name, code in vars(module).items() if getattr(code, "id", "") in REGISTER)
 
 
 def _validation(outcome: Outcome, mutants: int, seed: int) -> dict[str, Any]:
