@@ -47,6 +47,22 @@ def ld(rd, base, offset=0):
     return (offset & 0xFFF) << 20 | base << 15 | 3 << 12 | rd << 7 | 0x03
 
 
+LR = 2
+
+
+def amo(function, rd, base):
+    return function << 27 | base << 15 | 2 << 12 | rd << 7 | 0x2F
+
+
+def srli(rd, bits):
+    return bits << 20 | rd << 15 | 5 << 12 | rd << 7 | 0x13
+
+
+def constant(rd, value):
+    low = (value & 0xFFF) - ((value & 0x800) << 1)
+    return lui(rd, value - low), addi(rd, rd, low)
+
+
 def bnez(rs, offset):
     o = offset & 0x1FFF
     return (
@@ -214,18 +230,41 @@ def test_the_handler_returns_to_where_the_core_was(core):
         ((lui(A0, 0x50000000), ld(A1, A0)), 5, 0x50000000),
         ((lui(A0, 0x50000000), sd(A1, A0, 8)), 7, 0x50000008),
         ((lui(A0, 0x50000000), jalr(RA, A0)), 1, 0x50000000),
-        ((NOP, 0xFFFFFFFF), 2, 0),
+        ((NOP, 0xFFFFFFFF), 2, 0xFFFFFFFF),
         ((NOP, EBREAK), 3, None),
+        ((NOP, 0x12000073), 2, 0x12000073),  # sfence.vma in user mode
+        ((NOP, 0x0000), 2, 0),  # c.illegal
+        ((NOP, csrr(A1, 0x180)), 2, csrr(A1, 0x180)),
+        ((NOP, csrw(0x3A0, ZERO)), 2, csrw(0x3A0, ZERO)),
+        ((lui(A0, 0x40000000), amo(1, A1, A0)), 7, 0x40000000),
+        ((lui(A0, 0x40000000), amo(LR, A1, A0)), 5, 0x40000000),
+        ((lui(A0, CODE), amo(1, A1, A0)), 7, CODE),
+        ((addi(A0, RA, 2), amo(1, A1, A0)), 6, DATA + 2),
+        ((addi(A0, RA, 2), amo(1, A0, A0)), 6, DATA + 2),
+        ((addi(A0, RA, 2), amo(LR, A1, A0)), 4, DATA + 2),
+        ((addi(A0, RA, 4), sd(A1, A0)), 6, DATA + 4),
+        ((lui(A0, DATA + 0x2000), sd(A1, A0, -4)), 6, DATA + 0x1FFC),  # across the end of what it may use
+        ((lui(A0, DATA + 0x2000), ld(A1, A0, -4)), 4, DATA + 0x1FFC),
+        ((lui(A0, CLINT), sd(A1, A0)), 7, CLINT),
+        ((lui(A0, CLINT), ld(A1, A0)), 5, CLINT),
     ],
 )
-def test_traps_are_taken_as_the_architecture_says(core, instructions, cause, value):
-    hart, memory = core(*handler(), *instructions, JUMP_HERE)
+@pytest.mark.parametrize("behind", [(), (NOP, NOP)])  # the last instruction of its block, or one inside
+def test_traps_of_user_mode_as_spike_and_rocket_take_them(core, instructions, cause, value, behind):
+    """An atomic operation counts as a store, alignment goes before rights, and the value is the instruction."""
+    tor, site = 1 << 3, CODE + 0x400
+    enter = [*handler(), addi(A0, ZERO, -1)]
+    for number, bound in ((0x3B0, CODE), (0x3B1, CODE + 0x2000), (0x3B2, DATA), (0x3B3, DATA + 0x2000)):
+        enter += [lui(A1, bound), srli(A1, 2), csrw(number, A1)]
+    enter += [*constant(A1, (tor | 3) << 24 | (tor | 5) << 8), csrw(0x3A0, A1), lui(A1, CODE), addi(A1, A1, 0x400)]
+    hart, memory = core(*enter, csrw(MEPC, A1), lui(RA, DATA), MRET)
+    write(memory, site, *instructions, *behind, JUMP_HERE)
     write(memory, CODE + 0x800, csrr(A0, MCAUSE), csrr(A1, MEPC), csrr(A2, MTVAL), WFI)
+    hart.hook_registers(memory.read(CODE, 0x1000), CODE)
     hart.run(NEVER)
-    where = 0x50000000 if cause == 1 else CODE + 4 * 4
+    where = 0x50000000 if cause == 1 else site + 4
     assert (hart.x(A0), hart.x(A1)) == (cause, where)
     assert value is None or hart.x(A2) == value
-    assert hart.world.traps[0][:2] == (cause, where)
 
 
 def test_instructions_after_a_fault_take_no_time(core):

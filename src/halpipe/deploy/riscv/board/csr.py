@@ -29,6 +29,7 @@ MRET = 0x30200073
 WFI = 0x10500073
 EBREAK = 0x00100073
 C_EBREAK = 0x9002
+ATOMIC, LOAD_RESERVED = 0x2F, 2  # the opcode of atomic operations, and the function of lr
 
 
 @record

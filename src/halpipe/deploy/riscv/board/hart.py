@@ -93,6 +93,7 @@ class Hart:
         self._enabled = 0  # mie, as it was when the hart went to sleep
         self._known_enabled = 0
         self._raised: tuple[int, int] | None = None
+        self._excepted = -1  # where the emulator took an exception of its own
         self._mapped: dict[
             tuple[int, int], tuple[Right, int]
         ] = {}  # low, high: what may be done, and where in the host
@@ -180,19 +181,20 @@ class Hart:
         page = self._page
         page.limit = min(-((self._origin - until) // self._cycle), self.allowance)
         page.full, page.hit, page.misaligned = 0, -1, -1
-        self._raised = None
+        self._raised, self._excepted = None, -1
         failure = None
         try:
             self.engine.emu_start(self.pc, _FOREVER)
         except unicorn.UcError as error:
             failure = error.errno
         pc = self.pc
-        if page.misaligned >= 0 and self._raised is None:
+        if page.misaligned >= 0:  # before what may be done with the address
             self._raised = (STORE_MISALIGNED if page.stores else LOAD_MISALIGNED, page.misaligned)
         if failure is not None and self._raised is None:
             self._raised = self._undecodable(pc)
         if self._raised is not None:
-            return self._trap(*self._raised, pc if failure is not None else self._last(pc))
+            pc = self._excepted if self._excepted >= 0 else pc
+            return self._trap(*self._as_cores_do(*self._raised, pc), pc)
         if page.hit >= 0:
             address = page.hit
             page.skip = address
@@ -234,20 +236,26 @@ class Hart:
         return software << SOFTWARE | timer << TIMER
 
     def _undecodable(self, pc: int) -> tuple[int, int]:
+        word = self._instruction(pc)
+        return (BREAKPOINT, pc) if word in (csr.EBREAK, csr.C_EBREAK) else (ILLEGAL, 0)
+
+    def _instruction(self, pc: int) -> int:
+        """Return the instruction at an address, of two or four bytes; 0 where there is no memory."""
         code = self._memory.view(pc, 4) or self._memory.view(pc, 2) or b"\0\0"
         word = int.from_bytes(code, "little")
-        is_break = word == csr.EBREAK or word & 0xFFFF == csr.C_EBREAK
-        return (BREAKPOINT, pc) if is_break else (ILLEGAL, 0)
+        return word if word & 3 == 3 else word & 0xFFFF
 
-    def _last(self, pc: int) -> int:
-        """Return the last instruction of the block, if `pc` is behind it: there the emulator reports an exception."""
-        start, size = self._page.block, self._page.size
-        code = self._memory.view(start, size) if start >= 0 and pc == start + size else None
-        at, last = 0, pc
-        while code is not None and at < size:
-            last = start + at
-            at += 4 if code[at] & 3 == 3 else 2
-        return last
+    def _as_cores_do(self, cause: int, value: int, pc: int) -> tuple[int, int]:
+        """Return cause and value of an exception as Spike and Rocket give them, where the emulator differs."""
+        word = self._instruction(pc)
+        if cause == ILLEGAL:
+            return cause, word
+        if word & 0x7F == csr.ATOMIC:
+            if cause in (LOAD_MISALIGNED, STORE_MISALIGNED):
+                value = self.x(word >> 15 & 31)
+            if word >> 27 != csr.LOAD_RESERVED:
+                cause = {LOAD_FAULT: STORE_FAULT, LOAD_MISALIGNED: STORE_MISALIGNED}.get(cause, cause)
+        return cause, value
 
     def _trap(self, cause: int, value: int, pc: int) -> bool:
         self._rewind(pc)
@@ -275,6 +283,7 @@ class Hart:
 
     def _interrupted(self, engine: Any, number: int, _: Any) -> None:
         self._raised = (number, 0)
+        self._excepted = self.pc - 4  # it has gone on by then, by four bytes whatever the instruction has
         engine.emu_stop()
 
     def _refused(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> bool:
