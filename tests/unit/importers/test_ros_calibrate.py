@@ -39,6 +39,7 @@ Node,timestamp,duration
 /filter,2022-01-01,0 days 00:00:00.002500500
 /driver,2022-01-01,00:00:00.0012
 """
+GERMAN = "callback;duration [us]\n/driver;1000\n/filter;2500,5\n/driver;1200,0\n"
 WITH_UNITS = "name,Execution time\n/driver,1ms\n/filter,2.5005 ms\n/driver,1200us\n"
 
 
@@ -48,7 +49,7 @@ def samples(text):
     return {name: [s.ns for s in found] for name, found in measured.samples.items()}, findings.items
 
 
-@pytest.mark.parametrize("text", [LONG, CARET_FRAME, CARET_RECORDS, TRACE, PANDAS, WITH_UNITS, "\ufeff" + LONG])
+@pytest.mark.parametrize("text", [LONG, CARET_FRAME, CARET_RECORDS, TRACE, PANDAS, WITH_UNITS, GERMAN, "\ufeff" + LONG])
 def test_every_form_gives_the_same_samples(text):
     assert samples(text) == ({"/driver": [1_000_000, 1_200_000], "/filter": [2_500_500]}, [])
 

@@ -1,4 +1,4 @@
-"""Exact numbers as traces write them."""
+"""Exact numbers in the notations of traces."""
 
 from __future__ import annotations
 
@@ -30,3 +30,24 @@ def whole(text: str) -> int:
     if not _WHOLE.fullmatch(text):
         raise ValueError(f"{text[:40]!r} is no whole number")
     return int(text)
+
+
+def separator_of(header: str) -> str:
+    """Return what separates the columns of a CSV: the one of comma, semicolon and tabulator that occurs most."""
+    return max(",;\t", key=header.count)
+
+
+class DecimalSign:
+    """Decimal sign of a table: a point or a comma, but not both, since one of them might separate thousands."""
+
+    def __init__(self, separator: str) -> None:
+        self._signs = {".", ","} - {separator}
+
+    def point(self, text: str) -> str:
+        """Return a number with a decimal point; raise ``ValueError`` if it has another sign than one before."""
+        signs = {".", ","} & set(text)
+        if signs and (len(signs) > 1 or not signs <= self._signs):
+            raise ValueError(f"{text[:40]!r} has another decimal sign than the rows before")
+        if signs:
+            self._signs = signs
+        return text.replace(",", ".")

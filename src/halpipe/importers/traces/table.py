@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
+from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
 from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from fractions import Fraction
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -39,13 +38,8 @@ _ABSENT = ("", "nan", "none", "<na>")
 
 def is_header(line: str) -> bool:
     """Whether a line names the columns that are needed."""
-    names = line.split(_separator(line))
+    names = line.split(separator_of(line))
     return bool(_records(names)) or _is_complete(_columns(names))
-
-
-def _separator(header: str) -> str:
-    """Return what separates the columns: the one of comma, semicolon and tabulator that makes most."""
-    return max(",;\t", key=header.count)
 
 
 def _is_complete(columns: dict[str, tuple[int, str]]) -> bool:
@@ -84,7 +78,7 @@ def read(text: str, file: str, findings: Findings) -> list[Trace]:
 
 
 def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
-    separator = _separator(next((line for line in text.splitlines() if line.strip()), ""))
+    separator = separator_of(next((line for line in text.splitlines() if line.strip()), ""))
     rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     filled = (cells for cells in rows if any(cell.strip() for cell in cells))
     executions: list[Execution] = []
@@ -92,7 +86,7 @@ def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
     try:
         header = next(filled, [])
         columns, records = _columns(header), _records(header)
-        row, is_complete = _Row(columns, file, _Numbers(separator)), _is_complete(columns)
+        row, is_complete = _Row(columns, file, DecimalSign(separator)), _is_complete(columns)
         for cells in filled:
             try:
                 if is_complete:
@@ -112,26 +106,8 @@ def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
     return executions if is_complete else list(dict.fromkeys(executions))
 
 
-class _Numbers:
-    """Reader of numbers with a decimal point or a decimal comma, but not both in one table."""
-
-    def __init__(self, separator: str) -> None:
-        self._marks = {".", ","} - {separator}
-
-    def instant(self, text: str, scale: int | Fraction) -> Duration:
-        """Return an instant; raise ``ValueError`` if it is none, or has another decimal sign than one before."""
-        marks = self._marks & set(text)
-        if marks:
-            if len(self._marks) == 2:
-                self._marks = marks
-            text = text.replace(",", ".")
-        elif {".", ","} & set(text):
-            raise ValueError(f"{text[:40]!r} has another decimal sign than the rows before")
-        return instant(text, scale)
-
-
 def _recorded(
-    records: dict[str, tuple[int, int]], cells: list[str], numbers: _Numbers, at: Location
+    records: dict[str, tuple[int, int]], cells: list[str], numbers: DecimalSign, at: Location
 ) -> list[Execution]:
     """Return the jobs of a row of CARET's records; rows of a path repeat a job for each message that it made."""
     found = []
@@ -139,8 +115,8 @@ def _recorded(
         start, end = (cells[place].strip() if place < len(cells) else "" for place in places)
         if start.lower() in _ABSENT:
             continue
-        began = numbers.instant(start, 1)
-        ended = None if end.lower() in _ABSENT else numbers.instant(end, 1)
+        began = instant(numbers.point(start), 1)
+        ended = None if end.lower() in _ABSENT else instant(numbers.point(end), 1)
         if ended is not None and ended < began:
             raise ValueError(f"{name} ends at {end}, before it starts")
         found.append(Execution(task=name, start=began, end=ended, at=at))
@@ -156,7 +132,7 @@ def _flag(text: str) -> bool:
 class _Row:
     """Reads the cells of a row by the names of their columns."""
 
-    def __init__(self, columns: dict[str, tuple[int, str]], file: str, numbers: _Numbers) -> None:
+    def __init__(self, columns: dict[str, tuple[int, str]], file: str, numbers: DecimalSign) -> None:
         self.columns = columns
         self.numbers = numbers
         self.file = file
@@ -190,7 +166,7 @@ class _Row:
         if name not in self.columns:
             return None
         scale = SCALES_NS[self.columns[name][1]]
-        return self._optional(cells, name, lambda text: self.numbers.instant(text, scale))
+        return self._optional(cells, name, lambda text: instant(self.numbers.point(text), scale))
 
     def _optional(self, cells: list[str], name: str, read: Callable[[str], T]) -> T | None:
         text = self._cell(cells, name)

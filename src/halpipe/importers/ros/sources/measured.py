@@ -1,4 +1,4 @@
-"""Reads measured execution times of callbacks from tables (CSV), as tracing tools export them.
+"""Measured execution times of callbacks from tables (CSV), as tracing tools export them.
 
 Three forms, told apart by the header:
 
@@ -26,6 +26,7 @@ from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
+from halpipe.importers.traces.numbers import DecimalSign, separator_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -77,7 +78,9 @@ class _Pair:
 
 def read_measured(data: bytes, file: str, into: Measurements, findings: Findings) -> None:
     """Add the executions of one table; raise `HalpipeError` if it is none, add findings for rows that are broken."""
-    rows = _rows(data, file)
+    text = _text(data, file)
+    separator = separator_of(next((line for line in text.splitlines() if line.strip()), ""))
+    rows, sign = _rows(text, separator), DecimalSign(separator)
     try:
         _, header = next(rows, (1, []))
         pairs = _caret_records(header) or _long(header)
@@ -88,17 +91,20 @@ def read_measured(data: bytes, file: str, into: Measurements, findings: Findings
                 raise _no_table(file, line - 1, header)
         for line, cells in rows:
             for pair in pairs:
-                _take(pair, cells, Location(file, line), into, findings)
+                _take(pair, cells, sign, Location(file, line), into, findings)
     except csv.Error as failure:
         raise _refused(str(failure), file, 1) from None
 
 
-def _rows(data: bytes, file: str) -> Iterator[tuple[int, list[str]]]:
+def _text(data: bytes, file: str) -> str:
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as failure:
         raise _refused(f"byte {failure.start} is no UTF-8", file, data[: failure.start].count(b"\n") + 1) from None
-    reader = csv.reader(io.StringIO(text, newline=""))
+
+
+def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     for cells in reader:
         if any(cell.strip() for cell in cells):
             yield reader.line_num, cells
@@ -163,7 +169,9 @@ def _caret_frames(names: Sequence[str], header: Sequence[str]) -> list[_Pair]:
 # ----------------------------------------------------------------------------------------------------- rows
 
 
-def _take(pair: _Pair, cells: Sequence[str], at: Location, into: Measurements, findings: Findings) -> None:
+def _take(
+    pair: _Pair, cells: Sequence[str], sign: DecimalSign, at: Location, into: Measurements, findings: Findings
+) -> None:
     callback = pair.callback or printable(_cell(cells, pair.name))
     places = [pair.end] if pair.start is None else [pair.start, pair.end]
     texts = [_cell(cells, position) for position, _ in places]
@@ -172,7 +180,7 @@ def _take(pair: _Pair, cells: Sequence[str], at: Location, into: Measurements, f
             findings.add(codes.BAD_SAMPLE("the row has no callback or no duration", at=at, help="complete the row"))
         return
     try:
-        values = [_nanoseconds(text, scale) for text, (_, scale) in zip(texts, places, strict=True)]
+        values = [_nanoseconds(sign.point(text), scale) for text, (_, scale) in zip(texts, places, strict=True)]
     except ValueError as failure:
         findings.add(codes.BAD_SAMPLE(str(failure), at=at, path=_path(callback), help="correct the row"))
         return
