@@ -206,7 +206,7 @@ def formats_page() -> str:
         "Formats",
         "What each format carries of a [model](../explanation/model.md) and its schedule. halpipe's own XML carries "
         "everything, both ways ([schemas](schemas.md)). Whatever a source has beyond this is counted as ignored in the "
-        "[account of the import](../how-to/import-an-ecu-extract.md), with its line and the reason.",
+        "[coverage report](../how-to/import-an-ecu-extract.md), with its line and the reason.",
         "## What is read",
         _matrix(readers),
         "## What is written",

@@ -25,7 +25,7 @@ _LARGE = 32 * 2**20
 
 Paths = Annotated[list[str], typer.Argument(help="Files and directories.")]
 ListAll = Annotated[bool, typer.Option(help="List every element that was ignored or defaulted, with its line.")]
-Report = Annotated[str, typer.Option(metavar="FILE", help="Write the account of the import as JSON.")]
+Report = Annotated[str, typer.Option(metavar="FILE", help="Write the coverage report of the import as JSON.")]
 
 
 class ImportGroup(FormatGroup):

@@ -1,1 +1,1 @@
-"""Readers: files in, a task model or a schedule out, with diagnostics and an account of every element."""
+"""Readers: files in, a task model or a schedule out, with diagnostics and the coverage of every element."""

@@ -30,7 +30,7 @@ class Use:
 
 
 _REVIEW = (
-    "review the account (`--report`: every element is read, mapped, ignored or defaulted), or import with `--strict`"
+    "review the coverage report (`--report`: elements are mapped, ignored or defaulted), or import with `--strict`"
 )
 _COMPARE = "compare a recording of the target with the schedule (`halpipe compare`)"
 _ROUND_TRIP = "import the file again and `halpipe diff`"

@@ -33,7 +33,7 @@ DOT_MISSING = error(
 NO_IMPORT_REPORT = error(
     "HAL0807",
     "File is no import report",
-    "The account of an import is a JSON file that `halpipe import FORMAT --report` writes.",
+    "The coverage report of an import is a JSON file that `halpipe import FORMAT --report` writes.",
 )
 DOT_FAILED = error(
     "HAL0806",

@@ -61,7 +61,7 @@ class _State:
 
 
 class TaskBuilder:
-    """Builds tasks; every value that no file states goes to the account as a default."""
+    """Builds tasks; every value that no file states goes to the coverage report as a default."""
 
     def __init__(
         self,

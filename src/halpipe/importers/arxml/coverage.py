@@ -1,4 +1,4 @@
-"""The account of every element: each identifiable element is mapped or ignored, once, with a reason."""
+"""Coverage of every element: each identifiable element is mapped or ignored, once, with a reason."""
 
 from __future__ import annotations
 

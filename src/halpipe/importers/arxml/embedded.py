@@ -44,7 +44,7 @@ def find_embedded(tree: Tree) -> Data | None:
 
 
 def read_embedded(tree: Tree, data: Data, options: ImportOptions) -> tuple[TaskModel, Coverage] | None:
-    """Return the native model and the account of every element; None, with a warning, where the file was edited."""
+    """Return the native model and the coverage of every element; None, with a warning, where the file was edited."""
     if (data.text("hash") or "").strip() != _hash_of(data):
         _report(data, "standard elements were changed after the export")
         return None

@@ -106,7 +106,7 @@ class Defaulted:
 
 @dataclass(slots=True)
 class Coverage:
-    """The account of an import: for every kind of element, read = mapped + ignored, always.
+    """Coverage report of an import: for every kind of element, read = mapped + ignored, always.
 
     Call exactly one of `mapped` and `ignored` for every element read.
     """
@@ -143,7 +143,7 @@ class Coverage:
 
 @record(kw_only=True)
 class Imported:
-    """The result of an import: the model, what to tell the user, and the account of every element.
+    """The result of an import: the model, the diagnostics, and the coverage of every element.
 
     `completion` adds what depends on what an overlay states: it takes the model with the overlay on it.
     """

@@ -1,4 +1,4 @@
-"""The account of an import as a file: every kind of element with its counts, every loss and every default."""
+"""Coverage report of an import as a file: every kind of element with its counts, every loss and every default."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VERSION = 1
 
 
 def format_account(imported: Imported) -> bytes:
-    """Return the account as JSON; the same sources give the same bytes."""
+    """Return the coverage report as JSON; the same sources give the same bytes."""
     coverage = imported.coverage
     account = {
         "halpipe-import-report": VERSION,

@@ -53,7 +53,7 @@ class Ranks(Generic[E]):
 
 @dataclass(slots=True)
 class Changes:
-    """Collects the account of one application of an overlay."""
+    """Collects the coverage report of one application of an overlay."""
 
     coverage: Coverage
     tasks: frozenset[str] = frozenset()

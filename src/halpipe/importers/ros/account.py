@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @record
 class Result:
-    """All that the import found, for the account of it; `triggers` are the topics of each callback before any drop."""
+    """Findings of an import, for its coverage report; `triggers` are the topics of each callback before any drop."""
 
     triggers: Mapping[str, tuple[str, ...]]
     wiring: Wiring

@@ -113,8 +113,8 @@ TOO_MANY_PARTS = error(
 GRID_WHOLE = error(
     "HAL0458",
     "Regulator grid is for whole jobs only",
-    "--quantise moves access phases to whole windows of a bandwidth regulator. In a mode with split jobs or interrupts "
-    "the instants of phases depend on where jobs are split.",
+    "--quantise moves access phases to whole windows of a bandwidth regulator. In a mode with preemptive jobs or "
+    "interrupts the instants of phases depend on where jobs are split.",
 )
 CANNOT_STAY = warning(
     "HAL0412",

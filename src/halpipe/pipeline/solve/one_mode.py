@@ -53,7 +53,7 @@ STARTS, START_SEED = 3, 0x632BE59BD9B4E019
 """First schedules of a small mode from which chains are made shorter, and what lies between their seeds."""
 
 POLISH_TABLES = 4000
-"""Whole tables of split jobs that are tried at least to improve a valid one."""
+"""Whole tables of preemptive jobs that are tried at least to improve a valid one."""
 
 
 @record

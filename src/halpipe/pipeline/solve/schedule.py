@@ -41,7 +41,7 @@ LEAST_MOVES = 1_000_000
 """Moves that a mode gets at least, where no budget is stated: small sets may be as hard as larger ones."""
 
 LEAST_TABLES, MOST_TABLED = 300, 10_000_000
-"""Tables of a mode of split jobs that are tried at least, without a budget; but no more jobs in all of them."""
+"""Tables of a mode of preemptive jobs that are tried at least, without a budget; but no more jobs in all of them."""
 
 DEFAULT_PORTFOLIO = 4
 """Searches of a mode that take turns."""
@@ -172,7 +172,7 @@ class SearchOptions:
         return max(LEAST_MOVES, DEFAULT_BUDGET * tasks)
 
     def placements(self, tasks: int, jobs: int) -> int:
-        """Return how many split jobs the search of a mode with so many tasks and jobs may place."""
+        """Return how many preemptive jobs the search of a mode with so many tasks and jobs may place."""
         if self.budget is not None:
             return self.budget * tasks
         return max(DEFAULT_BUDGET * tasks, min(LEAST_TABLES * jobs, MOST_TABLED))

@@ -63,7 +63,7 @@ def _has_gaps(placed: Placed) -> bool:
 
 def _crossing(jobs: list[Placed]) -> Iterator[tuple[Placed, Placed]]:
     """Yield pairs that are not nested, the earlier job first: for every job one at most that it collides with."""
-    nest: list[Placed] = []  # split jobs that have not ended, each in a gap of the one before
+    nest: list[Placed] = []  # preemptive jobs that have not ended, each in a gap of the one before
     whole: Placed | None = None  # the job in one piece that ends last
     last: dict[str, Placed] = {}  # by task, the job that ends last
     for placed in sorted(jobs, key=lambda p: (p.start, -p.end, p.job.task, p.job.index)):

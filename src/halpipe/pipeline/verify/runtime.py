@@ -51,7 +51,7 @@ def check_priorities(tables: Tables) -> Iterator[Diagnostic]:
 
 
 def _unrolled(table: ModeTable) -> list[Placed]:
-    """Return the jobs of as many cycles as the longest split job lasts, and one more."""
+    """Return the jobs of as many cycles as the longest preemptive job lasts, and one more."""
     last = max((p.end for p in table.jobs if len(p.stretches) > 1), default=0)
     return [p.moved(turn * table.period, "") for turn in range(last // table.period + 1) for p in table.jobs]
 

@@ -345,8 +345,8 @@ class Switch:
     def cycles_needed(self, jobs: list[Placed]) -> int:
         """Return how many cycles of mode m there would have to be.
 
-        Split jobs leave gaps and take their units again late (MODEL 8.2), and any job may take a resource late. One in
-        one piece without access phases holds its units all along, so it meets a job of the first cycle or none.
+        Preemptive jobs leave gaps and take their units again late (MODEL 8.2), and any job may take a resource late. A
+        job in one piece without access phases holds its units all along, so it meets a job of the first cycle or none.
         """
         late = (p for p in jobs if len(p.stretches) > 1 or (p.version is not None and p.version.accesses))
         return max([2, *(-(-(p.end - self.length) // self.target.period) for p in late)])

@@ -51,7 +51,7 @@ def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -
 
     By `growth` more the schedule still verifies, with every start where it is; by anything more it does not. Where jobs
     are split or interrupted, serve arrivals, or keep requirements of MODEL 10, verify itself says so: by a tick more it
-    does not. There the last part of a split job grows.
+    does not. There the last segment of a preemptive job grows.
     """
     tick = common_tick(model, schedule)
     whole = _has_undisturbed_jobs(model) and not any(True for _ in model.refinements())

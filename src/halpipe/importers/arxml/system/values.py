@@ -1,6 +1,6 @@
 """Timing content of an ARXML input, as frozen values between the files and the task model.
 
-Every element has a `Place`: its AUTOSAR path, its kind for the account of elements, and its file and line.
+Every element has a `Place`: its AUTOSAR path, its kind for the coverage report, and its file and line.
 References that nothing resolves are None or absent here; they have been reported.
 """
 

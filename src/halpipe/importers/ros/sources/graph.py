@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Kind(StrEnum):
-    """What makes a callback run; the value is its kind in the account of the import."""
+    """What makes a callback run; the value is its kind in the coverage report."""
 
     TIMER = "timer_callback"
     SUBSCRIPTION = "subscription_callback"

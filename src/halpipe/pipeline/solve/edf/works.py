@@ -1,4 +1,4 @@
-"""A mode of split jobs in whole ticks: what each task asks of the units, under each way to run it."""
+"""Mode of preemptive jobs in whole ticks: the demand of each task on the units, under each option."""
 
 from __future__ import annotations
 
