@@ -30,6 +30,26 @@ def test_jobs_of_one_task_are_told_together_and_figures_last(halpipe, changed):
     assert "fix the violations of the jobs first" in run.stdout
 
 
+def test_a_refused_export_reports_causes_before_effects(halpipe, changed):
+    run = halpipe("export", "report", *changed, "-o", "report.html")
+    assert run.returncode == 1
+    assert codes(run.stderr) == ["HAL0302", "HAL0313", "HAL0340"]
+    assert "2 more like it" in run.stderr
+    refused = halpipe("export", "report", *changed, "-o", "report.html", "--format", "json")
+    found = [each["code"] for each in json.loads(refused.stderr) if each["severity"] == "error"]
+    assert found[:2] == ["HAL0302", "HAL0313"]
+    assert found.index("HAL0340") == len(found) - found.count("HAL0340")  # figures are last
+
+
+def test_faults_of_the_model_come_before_those_of_the_schedule(halpipe, folder, changed):
+    model, schedule = changed
+    text = (folder / model).read_text().replace('wcet="5ms"', 'wcet="0ms"')
+    (folder / "zoo.xml").write_text(text)  # its name is behind that of the schedule
+    found = json.loads(halpipe("verify", "zoo.xml", schedule, "--format", "json").stdout)
+    assert [each["code"] for each in found[:3]] == ["HAL0302", "HAL0303", "HAL0313"]
+    assert found[-1]["code"] == "HAL0340"
+
+
 def test_everything_is_told_where_that_is_asked_for(halpipe, changed):
     run = halpipe("verify", *changed, "--verbose")
     assert codes(run.stdout).count("HAL0313") == 3

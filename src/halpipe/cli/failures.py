@@ -25,9 +25,11 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 def told(failure: Exception) -> int:
-    """Tell the user why the command ended, and return its exit code."""
+    """Report why the command ended, and return its exit code."""
     if isinstance(failure, HalpipeError):
-        output.report(failure.diagnostics)
+        from halpipe.cli.verify import gathered
+
+        output.report(gathered(failure.diagnostics) if output.is_brief() else failure.diagnostics)
         return int(failure.exit)
     if hasattr(failure, "exit_code") and hasattr(failure, "show"):  # click's own errors: wrong usage
         return _tell_usage(failure)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
 
+_CODES = "HAL03"
+"""The beginning of the codes of verify, and of no others."""
 NAMED = 3
 """Further findings of a task that are named; --verbose shows all of them."""
 
@@ -33,7 +35,7 @@ def verify(
     output.choose(format, quiet=quiet, verbose=verbose)
     system, tables = read_model(model), read_schedule(schedule)
     found = verify_schedule(system, tables)
-    output.report(_gathered(found) if output.is_brief() else found, as_result=True)
+    output.report(gathered(found) if output.is_brief() else found, as_result=True)
     if any(d.is_error for d in found):
         return Exit.FINDINGS
     if output.is_text():
@@ -42,28 +44,31 @@ def verify(
     return Exit.OK
 
 
-def _gathered(found: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return findings for people: one for all jobs of a task that break one rule, and one for all figures.
+def gathered(found: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Gather findings for people: one for all jobs of a task that break one rule, and one for all figures.
 
-    Figures come last where something else is wrong, too: they follow from it.
+    Figures come last where something else is wrong, too: they follow from it. Findings of other origin stay.
     """
+    if not any(each.code.startswith(_CODES) for each in found):
+        return list(found)
     from halpipe.pipeline.verify.codes import WRONG_FIGURE
 
     figures = [each for each in found if each.code == WRONG_FIGURE.id]
     others = [each for each in found if each.code != WRONG_FIGURE.id]
     groups: dict[tuple[str, str], list[Diagnostic]] = defaultdict(list)
     for number, each in enumerate(others):
-        task = next((subject.name for subject in each.subjects if subject.kind == "task"), f"{number}")
+        tasks = [subject.name for subject in each.subjects if subject.kind == "task"]
+        task = tasks[0] if tasks and each.code.startswith(_CODES) else f"{number}"
         groups[each.code, task].append(each)
-    told = [_as_one(group) for group in groups.values()]
+    shown = [_as_one(group) for group in groups.values()]
     if figures and any(each.is_error for each in others):
         help = "fix the violations of the jobs first: loads, latencies and cost follow from them"
-        return [*told, replace(_as_one(figures), help=help)]
-    return [*told, *figures]
+        return [*shown, replace(_as_one(figures), help=help)]
+    return [*shown, *figures]
 
 
 def _as_one(group: Sequence[Diagnostic]) -> Diagnostic:
-    """Return the first of several findings, which tells of the others."""
+    """Return the first of several findings, with the number and some paths of the others."""
     first, *rest = group
     if not rest:
         return first

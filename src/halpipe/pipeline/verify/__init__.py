@@ -54,13 +54,19 @@ MODE_RULES: tuple[Rule[ModeTable], ...] = (
 RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES, SYSTEM_BINDING, PRIORITY_RULE, HEALTH)
 """Every rule with its sentence, in the order of checking; the manual's list is made from it."""
 
+_RANKS = {codes.WRONG_MODEL.id: 0, codes.MODEL_CHANGED.id: 0, codes.MODEL_FAULT.id: 0, codes.WRONG_FIGURE.id: 2}
+
 
 def verify(model: TaskModel, schedule: Schedule) -> tuple[Diagnostic, ...]:
     """Return every finding about `schedule`; it is valid for `model` if and only if none of them is an error.
 
-    Never raises on any model or schedule: a model that gives "valid" no meaning is itself reported.
+    Causes come before effects: model, jobs, then the figures that follow from jobs. Never raises on any model or
+    schedule: a model that gives "valid" no meaning is itself reported.
     """
-    return tuple(sort_diagnostics(found for _, found in _findings(model, schedule, switches_only=False)))
+    ranks: tuple[list[Diagnostic], ...] = ([], [], [])
+    for _, found in _findings(model, schedule, switches_only=False):
+        ranks[_RANKS.get(found.code, 1)].append(found)
+    return tuple(found for rank in ranks for found in sort_diagnostics(rank))
 
 
 def verify_switches(model: TaskModel, schedule: Schedule) -> tuple[Diagnostic, ...]:
