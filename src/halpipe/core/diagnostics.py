@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Severity(StrEnum):
-    """How much a diagnostic weighs: only an error stops the work."""
+    """Severity of a diagnostic: only an error stops the command."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -233,7 +233,7 @@ class Diagnostic:
 
     @property
     def is_error(self) -> bool:
-        """Whether this finding stops the work."""
+        """Whether this finding stops the command."""
         return self.severity is Severity.ERROR
 
     def concerning(self, subjects: Iterable[Subject]) -> Diagnostic:

@@ -74,7 +74,7 @@ SHARE = Codec("share", _number, format_rational, Fraction(0))
 BOUND = Codec("share", _number, format_rational, Fraction(1))
 """A share above zero."""
 WEIGHT = Codec("share", parse_rational, format_rational, Fraction(1))
-"""How much something counts beside others of its kind; 0: not at all."""
+"""Weight among others of the same kind; 0: does not count."""
 NUMBER = Codec("number", _number, format_rational, Fraction(0))
 INDEX = Codec("xs:nonNegativeInteger", int, blank=0)
 GAPS = Codec("gaps", int, blank=0)

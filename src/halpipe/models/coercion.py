@@ -56,7 +56,7 @@ _READ_AS = {
     "Choice": "*",
     "OptionalChoice": "* | None",
 }
-"""What a field of these types holds; the item of the brackets replaces the star."""
+"""Content of a field of these types; the item of the brackets replaces the star."""
 
 _EXAMPLES = {
     "Duration": 'a duration such as "5ms"',

@@ -100,7 +100,7 @@ class ProjectCounter:
 
 @record
 class Deed:
-    """What an alarm or expiry point does to an OsTask: its container, and the expiry point that holds it (paths)."""
+    """Action of an alarm or expiry point on an OsTask: its container, and the expiry point that holds it (paths)."""
 
     path: str
     os_task: str

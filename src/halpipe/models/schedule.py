@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Status(Word):
-    """What the author of a table claims of it; only verify decides."""
+    """Status that the author of a table claims; only verify decides."""
 
     VALID = "valid"
     NOT_FOUND = "not-found"
@@ -160,7 +160,7 @@ class TransitionTable:
 
 @record(kw_only=True)
 class Reaction:
-    """What a health rule leads to in `mode`: the rule, and the longest time from its last event to the end (MODEL 9).
+    """Reaction to a health rule in `mode`: the rule, and the longest time from its last event to the end (MODEL 9).
 
     The end is the first instant of mode `target` for a switch, and the end of the last table for a stop; a restart
     has none.

@@ -56,7 +56,7 @@ _COERCIONS: dict[type, Coercion] = {}
 
 
 class Element:
-    """What is made of fields; they take what people write for them (see `halpipe.models.coercion`)."""
+    """Base of classes of fields, which accept plain values such as "25ms" (see `halpipe.models.coercion`)."""
 
     __slots__ = ()
 
@@ -71,7 +71,7 @@ class Element:
 
 @record
 class Origin:
-    """Where an element was imported from: file name, line, and the element's own path in that file."""
+    """Source of an imported element: file name, line, and the element's own path in that file."""
 
     file: str = field(metadata=attribute(TEXT, "As the user named it."))
     line: int = field(default=0, metadata=attribute(INDEX, "0 where the format has no lines."))
@@ -91,7 +91,7 @@ class Word(StrEnum):
 
 
 class AccessKind(Word):
-    """What an access phase does on its resource."""
+    """Kind of an access phase on its resource."""
 
     LOAD = "load"
     READ = "read"
@@ -99,7 +99,7 @@ class AccessKind(Word):
 
 
 class ResourceKind(Word):
-    """What a shared resource is: one that phases take shares of, or one that a single job holds (MODEL 10.5)."""
+    """Kind of a shared resource: one that phases take shares of, or one that a single job holds (MODEL 10.5)."""
 
     MEMORY = "memory"
     LOCK = "lock"
@@ -118,7 +118,7 @@ class Anchor(Word):
 
 
 class Match(Word):
-    """Which jobs of the predecessor satisfy a precedence constraint (MODEL 10.3)."""
+    """Jobs of the predecessor that satisfy a precedence constraint (MODEL 10.3)."""
 
     WINDOW = "window"
     """Any job in the window."""
@@ -127,14 +127,14 @@ class Match(Word):
 
 
 class Edge(Word):
-    """Whether jobs may be in progress where the table of a mode begins again (MODEL 10.4)."""
+    """Edge of the table of a mode: whether jobs may be in progress where it begins again (MODEL 10.4)."""
 
     OPEN = "open"
     CLOSED = "closed"
 
 
 class Binding(Word):
-    """How firmly the jobs of a task keep to one set of units (MODEL 8.1)."""
+    """Migration of the jobs of a task between sets of units: job-level, mode-level or none (MODEL 8.1)."""
 
     JOB = "job"
     """Every job may use other units."""
@@ -145,7 +145,7 @@ class Binding(Word):
 
 
 class HealthEvent(Word):
-    """What of a job a health rule counts (MODEL 9)."""
+    """Event of a job that a health rule counts (MODEL 9)."""
 
     OVERRUN = "overrun"
     """It did not come to an end, or its data did not, in the time that it has."""
@@ -155,7 +155,7 @@ class HealthEvent(Word):
 
 
 class HealthAction(Word):
-    """What a health rule has the target do."""
+    """Action of the target when a health rule fires."""
 
     SWITCH = "switch"
     """Go to another mode through the transition table."""
@@ -295,7 +295,7 @@ class Source(Element):
 
 @record(kw_only=True)
 class Split(Element):
-    """Where the jobs of a version may be interrupted, in execution time: 0 is their start, C their end (MODEL 8.1).
+    """Preemption points of a version, in execution time: 0 is their start, C their end (MODEL 8.1).
 
     `points` is the list of split points; `anywhere` allows every instant of (0, C) not strictly inside an access
     phase. `resume` is the preemption overhead, lost at each resumption. `max_gaps` None is no limit, for a list.
@@ -315,7 +315,7 @@ class Split(Element):
 
     @property
     def is_allowed(self) -> bool:
-        """Whether jobs may be interrupted at all."""
+        """Whether jobs may be preempted at all."""
         return self.anywhere or bool(self.points)
 
     def scaled(self, factor: Fraction) -> Split:
