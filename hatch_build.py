@@ -21,6 +21,9 @@ import build_native
 EXAMPLES = ("roboracer", "platforms")
 """Folders that ``halpipe new --example`` copies."""
 
+SAFETY = ("second_checker.py", "assessor.md", "common-causes.md", "figures.md", "known-malfunctions.md")
+"""Files of docs/safety that ``halpipe selftest`` uses."""
+
 MADE = {"out", "__pycache__"}
 """Folders in them that running an example makes."""
 
@@ -47,8 +50,8 @@ class Libraries(BuildHookInterface[Any]):
         self._made = Path(tempfile.mkdtemp())
         libraries = build_native.build(self._made, _target())
         build_data["force_include"].update({str(path): place for place, path in libraries.items()})
-        checker = Path(self.root, "docs", "safety", "second_checker.py")
-        build_data["force_include"][str(checker)] = "halpipe/selftest/second_checker.py"
+        for name in SAFETY:
+            build_data["force_include"][str(Path(self.root, "docs", "safety", name))] = f"halpipe/selftest/{name}"
         examples = Path(self.root, "examples")
         for path in sorted(path for example in EXAMPLES for path in Path(examples, example).rglob("*")):
             place = path.relative_to(examples)

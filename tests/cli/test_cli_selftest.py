@@ -1,17 +1,20 @@
-"""``halpipe selftest``: both checkers are asked, disagreement is told, and evidence has the same bytes each time."""
+"""``halpipe selftest``: verdicts of both checkers, reports of disagreement, and evidence with the same bytes."""
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from halpipe import __version__
 from halpipe.flow.formats import EXPORTERS, IMPORTERS, formats
 from halpipe.pipeline import verify
 from halpipe.selftest import confidence, evidence, run, second
 from halpipe.selftest import run as run_package
 from halpipe.selftest.edges import edges
+from halpipe.selftest.run import Outcome
 
 ROOT = Path(__file__).parents[2]
 
@@ -100,6 +103,35 @@ def test_every_format_has_a_row_of_its_own():
     assert rows >= {f"import {name}" for name in formats(IMPORTERS)}
     assert rows >= {f"export {name}" for name in formats(EXPORTERS)}
     assert {use.level for use in confidence.USES} <= {"TCL1", "TCL2", "TCL3"}
+
+
+def rows_of(page):
+    lines = (ROOT / "docs" / "safety" / page).read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("| ")][1:]
+
+
+def test_the_list_of_malfunctions_is_that_of_this_release():
+    page = (ROOT / "docs" / "safety" / "known-malfunctions.md").read_text(encoding="utf-8")
+    assert page.splitlines()[0].endswith(f" halpipe {__version__}"), "each release has a list of its own"
+    rows = rows_of("known-malfunctions.md")
+    assert [row[0] for row in rows] == [f"K{number}" for number in range(1, len(rows) + 1)]
+    assert all(cell for row in rows for cell in row)
+    assert {row[1] for row in rows} <= {use.name for use in confidence.USES} | {"all"}
+
+
+def test_the_walk_names_files_of_the_folder_and_their_results():
+    outcome = Outcome(valid=3, broken=4, differing=["x"])
+    files = evidence.folder(outcome, 7, 1)
+    walk = files[evidence.WALK].decode()
+    named = {name for row in rows_of(evidence.WALK) for name in re.findall("`([^`]+)`", row[2])}
+    assert named <= files.keys()
+    assert named | {evidence.WALK} == files.keys()
+    assert f"hashes.json: {len(json.loads(files['hashes.json']))} files" in walk
+    assert "7 schedules, 1 disagreements; 0 of 29 rules alone" in walk
+    (row,) = (line for line in walk.splitlines() if line.startswith("| 11.4.4.2 "))
+    assert row.endswith(f" {len(rows_of('known-malfunctions.md'))} entries |")
+    tables = {line.count("|") for line in walk.splitlines() if line.startswith("|")}
+    assert tables == {6}
 
 
 def test_the_hash_of_the_arguments_stands_in_the_documentation():

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from halpipe.selftest import evidence
+
 ROOT = Path(__file__).parents[2]
 
 # Of each target: the tags of its wheel, how its libraries end, and what says in a library for which machine it is.
@@ -101,6 +103,8 @@ def test_a_wheel_is_what_its_name_says(wheel):
     }
     assert not needs & {"numba", "llvmlite", "ziglang", "cffi", "hatchling"}
     assert {"halpipe/starters/first/model.xml", "halpipe/examples/roboracer/overlay.yaml"} <= names
+    safety = ("second_checker.py", evidence.WALK, evidence.FIGURES, *evidence.ARGUMENTS)
+    assert {f"halpipe/selftest/{name}" for name in safety} <= names
     assert not any("/out/" in name or "__pycache__" in name for name in names)
     places = {name.split("/")[0] for name in names}
     assert places == {"halpipe", one(names, "WHEEL").split("/")[0]}

@@ -43,7 +43,11 @@ USES = (
         "import --overlay", "a value is put on the wrong element", "every replaced value is reported; review the report"
     ),
     Use(
-        "validate", "a contradiction of the model is not told", "verify judges the schedule all the same", "TI2", "TD1"
+        "validate",
+        "a contradiction of the model is not reported",
+        "verify judges the schedule all the same",
+        "TI2",
+        "TD1",
     ),
     Use(
         "schedule", "a schedule that is not valid", "`halpipe verify` and the second checker on the files", "TI2", "TD1"
@@ -59,9 +63,7 @@ USES = (
     Use(
         "verify",
         "a schedule that is not valid is accepted",
-        "the second checker, of other hands and code",
-        "TI2",
-        "TD1",
+        "the second checker: its own code, but the same project and page of rules (common-causes.md); review the page",
     ),
     Use(
         "explain",
@@ -70,7 +72,9 @@ USES = (
         "TI1",
     ),
     Use("size, sensitivity", "a wrong figure", "schedule and verify the changed model", "TI2", "TD1"),
-    Use("compare", "a deviation of the target is not told", "inspect the recording with another tool", "TI2", "TD2"),
+    Use(
+        "compare", "a deviation of the target is not reported", "inspect the recording with another tool", "TI2", "TD2"
+    ),
     Use("export amalthea", "the file differs from the schedule", _ROUND_TRIP),
     Use("export arxml", "an expiry point, an offset or a priority is wrong", f"{_ROUND_TRIP}; {_COMPARE}"),
     Use("export btf", "an event is wrong", "`halpipe compare` of the file with the schedule", "TI2", "TD1"),

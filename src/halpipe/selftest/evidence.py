@@ -1,10 +1,12 @@
-"""The folder of evidence: what the argument of a tool's confidence needs, the same bytes whenever it is made again."""
+"""Folder of evidence for the argument of a tool's confidence, with the same bytes whenever it is made again."""
 
 from __future__ import annotations
 
 import json
 import platform
+import re
 import sys
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +25,9 @@ if TYPE_CHECKING:
     from halpipe.selftest.run import Outcome
 
 CPUINFO = Path("/proc/cpuinfo")
-ARGUMENTS = Path(__file__).with_name("arguments")
+WALK = "assessor.md"
+ARGUMENTS = ("common-causes.md", "known-malfunctions.md")
+FIGURES = "figures.md"
 
 
 @record
@@ -38,20 +42,58 @@ class Commit:
 def folder(outcome: Outcome, mutants: int, seed: int, results: Results = NO_RUN) -> dict[str, bytes]:
     """Return the files of the evidence with the manifest that seals them."""
     commit, hashes = _commit(), _hashes()
-    files = {
-        **arguments(),
-        "environment.json": _json(_environment(commit)),
-        "requirements.json": _json({"results": results.files, "requirements": requirements(results)}),
-        "validation.json": _json(_validation(outcome, mutants, seed)),
-        "sbom.cdx.json": _json(bill(hashes, _timestamp(commit))),
-        "hashes.json": _json(hashes),
+    values = {
+        "environment.json": _environment(commit),
+        "requirements.json": {"results": results.files, "requirements": requirements(results)},
+        "validation.json": _validation(outcome, mutants, seed),
+        "sbom.cdx.json": bill(hashes, _timestamp(commit)),
+        "hashes.json": hashes,
     }
+    files = arguments() | {FIGURES: second.path(FIGURES).read_bytes()}
+    files |= {name: _json(value) for name, value in values.items()}
+    files[WALK] = _walk(second.path(WALK).read_text(encoding="utf-8"), _summary(values, outcome)).encode()
     return seal("evidence", files, {"halpipe": __version__})
 
 
+def _summary(values: dict[str, Any], outcome: Outcome) -> dict[str, str]:
+    """Return the result of each file in a few words."""
+    tool, python = values["environment.json"]["tool"], values["environment.json"]["python"]
+    commit = f"commit {tool['commit'][:12]}" if tool["commit"] else "no checkout"
+    changed = ", files differ from it" if values["environment.json"]["changed since the commit"] else ""
+    counts = Counter(entry["result"] for entry in values["requirements.json"]["requirements"])
+    levels = Counter(use.level for use in confidence.USES)
+    judged, rules = outcome.valid + outcome.broken, len(outcome.alone)
+    shown = f"{rules - len(outcome.unseen)} of {rules} rules alone refuse a schedule"
+    return {
+        "environment.json": f"halpipe {tool['version']}, {commit}{changed}, Python {python['version']}",
+        "requirements.json": f"{counts.total()} requirements: {_counted(counts)}",
+        "validation.json": f"{judged} schedules, {len(outcome.differing)} disagreements; {shown}",
+        "sbom.cdx.json": f"{len(values['sbom.cdx.json']['components'])} components",
+        "hashes.json": f"{len(values['hashes.json'])} files",
+        "tool-confidence.md": f"{levels.total()} uses: {_counted(levels)}",
+        "known-malfunctions.md": f"{second.path('known-malfunctions.md').read_bytes().count(b'| K')} entries",
+    }
+
+
+def _counted(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
+
+
+def _walk(page: str, summary: dict[str, str]) -> str:
+    """Return the page for assessors with the results of the files that each row names."""
+    lines = []
+    for line in page.splitlines():
+        found = [f"{name}: {summary[name]}" for name in re.findall("`([^`]+)`", line) if name in summary]
+        if line.startswith("|"):
+            cell = " result |" if line.startswith("| clause") else "---|" if line.startswith("|-") else None
+            line += cell or f" {'; '.join(found)} |"
+        lines.append(line)
+    return "\n".join((*lines, ""))
+
+
 def arguments() -> dict[str, bytes]:
-    """Return what does not depend on the machine: uses and confidence, common causes, known problems."""
-    texts = {path.name: path.read_bytes() for path in sorted(ARGUMENTS.glob("*.md"))}
+    """Return what does not depend on the machine: uses and confidence, common causes, known malfunctions."""
+    texts = {name: second.path(name).read_bytes() for name in ARGUMENTS}
     return texts | {"tool-confidence.md": confidence.table().encode()}
 
 

@@ -1,4 +1,4 @@
-"""The second checker: one file that shares nothing with halpipe, beside the documentation or in the wheel."""
+"""The second checker, one file that shares nothing with halpipe, and the pages on safety: of a checkout or a wheel."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ HERE = Path(__file__).parent
 NAME = "second_checker.py"
 
 
-def path() -> Path:
-    """Return where the file is: a wheel has it in this package, a checkout in its documentation."""
-    inside = HERE / NAME
-    return inside if inside.is_file() else HERE.parents[2] / "docs" / "safety" / NAME
+def path(name: str = NAME) -> Path:
+    """Return the place of a file on safety: a wheel has it in this package, a checkout in its documentation."""
+    inside = HERE / name
+    return inside if inside.is_file() else HERE.parents[2] / "docs" / "safety" / name
 
 
 @cache
