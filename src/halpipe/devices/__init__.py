@@ -1,4 +1,4 @@
-"""Devices that regulate bandwidth: one statement of each, read by who writes for it and by who checks.
+"""Bandwidth regulators: one statement of each device, read by its exporter and by its check.
 
 A statement has the settings of platform files and how the device takes budgets. Its writer and templates are in
 ``exporters/regulator``, its model in ``deploy/regulator``, each in a folder of the device's name.

@@ -157,19 +157,19 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
 
     path = about(model=model.name)
     if not has_whole_jobs(model):
-        help = "leave --quantise away; the export rounds budgets to the safe side"
+        help = "omit --quantise; the export rounds budgets to the safe side"
         raise HalpipeError(GRID_WHOLE("has jobs that may be split or interrupted", at=model.at, path=path, help=help))
     if options.tick is not None and options.tick % grid.window:
         near = grid.window * max(1, round(options.tick / grid.window))
         message = f"the tick {options.tick} is not a multiple of the window {grid.window} of platform {grid.name}"
-        raise HalpipeError(GRID_TICK(message, at=model.at, path=path, help=f"leave it away, or use {near}"))
+        raise HalpipeError(GRID_TICK(message, at=model.at, path=path, help=f"omit --tick, or use {near}"))
     served = quantise(model, grid)
     try:
         scheduled = schedule_model(served, replace(options, grid=None), on_progress)
     except HalpipeError as failure:
         if failure.exit is not Exit.INFEASIBLE:
             raise
-        help = "use longer windows, less overshoot, lower bounds, or leave --quantise away"
+        help = "use longer windows, less overshoot, lower bounds, or omit --quantise"
         tight = GRID_TIGHT(describe(model, grid), at=model.at, path=path, help=help)
         raise HalpipeError(tight, *failure.diagnostics, exit=failure.exit) from None
     schedule = restore(model, scheduled.schedule)

@@ -288,7 +288,7 @@ def test_a_tick_besides_must_be_on_the_grid(tmp_path):
     with pytest.raises(HalpipeError) as refused:
         schedule_model(system, SearchOptions(grid=grid, tick=ms("1.5ms")), lambda *_: True)
     (found,) = refused.value.diagnostics
-    assert (found.code, found.help) == (codes.GRID_TICK.id, "leave it away, or use 2ms")
+    assert (found.code, found.help) == (codes.GRID_TICK.id, "omit --tick, or use 2ms")
     assert schedule_model(system, SearchOptions(grid=grid, tick=ms(1)), lambda *_: True).is_complete
 
 

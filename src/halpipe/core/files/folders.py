@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FOREIGN_FOLDER = error(
     "HAL0004",
-    "Folder is not halpipe's to replace",
+    "Refusing to replace a folder that halpipe did not create",
     "A folder is written as a whole and replaces the one before. It may hold only what its manifest.json lists, and "
     "that must be a manifest of halpipe's. Anything else belongs to the user: nothing is written and nothing "
     "removed, so that a mistyped name, or notes kept in a bundle, destroy no work.",

@@ -25,7 +25,7 @@ CANNOT_WRITE = error(
 
 FOREIGN_FILE = error(
     "HAL0006",
-    "File is not halpipe's to replace",
+    "Refusing to replace a file that halpipe did not create",
     "Beside an output, halpipe writes further files whose names follow from it, such as a checkpoint. Where a file of "
     "that name holds something else, nothing is written.",
 )

@@ -220,7 +220,7 @@ class _Programs:
         points = len(version.split.points)
         named = f"{functions} function" + ("s" if functions > 1 else "")
         text = f"{points} split points make {points + 1} pieces, the entry names {named}"
-        help = 'name one function for each piece: entry="first second ..."; or leave the split points away'
+        help = 'name one function for each piece: entry="first second ..."; or omit the split points'
         self._findings.add(NO_PIECES(text, at=version.at, path=self._path(job), help=help))
 
     def _refuse_phase(self, job: Job, version: Version) -> None:

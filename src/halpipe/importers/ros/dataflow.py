@@ -1,4 +1,4 @@
-"""From who writes and reads topics to precedence: loops of data are cut, the rest orders tasks.
+"""Precedence from writers and readers of topics: loops of data are cut, the rest orders tasks.
 
 Vertices of the flow graph are callbacks, topics and the memories of nodes whose inner data flow is not known. They
 are ranked in the order in which data spreads from the sources (`activation`); a topic comes right after the first

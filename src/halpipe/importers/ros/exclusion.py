@@ -123,7 +123,7 @@ class Exclusion:
                 f"callbacks of {len(lost)} mutually exclusive callback groups may overlap: "
                 f"{few([group.name for group, _ in lost])}"
             )
-            help = "leave --groups ignored away, or give the tasks of a group one and the same unit"
+            help = "omit --groups ignored, or give the tasks of a group one and the same unit"
             if self.as_resources:
                 text += (
                     f"; for the first, {few(unable)} cannot hold it to their ends, for want of a WCET or being split"

@@ -30,7 +30,7 @@ def check_starts(model: TaskModel, tick: Duration) -> Iterator[Diagnostic]:
     """
     for over in overloads(Context(_rounded(model, tick))):
         fitting = next((tick / n for n in range(2, _FINEST) if _fits(model, over, tick / n)), None)
-        finer = f"use a tick of {fitting} or a fraction of it" if fitting else "leave the tick away"
+        finer = f"use a tick of {fitting} or a fraction of it" if fitting else "omit --tick"
         room = over.hyperperiod * len(over.units)
         jobs = sum(need.jobs for need in over.needs)
         text = (

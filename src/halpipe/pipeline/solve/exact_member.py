@@ -29,7 +29,7 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
     if not is_exact_model(model):
         raise HalpipeError(EXACT_WHOLE("cannot schedule this model", at=mode.at, path=path, help="use --engine anneal"))
     if tick is not None:
-        raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))
+        raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="omit --tick"))
     result = solve_exact(model, mode, effort)
     if result.status is Answer.FEASIBLE:
         return result.jobs

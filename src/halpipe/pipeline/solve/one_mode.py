@@ -210,7 +210,7 @@ class _Exact(_Search):
         from halpipe.pipeline.solve.exact_member import solve_alone
 
         if self.options.shipped is not None or self.options.like is not None:
-            mode, help = self.expansion.mode, "use --engine anneal, or leave --freeze and --near away"
+            mode, help = self.expansion.mode, "use --engine anneal, or omit --freeze and --near"
             text = "cannot keep jobs of an earlier schedule"
             raise HalpipeError(EXACT_KEEPS_NOTHING(text, at=mode.at, path=about(mode=mode.name), help=help))
         effort = Effort(

@@ -42,7 +42,7 @@ CONNECT_SECONDS = 10
 LOUD = ("distributed", "distributed.client", "tornado.application")
 """Loggers that write to stderr, with tracebacks, what diagnostics report here in words."""
 
-GO_ON = "start workers, or leave --cluster away, and"
+GO_ON = "start workers, or omit --cluster, and"
 """Advice where a cluster was lost on which one model was searched."""
 
 ASK_SECONDS = 0.1
