@@ -3,7 +3,7 @@
 import random
 from dataclasses import replace
 from fractions import Fraction
-from itertools import product
+from itertools import permutations, product
 from unittest import mock
 
 import pytest
@@ -320,6 +320,8 @@ def test_each_better_schedule_of_split_jobs_is_told():
 
 def test_goals_name_what_they_weigh():
     """Every stage may look only at objectives that are judged."""
-    for wanted in goals.QUALITIES.values():
-        if wanted is not None:
+    for count in (1, 2, 3):
+        for objectives in permutations(Objective, count):
+            wanted = goals.Goals.of(objectives)
+            assert wanted.stages
             assert all(leading <= len(wanted.objectives) for _, leading in wanted.stages)
