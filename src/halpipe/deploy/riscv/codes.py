@@ -112,7 +112,8 @@ WRONG_CALL = error(
     "HAL1050",
     "Function is called in another way than promised",
     "A function of a job gets its rank and the size of its gang, and a stack of its own at the bottom of the data "
-    "scratchpad. The monitor passed on something else.",
+    "scratchpad; other registers are zero, counters and floating point are closed, and the code is fetched anew. "
+    "The monitor passed on something else.",
 )
 FOREIGN_MACHINE = error(
     "HAL1051",

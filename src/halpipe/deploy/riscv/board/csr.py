@@ -28,6 +28,7 @@ _SYSTEM = 0x73
 MRET = 0x30200073
 WFI = 0x10500073
 EBREAK = 0x00100073
+FENCE_I = 0x0000100F
 C_EBREAK = 0x9002
 ATOMIC, LOAD_RESERVED = 0x2F, 2  # the opcode of atomic operations, and the function of lr
 
@@ -62,7 +63,8 @@ def decode(word: int) -> Access | None:
     return Access(word >> 20, kind & 3, word >> 7 & 31, word >> 15 & 31, kind >= 4)
 
 
-_CANDIDATE = re.compile(rb"(?s)[\x73\xf3]")  # the low byte of such an instruction, by the parity of its target register
+_CANDIDATE = re.compile(rb"(?s)[\x0f\x73\xf3]")
+"""The low byte of such an instruction, by the parity of its target register."""
 
 
 def of_interest(code: bytes, base: int) -> Iterator[int]:
@@ -73,5 +75,5 @@ def of_interest(code: bytes, base: int) -> Iterator[int]:
             continue
         word = int.from_bytes(code[at : at + 4], "little")
         access = decode(word)
-        if word == MRET or (access is not None and access.csr in OURS | INTERRUPTS):
+        if word in (MRET, FENCE_I) or (access is not None and access.csr in OURS | INTERRUPTS):
             yield base + at

@@ -93,6 +93,8 @@ class Hart:
         self._enabled = 0  # mie, as it was when the hart went to sleep
         self._known_enabled = 0
         self._raised: tuple[int, int] | None = None
+        self._left_open = (0, 0)  # at the last mret: mcounteren and mstatus.FS, which user mode does not let us read
+        self._fenced = True  # the instruction cache has seen what was loaded
         self._excepted = -1  # where the emulator took an exception of its own
         self._mapped: dict[
             tuple[int, int], tuple[Right, int]
@@ -319,6 +321,21 @@ class Hart:
         """Return a general register."""
         return self._register(f"X{number}")
 
+    def unclean(self) -> Iterator[str]:
+        """Yield what a function that begins must not find: values, counters, floating point, code of before."""
+        kept = [number for number in range(3, 32) if number not in (10, 11) and self.x(number)]
+        if kept:
+            yield (
+                f"x{kept[0]} not cleared, nor {len(kept) - 1} more registers" if kept[1:] else f"x{kept[0]} not cleared"
+            )
+        counters, floating = self._left_open
+        if counters:
+            yield "counters that it may read"
+        if floating:
+            yield "floating point switched on"
+        if not self._fenced:
+            yield "no fence.i since its code was loaded"
+
     # ------------------------------------------------------------------------------------------ watching
 
     def watch(self, addresses: Iterable[int]) -> None:
@@ -340,7 +357,9 @@ class Hart:
     def _on_register(self, engine: Any, address: int, size: int, _: Any) -> None:
         word = int.from_bytes(self._memory.read(address, 4), "little")
         access = csr.decode(word)
-        if self.level is Level.USER and access is not None and access.csr in csr.OURS:
+        if word == csr.FENCE_I:
+            self._fenced = True
+        elif self.level is Level.USER and access is not None and access.csr in csr.OURS:
             self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
             self.pc = address
             engine.emu_stop()
@@ -348,6 +367,7 @@ class Hart:
             self.look_up()
             if word == csr.MRET and self.level is Level.MACHINE:
                 self._interrupts_enabled()
+                self._left_open = self._register("MCOUNTEREN"), self._register("MSTATUS") >> 13 & 3
                 self._change_level(Level.MACHINE if self._register("MSTATUS") >> 11 & 3 else Level.USER)
         elif access is not None and access.csr in csr.OURS:
             self._on_own_register(access)
@@ -398,6 +418,7 @@ class Hart:
 
     def forget_code(self, address: int, size: int) -> None:
         """Drop what the emulator has translated of memory that changed."""
+        self._fenced = False
         self.engine.ctl_remove_cache(address, address + size)
         self._page.forget()
 

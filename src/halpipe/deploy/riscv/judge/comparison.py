@@ -249,6 +249,7 @@ class Comparison:
         if execution.stack != unit.dspm.base + self._run.site.stack:
             stack = unit.dspm.base + self._run.site.stack
             wrong.append(f"a stack from {execution.stack:#x} down, it has to be from {stack:#x}")
+        wrong += execution.unclean
         for what in wrong:
             self._report(codes.WRONG_CALL, seen.planned, f"gets {what} on {unit.name}", FROM_EXPORT)
 

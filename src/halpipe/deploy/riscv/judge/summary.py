@@ -58,7 +58,8 @@ def _margins(outcomes: Sequence[Outcome]) -> Iterator[str]:
     if shares and not any(outcome.run.is_modelled for outcome in outcomes):
         share, name = max(shares)
         most = _rounded(1 / share)
-        yield f'with this data, executions fit up to {most} cycles an instruction ("{name}" is the first)'
+        yield f'with empty buffers, executions fit up to {most} cycles an instruction ("{name}" is the first);'
+        yield "the bundle carries no recorded inputs: jobs that compute more with data than without are not tried"
 
 
 def _calls(outcomes: Sequence[Outcome]) -> Iterator[str]:

@@ -60,6 +60,7 @@ class Execution:
     rank: int = 0
     ranks: int = 1
     stack: int = 0
+    unclean: tuple[str, ...] = ()  # what of the core's state is not as a job has to find it
     status: int = 0  # as the monitor tells the management core
 
 
@@ -152,6 +153,7 @@ class Recorder:
             execution = Execution(hart, address, self._image_at(hart, address), core.woken, now, back)
             execution.level = core.level
             execution.rank, execution.ranks, execution.stack = core.x(10), core.x(11), core.x(2)
+            execution.unclean = tuple(core.unclean())
             self._compare(execution)
             self._running[hart] = execution
             self.executions.append(execution)
