@@ -15,6 +15,7 @@ from halpipe.deploy.riscv.judge import check
 from halpipe.deploy.riscv.judge.containment import PREFIX
 from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv import bundle
+from halpipe.exporters.riscv.profile import FOLDER
 from one_fault import with_fault
 
 # file, what stands there, what stands there instead; the code that the check must find
@@ -145,6 +146,12 @@ def spoil(target, tmp_path, change):
 )
 def test_a_machine_that_is_not_the_profile(sound, tmp_path, change):
     assert declared.FOREIGN_MACHINE.id in found_in(spoil(sound, tmp_path, change), inject="none")
+
+
+@pytest.mark.parametrize("cpi", ["1.75", "2", "1.50"])
+def test_a_profile_of_ones_own_with_cycles_that_are_no_whole_number(export, tmp_path, cpi):
+    (tmp_path / "slow.yaml").write_text(FOLDER.joinpath("vcu118.yaml").read_text() + f"cpi: {cpi}\n")
+    assert check.static_findings(export(profile=str(tmp_path / "slow.yaml"))) == []
 
 
 def test_a_flat_program_that_is_another(sound, tmp_path):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import Diagnostic, HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.files import parse_yaml, read_bytes
-from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.core.quantities import format_rational, parse_bandwidth, parse_rational, parse_size
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
 
@@ -104,7 +104,7 @@ def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
             "setup": Duration.parse(dma["setup"]),
         },
         "service": Duration.parse(profile["service"]),
-        "cpi": parse_rational(str(text["cpi"])),
+        "cpi": format_rational(parse_rational(str(text["cpi"]))),
         "latency": Duration.parse(text["latency"]),
         "stack": parse_size(text["stack"]),
         "finisher": _address(text["finisher"]) or "",

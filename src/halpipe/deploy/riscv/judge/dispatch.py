@@ -58,12 +58,14 @@ def measured(run: Run, program: Program, model: TaskModel, played: Sequence[Play
     site, zero = run.site, run.zero
     starts = [int(table.start / site.tick) for table in played]
     others = sorted(_unrecorded(site, tables, played, starts))
+    # Who waits for a late transfer looks again and again, between the operations of others.
+    polling = {woken for entry, (_, woken) in zip(records, seen, strict=True) if _is_held(entry)}
     worst, at = Fraction(0), 0
     since = first = extra = 0
     is_waiting = False
     for i, (entry, (now, woken)) in enumerate(zip(records, seen, strict=True)):
         if woken != since:
-            since, first, extra, is_waiting = woken, i, 0, False
+            since, first, extra, is_waiting = woken, i, 0, woken in polling
         if i == 0 or entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts):
             extra += 1  # a part of the operation that is recorded next, or before
             continue
@@ -86,10 +88,12 @@ def _due(tables: Tables, record: Record, starts: Sequence[int]) -> tuple[int, in
     return starts[record.cycle] + tables.releases(record.table)[record.release] + at, order
 
 
+def _is_held(record: Record) -> bool:
+    return record.kind == Kind.COPY and bool(record.flags & Flag.LATE)
+
+
 def _waits(tables: Tables, record: Record, due: int) -> bool:
     """Whether the core may have waited for another transfer before this one: that is no work of its own."""
-    if record.kind == Kind.COPY and record.flags & Flag.LATE:
-        return True
     if record.kind != Kind.COPY or record.operation == 0 or record.time <= due:
         return False
     return tables.operations(record.program)[record.operation - 1].kind == Kind.COPY
