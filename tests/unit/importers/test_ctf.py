@@ -65,7 +65,6 @@ def test_metadata_in_packets(tmp_path):
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b'\x1e{"type":"preamble"}', "CTF 2"),
         (packed("trace { };")[:45], "cut off"),
         (packed("trace { };")[:20], "cut off"),
         (b"\xff\xfe\x00", "no text"),
@@ -347,3 +346,13 @@ def test_events_after_the_end_of_a_packet_as_old_tracers_wrote_them(tmp_path, mi
     tracer = f'env {{ tracer_name = "lttng-ust"; tracer_major = 2; tracer_minor = {minor}; }};'
     _, damage = damaged(tmp_path, put(0, end=19), tracer)
     assert len(damage.broken) == broken
+
+
+@pytest.mark.parametrize("kind", ["struct", "variant"])
+def test_types_that_double_with_each_level_are_refused(kind):
+    text = f"/* CTF 1.8 */ trace {{ byte_order = le; }};\n{kind} s0 {{ integer {{ size = 8; }} a; }};\n"
+    tag = "" if kind == "struct" else "<t>"
+    for level in range(1, 39):
+        text += f"{kind} s{level} {{ {kind} s{level - 1} {tag} a; {kind} s{level - 1} {tag} b[2]; }};\n"
+    with pytest.raises(CtfError, match="more than 10000 fields"):
+        parse(text)

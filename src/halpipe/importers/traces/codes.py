@@ -37,9 +37,9 @@ LEFT_OUT = note(
 NO_CTF = error(
     "HAL1126",
     "Directory is no trace that can be read",
-    "A trace of LTTng is a directory with a file called metadata in it or below it, in CTF 1.8. LTTng writes CTF 2 by "
-    "default since 2.15, unless the session is created with `--trace-format=ctf-1.8`; such a trace has to be recorded "
-    "again, since babeltrace2 does not convert CTF 2 to CTF 1.8.",
+    "A trace of LTTng is a directory with a file called metadata in it or below it, in CTF 1.8, or in CTF 2 without "
+    "optional fields and integers of variable length. LTTng 2.15 records in CTF 1.8 after "
+    "`lttng create --trace-format=ctf-1.8`.",
 )
 CUT_OFF = warning(
     "HAL1127",

@@ -79,7 +79,7 @@ def read_ros_trace(root: str, findings: Findings) -> RosTrace:
             join.take(event)
     except (CtfError, OSError) as failure:
         text = str(failure) if isinstance(failure, CtfError) else failure.strerror or "it cannot be read"
-        help = "name the directory of a trace in CTF 1.8; from LTTng 2.15 on: `lttng create --trace-format=ctf-1.8`"
+        help = "name the directory that lttng or `ros2 trace` wrote"
         raise HalpipeError(codes.NO_CTF(text, at=Location(root), help=help)) from None
     trace = join.result(damage)
     _report(trace, join, damage, findings)

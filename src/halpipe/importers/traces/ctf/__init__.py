@@ -1,6 +1,7 @@
-"""A reader of CTF 1.8, the Common Trace Format, as LTTng writes it for user space and kernel.
+"""Reader of CTF, the Common Trace Format, 1.8 and 2.
 
-`metadata` reads the declarations, `decoding` compiles them, `streams` walks the packets.
+`metadata` reads the declarations of CTF 1.8 and `fragments` those of CTF 2, `decoding` compiles them, `streams` reads
+the packets.
 """
 
 from halpipe.importers.traces.ctf.streams import METADATA, Damage, Event, events, folders

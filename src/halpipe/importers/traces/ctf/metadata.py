@@ -1,4 +1,4 @@
-"""Reads the metadata of CTF 1.8: the TSDL text, in packets or plain, and the declarations in it."""
+"""Metadata of CTF 1.8: the TSDL text, in packets or plain, and the declarations in it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ MAGIC = 0x75D11D57
 _HEADER = 37
 """Bytes before the text of a packet: magic, UUID, checksum, two sizes in bits, three schemes, version."""
 _MOST_BYTES = 64 * 2**20
-_MOST_LEVELS = 40
-_LONGEST_ARRAY = 2**24
+MOST_LEVELS = 40
+LONGEST_ARRAY = 2**24
+MOST_FIELDS = 10_000
+"""Fields of a type with those of its types, which double with each level where a type has two of another."""
 _TOKEN = re.compile(
     r"/\*.*?\*/|//[^\n]*"
     r'|"(?P<text>(?:\\.|[^"\\])*)"'
@@ -27,11 +29,9 @@ _ORDERS = {"be": ">", "network": ">", "le": "<"}
 
 
 def text_of(raw: bytes) -> str:
-    """Return the TSDL text; raise `CtfError` if it is none."""
+    """Return the text of the metadata, of CTF 2 too; raise `CtfError` if it is none."""
     if len(raw) > _MOST_BYTES:
         raise CtfError(f"the metadata has {len(raw)} bytes, more than {_MOST_BYTES}")
-    if raw[:2] == b"\x1e{":
-        raise CtfError("the trace is in CTF 2, which LTTng writes by default since 2.15")
     for order in "<>":
         if len(raw) >= 4 and struct.unpack_from(order + "I", raw)[0] == MAGIC:
             raw = b"".join(_packets(raw, order))
@@ -87,6 +87,8 @@ class _Parser:
         self.found = Metadata(order)
         self._types: dict[str, Type] = {}
         self._tokens: list[tuple[str, str | int, int]] = []
+        self._weights: dict[int, int] = {}
+        self._weighed: list[Type] = []
         self._at = 0
         self._level = 0
         line, position = 1, 0
@@ -191,8 +193,8 @@ class _Parser:
 
     def _type(self) -> Type:
         self._level += 1
-        if self._level > _MOST_LEVELS:
-            raise CtfError(f"line {self.line} of the metadata nests deeper than {_MOST_LEVELS}")
+        if self._level > MOST_LEVELS:
+            raise CtfError(f"line {self.line} of the metadata nests deeper than {MOST_LEVELS}")
         try:
             return self._any_type()
         finally:
@@ -226,7 +228,7 @@ class _Parser:
         size = int(stated["size"])
         return Int(
             size,
-            _power_of_two(int(stated.get("align", 8 if size % 8 == 0 else 1))),
+            power_of_two(int(stated.get("align", 8 if size % 8 == 0 else 1))),
             str(stated.get("signed", 0)).lower() in ("1", "true"),
             self._order(stated),
             str(stated.get("encoding", "none")).lower() in ("utf8", "ascii"),
@@ -242,7 +244,10 @@ class _Parser:
             base = self._type()
         if self._peek() != "{":
             known = self._types[f"{word} {name}"]
-            return Variant(tag, known.choices) if tag is not None and isinstance(known, Variant) else known
+            if tag is not None and isinstance(known, Variant):
+                known = Variant(tag, known.choices)
+                self._weigh(known, known.choices)
+            return known
         type: Type
         if word == "enum":
             type = self._enumeration(base)
@@ -252,12 +257,25 @@ class _Parser:
             if self._peek() == "align":
                 self._next()
                 self._want("(")
-                align = _power_of_two(int(self._next()))
+                align = power_of_two(int(self._next()))
                 self._want(")")
             type = Struct(fields, align) if word == "struct" else Variant(tag or "", fields)
+            self._weigh(type, fields)
         if name:
             self._types[f"{word} {name}"] = type
         return type
+
+    def _weigh(self, type: Struct | Variant, fields: tuple[tuple[str, Type], ...]) -> None:
+        """Refuse types of types that double with each level: all their fields are compiled."""
+        weight = 1
+        for _, inner in fields:
+            while isinstance(inner, Array):
+                inner = inner.element
+            weight += self._weights.get(id(inner), 1)
+        if weight > MOST_FIELDS:
+            raise CtfError(f"line {self.line} of the metadata has a type of more than {MOST_FIELDS} fields")
+        self._weights[id(type)] = weight
+        self._weighed.append(type)  # so that no other type gets its id
 
     def _reference(self, start: str, end: str) -> str:
         """Return the last name of a reference such as ``<stream.event.header.id>``."""
@@ -303,7 +321,7 @@ class _Parser:
                     self._next()
                     length = int(self._next())
                     self._want("]")
-                    if not 0 <= length <= _LONGEST_ARRAY:
+                    if not 0 <= length <= LONGEST_ARRAY:
                         raise CtfError(f"line {self.line} of the metadata has an array of {length} elements")
                     type = Array(type, length)
                 else:
@@ -314,7 +332,8 @@ class _Parser:
         return tuple(found)
 
 
-def _power_of_two(align: int) -> int:
+def power_of_two(align: int) -> int:
+    """Return an alignment in bits; raise `CtfError` if it is none."""
     if align < 1 or align > 2**16 or align & (align - 1):
         raise CtfError(f"an alignment of {align} bits is none")
     return align

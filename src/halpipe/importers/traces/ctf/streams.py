@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from halpipe.core.files import folders_with, mapped, plain_files, read_bytes
 from halpipe.importers.traces.ctf.decoding import Decoder, decoder, field_name
+from halpipe.importers.traces.ctf.fragments import SEPARATOR, parse_fragments
 from halpipe.importers.traces.ctf.metadata import MAGIC as METADATA_MAGIC
 from halpipe.importers.traces.ctf.metadata import Metadata, parse, text_of
 from halpipe.importers.traces.ctf.types import CtfError, Enum, Int, Struct, Type, Variant, alignment
@@ -83,7 +84,7 @@ class _Stream:
         self._decoders: dict[int, tuple[str, Decoder | None, Decoder | None, Decoder | None]] = {}
         header = stated.get("event.header", Struct(()))
         self.align = max(8, alignment(header)) // 8
-        self.head = _lttng(header, meta.order) or _general(header)
+        self.head = _lttng(header) or _general(header)
 
     def of(self, id: int) -> tuple[str, Decoder | None, Decoder | None, Decoder | None]:
         """Return name and decoders of a class of events, made when the first one occurs: most never do."""
@@ -97,7 +98,7 @@ class _Stream:
         return self._decoders[id]
 
 
-def _lttng(header: Struct, order: str) -> Head | None:
+def _lttng(header: Struct) -> Head | None:
     """Return what reads LTTng's headers, compact (5 bits and 27) or large (16 and 32); None for any other.
 
     They have a way of their own since most traces have them, and the compact one has bit fields.
@@ -111,8 +112,8 @@ def _lttng(header: Struct, order: str) -> Head | None:
     if {*choices} != {"compact", "extended"} or not any(low <= last <= high for low, high, _ in id.ranges):
         return None
     shorter, longer = (max(8, alignment(choices[name])) // 8 for name in ("compact", "extended"))
-    u16, u32, u64 = (struct.Struct(order + code).unpack_from for code in "HIQ")
-    little = order == "<"
+    u16, u32, u64 = (struct.Struct(id.base.order + code).unpack_from for code in "HIQ")
+    little = id.base.order == "<"
 
     def head(data: bytes, at: int, now: int) -> tuple[int, int, int]:
         if is_compact:
@@ -173,7 +174,8 @@ class _Trace:
     def __init__(self, folder: str, damage: Damage) -> None:
         self._folder = folder
         self._damage = damage
-        meta = parse(text_of(read_bytes(os.path.join(folder, METADATA))))
+        text = text_of(read_bytes(os.path.join(folder, METADATA)))
+        meta = parse_fragments(text) if text.startswith(SEPARATOR) else parse(text)
         try:
             self._take(meta)
         except CtfError:

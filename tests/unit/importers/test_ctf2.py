@@ -1,0 +1,231 @@
+"""Metadata of CTF 2: the same streams give the same events as with that of CTF 1.8."""
+
+import json
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ctf_writer import Trace, ros_trace
+from halpipe.core.diagnostics import Findings
+from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+from halpipe.importers.traces.ctf.fragments import parse_fragments
+from halpipe.importers.traces.ctf.types import Array, Float, Int, String, Struct
+from halpipe.importers.traces.ros2 import read_ros_trace
+from profiles import examples
+
+
+def fragments_of(trace):
+    """What CTF2-SPEC-2.0 declares for the streams that `ctf_writer` writes."""
+    order = "little-endian" if trace.mark == "<" else "big-endian"
+
+    def number(size, align=8, *roles):
+        kind = "fixed-length-unsigned-integer"
+        stated = {"type": kind, "length": size, "alignment": align, "byte-order": order}
+        return stated | ({"roles": list(roles)} if roles else {})
+
+    def structure(align=1, **members):
+        classes = [{"name": name, "field-class": stated} for name, stated in members.items()]
+        return {"type": "structure", "minimum-alignment": align, "member-classes": classes}
+
+    clock = "default-clock-timestamp"
+    bits, last, low = (16, 65535, number(32, 8, clock)) if trace.header == "large" else (5, 31, number(27, 1, clock))
+    long = structure(id=number(32, 8, "event-record-class-id"), timestamp=number(64, 8, clock))
+    choice = {
+        "type": "variant",
+        "selector-field-location": {"origin": "event-record-header", "path": ["id"]},
+        "options": [
+            {"name": "compact", "field-class": structure(timestamp=low), "selector-field-ranges": [[0, last - 1]]},
+            {"name": "extended", "field-class": long, "selector-field-ranges": [[last, last]]},
+        ],
+    }
+    of_packet = structure(
+        begin=number(64, 8, clock),
+        end=number(64, 8, "packet-end-default-clock-timestamp"),
+        content=number(64, 8, "packet-content-length"),
+        total=number(64, 8, "packet-total-length"),
+        lost=number(64, 8, "discarded-event-record-counter-snapshot"),
+        cpu_id=number(32),
+    )
+    types = {"u64": "u64", "u32": number(32), "str": {"type": "null-terminated-string"}}
+    return [
+        {"type": "preamble", "version": 2},
+        {"type": "field-class-alias", "name": "u64", "field-class": number(64)},
+        {
+            "type": "clock-class",
+            "id": "monotonic",
+            "frequency": 10**9,
+            "offset-from-origin": {"seconds": 0, "cycles": trace.offset},
+        },
+        {
+            "type": "trace-class",
+            "environment": {"tracer_name": "lttng-ust", "tracer_major": 2, "tracer_minor": 15},
+            "packet-header-field-class": structure(
+                first=number(32, 8, "packet-magic-number"), second=number(32, 8, "data-stream-class-id")
+            ),
+        },
+        {
+            "type": "data-stream-class",
+            "id": 0,
+            "default-clock-class-id": "monotonic",
+            "packet-context-field-class": of_packet,
+            "event-record-header-field-class": structure(8, id=number(bits, 8 if bits == 16 else 1), v=choice),
+            "event-record-common-context-field-class": structure(vpid=number(32), vtid=number(32)),
+        },
+        *(
+            {
+                "type": "event-record-class",
+                "id": id,
+                "data-stream-class-id": 0,
+                "name": name,
+                "payload-field-class": structure(**{field: types[kind] for field, kind in fields.items()}),
+            }
+            for name, (id, fields) in trace.classes.items()
+        ),
+    ]
+
+
+def written(stated):
+    return "".join(f"\x1e{json.dumps(fragment)}\n" for fragment in stated)
+
+
+def all_events(folder):
+    damage = Damage()
+    return list(events(folders(str(folder)), damage)), damage
+
+
+@pytest.mark.parametrize("order", ["le", "be"])
+@pytest.mark.parametrize("header", ["large", "small"])
+@pytest.mark.parametrize("extended", [False, True])
+def test_the_events_are_those_of_ctf_1_8(tmp_path, order, header, extended):
+    trace = Trace(order, header)
+    trace.declare("a:one", number="u64", text="str", small="u32")
+    for index, time in enumerate([5, 6, 1_000, 130_000_000, 134_217_729, 260_000_000]):
+        trace.add("a:one", time, cpu=index % 2, tid=index, number=2**63 + index, text="ä" * index, small=index)
+    folder = trace.write(tmp_path, extended=extended, discarded=3)
+    before, lost = all_events(folder)
+    assert len(before) == 6
+    (folder / "metadata").write_text(written(fragments_of(trace)))
+    assert all_events(folder) == (before, lost)
+
+
+def test_a_ros_trace_in_ctf_2(tmp_path):
+    trace = ros_trace(switches=True)
+    folder = trace.write(tmp_path)
+    before = read_ros_trace(str(folder), Findings())
+    (folder / "metadata").write_text(written(fragments_of(trace)))
+    assert read_ros_trace(str(folder), Findings()) == before
+
+
+def field(stated):
+    """The type of a field of an event."""
+    payload = {"type": "structure", "member-classes": [{"name": "n", "field-class": {**NUMBER}}, stated]}
+    event = {"type": "event-record-class", "name": "e", "payload-field-class": payload}
+    (found,) = parse_fragments(written([{"type": "preamble", "version": 2}, event])).events
+    return dict(found["fields"].fields)["f"]
+
+
+NUMBER = {"type": "fixed-length-signed-integer", "length": 16, "byte-order": "big-endian"}
+LENGTH = {"origin": "event-record-payload", "path": ["n"]}
+
+
+@pytest.mark.parametrize(
+    ("stated", "type"),
+    [
+        (NUMBER, Int(16, 1, True, ">")),
+        ({"type": "fixed-length-boolean", "length": 8, "byte-order": "little-endian"}, Int(8, 1, False, "<")),
+        (
+            {"type": "fixed-length-floating-point-number", "length": 64, "alignment": 8, "byte-order": "little-endian"},
+            Float(64, 8, "<"),
+        ),
+        ({"type": "null-terminated-string"}, String()),
+        ({"type": "static-length-string", "length": 3}, Array(Int(8, 8, False, "<", text=True), 3)),
+        (
+            {"type": "dynamic-length-string", "length-field-location": LENGTH},
+            Array(Int(8, 8, False, "<", text=True), "n"),
+        ),
+        ({"type": "static-length-blob", "length": 3}, Array(Int(8, 8, False, "<"), 3)),
+        ({"type": "static-length-array", "length": 2, "element-field-class": NUMBER}, Array(Int(16, 1, True, ">"), 2)),
+        (
+            {"type": "dynamic-length-array", "length-field-location": LENGTH, "element-field-class": NUMBER},
+            Array(Int(16, 1, True, ">"), "n"),
+        ),
+        ({"type": "structure", "minimum-alignment": 32}, Struct((), 32)),
+    ],
+)
+def test_classes_of_fields(stated, type):
+    assert field({"name": "f", "field-class": stated}) == type
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"type": "variable-length-unsigned-integer"}, "variable-length-unsigned-integer"),
+        ({"type": "optional", "field-class": NUMBER}, "optional"),
+        ("unknown", "malformed"),
+        ({"type": "static-length-array", "length": 2**40, "element-field-class": NUMBER}, "elements"),
+        ({"type": "variant", "selector-field-location": {"path": ["zz"]}, "options": []}, "selector"),
+        (NUMBER | {"alignment": 3}, "alignment"),
+        (NUMBER | {"byte-order": "middle"}, "malformed"),
+    ],
+)
+def test_classes_that_are_not_read(stated, said):
+    with pytest.raises(CtfError, match=said):
+        field({"name": "f", "field-class": stated})
+
+
+def test_aliases_that_double_with_each_level_are_refused():
+    stated = [{"type": "field-class-alias", "name": "0", "field-class": {"type": "structure"}}]
+    for level in range(1, 39):
+        members = [{"name": name, "field-class": str(level - 1)} for name in "ab"]
+        twice = {"type": "structure", "member-classes": members}
+        stated.append({"type": "field-class-alias", "name": str(level), "field-class": twice})
+    stated.append({"type": "trace-class", "packet-header-field-class": "38"})
+    with pytest.raises(CtfError, match="more than 10000 fields"):
+        parse_fragments(written(stated))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\x1e{",
+        "\x1e[]",
+        '\x1e{"type":"preamble","version":3}',
+        '\x1e{"type":"field-class-alias","name":"a","field-class":"a"}\x1e{"type":"trace-class","packet-header-field-class":"a"}',
+        '\x1e{"type":"trace-class","packet-header-field-class":'
+        + '{"type":"static-length-array","length":1,"element-field-class":' * 5000
+        + "1"
+        + "}" * 5001,
+    ],
+)
+def test_fragments_that_are_none(text):
+    with pytest.raises(CtfError, match="fragment"):
+        parse_fragments(text)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    trace = ros_trace(2)
+    return trace.write(tmp_path_factory.mktemp("sound")), fragments_of(trace)
+
+
+VALUES = st.one_of(st.none(), st.integers(-3, 70), st.sampled_from(["", "u64", "structure", "path"]), st.just([]))
+
+
+@examples(200)
+@given(st.data())
+def test_damaged_fragments_are_refused_or_read(sound, data):
+    """Any value of the metadata may be another one: a `CtfError` or events come of it, and nothing else."""
+    folder, stated = sound
+    here = stated = json.loads(json.dumps(stated))
+    while True:
+        keys = list(here) if isinstance(here, dict) else range(len(here))
+        key = data.draw(st.sampled_from(list(keys)))
+        if not isinstance(here[key], dict | list) or not here[key] or data.draw(st.integers(0, 5)) == 0:
+            here[key] = data.draw(VALUES)
+            break
+        here = here[key]
+    (folder / "metadata").write_text(written(stated))
+    with suppress(CtfError):
+        all_events(folder)
