@@ -157,3 +157,21 @@ def test_several_at_once(build):
     with pytest.raises(HalpipeError) as caught:
         build(system, tables)
     assert {d.code for d in caught.value.diagnostics} == {codes.MISSING_FILE.id, codes.NO_LOAD_PHASE.id}
+
+
+@pytest.mark.parametrize(
+    ("type", "operation", "is_refused"),
+    [
+        ("uint8_t", "__atomic_fetch_add(&flag, 1, 5)", True),
+        ("uint32_t", "__sync_val_compare_and_swap(&flag, 0, 1)", True),
+        ("uint32_t", "__atomic_fetch_add(&flag, 1, 5)", False),
+    ],
+)
+def test_reservations_on_a_scratchpad_without_them(build, refusal, type, operation, is_refused):
+    text = SCALE.replace("void scale", f"static {type} flag;\nvoid scale").replace("numbers[i] * 3;", f"{operation};")
+    if not is_refused:
+        assert build(*single(), scale_c=text)
+        return
+    found = refusal(*single(), scale_c=text)
+    assert found.code == codes.NO_RESERVATIONS.id
+    assert " lr or sc, the first at 0x18210" in found.message

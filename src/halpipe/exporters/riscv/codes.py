@@ -1,4 +1,4 @@
-"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 and HAL0893."""
+"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, and HAL0980."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -137,6 +137,12 @@ INITIALISED = error(
     "Transfer variable has an initial value",
     "A variable that a transfer names is filled in read phases and by the job; what its initial value would be for is "
     "not clear, and loading it would take time in every job.",
+)
+NO_RESERVATIONS = error(
+    "HAL0980",
+    "Code reserves memory where that does not work",
+    "The data scratchpads of the target have no lr and sc (Rocket's DTIM: an access fault). Compilers make them of "
+    "atomic operations on bytes and of compare-and-swap; amoadd, amoswap and the like work.",
 )
 OVERWRITTEN = error(
     "HAL0869",

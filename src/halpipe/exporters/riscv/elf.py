@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 @record
@@ -34,6 +37,8 @@ class Elf:
 
     segments: tuple[Segment, ...]
     symbols: dict[str, Symbol]
+    reserving: tuple[int, ...] = ()
+    """Addresses of lr and sc in the code."""
 
     def address(self, name: str) -> int:
         """Return the address of a symbol that the linker script defines."""
@@ -64,4 +69,17 @@ def read_elf(data: bytes) -> Elf:
     counts = Counter(s.name for s in named)
     for symbol in named:
         symbols[symbol.name] = Symbol(symbol["st_value"], symbol["st_size"], counts[symbol.name] == 1)
-    return Elf(segments, symbols)
+    text = file.get_section_by_name(".text")
+    return Elf(segments, symbols, tuple(_reserving(text.data(), text["sh_addr"])) if text else ())
+
+
+_ATOMIC, _FUNCTIONS = 0x2F, (2, 3)  # lr and sc among the atomic operations
+
+
+def _reserving(code: bytes, base: int) -> Iterator[int]:
+    at = 0
+    while at + 2 <= len(code):
+        word = int.from_bytes(code[at : at + 4], "little")
+        if word & 0x7F == _ATOMIC and word >> 27 in _FUNCTIONS:
+            yield base + at
+        at += 4 if word & 3 == 3 else 2

@@ -18,6 +18,7 @@ from halpipe.exporters.riscv.codes import (
     MISSING_ENTRY,
     MISSING_SYMBOL,
     NAME_CLASH,
+    NO_RESERVATIONS,
     OVERWRITTEN,
     SYMBOL_TOO_SMALL,
 )
@@ -216,6 +217,10 @@ def _faults(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:
                 help = "define it as a plain global variable, without attributes"
                 message = f'"{transfer.symbol}" shares a section with other variables, and would be cleared with them'
                 yield MISSING_SYMBOL(message, at=transfer.at, path=part.path, help=help)
+    if elf.reserving and not profile.dspm.has_reservations:
+        message = f"its code has {len(elf.reserving)} lr or sc, the first at {elf.reserving[0]:#x}"
+        help = "use atomic types of 32 or 64 bits, add, and, or, xor, swap, min or max only, or no atomic operations"
+        yield NO_RESERVATIONS(message, at=source.at, path=part.path, help=help)
     yield from _overwritten(part, elf)
     yield from _capacity(part, elf, profile)
 

@@ -84,11 +84,12 @@ class Region:
 
 @record
 class Scratchpads:
-    """One memory for each core, `stride` apart."""
+    """One memory for each core, `stride` apart; `has_reservations` where lr and sc work on it."""
 
     base: int
     stride: int
     size: int
+    has_reservations: bool = True
 
     def of(self, core: int) -> Region:
         """Return the memory of application core `core`, counted from 0."""
@@ -223,12 +224,15 @@ def _profile(name: str, f: Fields) -> Profile:
 
 
 def _scratchpads(f: Fields, key: str) -> Scratchpads:
-    section = f.section(key, ("base", "stride", "size"), key)
+    section = f.section(key, ("base", "stride", "size", "lr-sc"), key)
     if section is None:
         return Scratchpads(0, 0, 0)
     section.require("base", "stride", "size")
     return Scratchpads(
-        section.value("base", _address, 0), section.value("stride", _address, 0), section.value("size", _size, 0)
+        section.value("base", _address, 0),
+        section.value("stride", _address, 0),
+        section.value("size", _size, 0),
+        section.value("lr-sc", Words("yes", "no"), "yes") == "yes",
     )
 
 
