@@ -39,6 +39,18 @@ def test_what_only_developers_need_is_left_out():
     assert not names & {"pytest", "mypy", "ruff", "sphinx", "hypothesis", "hatchling"}
 
 
+def test_what_is_not_installed_is_in_no_list(monkeypatch):
+    def without(name):
+        if name == "markupsafe":
+            raise bills.PackageNotFoundError(name)
+        return distribution(name)
+
+    distribution = bills.distribution
+    assert "markupsafe" in json.dumps(made())
+    monkeypatch.setattr(bills, "distribution", without)
+    assert "markupsafe" not in json.dumps(made())
+
+
 def test_every_component_is_needed_by_halpipe():
     bill = made()
     graph = {entry["ref"]: entry["dependsOn"] for entry in bill["dependencies"]}
