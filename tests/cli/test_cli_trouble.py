@@ -78,7 +78,7 @@ def is_searching(process, folder):
         return (folder / "s.resume").exists()
 
 
-@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_saves_the_best_so_far(folder, wait_until, signum):
     search = subprocess.Popen(
         [sys.executable, "-m", "halpipe", "schedule", "hopeless.xml", "--budget", "1000000000", "-o", "s.xml"],

@@ -46,8 +46,10 @@ def _interrupt_on_termination() -> None:
     """Let a request to end be what Ctrl-C is, so that nothing half done is left behind."""
     import signal
 
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no terminals that hang up
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _leave_when_interrupted(code: int) -> None:
@@ -57,8 +59,9 @@ def _leave_when_interrupted(code: int) -> None:
     def leave(*_: Any) -> None:
         os._exit(code)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, leave)
 
 

@@ -1,4 +1,4 @@
-"""Stop requests for a search: Ctrl-C, a termination signal, or the time limit."""
+"""Stop requests for a search: Ctrl-C, a termination signal, a closed terminal, or the time limit."""
 
 from __future__ import annotations
 
@@ -28,8 +28,11 @@ class Stop:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Hear of Ctrl-C, and of the request to end."""
-        before = [(number, signal.signal(number, self._press)) for number in (signal.SIGINT, signal.SIGTERM)]
+        """Take Ctrl-C, the request to end, and the end of the terminal, unless that is ignored (nohup)."""
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        before = [(number, signal.signal(number, self._press)) for number in numbers]
         try:
             yield
         finally:
