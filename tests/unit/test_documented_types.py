@@ -19,7 +19,8 @@ ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "examples").rglob("*.md"))]
 NOTEBOOKS = sorted((ROOT / "examples").rglob("*.ipynb"))
-PYRIGHT = next(filter(None, map(shutil.which, ("pyright", "basedpyright"))), None)
+# Beside this Python, which need not be the one on the PATH.
+PYRIGHT = shutil.which("basedpyright", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
 HEAD = "from halpipe.models import Access, Mode, Run, Split, Task, Version\n"
 WRONG = {
     'Task(name="t", period=5)': "a number without a unit",
