@@ -10,8 +10,7 @@ import pytest
 
 from amalthea_simulation import broken, document, random_system
 from halpipe.core.durations import least_common_multiple
-from halpipe.importers.amalthea import FORMAT
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions
 from halpipe.models import Job, ModeSchedule, Schedule, Status
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions

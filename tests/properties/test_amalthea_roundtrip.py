@@ -17,8 +17,7 @@ from halpipe.exporters.amalthea import FORMAT as OUT
 from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
 from halpipe.exporters.native import format_model
 from halpipe.importers.amalthea import FORMAT as IN
-from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import AmaltheaImportOptions, codes
 from halpipe.importers.native import parse_model
 from profiles import examples
 

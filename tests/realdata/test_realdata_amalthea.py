@@ -13,8 +13,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.amalthea import FORMAT as OUT
 from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
-from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions, codes
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions

@@ -14,7 +14,7 @@ from halpipe.exporters.amalthea.codes import DANGLING_NAME
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE
 from halpipe.importers.amalthea import FORMAT as IN
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import AmaltheaImportOptions
 from halpipe.models import Anchor, Chain, ModeSchedule, Precedence, Resource, ResourceKind, Status
 from halpipe.models.modes import UNKNOWN_MODE
 from stated_options import stated

@@ -13,7 +13,7 @@ from halpipe.exporters.riscv.splitting import check_splits
 from halpipe.exporters.ros import FORMAT as ROS
 from halpipe.exporters.ros import RosOptions
 from halpipe.importers.amalthea import FORMAT as IMPORTER
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import AmaltheaImportOptions
 from halpipe.models import Split
 from halpipe.pipeline.verify import verify
 from support import job, version

@@ -1,10 +1,8 @@
 """Import of AMALTHEA models (Eclipse APP4MC .amxmi), from ITEA 1.1.0 to APP4MC 3.3.0.
 
-The steps, each in its own module: `sniff` tells files apart; `xmi` makes one forest of items of them, in which
-references can be followed; `hardware`, `modes`, `graph` with `values`, `stimuli`, `mapping`, `memory` and `locks` read
-what items say; `parts` with `triggers` makes drafts of tasks; `entities`, `timing` and `chains` read constraints;
-`versions`, `tasks` and `build` make the task model; `modefiles` puts models of single modes together; `embedded` reads
-the native model of halpipe's own export; `account` accounts for every element, by the lists of `meaning`.
+The steps, each in its own module: `documents` reads files; `xmi` makes one forest of items, in which references can be
+followed; `modes`, `hardware`, `mapping` and `graph` read items; `stimuli` and `parts` make drafts of tasks; `timing`
+and `chains` read constraints; `versions`, `tasks` and `build` make the task model; `account` counts every element.
 """
 
 from __future__ import annotations
@@ -12,13 +10,34 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import specific
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.core.options import option, specific
+from halpipe.core.records import record
+from halpipe.core.settings import Words
+from halpipe.importers.common.base import PiecesOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.importers.common.base import Imported, ImportOptions
+
+STATISTICS = ("upper", "average", "lower")
+
+
+@record(kw_only=True)
+class AmaltheaImportOptions(PiecesOptions):
+    """Readings of what AMALTHEA leaves open: statistics of execution times, times of accesses, mappings."""
+
+    wcet: str = option(
+        "upper", "The WCET is the upper, average or lower of a stated execution time.", Words(*STATISTICS)
+    )
+    memory: str = option(
+        "within",
+        "Accesses to memory are within the stated time, added to it, or none.",
+        Words("within", "added", "none"),
+    )
+    mapping: str = option(
+        "stated", "Tasks run where the mapping is stated, or free on all units.", Words("stated", "free")
+    )
 
 
 class AmaltheaFormat:

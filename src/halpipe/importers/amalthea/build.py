@@ -9,24 +9,16 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.account import account
-from halpipe.importers.amalthea.embedded import read_embedded
+from halpipe.importers.amalthea.documents import is_list, load, merge, read_embedded, read_list
 from halpipe.importers.amalthea.graph import Evaluator
-from halpipe.importers.amalthea.hardware import read_hardware
-from halpipe.importers.amalthea.interrupts import interrupts_of
-from halpipe.importers.amalthea.locks import Locks
-from halpipe.importers.amalthea.mapping import Mapping
-from halpipe.importers.amalthea.memory import Memories
-from halpipe.importers.amalthea.modefiles import is_list, merge, read_list
+from halpipe.importers.amalthea.hardware import Memories, read_hardware
+from halpipe.importers.amalthea.mapping import Allocations, interrupts_of
 from halpipe.importers.amalthea.modes import DEFAULT, read_modes
-from halpipe.importers.amalthea.names import Names, few, legal
 from halpipe.importers.amalthea.parts import make_drafts
-from halpipe.importers.amalthea.reactions import Reactions
-from halpipe.importers.amalthea.sniff import load
-from halpipe.importers.amalthea.splitting import Splitter
 from halpipe.importers.amalthea.tasks import TaskBuilder
-from halpipe.importers.amalthea.timing import reactions_of, read_timing
-from halpipe.importers.amalthea.versions import UNIT, VersionMaker
-from halpipe.importers.amalthea.xmi import Forest
+from halpipe.importers.amalthea.timing import Reactions, reactions_of, read_timing
+from halpipe.importers.amalthea.versions import UNIT, Locks, Splitter, VersionMaker
+from halpipe.importers.amalthea.xmi import Forest, Names, few, legal
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.models import Mode, Origin, Resource, ResourceKind, Run, TaskModel, Unit
 
@@ -34,9 +26,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.importers.amalthea import AmaltheaImportOptions
     from halpipe.importers.amalthea.hardware import Hardware
     from halpipe.importers.amalthea.modes import SystemMode
-    from halpipe.importers.amalthea.options import AmaltheaImportOptions
     from halpipe.importers.amalthea.parts import Drafts
     from halpipe.importers.amalthea.tasks import Built
     from halpipe.importers.amalthea.xmi import Item
@@ -108,7 +100,7 @@ def _model(
     makers = VersionMaker(
         forest, evaluator, memories, units, modes=modes, memory=options.memory, splitter=splitter, locks=locks
     )
-    mapping = Mapping(forest) if options.mapping == "stated" else None
+    mapping = Allocations(forest) if options.mapping == "stated" else None
     timing = read_timing(forest, drafts)
     builder = TaskBuilder(
         forest, hardware, units, mapping=mapping, versions=makers, memories=memories, coverage=coverage

@@ -14,8 +14,7 @@ from urllib.parse import unquote_plus
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.names import Names
-from halpipe.importers.amalthea.properties import ROLE, text_of
+from halpipe.importers.amalthea.xmi import ROLE, Names, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

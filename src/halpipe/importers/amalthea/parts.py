@@ -14,10 +14,9 @@ from halpipe.core.files import TOO_MUCH
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import GROUPS, everything, is_uninterrupted, steps
-from halpipe.importers.amalthea.interrupts import is_interrupt
-from halpipe.importers.amalthea.names import Names
-from halpipe.importers.amalthea.stimuli import TRIGGERED, Activation, activations_of
-from halpipe.importers.amalthea.triggers import MOST, Count, Triggers, thinned
+from halpipe.importers.amalthea.mapping import is_interrupt
+from halpipe.importers.amalthea.stimuli import MOST, TRIGGERED, Activation, Count, Triggers, activations_of, thinned
+from halpipe.importers.amalthea.xmi import Names
 from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:

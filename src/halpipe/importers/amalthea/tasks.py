@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import everything
-from halpipe.importers.amalthea.names import legal
-from halpipe.importers.amalthea.splitting import preemption_of
 from halpipe.importers.amalthea.timing import Window
+from halpipe.importers.amalthea.versions import preemption_of
+from halpipe.importers.amalthea.xmi import legal
 from halpipe.models import Anchor, Binding, Chain, Match, Origin, Precedence, Task
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping as Map
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from halpipe.importers.amalthea.hardware import Hardware, Pu
-    from halpipe.importers.amalthea.mapping import Mapping
-    from halpipe.importers.amalthea.memory import Memories
+    from halpipe.importers.amalthea.hardware import Hardware, Memories, Pu
+    from halpipe.importers.amalthea.mapping import Allocations
     from halpipe.importers.amalthea.parts import Draft, Drafts, Part
     from halpipe.importers.amalthea.timing import Timing
     from halpipe.importers.amalthea.versions import VersionMaker
@@ -39,7 +37,7 @@ class Built:
 
     tasks: tuple[Task, ...]
     chains: tuple[Chain, ...]
-    by_mode: dict[str, Map[str, Sequence[str]]]
+    by_mode: dict[str, Mapping[str, Sequence[str]]]
     resources: list[str]
 
 
@@ -55,7 +53,7 @@ class _Limits:
 class _State:
     versions: dict[Draft, tuple[Version, ...]] = field(default_factory=dict)
     runnables: dict[Item, tuple[Draft, int]] = field(default_factory=dict)
-    by_mode: dict[str, Map[str, Sequence[str]]] = field(default_factory=dict)
+    by_mode: dict[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
     resources: dict[str, None] = field(default_factory=dict)
     unbound: list[Item] = field(default_factory=list)
 
@@ -67,9 +65,9 @@ class TaskBuilder:
         self,
         forest: Forest,
         hardware: Hardware,
-        units: Map[Item, str],
+        units: Mapping[Item, str],
         *,
-        mapping: Mapping | None,
+        mapping: Allocations | None,
         versions: VersionMaker,
         memories: Memories,
         coverage: Coverage,
@@ -82,7 +80,7 @@ class TaskBuilder:
         self._untimed: list[Item] = []
         self._spare: dict[Draft, Duration] = {}
         """How long after its trigger a task that waits starts."""
-        self._parts: Map[Item, Sequence[Part]] = {}
+        self._parts: Mapping[Item, Sequence[Part]] = {}
         self._state = _State()
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
@@ -284,7 +282,7 @@ class TaskBuilder:
             self._coverage.defaulted(f'task "{draft.name}"', "logical execution time", "all accesses are timed", at)
         return period if deadline is None else min(period, deadline)
 
-    def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
+    def _task(self, draft: Draft, limits: _Limits, windows: Mapping[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
         versions = tuple(
             self._with(version, index, draft, windows[draft])

@@ -1,30 +1,238 @@
-"""Versions of tasks: one for each kind of unit that may run the task, and for each amount of work that modes choose."""
+"""Versions of tasks: one for each kind of unit that may run the task, and for each amount of work that modes choose.
+
+Semaphores are locks of a version (MODEL 10.5), at positions in cycles of stated execution time. Where a branch or loop
+decides when a semaphore is held, the whole branch or loop holds it. Preemption points follow from the `preemption`
+attribute and the ends of the runnables that a task calls.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO, seconds
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.hardware import Pu
-from halpipe.importers.amalthea.memory import length_of, placed
-from halpipe.importers.amalthea.names import legal
-from halpipe.models import WHOLE, Access, AccessKind, Version
+from halpipe.importers.amalthea.graph import CALLS, GROUPS, SWITCHES, everything, steps
+from halpipe.importers.amalthea.hardware import Pu, length_of, placed
+from halpipe.importers.amalthea.xmi import Names, legal
+from halpipe.importers.common.pieces import cuts
+from halpipe.models import WHOLE, Access, AccessKind, Split, Version
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from fractions import Fraction
 
-    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Amount, Evaluator
-    from halpipe.importers.amalthea.locks import Locks
-    from halpipe.importers.amalthea.memory import Memories
+    from halpipe.importers.amalthea.hardware import Memories, Phase
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.parts import Draft, Trigger
-    from halpipe.importers.amalthea.splitting import Splitter
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.models import Split
+
+_ACCESS = "SemaphoreAccess"
+_MOST_STEPS = 10_000
+"""Steps with semaphores that are followed one by one; what comes after them holds its semaphores as a whole."""
+
+
+@record
+class Held:
+    """A semaphore that is held from `begin` to `end`, in cycles."""
+
+    semaphore: Item
+    begin: Fraction
+    end: Fraction
+
+
+class Locks:
+    """Finds what versions hold; reports semaphores that several jobs may hold, and those that a job does not return."""
+
+    def __init__(self, forest: Forest, evaluator: Evaluator, taken: Sequence[str]) -> None:
+        self._forest = forest
+        self._evaluator = evaluator
+        self._names = Names(forest.findings)
+        for name in taken:
+            self._names.reserve(name)
+        self.names: dict[Item, str] = {}
+        self._shared: dict[Item, None] = {}
+        self._unpaired: dict[Item, None] = {}
+
+    def name(self, semaphore: Item) -> str:
+        """Return the name of a semaphore as a resource."""
+        if semaphore not in self.names:
+            self.names[semaphore] = self._names.unique(semaphore.name, "semaphore", semaphore.at)
+        return self.names[semaphore]
+
+    def held(self, draft: Draft, mode: SystemMode, unit: Pu) -> list[Held]:
+        """Return what a job of a draft holds, each semaphore once for each time."""
+        walk = _Walk(self._forest, self._evaluator, mode, unit)
+        walk.through(draft.part.steps)
+        for step, semaphore in walk.open.values():
+            self._unpaired[step] = None
+            walk.found.append(Held(semaphore, walk.begins[semaphore], walk.at))
+        for step in walk.unpaired:
+            self._unpaired[step] = None
+        return self._merged([held for held in walk.found if self._is_lock(held.semaphore)])
+
+    def _is_lock(self, semaphore: Item) -> bool:
+        most = self._forest.number(semaphore, "maxValue")
+        if most is not None and most > 1:
+            self._shared[semaphore] = None
+            return False
+        return True
+
+    def _merged(self, found: Sequence[Held]) -> list[Held]:
+        kept: list[Held] = []
+        for held in sorted(found, key=lambda h: (self.name(h.semaphore), h.begin, h.end)):
+            held.semaphore.use()
+            last = kept[-1] if kept else None
+            if last is not None and last.semaphore is held.semaphore and held.begin <= last.end:
+                kept[-1] = Held(held.semaphore, last.begin, max(last.end, held.end))
+            elif held.begin < held.end:
+                kept.append(held)
+        return kept
+
+    def report(self) -> None:
+        """Report what a lock does not say."""
+        help = "state in an overlay which tasks exclude each other"
+        what = "semaphores may be held several times, so they exclude nothing"
+        self._forest.report_each(codes.NOT_READ, what, list(self._shared), help)
+        help = "request and release a semaphore in one task, between its waits"
+        what = "requests and releases of semaphores have no counterpart in their job"
+        self._forest.report_each(codes.NOT_READ, what, list(self._unpaired), help)
+
+
+class _Walk:
+    """One way through a job: the position, and what is held there."""
+
+    def __init__(self, forest: Forest, evaluator: Evaluator, mode: SystemMode, unit: Pu) -> None:
+        self._forest = forest
+        self._evaluator = evaluator
+        self._mode = mode
+        self._unit = unit
+        self.at = evaluator.amount((), mode, unit).cycles
+        self.begins: dict[Item, Fraction] = {}
+        self.open: dict[Item, tuple[Item, Item]] = {}
+        self.found: list[Held] = []
+        self.unpaired: list[Item] = []
+        self._left = _MOST_STEPS
+
+    def through(self, found: Sequence[Item]) -> None:
+        for step in found:
+            self._left -= 1
+            if step.kind == _ACCESS:
+                self._access(step)
+            elif not any(inner.kind == _ACCESS for inner in everything(self._forest, [step])):
+                self.at += self._evaluator.amount([step], self._mode, self._unit).cycles
+            elif self._left <= 0:
+                self._whole(step)
+            elif step.kind in GROUPS and step.kind != "WhileLoop":
+                self.through(steps(step))
+            elif step.kind in CALLS and step.one("statistic") is None:
+                called = self._forest.ref(step, CALLS[step.kind])
+                if called is not None and self._evaluator.conditions(self._mode).allows(called):
+                    self.through(steps(called))
+            else:
+                self._whole(step)
+
+    def _access(self, step: Item) -> None:
+        semaphore = self._forest.ref(step, "semaphore")
+        if semaphore is None:
+            return
+        step.use_all()
+        if step.get("access") != "release":
+            self.begins.setdefault(semaphore, self.at)
+            self.open.setdefault(semaphore, (step, semaphore))
+        elif semaphore in self.open:
+            del self.open[semaphore]
+            self.found.append(Held(semaphore, self.begins.pop(semaphore), self.at))
+        else:
+            self.unpaired.append(step)
+
+    def _whole(self, step: Item) -> None:
+        begin = self.at
+        self.at += self._evaluator.amount([step], self._mode, self._unit).cycles
+        for inner in everything(self._forest, [step]):
+            semaphore = self._forest.ref(inner, "semaphore") if inner.kind == _ACCESS else None
+            if semaphore is not None:
+                inner.use_all()
+                self.found.append(Held(semaphore, begin, self.at))
+
+
+PREEMPTIVE, COOPERATIVE = "preemptive", "cooperative"
+WHOLE_RUNS = ("non_preemptive", "nonpreemptive")
+
+
+def preemption_of(task: Item) -> str:
+    """Return what a task states of its preemption, empty if nothing that is known."""
+    stated = task.get("preemption")
+    return stated if stated in (PREEMPTIVE, COOPERATIVE, *WHOLE_RUNS) else ""
+
+
+class Splitter:
+    """Finds split points; `longest` is the piece that is left of a runnable that may be preempted anywhere (0: all)."""
+
+    def __init__(self, evaluator: Evaluator, longest: Duration, *, added: bool) -> None:
+        self._evaluator = evaluator
+        self._longest = longest
+        self._added = added
+        self.cut: dict[Item, None] = {}
+        """The tasks that are cut within runnables."""
+
+    def split(
+        self,
+        draft: Draft,
+        mode: SystemMode,
+        unit: Pu,
+        phases: Sequence[Phase],
+        accesses: Sequence[Access],
+        wcet: Duration,
+    ) -> Split:
+        """Return where jobs of a draft may be interrupted: between its runnables, never inside an access phase.
+
+        A task that is preemptive is also cut inside runnables of more than the longest piece.
+        """
+        preemption = preemption_of(draft.task)
+        if preemption not in (PREEMPTIVE, COOPERATIVE):
+            return WHOLE
+        longest = self._longest if preemption == PREEMPTIVE else ZERO
+        reads = sum((phase.length for phase in phases if phase.kind is AccessKind.READ), ZERO)
+        bounds = list(self._bounds(draft, mode, unit, reads if self._added else ZERO))
+        if bounds and not self._added:
+            begin, end, is_whole = bounds[-1]
+            bounds[-1] = (begin, max(wcet, end), is_whole)  # accesses may take longer than what is stated
+        points: set[Duration] = set()
+        for begin, end, is_whole in bounds:
+            points.add(end)
+            inner = set(cuts(ZERO if is_whole else longest, begin, end, draft.task.name, draft.task.at))
+            if any(_is_allowed(point, wcet, accesses) for point in inner):
+                self.cut[draft.task] = None
+            points |= inner
+        kept = sorted(point for point in points if _is_allowed(point, wcet, accesses))
+        return Split(points=tuple(kept)) if kept else WHOLE
+
+    def _bounds(
+        self, draft: Draft, mode: SystemMode, unit: Pu, at: Duration
+    ) -> Iterator[tuple[Duration, Duration, bool]]:
+        """Yield begin and end of every runnable, each with what stands before it outside of runnables.
+
+        Groups that may not be interrupted count as one runnable, and are whole; so is a runnable that contains one.
+        """
+        assert unit.frequency
+        begin, is_whole = at, False
+        for step in draft.part.steps:
+            at += seconds(self._evaluator.amount([step], mode, unit).cycles / unit.frequency)
+            is_whole = is_whole or self._evaluator.is_whole(step)
+            if step.kind in CALLS or step.kind in SWITCHES or step.kind in GROUPS or step.kind == "SchedulePoint":
+                if at > begin:
+                    yield begin, at, is_whole
+                begin, is_whole = at, False
+        if at > begin:
+            yield begin, at, is_whole
+
+
+def _is_allowed(point: Duration, wcet: Duration, accesses: Sequence[Access]) -> bool:
+    return ZERO < point < wcet and not any(access.start < point < access.end for access in accesses)
+
 
 UNIT = "core0"
 VERSION = "default"

@@ -1,11 +1,13 @@
-"""All files as one forest of items: every element with its class, its place and its references, by name or by id.
+"""All files as one forest of items: every element with its class, its place, its references and its quantities.
 
 References are ``encoded+name?type=Class`` (several, blank-separated), opaque ids (ITEA), or child elements with an
-``href`` (to other files, whatever their name). All are looked up in all files together.
+``href`` (to other files, whatever their name). All are looked up in all files together. Quantities are a number, an
+integer or a Java double (``2.0``, ``1.0E8``), and a unit; one that is left out has the default of older versions.
 """
 
 from __future__ import annotations
 
+import re
 from fractions import Fraction
 from typing import TYPE_CHECKING
 from urllib.parse import unquote_plus
@@ -15,8 +17,6 @@ from halpipe.core.durations import Duration
 from halpipe.core.quantities import quoted
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.names import few
-from halpipe.importers.amalthea.numbers import BYTES, HERTZ, RATES, TIME_NS, parse_number
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
@@ -25,79 +25,132 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.core.diagnostics import Code, Findings
-    from halpipe.importers.amalthea.sniff import Document
+    from halpipe.importers.amalthea.documents import Document
+
+_FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
+_MAX_LENGTH = 1000  # as in the schema of task models
+_SHOWN = 5
+
+
+def legal(name: str) -> str:
+    """Replace by ``_`` what a name of the task model may not contain, and bound its length."""
+    return _FORBIDDEN.sub("_", name)[:_MAX_LENGTH] or "_"
+
+
+class Names:
+    """Hands out legal names, unique among those of one kind, and reports each that differs from the source's."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._taken: set[str] = set()
+        self._next: dict[str, int] = {}
+
+    def reserve(self, name: str) -> None:
+        """Take a name that something of another kind has."""
+        self._taken.add(name)
+
+    def unique(self, name: str, kind: str, at: Location) -> str:
+        """Return `name`, made legal, with a number behind it if it is taken."""
+        wanted = legal(name)
+        result = wanted
+        while result in self._taken:
+            self._next[wanted] = self._next.get(wanted, 1) + 1
+            ending = f"~{self._next[wanted]}"
+            result = wanted[: _MAX_LENGTH - len(ending)] + ending
+        self._taken.add(result)
+        if result != name:
+            help = f'use "{result}" in the overlay'
+            self._findings.add(
+                codes.RENAMED(f'is called "{result}" in the model', at=at, path=named(kind, name), help=help)
+            )
+        return result
+
+
+def few(names: Sequence[str]) -> str:
+    """Return the first few names for a message, and how many more there are."""
+    shown = ", ".join(names[:_SHOWN])
+    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
+
+
+_NUMBER = re.compile(
+    r"(?P<sign>[+-]?)(?P<digits>[0-9]{1,60}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?"
+)
+_MAX_EXPONENT = 60
+
+TIME_NS = {
+    "s": Fraction(10**9),
+    "ms": Fraction(10**6),
+    "us": Fraction(10**3),
+    "ns": Fraction(1),
+    "ps": Fraction(1, 1000),
+}
+HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
+_DECIMAL = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_BINARY = {"Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
+_PREFIXES = _DECIMAL | _BINARY
+BYTES = {f"{prefix}B": Fraction(size) for prefix, size in _PREFIXES.items()}
+BYTES |= {f"{prefix}bit": Fraction(size, 8) for prefix, size in _PREFIXES.items()}
+RATES = {f"{unit}PerSecond": size for unit, size in BYTES.items()}
+
+
+def parse_number(text: str) -> Fraction | None:
+    """Read an integer or a double exactly, never through a binary float; None if it is none, or INF or NaN."""
+    match = _NUMBER.fullmatch(text.strip())
+    if match is None or abs(int(match["exp"] or 0)) > _MAX_EXPONENT:
+        return None
+    whole, _, decimals = match["digits"].partition(".")
+    value = Fraction(int((whole + decimals) or "0"), 10 ** len(decimals)) * Fraction(10) ** int(match["exp"] or 0)
+    return -value if match["sign"] == "-" else value
+
+
+PREFIX = "halpipe:"
+ROLE = "role"
+"""Tells whether a mode label selects the mode of the system or the version of a task."""
+
+
+def text_of(item: Item, key: str) -> str | None:
+    """Return the text of a property of halpipe, None when absent."""
+    for found in item.all("customProperties"):
+        if found.get("key") == PREFIX + key:
+            value = found.one("value")
+            found.use_all()
+            return "" if value is None else value.get("value")
+    return None
+
 
 _XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 _XMI_ID = "{http://www.omg.org/XMI}id"
 
-# Classes of elements that need no xsi:type, since their place says it.
-_CLASSES = {
+# Classes of elements that need no xsi:type, since their place says it: its name in the singular, or another.
+_REGULAR = """
+stimuliModel eventModel constraintsModel propertyConstraintsModel mappingModel componentsModel configModel
+measurementModel tasks runnables labels modeLabels modes processPrototypes processChains caches coreTypes cores
+microcontrollers operatingSystems taskSchedulers interruptControllers eventChains runnableSequencingConstraints
+dataAgeConstraints schedulerAllocation coreAllocation taskAllocation runnableAllocation memoryMapping tags
+semaphores channels sections osOverheads osDataConsistency dataStability nonAtomicDataCoherency schedulerDefinitions
+schedulingParameterDefinitions physicalSectionMapping physicalSectionConstraints dataCoherencyGroups
+dataStabilityGroups namespaces coreClassifiers memoryClassifiers
+"""
+_CLASSES = {tag: tag[0].upper() + tag[1:].removesuffix("s") for tag in _REGULAR.split()} | {
     "commonElements": "CommonElements",
     "swModel": "SWModel",
     "hwModel": "HWModel",
     "osModel": "OSModel",
-    "stimuliModel": "StimuliModel",
-    "eventModel": "EventModel",
-    "constraintsModel": "ConstraintsModel",
-    "propertyConstraintsModel": "PropertyConstraintsModel",
-    "mappingModel": "MappingModel",
-    "componentsModel": "ComponentsModel",
-    "configModel": "ConfigModel",
-    "measurementModel": "MeasurementModel",
-    "tasks": "Task",
     "isrs": "ISR",
-    "runnables": "Runnable",
-    "labels": "Label",
-    "modeLabels": "ModeLabel",
-    "modes": "Mode",
     "literals": "ModeLiteral",
-    "processPrototypes": "ProcessPrototype",
-    "processChains": "ProcessChain",
     "structures": "HwStructure",
     "featureCategories": "HwFeatureCategory",
     "features": "HwFeature",
-    "caches": "Cache",
-    "coreTypes": "CoreType",
-    "cores": "Core",
     "ecus": "ECU",
-    "microcontrollers": "Microcontroller",
     "quartzes": "Quartz",
     "memories": "Memory",
-    "operatingSystems": "OperatingSystem",
-    "taskSchedulers": "TaskScheduler",
-    "interruptControllers": "InterruptController",
     "scheduler": "TaskScheduler",
-    "eventChains": "EventChain",
-    "runnableSequencingConstraints": "RunnableSequencingConstraint",
-    "dataAgeConstraints": "DataAgeConstraint",
-    "schedulerAllocation": "SchedulerAllocation",
-    "coreAllocation": "CoreAllocation",
-    "taskAllocation": "TaskAllocation",
     "isrAllocation": "ISRAllocation",
-    "runnableAllocation": "RunnableAllocation",
-    "memoryMapping": "MemoryMapping",
-    "tags": "Tag",
-    "semaphores": "Semaphore",
     "customProperties": "CustomProperty",
-    "channels": "Channel",
-    "sections": "Section",
     "customEntities": "CustomEntity",
-    "osOverheads": "OsOverhead",
     "apiOverhead": "OsAPIOverhead",
     "isrCategory1Overhead": "OsISROverhead",
     "isrCategory2Overhead": "OsISROverhead",
-    "osDataConsistency": "OsDataConsistency",
-    "dataStability": "DataStability",
-    "nonAtomicDataCoherency": "NonAtomicDataCoherency",
-    "schedulerDefinitions": "SchedulerDefinition",
-    "schedulingParameterDefinitions": "SchedulingParameterDefinition",
-    "physicalSectionMapping": "PhysicalSectionMapping",
-    "physicalSectionConstraints": "PhysicalSectionConstraint",
-    "dataCoherencyGroups": "DataCoherencyGroup",
-    "dataStabilityGroups": "DataStabilityGroup",
-    "namespaces": "Namespace",
-    "coreClassifiers": "CoreClassifier",
-    "memoryClassifiers": "MemoryClassifier",
     "connections": "HwConnection",
     "internalConnections": "HwConnection",
     "ports": "HwPort",

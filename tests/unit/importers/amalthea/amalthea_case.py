@@ -2,8 +2,7 @@
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.importers.amalthea import FORMAT
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions
 
 NAMESPACES = (
     'xmlns:am="http://app4mc.eclipse.org/amalthea/{}" xmlns:xmi="http://www.omg.org/XMI" '

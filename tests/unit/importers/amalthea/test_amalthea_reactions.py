@@ -133,8 +133,7 @@ def test_unique_targets_may_be_more_than_sources_but_not_fewer(tmp_path):
 
 
 def test_an_overlay_may_change_the_periods_before(tmp_path):
-    from halpipe.importers.amalthea import FORMAT
-    from halpipe.importers.amalthea.options import AmaltheaImportOptions
+    from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions
 
     class Overlay:
         def drops(self, name):

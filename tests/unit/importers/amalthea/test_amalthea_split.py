@@ -11,8 +11,7 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import TOO_MUCH
 from halpipe.exporters.amalthea import FORMAT as EXPORTER
 from halpipe.exporters.amalthea import AmaltheaOptions
-from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions, codes
 from halpipe.models import WHOLE, Binding, Interrupt, Split
 
 OS = (

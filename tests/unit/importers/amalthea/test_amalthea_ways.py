@@ -4,8 +4,7 @@ import pytest
 from amalthea_case import call, found, read, runnable, task, ticks, wcets
 
 from halpipe.core.durations import Duration
-from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions, codes
 
 # A tick is 1 us; 8 bytes are one access.
 HARDWARE = """
