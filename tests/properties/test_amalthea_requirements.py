@@ -9,6 +9,7 @@ import random
 import pytest
 
 from amalthea_simulation import broken, document, random_system
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.core.durations import least_common_multiple
 from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions
 from halpipe.models import Job, ModeSchedule, Schedule, Status
@@ -118,7 +119,12 @@ def searched(count, first, folder):
         model = imported(folder, system)
         if any(d.is_error for d in validate(model)):
             continue
-        made = schedule_model(model, SearchOptions(budget=500), lambda *_: True)
+        try:
+            made = schedule_model(model, SearchOptions(budget=500), lambda *_: True)
+        except HalpipeError as refusal:
+            if refusal.exit is Exit.INFEASIBLE:
+                continue
+            raise
         if not made.is_complete:
             continue
         [mode] = made.schedule.modes
@@ -135,7 +141,6 @@ def test_schedules_that_the_search_finds_keep_the_requirements(tmp_path):
     assert searched(6, 0, tmp_path) > 2
 
 
-@pytest.mark.xfail(strict=True, reason="seed 5022: the search and verify disagree, known malfunction K15")
 @pytest.mark.slow  # the same with many more; above, a few
 def test_schedules_of_many_systems_that_the_search_finds_keep_the_requirements(tmp_path):
     assert searched(300, 5000, tmp_path) > 150

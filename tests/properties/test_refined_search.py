@@ -14,7 +14,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Anchor, Edge, Match, ModeSchedule, Precedence, ResourceKind, Schedule, Status
 from halpipe.pipeline.checked import schedule_model, validate_model
-from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.jobs import expand, released_by_offset
 from halpipe.pipeline.solve.kernel.kernel import total_cost
 from halpipe.pipeline.solve.kernel.state import COST
 from halpipe.pipeline.solve.limits import stated_problem
@@ -77,8 +77,22 @@ def refined(seed, grain=1):
     )
 
 
-def usable(seed, grain=1):
-    system = refined(seed, grain)
+def loosened(seed, grain=1):
+    """The same with slack, and without the offsets that no release needs."""
+    rng, system = random.Random(seed), refined(seed, grain)
+    needed = released_by_offset(system)
+
+    def change(task):
+        if task.period is None or task.name in needed or rng.random() < 0.3:
+            return task
+        slack = rng.choice((task.slack, Fraction(1, 2), Fraction(1)))
+        return replace(task, offset=None, slack=slack, deadline=task.deadline if slack < 1 else None)
+
+    return replace(system, tasks=tuple(map(change, system.tasks)))
+
+
+def usable(seed, grain=1, drawn=refined):
+    system = drawn(seed, grain)
     assume(not any(d.is_error for d in validate_model(system)))
     return system
 
@@ -117,9 +131,32 @@ def outcome(system, options):
 @examples(60)
 @given(SEEDS, st.sampled_from([1, 4]), st.sampled_from([None, "1ms"]))
 def test_what_the_search_calls_valid_verifies(seed, grain, tick):
-    system = usable(seed, grain)
     options = SearchOptions(budget=100, tick=None if tick is None else Duration.parse(tick))
-    assert outcome(system, options) != "HAL0903"
+    for drawn in refined, loosened:
+        assert outcome(usable(seed, grain, drawn), options) != "HAL0903"
+
+
+def test_a_cycle_counts_from_jobs_whose_starts_all_lie_a_period_later():
+    """The consumer has its phase in its first period, and slack that takes every start into the second."""
+    source = task("source", 10, version("v", 1, "u1"), offset=8)
+    row = Precedence(task="source", anchor=Anchor.END, match=Match.CYCLE, max=ms(5))
+    follower = task("follower", 10, version("v", 2, "u2", row), slack=1)
+    rest = task("rest", 20, version("v", 1, "u2"), offset=10)
+    system = model(source, follower, rest, units="u1 u2")
+    for seed in range(1, 9):
+        assert schedule_model(system, SearchOptions(seed=seed), lambda *_: True).is_complete
+
+
+@pytest.mark.slow  # the same with many more; above, a few
+def test_what_the_search_calls_valid_of_two_thousand_systems_verifies():
+    valid = 0
+    for seed in range(4000):
+        system = loosened(seed, 1 + seed % 2 * 3)
+        if not any(d.is_error for d in validate_model(system)):
+            found = outcome(system, SearchOptions(budget=100))
+            assert found != "HAL0903", f"seed {seed}"
+            valid += 1
+    assert valid > 2000
 
 
 @pytest.mark.parametrize("let", [None, milliseconds(5)])

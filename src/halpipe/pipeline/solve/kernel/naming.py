@@ -38,12 +38,13 @@ def _rotation(problem: Problem, task: int, start: list[int]) -> int:
     """Return by how much job numbers must turn for the phase s of a periodic task to lie in [0, D) (MODEL 3).
 
     The kernel's moves may carry the phase past the period's edges, which only renames the jobs. The jobs of a task
-    that demands others keep their numbers, by which its demands are known.
+    that demands others keep their numbers, by which its demands are known, and so do those of a task that a cycle or
+    a LET names: its phase is in [0, D) already, while all its starts may lie a period later.
     """
     arrays = problem.arrays
     first, last = arrays.task_job[task], arrays.task_job[task + 1]
-    demanding = arrays.dependent_first[last] > arrays.dependent_first[first]
-    if not arrays.task_cyclic[task] or demanding or arrays.entry_offset[arrays.job_entry[first]] >= 0:
+    is_numbered = arrays.task_first[task] or arrays.dependent_first[last] > arrays.dependent_first[first]
+    if not arrays.task_cyclic[task] or is_numbered or arrays.entry_offset[arrays.job_entry[first]] >= 0:
         return 0
     period, hyperperiod = arrays.task_period[task], arrays.hyperperiod
     offsets = [(time - number * period) % hyperperiod for number, time in enumerate(start)]
