@@ -83,6 +83,18 @@ def test_the_zero_of_the_schedule_is_found(shift, stated):
     assert [d.code for d in answer.diagnostics] == [codes.ALIGNED.id]
 
 
+@pytest.mark.parametrize("numbered", [True, False])
+def test_the_zero_is_found_though_the_first_job_starts_late_in_its_table(numbered):
+    late = table("late", 6, job("a", 0, "1.75ms", 2), job("b", 0, "2.75ms", 3), job("a", 1, "3.75ms", 4))
+    late = replace(late, jobs=(*late.jobs, job("b", 1, "5.75ms", 6)))
+    seen = play([("late", late)] * 2)
+    seen = seen if numbered else [replace(execution, job=None) for execution in seen]
+    plan = Schedule(model="m", model_sha256="", modes=(late,))
+    answer = compare(plan, Trace(name="", executions=tuple(sorted(seen, key=lambda e: e.start.ns))), CompareOptions())
+    assert answer.origin == ZERO
+    assert [d.code for d in answer.diagnostics] == [codes.ALIGNED.id]
+
+
 @given(st.integers(0, 10**6), st.lists(st.integers(0, 400_000), min_size=12, max_size=12))
 def test_with_jitter_no_job_is_early_and_one_is_on_time(shift, jitter):
     seen = play([("race", RACE)] * 3, Duration(shift), stated=False)

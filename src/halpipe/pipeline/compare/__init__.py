@@ -22,7 +22,14 @@ from halpipe.pipeline.compare.chains import measured_chains
 from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNKNOWN_TASK
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge
-from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, match_nearest, match_stated
+from halpipe.pipeline.compare.matching import (
+    Matching,
+    find_origin,
+    find_stated_origin,
+    lateness,
+    match_nearest,
+    match_stated,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -151,9 +158,7 @@ def _stated(
     played = played_tables(executions, tables, findings)
     if options.origin is not None:
         return options.origin, match_stated(executions, played, options.origin)
-    guess = match_stated(executions, played, executions[0].start)
-    early = min((lateness(match, executions[0].start) for match in guess.matches), default=ZERO)
-    origin = executions[0].start + early
+    origin = find_stated_origin(executions, played)
     return origin, match_stated(executions, played, origin)
 
 

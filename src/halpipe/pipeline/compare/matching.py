@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_left
+from collections import defaultdict
 from dataclasses import field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from fractions import Fraction
 
     from halpipe.models import Job
@@ -230,22 +231,65 @@ def find_origin(executions: Sequence[Execution], table: Table) -> Duration:
     The first execution of the rarest task is laid onto each of its jobs in turn, and the one that leaves the smallest
     sum of distances is taken, exactly.
     """
-    sample = [execution for execution in executions if execution.task in table.jobs][:SAMPLE]
-    if not sample:
+    known = [execution for execution in executions if execution.task in table.jobs]
+    if not known:
         return ZERO
-    rarest = min({e.task for e in sample}, key=lambda task: (len(table.jobs[task]), task))
-    first = next(execution for execution in sample if execution.task == rarest)
-    candidates = [first.start - job.start for job in table.jobs[rarest]]
-    origin = min(candidates, key=lambda zero: (sum(map(_size, _distances(sample, table, zero))), zero.ns))
-    return origin + Duration(min(_distances(executions, table, origin)))
-
-
-def _distances(executions: Sequence[Execution], table: Table, origin: Duration) -> Iterator[int | Fraction]:
-    """Yield how far after its nearest instant each execution started."""
     rings = {task: [job.start.ns for job in jobs] for task, jobs in table.jobs.items()}
-    for execution in executions:
-        ring = rings.get(execution.task)
-        if ring is not None:
-            at = (execution.start - origin).ns
-            cycle, position = _nearest(ring, at, table.length.ns)
-            yield at - cycle * table.length.ns - ring[position]
+    first = _rarest((e, table) for e in known[:SAMPLE])[0]
+    candidates = [first.start - job.start for job in table.jobs[first.task]]
+
+    def distance(execution: Execution, origin: Duration) -> int | Fraction:
+        ring, at = rings[execution.task], (execution.start - origin).ns
+        cycle, position = _nearest(ring, at, table.length.ns)
+        return at - cycle * table.length.ns - ring[position]
+
+    return _least_late(known, candidates, distance)
+
+
+def find_stated_origin(executions: Sequence[Execution], played: Sequence[Played]) -> Duration:
+    """Return the same for a trace that names tables and cycles, where each execution is of a job of its table."""
+    by_cycle = {entry.cycle: entry for entry in played}
+    entries = ((e, by_cycle.get(-1 if e.cycle is None else e.cycle)) for e in executions)
+    known = [(e, entry) for e, entry in entries if entry is not None and e.task in entry.table.jobs]
+    if not known:
+        return executions[0].start
+    rings: dict[tuple[str, str, int | None], list[int | Fraction]] = defaultdict(list)
+    for table in {entry.table.name: entry.table for entry in played}.values():
+        for job in itertools.chain.from_iterable(table.jobs.values()):
+            for index in (None, job.index):
+                rings[table.name, job.task, index].append(job.start.ns)
+
+    def ring(execution: Execution, table: Table) -> list[int | Fraction]:
+        stated = rings.get((table.name, execution.task, execution.job))
+        return stated or rings[table.name, execution.task, None]
+
+    def distance(known: tuple[Execution, Played], origin: Duration) -> int | Fraction:
+        execution, entry = known
+        starts, at = ring(execution, entry.table), (execution.start - entry.start - origin).ns
+        after = bisect_left(starts, at)
+        return min((at - start for start in starts[max(0, after - 1) : after + 1]), key=_size)
+
+    first, table = _rarest((e, entry.table) for e, entry in known[:SAMPLE])
+    zero = first.start - by_cycle[first.cycle or 0].start
+    candidates = [zero - Duration(start) for start in ring(first, table)]
+    return _least_late(known, candidates, distance)
+
+
+def _rarest(known: Iterable[tuple[Execution, Table]]) -> tuple[Execution, Table]:
+    """Return the first execution of the task with the fewest jobs in a table."""
+    return min(known, key=lambda pair: (len(pair[1].jobs[pair[0].task]), pair[0].task))
+
+
+Seen = TypeVar("Seen")
+
+
+def _least_late(
+    known: Sequence[Seen], candidates: Sequence[Duration], distance: Callable[[Seen, Duration], int | Fraction]
+) -> Duration:
+    """Return the candidate with the smallest sum of distances, moved so that no execution is early and one on time."""
+
+    def total(origin: Duration) -> tuple[int | Fraction, int | Fraction]:
+        return sum(_size(distance(execution, origin)) for execution in known[:SAMPLE]), origin.ns
+
+    origin = min(candidates, key=total)
+    return origin + Duration(min(distance(execution, origin) for execution in known))
