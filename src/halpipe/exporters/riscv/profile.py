@@ -209,7 +209,7 @@ def _profile(name: str, f: Fields) -> Profile:
         timebase=f.value("timebase", whole(1000, 10**9), 1000),
         main=Region(main.value("base", _address, 0), main.value("size", _size, 0)) if main else Region(0, 0),
         ispm=_scratchpads(f, "ispm"),
-        dspm=_scratchpads(f, "dspm"),
+        dspm=_scratchpads(f, "dspm", "lr-sc"),
         stack=f.value("stack", _size, 8192),
         service=f.value("service", Duration.parse, Duration(0)),
         cpi=f.value("cpi", _cycles, Fraction(1)),
@@ -223,8 +223,8 @@ def _profile(name: str, f: Fields) -> Profile:
     )
 
 
-def _scratchpads(f: Fields, key: str) -> Scratchpads:
-    section = f.section(key, ("base", "stride", "size", "lr-sc"), key)
+def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
+    section = f.section(key, ("base", "stride", "size", *others), key)
     if section is None:
         return Scratchpads(0, 0, 0)
     section.require("base", "stride", "size")

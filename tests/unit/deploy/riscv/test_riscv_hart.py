@@ -245,6 +245,8 @@ def test_the_handler_returns_to_where_the_core_was(core):
         ((addi(A0, RA, 4), sd(A1, A0)), 6, DATA + 4),
         ((lui(A0, DATA + 0x2000), sd(A1, A0, -4)), 6, DATA + 0x1FFC),  # across the end of what it may use
         ((lui(A0, DATA + 0x2000), ld(A1, A0, -4)), 4, DATA + 0x1FFC),
+        ((lui(A0, 0x50000000), ld(A1, A0, 2)), 4, 0x50000002),
+        ((lui(A0, CLINT), ld(A1, A0, 2)), 4, CLINT + 2),
         ((lui(A0, CLINT), sd(A1, A0)), 7, CLINT),
         ((lui(A0, CLINT), ld(A1, A0)), 5, CLINT),
     ],

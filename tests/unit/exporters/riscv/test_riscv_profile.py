@@ -88,6 +88,7 @@ def test_contradictions_are_told(tmp_path, old, new, said):
         ("setup: 2us", "setup: 2"),
         ("clint: 0x02000000\n", ""),
         ("cores: 4", "coers: 4"),
+        ("size: 120KiB", 'size: 120KiB, lr-sc: "no"'),  # jobs do not write to their code
     ],
 )
 def test_unusable_values_have_a_line(tmp_path, old, new):

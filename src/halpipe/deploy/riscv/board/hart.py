@@ -297,7 +297,10 @@ class Hart:
             unicorn.UC_MEM_WRITE_UNMAPPED: STORE_FAULT,
             unicorn.UC_MEM_WRITE_PROT: STORE_FAULT,
         }
-        self._raised = (causes.get(access, FETCH_FAULT), address)
+        cause = causes.get(access, FETCH_FAULT)
+        if cause == LOAD_FAULT and address % size:  # the emulator looks for memory before it calls the other hook
+            cause = LOAD_MISALIGNED
+        self._raised = (cause, address)
         return False
 
     # ------------------------------------------------------------------------------------------ registers
