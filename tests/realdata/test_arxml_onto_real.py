@@ -14,8 +14,8 @@ from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
-from halpipe.importers.arxml.files.special import data_of
 from halpipe.importers.arxml.options import ArxmlImportOptions
+from halpipe.importers.arxml.system.containers import data_of
 from halpipe.importers.arxml.system.reading import read_tree
 from halpipe.models import Origin
 from halpipe.pipeline.checked import schedule_model

@@ -11,10 +11,9 @@ from halpipe.core.diagnostics import Findings
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
-from halpipe.importers.arxml.tasks.activation import find_activations
+from halpipe.importers.arxml.tasks.activation import find_activations, group
 from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
-from halpipe.importers.arxml.tasks.grouping import group
 from halpipe.importers.arxml.tasks.periods import decide_periods
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"

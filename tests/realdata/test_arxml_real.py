@@ -10,7 +10,7 @@ import pytest
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import FORMAT, codes
-from halpipe.importers.arxml.files.numbers import parse_seconds
+from halpipe.importers.arxml.files.words import parse_seconds
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow

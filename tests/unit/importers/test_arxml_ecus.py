@@ -27,7 +27,7 @@ from arxml_case import (
     write,
 )
 
-from halpipe.importers.arxml import selection_codes as codes
+from halpipe.importers.arxml import codes
 
 PUMP = component(
     "Pump",

@@ -7,7 +7,7 @@ from arxml_reading import NS, all_of, by_path, q, write
 from halpipe.core import embedding
 from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.arxml.embedded_codes import BESIDE_MODEL, EDITED, SECOND_MODEL
+from halpipe.importers.arxml.codes import BESIDE_MODEL, EDITED, SECOND_MODEL
 from halpipe.importers.common.base import ImportOptions
 from support import access, after, chain, mode, model, ms, task, version
 

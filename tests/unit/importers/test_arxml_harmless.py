@@ -22,9 +22,9 @@ from arxml_case import (
 )
 
 from halpipe.core.diagnostics import Exit
-from halpipe.importers.arxml import meaning_codes
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.coverage import harmless_kinds, reason_of
 from halpipe.importers.arxml.files.slim import tags_to_drop
-from halpipe.importers.arxml.harmless import harmless_kinds, reason_of
 
 OF_ECUC = [
     "BswInitialization",
@@ -83,7 +83,7 @@ def test_a_harmless_kind_changes_nothing_and_is_not_told(tmp_path, kind):
     for name, content in (("One", ""), ("Other", el("PERIOD", "0.001"))):
         imported = read(with_one(tmp_path / name, kind, name, content))
         assert shape(imported) == shape(plain)
-        assert found(imported, meaning_codes.UNUSED_KIND) == []
+        assert found(imported, codes.UNUSED_KIND) == []
 
 
 TELLING = {
@@ -103,7 +103,7 @@ TELLING = {
 @pytest.mark.parametrize("more", TELLING.values(), ids=TELLING)
 def test_what_may_decide_timing_is_told(tmp_path, more):
     path = project(tmp_path / "p", *more.get("elements", ()), **{k: v for k, v in more.items() if k != "elements"})
-    (told,) = found(read(path), meaning_codes.UNUSED_KIND)
+    (told,) = found(read(path), codes.UNUSED_KIND)
     assert told.code == "HAL0536"
     assert told.help
     assert told.at.line

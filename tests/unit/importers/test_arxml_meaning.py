@@ -33,7 +33,7 @@ from arxml_case import (
 
 from halpipe.core.diagnostics import Exit
 from halpipe.flow.formats import import_model
-from halpipe.importers.arxml import codes, meaning_codes
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.models import ResourceKind
 
@@ -97,7 +97,7 @@ def test_a_table_that_waits_for_its_counter_has_no_phase(tmp_path):
     path = system(tmp_path, table("Plan", [("P", "3", "T")], autostart("SYNCHRON", "7")))
     imported = read(path)
     assert offsets(imported) == {"T": "3ms"}
-    (told,) = found(imported, meaning_codes.TABLE_PHASE)
+    (told,) = found(imported, codes.TABLE_PHASE)
     assert told.code == "HAL0519"
     assert told.help
     assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
@@ -106,7 +106,7 @@ def test_a_table_that_waits_for_its_counter_has_no_phase(tmp_path):
 def test_an_adjustable_expiry_point_moves_its_table(tmp_path):
     adjusted = container("Os/OsScheduleTable/OsScheduleTableExpiryPoint/OsScheduleTblAdjustableExpPoint", "Moves")
     text = table("Plan", [("P", "3", "T")], autostart()).replace("</SUB-CONTAINERS>", f"{adjusted}</SUB-CONTAINERS>", 1)
-    assert found(read(system(tmp_path, text)), meaning_codes.TABLE_PHASE)
+    assert found(read(system(tmp_path, text)), codes.TABLE_PHASE)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_a_table_of_another_mode_does_not_run_beside_the_one_that_is_started(
     second = table("Limp", points, counter=counter_of_second)
     path = system(tmp_path, first, second, counter(name="Others"))
     imported = read(path)
-    told = found(imported, meaning_codes.UNSTARTED_TABLE)
+    told = found(imported, codes.UNSTARTED_TABLE)
     assert bool(told) == is_left_out
     assert list(periods(imported)) == (["T"] if is_left_out else ["T", "U"])
     if is_left_out:
@@ -162,7 +162,7 @@ def test_the_mapping_may_state_another_period(tmp_path, bsw):
     parts = package("E", configuration("Os", os_task("Main")), configuration("Rte", holder))
     imported = read(write(tmp_path, package("T", pump), parts), strict=True)
     assert list(periods(imported).values()) == ["50ms"]
-    (told,) = found(imported, meaning_codes.PERIOD_OF_MAPPING)
+    (told,) = found(imported, codes.PERIOD_OF_MAPPING)
     assert (told.code, "instead of 0.01 s" in told.message) == ("HAL0516", True)
 
 
@@ -184,7 +184,7 @@ def test_the_least_time_between_starts_bounds_the_period(tmp_path, interval, per
     path = write(tmp_path, package("T", component("Pump", every("0.01", "Tick", "Pump/Step"), runnables=[step])))
     imported = read(path)
     assert periods(imported) == {"Pump/Step": period}
-    told = found(imported, meaning_codes.START_INTERVAL)
+    told = found(imported, codes.START_INTERVAL)
     assert [t.code for t in told] == (["HAL0517"] if period == "50ms" else [])
 
 
@@ -212,7 +212,7 @@ def test_a_module_that_is_missing_is_named(tmp_path, absent, is_told):
         package("E", configuration("Os", counter(), os_task("T"), alarm("A", "10", activates="T"))),
         package("C", collection("/E/Os", absent)),
     )
-    told = found(read(path), meaning_codes.ABSENT_MODULE)
+    told = found(read(path), codes.ABSENT_MODULE)
     assert [t.code for t in told] == (["HAL0515"] if is_told else [])
     assert all(absent in t.message for t in told)
     if is_told:
@@ -256,7 +256,7 @@ def test_a_basic_os_task_is_activated_at_the_common_rate_of_its_calls(tmp_path, 
     path = hosting(tmp_path, *rates, offsets=offsets)
     imported = read(path, granularity="ostask")
     assert {t.name: (str(t.period), str(t.offset or "")) for t in imported.model.tasks} == expected
-    told = found(imported, meaning_codes.SEVERAL_RATES_OF_TASK)
+    told = found(imported, codes.SEVERAL_RATES_OF_TASK)
     assert [t.code for t in told] == ([] if len(set(zip(rates, offsets or rates, strict=True))) == 1 else ["HAL0529"])
     if told:
         assert refusal(path, granularity="ostask", strict=True).exit is Exit.UNSUPPORTED
@@ -287,7 +287,7 @@ def test_execution_budgets_are_offered_and_taken_when_asked(tmp_path):
     assert [t.versions[0].wcet for t in plain.model.tasks] == [None, None]
     assert "--wcet budget" in found(plain, codes.NO_WCET)[0].help
     assert [str(t.versions[0].wcet) for t in asked.model.tasks] == ["500us", "None"]
-    (told,) = found(asked, meaning_codes.BUDGETS)
+    (told,) = found(asked, codes.BUDGETS)
     assert (told.code, "Kept" in told.message, "Free" in told.message) == ("HAL0533", True, False)
 
 
@@ -353,7 +353,7 @@ def test_an_exclusive_area_is_a_lock_that_whole_jobs_hold(tmp_path, way):
     assert held(imported) == [("p/R0", "p/Area", "0ms", "1ms", 1), ("p/R1", "p/Area", "0ms", "1ms", 1)]
     (resource,) = imported.model.resources
     assert (resource.kind, resource.origin.path) == (ResourceKind.LOCK, "/T/Pump/B/Area")
-    (told,) = found(imported, meaning_codes.LOCKS_HELD)
+    (told,) = found(imported, codes.LOCKS_HELD)
     assert told.code == "HAL0534"
     assert len([d for d in imported.coverage.defaulted_values if d.value == "held by whole jobs"]) == 2
 
@@ -375,6 +375,6 @@ def test_an_os_resource_is_a_lock_of_its_os_tasks(tmp_path):
 
 def test_a_lock_without_wcets_is_told(tmp_path):
     path, imported = sharing(tmp_path, wcet=False)
-    (told,) = found(imported, meaning_codes.LOCK_LOST)
+    (told,) = found(imported, codes.LOCK_LOST)
     assert (told.code, told.path) == ("HAL0535", 'EXCLUSIVE-AREA "/T/Pump/B/Area"')
     assert refusal(path, strict=True).exit is Exit.UNSUPPORTED

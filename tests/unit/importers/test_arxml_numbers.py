@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.durations import Duration
-from halpipe.importers.arxml.files.numbers import is_symbolic, parse_cse, parse_double, parse_number, parse_seconds
+from halpipe.importers.arxml.files.words import is_symbolic, parse_cse, parse_double, parse_number, parse_seconds
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,7 @@ from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
-from halpipe.importers.arxml import codes as arxml_codes
-from halpipe.importers.arxml import project_codes, selection_codes
+from halpipe.importers.arxml import codes as import_codes
 from halpipe.importers.arxml.files import sniff
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.project import read_project
@@ -153,7 +152,7 @@ def test_another_project_is_refused_by_every_task(tmp_path):
     fan = component("Fan", every("0.01", "Tick", "Fan/Step"), runnables="Step")
     path = write(other, package("T", fan))
     found = refused(path, model)
-    assert {d.code for d in found} == {project_codes.FOREIGN_PROJECT.id}
+    assert {d.code for d in found} == {import_codes.FOREIGN_PROJECT.id}
     assert {d.path for d in found} == {'task "p/Step"', 'task "Lone"'}
 
 
@@ -173,7 +172,7 @@ def test_a_project_that_changed_is_refused_with_both_places(tmp_path, change, sa
     if "may run" in said:
         assert {d.code for d in found} == {codes.WRONG_CORE.id}
         return
-    assert [d.code for d in told] == [project_codes.CHANGED_PROJECT.id]
+    assert [d.code for d in told] == [import_codes.CHANGED_PROJECT.id]
     assert said in told[0].message
     assert re.search(r"imported from .*system\.arxml:\d+", told[0].message)
     assert told[0].at.line
@@ -199,7 +198,7 @@ def test_a_period_that_changed_is_told_where_it_is_in_the_name_of_the_task(tmp_p
     with pytest.raises(HalpipeError) as refused:
         read_project([str(tmp_path)], model, ArxmlImportOptions(), findings)
     (told,) = refused.value.diagnostics
-    assert (told.code, told.path) == (project_codes.CHANGED_PROJECT.id, 'task "Main@20ms"')
+    assert (told.code, told.path) == (import_codes.CHANGED_PROJECT.id, 'task "Main@20ms"')
     assert 'is "Main@40ms" in the project, with the period 40ms for 20ms, imported from ' in told.message
 
 
@@ -212,7 +211,7 @@ def test_what_hides_a_part_of_the_project_is_told_with_the_rest(tmp_path):
         path.read_text().replace("<SHORT-NAME>Tick</SHORT-NAME>", f"<SHORT-NAME>Tick</SHORT-NAME>{point}", 1)
     )
     told = {d.code for d in export_onto(model, planned(model, 0, 2), str(tmp_path), ArxmlImportOptions()).findings}
-    assert {arxml_codes.SKIPPED_FILE.id, arxml_codes.VARIANT.id} <= told
+    assert {import_codes.SKIPPED_FILE.id, import_codes.VARIANT.id} <= told
 
 
 def test_an_ecu_of_several_must_be_named_and_gets_all(tmp_path):
@@ -225,7 +224,7 @@ def test_an_ecu_of_several_must_be_named_and_gets_all(tmp_path):
     with pytest.raises(HalpipeError) as failure:
         export_onto(model, plan, str(tmp_path), ArxmlImportOptions())
     (told,) = [d for d in failure.value.diagnostics if d.is_error]
-    assert told.code == selection_codes.SEVERAL_ECUS.id
+    assert told.code == import_codes.SEVERAL_ECUS.id
     onto = export_onto(model, plan, str(tmp_path), front)
     assert onto.changes
     assert all(change.path.startswith("/E1/") for change in onto.changes)
@@ -237,7 +236,7 @@ def test_a_project_that_contradicts_itself_is_refused_with_both_places(tmp_path)
     other = component("Pump", every("0.02", "Tick", "Pump/Step"), runnables="Step")
     second = write(tmp_path, package("T", other), name="z.arxml")
     (told,) = refused(path, model)
-    assert told.code == arxml_codes.CONFLICT.id
+    assert told.code == import_codes.CONFLICT.id
     assert (told.at.file, str(path) in told.message) == (str(second), True)
 
 
@@ -246,7 +245,7 @@ def test_tasks_that_the_model_leaves_out_are_named(tmp_path):
     model = model_of(path)
     more = [os_task("New", OsTaskPeriod="0.1")]
     onto = put(project(tmp_path, more=more), model)
-    (told,) = [d for d in onto.findings if d.code == project_codes.MORE_IN_PROJECT.id]
+    (told,) = [d for d in onto.findings if d.code == import_codes.MORE_IN_PROJECT.id]
     assert "New" in told.message
 
 
@@ -257,7 +256,7 @@ def test_a_project_without_os_has_nothing_to_put_a_schedule_onto(tmp_path):
     plan = schedule(model, 10, job(model, "Pump/Step", 0, "0ms", model.units[0].name), mode_name="default")
     with pytest.raises(HalpipeError) as failure:
         export_onto(model, plan, str(tmp_path), ArxmlImportOptions())
-    assert project_codes.NO_CONFIGURATION.id in {d.code for d in failure.value.diagnostics}
+    assert import_codes.NO_CONFIGURATION.id in {d.code for d in failure.value.diagnostics}
 
 
 def test_an_event_without_os_task_is_refused(tmp_path):
@@ -428,7 +427,7 @@ def test_a_project_of_an_older_release_is_refused(tmp_path):
     model = model_of(path)
     old = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="http://autosar.org/3.1.5 x.xsd"'
     path.write_text(path.read_text().replace("<AUTOSAR ", f"<AUTOSAR {old} ", 1))
-    assert {d.code for d in refused(path, model)} == {project_codes.NO_CONFIGURATION.id}
+    assert {d.code for d in refused(path, model)} == {import_codes.NO_CONFIGURATION.id}
 
 
 # -------------------------------------------------------------------------------- what else starts the same OsTasks

@@ -28,8 +28,7 @@ from arxml_case import (
 from lxml import etree
 
 from command_line import run_here
-from halpipe.importers.arxml import codes as arxml_codes
-from halpipe.importers.arxml import selection_codes as codes
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate
 
 KNOWN = {"/V/A": Fraction(2), "/V/B": Fraction(0), "/V/S": "left"}
@@ -179,8 +178,8 @@ LINE = package("T", PUMP, FAN, CAR)
 def test_a_variant_has_what_its_conditions_let_exist(tmp_path, options, expected):
     imported = read(write(tmp_path, LINE, VARIANTS), **options)
     assert periods(imported) == expected
-    assert not found(imported, arxml_codes.VARIANT)
-    assert not found(imported, arxml_codes.DANGLING)
+    assert not found(imported, codes.VARIANT)
+    assert not found(imported, codes.DANGLING)
     gone = [e for e in imported.coverage.ignored_elements if e.reason == "not in the chosen variant"]
     assert {e.name for e in gone} >= ({"/T/Car/f"} if "f/Blow" not in expected else {"/T/Pump/B/Tick"})
     assert all(e.at.line for e in gone)
@@ -188,7 +187,7 @@ def test_a_variant_has_what_its_conditions_let_exist(tmp_path, options, expected
 
 def test_without_a_choice_what_depends_on_one_is_named(tmp_path):
     imported = read(write(tmp_path, LINE, VARIANTS))
-    told = found(imported, arxml_codes.VARIANT)
+    told = found(imported, codes.VARIANT)
     assert "3 elements" in told[0].message
     assert "Tick, Tick, f" in told[0].message
 
@@ -220,7 +219,7 @@ def test_two_that_exist_at_once_contradict_each_other(tmp_path):
         runnables="Step",
     )
     errors = refusal(write(tmp_path, package("T", pump), VARIANTS), variant="Base").diagnostics
-    assert arxml_codes.CONFLICT.id in {d.code for d in errors}
+    assert codes.CONFLICT.id in {d.code for d in errors}
 
 
 def test_a_bad_formula_is_named_with_its_line(tmp_path):

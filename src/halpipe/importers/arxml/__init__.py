@@ -1,15 +1,10 @@
 """Import of AUTOSAR ARXML: Classic and Adaptive Platform, release 4, and releases 2 and 3 in its words.
 
-The steps, each in its own module: `sniff` tells files apart, `slim` drops what cannot matter of large ones, `dialect`
-renews old ones, `xdm` translates those of EB tresos, `variants` leaves one variant, `spelling` finds what is almost
-right; `tree` merges them into one tree of elements by path; `swc`, `compositions`, `ecuc` (with `containers` and
-`triggers`), `adaptive`, `constraints`, `timing`, `execution_times` and `modes` read that tree into a frozen
-`values.System`, of the ECU that `selection` chooses, with the component instances that `instances` finds;
-`activation`, `arrivals`, `periods` and `calls` decide what runs, when and where; `boundary` tells what other ECUs
-share; `grouping` cuts tasks out of it; `requirements` finds their deadlines, chains and distances, `precedence` orders
-them; `platform` has the units, `versions` what runs on them; `build` makes the task model; `coverage` accounts for
-every element read. Models that halpipe itself wrote are read by the modules of `own` and `special`. `project` reads a
-project again for an export onto it.
+`files` reads: `sniff` tells files apart, `slim` drops what cannot matter of large ones, `dialects` translates old
+releases and EB tresos, `variants` leaves one variant, `tree` merges all into elements by path. `system` makes frozen
+`values` of that tree, of one ECU. `tasks` decides what runs, when, where and in which order. `build` makes the task
+model of it, `coverage` accounts for every element read, `embedded` reads the native model of an own export, and
+`project` reads a project again for an export onto it.
 """
 
 from __future__ import annotations

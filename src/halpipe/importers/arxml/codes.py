@@ -1,4 +1,4 @@
-"""Every diagnostic of the ARXML importer."""
+"""Diagnostics of the ARXML importer."""
 
 from __future__ import annotations
 
@@ -355,4 +355,166 @@ CUT_RUNNABLES = note(
     "AUTOSAR preemptive tasks are cut within runnables",
     "An OsTask with OsTaskSchedule FULL may be interrupted anywhere. Where a runnable is longer than the longest piece "
     "(--pieces), jobs may be interrupted at multiples of that, too: the target has to hold the job there.",
+)
+
+
+SEVERAL_ECUS = error(
+    "HAL0575",
+    "System has several ECUs",
+    "Components are mapped to more than one ECU. A schedule is made for one: name it with --ecu.",
+)
+UNKNOWN_ECU = error(
+    "HAL0576",
+    "ECU is not in the system",
+    "The name after --ecu is the short name, or the path, of an ECU-INSTANCE that components are mapped to.",
+)
+BOUNDARY = note(
+    "HAL0577",
+    "Data shared with another ECU",
+    "It comes from, or goes to, a component on another ECU, and is external input or output of this one. It "
+    "arrives when the other ECU and the network have sent it.",
+)
+UNMAPPED_COMPONENT = error(
+    "HAL0578",
+    "Component is mapped to no ECU",
+    "In a system of several ECUs, each component instance, or a composition that holds it, is mapped to one of them "
+    "(SWC-TO-ECU-MAPPING). It is not known whether this one belongs to the ECU that was chosen.",
+)
+UNLINKED = warning(
+    "HAL0579",
+    "ECU configuration belongs to no ECU",
+    "The ECU of an ECU configuration is that of the SYSTEM which its ECUC-VALUE-COLLECTION names, of the instances "
+    "that its Rte names, or the one it is called after. It is left out, or taken for the only ECU without one.",
+)
+
+UNKNOWN_VARIANT = error(
+    "HAL0585",
+    "Variant is not in the input",
+    "The name after --variant is the short name, or the path, of a PREDEFINED-VARIANT, or of an EVALUATED-VARIANT-SET "
+    "that names one of them. The name in a --condition is that of a system constant or variant criterion.",
+)
+BAD_FORMULA = error(
+    "HAL0586",
+    "Formula of a variation point cannot be evaluated",
+    "Formulas have references to system constants, numbers, the operators of C and `defined(...)`.",
+)
+UNSET_CONSTANT = error(
+    "HAL0587",
+    "Variant does not set what a condition needs",
+    "Whether the element exists depends on a system constant, or a variant criterion, that the variant gives no value. "
+    "It is not taken to be 0.",
+)
+TWO_VALUES = error(
+    "HAL0588",
+    "Variant sets a constant twice",
+    "Two value sets of one variant, or a value set and a --condition, give a system constant or variant criterion "
+    "different values.",
+)
+
+
+FOREIGN_PROJECT = error(
+    "HAL0580",
+    "Model is not of this project",
+    "The tasks of the model are found again in the project by their names, at the granularity of the import. A task "
+    "that the project does not have cannot be put onto it.",
+)
+CHANGED_PROJECT = error(
+    "HAL0581",
+    "Project changed since the import",
+    "What the project says of a task is not what the model says: its period, order, core, or what its OsTask runs. "
+    "Import the project again, and schedule it again.",
+)
+MORE_IN_PROJECT = warning(
+    "HAL0582",
+    "Project has tasks that the model has not",
+    "They were left out by an overlay, or are new since the import. Nothing is written for them; they run beside the "
+    "schedule, and disturb it.",
+)
+NO_CONFIGURATION = error(
+    "HAL0583",
+    "Project has no configuration to put a schedule onto",
+    "A schedule is put onto the ECU configuration of Os, in AUTOSAR release 4, to which all OsTasks of the model "
+    "belong.",
+)
+
+
+ABSENT_MODULE = warning(
+    "HAL0515",
+    "Configuration of Os, Rte or EcuC is missing",
+    "An ECUC-VALUE-COLLECTION names a module configuration that no file defines. Without the Rte, no function has an "
+    "OsTask, an order or a core; without the Os, none has a priority, and nothing but events has a period.",
+)
+PERIOD_OF_MAPPING = note(
+    "HAL0516",
+    "Period comes from the Rte configuration",
+    "The mapping of an event to an OsTask states a period of its own (RtePeriod, RteBswPeriod), which replaces that of "
+    "the event.",
+)
+START_INTERVAL = warning(
+    "HAL0517",
+    "Runnable starts less often than its event",
+    "MINIMUM-START-INTERVAL is longer than the period of the event: the RTE delays starts that come sooner, so that "
+    "the runnable recurs with the interval. The phase of such starts depends on the RTE.",
+)
+UNSTARTED_TABLE = warning(
+    "HAL0518",
+    "Schedule table that the OS does not start",
+    "Another table, which the OS starts, has the same counter or activates the same OsTasks. The table is what runs "
+    "in another mode, after code has switched to it, and does not run beside that one. Its actions give no periods.",
+)
+TABLE_PHASE = warning(
+    "HAL0519",
+    "Phase of a schedule table is not known",
+    "A table with the autostart SYNCHRON begins when code provides the value of a synchronisation counter, and an "
+    "adjustable expiry point moves with it. Periods are read, and offsets as if the table began at 0.",
+)
+SEVERAL_RATES_OF_TASK = warning(
+    "HAL0529",
+    "One activation of an OsTask for several periods",
+    "A basic OsTask runs all its calls at each activation, and the generated RTE counts which are due. The task of the "
+    "model has the greatest common divisor of their periods as its own, and jobs as long as all calls: an upper bound. "
+    "Limits of the timing extension that concern a slower call are left out.",
+)
+BUDGETS = note(
+    "HAL0533",
+    "Execution budgets are taken as execution times",
+    "The timing protection of an OsTask states the longest time that the OS lets it run (OsTaskExecutionBudget). With "
+    "`--wcet budget` that is the WCET of tasks without an execution time of their own: a bound, if protection is on.",
+)
+LOCKS_HELD = note(
+    "HAL0534",
+    "Locks are held by whole jobs",
+    "Runnables that may enter one exclusive area, or OsTasks that share an OsResource, exclude each other. It is not "
+    "stated when a job enters and leaves, so that it holds the lock from start to end.",
+)
+LOCK_LOST = warning(
+    "HAL0535",
+    "Exclusive area or OsResource is not kept",
+    "A lock is held for a time, so that it needs the WCETs of its tasks. Without them, two jobs that exclude each "
+    "other may be scheduled at once on two units, or one in a gap of the other.",
+)
+UNUSED_KIND = warning(
+    "HAL0536",
+    "Elements that may decide timing are not used",
+    "The import knows what the kinds of elements mean that it uses, and has a list of those that cannot decide timing. "
+    "Any other kind may: the schedule may not keep what these elements demand.",
+)
+
+
+SECOND_MODEL = error(
+    "HAL0590",
+    "Several models of halpipe in one import",
+    "A file that `halpipe export arxml` wrote holds a whole model. Models cannot be added to each other.",
+)
+BESIDE_MODEL = warning(
+    "HAL0591",
+    "Components beside a model of halpipe",
+    "The input holds a whole model that halpipe wrote, which is imported, and component types that do not belong to "
+    "it.",
+)
+EDITED = warning(
+    "HAL0592",
+    "Exported ARXML was edited",
+    "An exported file holds the native model once, with a hash of the standard elements. Where these were changed "
+    "since, they are imported, as of any other tool: what AUTOSAR rounds or lacks is then lost.",
 )

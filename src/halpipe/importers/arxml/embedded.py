@@ -8,21 +8,20 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, named
 from halpipe.core.embedding import joined, package_hash
 from halpipe.core.files import STDIO
-from halpipe.importers.arxml import embedded_codes as codes
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.sniff import read_whole
-from halpipe.importers.arxml.files.special import data_of
 from halpipe.importers.arxml.files.tree import NS, qualified
-from halpipe.importers.arxml.names import legal_name, listed
-from halpipe.importers.arxml.system.containers import container_kinds
-from halpipe.importers.arxml.system.swc import place_of
+from halpipe.importers.arxml.files.words import legal_name, listed
+from halpipe.importers.arxml.system.components import place_of
+from halpipe.importers.arxml.system.containers import container_kinds, data_of
 from halpipe.importers.native import parse_model
 
 if TYPE_CHECKING:
     from lxml import etree
 
-    from halpipe.importers.arxml.files.special import Data
     from halpipe.importers.arxml.files.tree import Node, Tree
+    from halpipe.importers.arxml.system.containers import Data
     from halpipe.importers.common.base import Coverage, ImportOptions
     from halpipe.models import TaskModel
 

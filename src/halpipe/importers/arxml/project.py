@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.records import record
-from halpipe.importers.arxml import project_codes as codes
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.build import assemble
 from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.files.variants import Choice
-from halpipe.importers.arxml.names import listed
+from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.options import GRANULARITIES
 from halpipe.importers.arxml.system.containers import Containers, standard_modules
+from halpipe.importers.arxml.system.ecuc import Ticks
 from halpipe.importers.arxml.system.reading import read_system, read_tree
-from halpipe.importers.arxml.system.triggers import Ticks
-from halpipe.importers.arxml.tasks.splitting import FULL
+from halpipe.importers.arxml.tasks.versions import FULL
 from halpipe.models.project import Call, Deed, Item, Project, ProjectCounter, ProjectTask, Starter, Value
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.importers.arxml.files.numbers import parse_number
+from halpipe.importers.arxml.files.words import parse_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -9,7 +9,7 @@ from collections import Counter
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from halpipe.importers.arxml.files.standard import module_of, steps_of
+from halpipe.importers.arxml.files.words import module_of, steps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,7 +1,6 @@
-"""Tells files apart by content: AUTOSAR R4, older releases, vendor formats, other XML, broken files.
+"""Files told apart by content: AUTOSAR R4, older releases, vendor formats, other XML, broken and misspelt files.
 
-The schema that a file names is not looked at for that, since tools write names that do not exist.
-"""
+The schema that a file names is not looked at for that, since tools write names that do not exist."""
 
 from __future__ import annotations
 
@@ -9,6 +8,7 @@ import re
 import sys
 from collections import Counter
 from dataclasses import field
+from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
@@ -25,19 +25,133 @@ from halpipe.core.files import (
 )
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.dialect import modernise
+from halpipe.importers.arxml.files.dialects import modernise, modules_of, translate
 from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
-from halpipe.importers.arxml.files.spelling import report_misspelt
-from halpipe.importers.arxml.files.standard import MODULES
-from halpipe.importers.arxml.files.xdm import modules_of, translate
+from halpipe.importers.arxml.files.words import MODULES
 from halpipe.importers.common.inputs import read_inputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from lxml import etree
 
     from halpipe.core.diagnostics import Findings
+
+# Elements that need a SHORT-NAME to have an effect, and the lists that hold them.
+NAMED = (
+    "APPLICATION-SW-COMPONENT-TYPE",
+    "ASSEMBLY-SW-CONNECTOR",
+    "BACKGROUND-EVENT",
+    "BSW-INTERNAL-BEHAVIOR",
+    "BSW-MODULE-DESCRIPTION",
+    "BSW-SCHEDULABLE-ENTITY",
+    "BSW-TIMING-EVENT",
+    "COMPOSITION-SW-COMPONENT-TYPE",
+    "DATA-RECEIVED-EVENT",
+    "DELEGATION-SW-CONNECTOR",
+    "ECU-INSTANCE",
+    "ECUC-CONTAINER-VALUE",
+    "ECUC-MODULE-CONFIGURATION-VALUES",
+    "EOC-EVENT-REF",
+    "EOC-EXECUTABLE-ENTITY-REF",
+    "EOC-EXECUTABLE-ENTITY-REF-GROUP",
+    "EXECUTION-ORDER-CONSTRAINT",
+    "LATENCY-TIMING-CONSTRAINT",
+    "MACHINE",
+    "MODE-DECLARATION",
+    "MODE-DECLARATION-GROUP",
+    "MODE-DECLARATION-GROUP-PROTOTYPE",
+    "OFFSET-TIMING-CONSTRAINT",
+    "PERIODIC-EVENT-TRIGGERING",
+    "PROCESS",
+    "PROCESSOR",
+    "PROCESSOR-CORE",
+    "RUNNABLE-ENTITY",
+    "SPORADIC-EVENT-TRIGGERING",
+    "SW-COMPONENT-PROTOTYPE",
+    "SWC-INTERNAL-BEHAVIOR",
+    "TD-EVENT-SWC-INTERNAL-BEHAVIOR",
+    "TIMING-DESCRIPTION-EVENT-CHAIN",
+    "TIMING-EVENT",
+    "VARIABLE-ACCESS",
+)
+_LISTS = (
+    "AR-PACKAGE",
+    "AR-PACKAGES",
+    "COMPONENTS",
+    "CONNECTORS",
+    "CONTAINERS",
+    "DATA-READ-ACCESSS",
+    "DATA-WRITE-ACCESSS",
+    "ELEMENTS",
+    "EVENTS",
+    "EXECUTION-TIMES",
+    "INTERNAL-BEHAVIORS",
+    "MODE-DECLARATIONS",
+    "ORDERED-ELEMENTS",
+    "PARAMETER-VALUES",
+    "PERIOD",
+    "REFERENCE-VALUES",
+    "RUNNABLES",
+    "SHORT-NAME",
+    "START-ON-EVENT-REF",
+    "STARTS-ON-EVENT-REF",
+    "SUB-CONTAINERS",
+    "SUCCESSOR-REF",
+    "SUCCESSOR-REFS",
+    "TIMING-DESCRIPTIONS",
+    "TIMING-REQUIREMENTS",
+    "TYPE-TREF",
+)
+KNOWN = frozenset((*NAMED, *_LISTS))
+# Elements of AUTOSAR that are one slip away from those above, and no slips.
+_OTHERS = frozenset({"TYPE-IREF", "TYPE-REF"})
+_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ-_"
+
+
+def report_misspelt(document: Document, namespace: str, findings: Findings) -> None:
+    """Report every tag of a file that is one slip away from one that is read, at its first use."""
+    for tag in document.tags:
+        space, _, name = tag.rpartition("}")
+        meant = _meant(name)
+        if meant or space.lstrip("{") != namespace:
+            why = "" if meant else f' of the namespace "{space.lstrip("{")}"'
+            found = list(document.root.iter(tag))
+            findings.add(
+                codes.UNKNOWN_ELEMENT(
+                    f'the element "{name}"{why} is not read, {len(found)} in all',
+                    at=Location(document.name, found[0].sourceline or 0),
+                    help=f"did you mean {meant}?" if meant else f"put them into {namespace}",
+                )
+            )
+
+
+@lru_cache(maxsize=4096)  # thousands of files use the same few hundred tags
+def _meant(name: str) -> str:
+    """Return the known tag that `name` is a slip of, empty if it is one itself or resembles none."""
+    if name in KNOWN or name in _OTHERS:
+        return ""
+    folded = name.upper().replace("_", "-")
+    if folded in KNOWN:
+        return folded
+    if name.rstrip("S") in KNOWN or f"{name}S" in KNOWN:
+        return ""  # plural and singular are elements of their own
+    return next((near for near in _neighbours(folded) if near in KNOWN), "")
+
+
+def _neighbours(word: str) -> Iterator[str]:
+    """Yield every word that is one letter left out, put in, replaced or exchanged with the next away."""
+    for index in range(len(word) + 1):
+        head, tail = word[:index], word[index:]
+        if tail:
+            yield head + tail[1:]
+        if len(tail) > 1:
+            yield head + tail[1] + tail[0] + tail[2:]
+        for letter in _LETTERS:
+            yield head + letter + tail
+            if tail:
+                yield head + letter + tail[1:]
+
 
 NAMESPACE = "http://autosar.org/schema/r4.0"
 LARGE_INPUT = 32 * 2**20

@@ -15,11 +15,9 @@ from lxml import etree
 from halpipe.core.diagnostics import Location
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.numbers import parse_double
-from halpipe.importers.arxml.files.sniff import NAMESPACE
-from halpipe.importers.arxml.files.spelling import NAMED
+from halpipe.importers.arxml.files.sniff import NAMED, NAMESPACE
 from halpipe.importers.arxml.files.variants import apply_variant, conditional
-from halpipe.importers.arxml.names import listed
+from halpipe.importers.arxml.files.words import listed, parse_double
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Sequence

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Location
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.importers.arxml import selection_codes as codes
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate, is_true
-from halpipe.importers.arxml.files.numbers import parse_number
 from halpipe.importers.arxml.files.sniff import NAMESPACE
+from halpipe.importers.arxml.files.words import parse_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -1,28 +1,34 @@
-"""The ECU configuration of Os, Rte and EcuC: cores, OS tasks and what triggers them, events mapped to OS tasks."""
+"""ECU configuration of Os, Rte and EcuC: cores, OsTasks, event mappings, and the periodic triggers of the OS.
+
+Triggers are alarms and expiry points of repeating schedule tables, in ticks of their counters."""
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import named
 from halpipe.core.durations import Duration, seconds
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.words import parse_number
 from halpipe.importers.arxml.system.containers import Container, Containers
-from halpipe.importers.arxml.system.triggers import read_triggers
 from halpipe.importers.arxml.system.values import (
     Configuration,
     Core,
-    Mapping,
+    EventMapping,
     OsApplication,
     OsIsr,
     OsTask,
     Place,
     RteInstance,
+    Trigger,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from halpipe.importers.arxml.files.tree import Tree
-
+    from halpipe.importers.arxml.system.containers import Data
 
 _PERIODS = ("RtePeriod", "RteBswPeriod", "RteBswEventPeriod")
 
@@ -148,12 +154,12 @@ def _task_period(container: Container) -> Duration | None:
 # ------------------------------------------------------------------------------------------------- mappings
 
 
-def _mappings(containers: Containers) -> Iterator[Mapping]:
+def _mappings(containers: Containers) -> Iterator[EventMapping]:
     for container in containers.of("RteEventToTaskMapping", "RteBswEventToTaskMapping"):
         position = container.number("RtePositionInTask") if "Bsw" not in container.kind else None
         if position is None:
             position = container.number("RteBswPositionInTask")
-        yield Mapping(
+        yield EventMapping(
             place=container.place,
             prototype=_instance(containers, container),
             event=container.target("RteEventRef", "RteBswEventRef"),
@@ -187,3 +193,231 @@ def _instance(containers: Containers, mapping: Container) -> str | None:
     owner = containers.by_path.get(parent.path) if parent is not None else None
     refs = owner.refs("RteSoftwareComponentInstanceRef") if owner is not None else []
     return refs[0].path if refs else None
+
+
+_CONTAINER = "ECUC-CONTAINER-VALUE"
+_COUNTER = "OsScheduleTableCounterRef"
+_FREQUENCIES = ("OsTickFrequency", "ArcOsTickFrequency")  # of the OsOS of some vendors, in ticks per second
+
+
+def read_triggers(containers: Containers) -> Iterator[Trigger]:
+    """Yield every alarm that recurs, and every expiry point of the tables that run together."""
+    ticks = Ticks(containers)
+    stopped = {
+        group.target(_CONTAINER): group
+        for added in containers.added.values()
+        for data in added.data()
+        for group in data.groups("stopped")
+    }
+    for alarm in containers.of("OsAlarm"):
+        yield from _alarm(containers, alarm, ticks, stopped.get(alarm.node.path))
+    for table in _running(containers, stopped):
+        yield from _expiry_points(table, containers, ticks, stopped.get(table.node.path))
+
+
+class Ticks:
+    """Converts the ticks of counters into time; a counter without a tick duration is reported once."""
+
+    def __init__(self, containers: Containers) -> None:
+        self._containers = containers
+        self._known: dict[str, Duration | None] = {}
+        self._driven: list[Container] = []
+
+    def counter(self, container: Container, name: str) -> tuple[Duration | None, tuple[Place, ...]]:
+        """Return the tick of the counter that `container` refers to by `name`, and the counter's place."""
+        path = container.target(name)
+        counter = self._containers.by_path.get(path or "")
+        return (None, ()) if counter is None else (self.of(counter), (counter.place,))
+
+    def of_alarm(self, alarm: Container) -> tuple[Duration | None, tuple[Place, ...]]:
+        """Return what an alarm counts, and the counter's place; EB tresos may count nanoseconds instead of ticks."""
+        for inside in self._containers.below(alarm):
+            unit = inside.value("OsTimeUnit")
+            if unit is not None and unit.text == "NANOSECONDS":
+                return Duration(1), ()
+        return self.counter(alarm, "OsAlarmCounterRef")
+
+    def of(self, counter: Container) -> Duration | None:
+        """Return the tick of a counter, None if nothing tells it."""
+        if counter.node.path not in self._known:
+            self._known[counter.node.path] = self._tick(counter)
+        return self._known[counter.node.path]
+
+    def _tick(self, counter: Container) -> Duration | None:
+        number = counter.number("OsSecondsPerTick")
+        if number:
+            return seconds(number)
+        systems = self._containers.beside(counter, "OsOS")
+        stated = {number for system in systems for number in map(system.number, _FREQUENCIES) if number}
+        if len(stated) == 1:
+            return seconds(1 / stated.pop())
+        alarms = [alarm for alarm in self._containers.of("OsAlarm") if self._increments(alarm, counter)]
+        if len(alarms) == 1 and counter not in self._driven:
+            self._driven.append(counter)  # counters that drive each other in a circle have no tick
+            cycle, tick = _cycle(self._containers, alarms[0]), self.of_alarm(alarms[0])[0]
+            if cycle and tick:
+                return tick * cycle
+        self._containers.tree.findings.add(
+            codes.NO_TICK(
+                "has no OsSecondsPerTick",
+                at=counter.node.at,
+                path=named("OsCounter", counter.node.path),
+                help="state the duration of a tick, or give periods in the overlay (sources)",
+            )
+        )
+        return None
+
+    def _increments(self, alarm: Container, counter: Container) -> bool:
+        inside = self._containers.below(alarm)
+        return any(ref.path == counter.node.path for c in inside for ref in c.refs("OsAlarmIncrementCounterRef"))
+
+
+def _cycle(containers: Containers, alarm: Container) -> Fraction | None:
+    """Return the ticks after which an alarm comes again; None if it does not, or is started by code."""
+    cycles = (inside.number("OsAlarmCycleTime") for inside in containers.below(alarm))
+    return next((cycle for cycle in cycles if cycle), None)
+
+
+def _ticks(text: str) -> Fraction:
+    number = parse_number(text)
+    if number is None or number < 0:
+        raise ValueError(f"{text[:40]!r} is no number of ticks")
+    return number
+
+
+def _woken(containers: Containers, inside: Iterable[Container], kind: str) -> tuple[str, ...]:
+    """Return the tasks that wait for the events set by an action: those it names, else those that list the event."""
+    found: dict[str, None] = {}
+    for action in inside:
+        events = action.targets(f"{kind}SetEventRef")
+        named = action.targets(f"{kind}SetEventTaskRef")
+        if events and not named:
+            named = [
+                task.node.path
+                for task in containers.of("OsTask")
+                if not {ref.path for ref in task.refs("OsTaskEventRef")}.isdisjoint(events)
+            ]
+        found.update(dict.fromkeys(named))
+    return tuple(found)
+
+
+def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:
+    """Yield what an alarm does again and again; one that a schedule table replaces did what its table remembers."""
+    inside = list(containers.below(alarm))
+    cycle = _cycle(containers, alarm) or (stopped.value("cycle", _ticks) if stopped else None)
+    if not cycle:
+        return
+    tick, through = ticks.of_alarm(alarm)
+    if tick is None:
+        return
+    start = next((n for n in (c.number("OsAlarmAlarmTime") for c in inside) if n), None)
+    if stopped and start is None:
+        start = stopped.value("start", _ticks)
+    yield Trigger(
+        place=alarm.place,
+        period=tick * cycle,
+        offset=tick * (start or 0),
+        tasks=tuple(path for c in inside for path in c.targets("OsAlarmActivateTaskRef")),
+        events=tuple(path for c in inside for path in c.targets("OsAlarmSetEventRef")),
+        through=through,
+        wakes=_woken(containers, inside, "OsAlarm"),
+    )
+
+
+def _running(containers: Containers, stopped: Mapping[str | None, Data]) -> list[Container]:
+    """Return the repeating tables that run together: of those in each other's way, the ones that the OS starts."""
+    tables = [table for table in containers.of("OsScheduleTable") if _repeats(containers, table)]
+    started = [t for t in tables if t.node.path in stopped or _autostart(containers, t) is not None]
+    running = []
+    for table in tables:
+        other = None if table in started else next((s for s in started if _meets(containers, table, s)), None)
+        if other is None:
+            running.append(table)
+            continue
+        containers.tree.findings.add(
+            codes.UNSTARTED_TABLE(
+                f"is not started by the OS, but {other.node.path} is, which it cannot run beside; it is left out",
+                at=table.node.at,
+                path=named("OsScheduleTable", table.node.path),
+                help="state an autostart for the table of the mode to schedule, or periods in the overlay (sources)",
+            )
+        )
+    return running
+
+
+def _repeats(containers: Containers, table: Container) -> bool:
+    """Whether a table repeats; report one that does not. One without a duration is not set, and does nothing."""
+    repeating = table.value("OsScheduleTableRepeating")
+    if not table.number("OsScheduleTableDuration"):
+        return False
+    if repeating is not None and repeating.text.lower() in ("true", "1"):
+        return True
+    containers.tree.findings.add(
+        codes.SINGLE_SHOT(
+            "is not repeating, so that it gives no task a period",
+            at=repeating.at if repeating else table.node.at,
+            path=named("OsScheduleTable", table.node.path),
+        )
+    )
+    return False
+
+
+def _autostart(containers: Containers, table: Container) -> Container | None:
+    return next((c for c in containers.below(table) if c.kind == "OsScheduleTableAutostart"), None)
+
+
+def _meets(containers: Containers, table: Container, other: Container) -> bool:
+    """Whether two tables have the same counter, or activate or wake the same OsTasks."""
+    first, second = (
+        {path for inside in containers.below(each) for path in (*_activated(inside), *inside.targets(_COUNTER))}
+        | set(_woken(containers, containers.below(each), "OsScheduleTable"))
+        for each in (table, other)
+    )
+    return not first.isdisjoint(second)
+
+
+def _activated(action: Container) -> list[str]:
+    return action.targets("OsScheduleTableActivateTaskRef")
+
+
+def _start(containers: Containers, table: Container, stopped: Data | None) -> Fraction:
+    """Return the ticks after which a table begins, at its initial offset: absolute values count from 0 as well."""
+    if stopped is not None:
+        return stopped.value("start", _ticks) or Fraction(0)
+    start = _autostart(containers, table)
+    kind = start.value("OsScheduleTableAutostartType") if start else None
+    moved = next((c for c in containers.below(table) if c.kind == "OsScheduleTblAdjustableExpPoint"), None)
+    is_synchronous = kind is not None and kind.text == "SYNCHRON"
+    if is_synchronous or moved is not None:
+        where = kind.at if kind is not None and is_synchronous else moved.node.at if moved else table.node.at
+        containers.tree.findings.add(
+            codes.TABLE_PHASE(
+                "begins when its counter is synchronised" if is_synchronous else "has an adjustable expiry point",
+                at=where,
+                path=named("OsScheduleTable", table.node.path),
+                help="state the offsets of its tasks in the overlay (tasks: offset)",
+            )
+        )
+    value = start.number("OsScheduleTableStartValue") if start and not is_synchronous else None
+    return value or Fraction(0)
+
+
+def _expiry_points(table: Container, containers: Containers, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:
+    duration = table.number("OsScheduleTableDuration")
+    tick, through = ticks.counter(table, _COUNTER)
+    if tick is None or not duration:
+        return
+    start = _start(containers, table, stopped)
+    for point in containers.below(table):
+        if point.kind != "OsScheduleTableExpiryPoint":
+            continue
+        inside = list(containers.below(point))
+        yield Trigger(
+            place=point.place,
+            period=tick * duration,
+            offset=tick * (start + (point.number("OsScheduleTblExpPointOffset") or 0)),
+            tasks=tuple(path for c in inside for path in _activated(c)),
+            events=tuple(path for c in inside for path in c.targets("OsScheduleTableSetEventRef")),
+            through=(*through, table.place),
+            wakes=_woken(containers, inside, "OsScheduleTable"),
+        )

@@ -1,7 +1,6 @@
-"""The timing extension: what can be observed, event chains, how often events arrive, and what is required of them.
+"""Timing extension: observable events, event chains, requirements, orders of execution and execution times.
 
-Read are requirements. Guarantees state what is fulfilled already, so they constrain nothing.
-"""
+Read are requirements. Guarantees state what is fulfilled already, so they constrain nothing."""
 
 from __future__ import annotations
 
@@ -10,16 +9,205 @@ from typing import TYPE_CHECKING, TypeVar
 from halpipe.core.diagnostics import named
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.numbers import parse_cse
-from halpipe.importers.arxml.system.constraints import PROTOTYPE, is_guarantee
-from halpipe.importers.arxml.system.execution_times import cse_time
-from halpipe.importers.arxml.system.swc import RUNNABLES, place_of
-from halpipe.importers.arxml.system.values import Arrival, Distance, EventChain, Limit, Observable, Timing
+from halpipe.importers.arxml.files.tree import local
+from halpipe.importers.arxml.files.words import parse_cse
+from halpipe.importers.arxml.system.components import RUNNABLES, place_of
+from halpipe.importers.arxml.system.values import (
+    Arrival,
+    Distance,
+    EventChain,
+    ExecutionTime,
+    Limit,
+    Observable,
+    Order,
+    Ordered,
+    Timing,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from halpipe.core.diagnostics import Code
     from halpipe.importers.arxml.files.tree import Node, Tree
+
+# Where a worst-case time stands in each kind of execution time, the most trustworthy kind first.
+KINDS = {
+    "ANALYZED-EXECUTION-TIME": "WORST-CASE-EXECUTION-TIME",
+    "MEASURED-EXECUTION-TIME": "MAXIMUM-EXECUTION-TIME",
+    "SIMULATED-EXECUTION-TIME": "MAXIMUM-EXECUTION-TIME",
+    "ROUGH-ESTIMATE-OF-EXECUTION-TIME": "ESTIMATED-EXECUTION-TIME",
+    "EXECUTION-TIME-CONSTRAINT": "MAXIMUM",
+}
+ANALYSED = "ANALYZED-EXECUTION-TIME"
+CSE_HELP = "write it with a CSE-CODE that counts time (0: microseconds, 26: nanoseconds), or state it in the overlay"
+
+
+def read_execution_times(tree: Tree) -> tuple[ExecutionTime, ...]:
+    """Read execution times: for each runnable and hardware element the largest of the most trustworthy kind."""
+    best: dict[tuple[str, str | None], ExecutionTime] = {}
+    for tag in KINDS:
+        for node in tree.tagged(tag):
+            found = _execution_time(tree, node)
+            if found is None:
+                continue
+            key = found.runnable, found.hardware
+            known = best.get(key)
+            if known is None or (known.place.kind == tag and known.time < found.time):
+                best[key] = found
+    return tuple(best.values())
+
+
+def _execution_time(tree: Tree, node: Node) -> ExecutionTime | None:
+    what = f'{node.tag} "{node.path}"'
+    ref = tree.ref(node, "EXECUTABLE-ENTITY-REF") or tree.ref(node, "EXECUTABLE-REF")
+    runnable = tree.find(ref, what, RUNNABLES) if ref else None
+    hardware = tree.ref(node, "HW-ELEMENT-REF")
+    if hardware is not None:
+        tree.find(hardware, what, ("HW-ELEMENT",))
+    if runnable is None:
+        return None
+    time = cse_time(tree, node, KINDS[node.tag], codes.BAD_EXECUTION_TIME)
+    if not time:
+        return None
+    return ExecutionTime(place_of(node), runnable.path, time, hardware.path if hardware else None)
+
+
+def cse_time(tree: Tree, node: Node, child: str, code: Code) -> Duration | None:
+    """Return the MULTIDIMENSIONAL-TIME in a child element; report with `code` one that is there but is no time."""
+    unit = tree.text(node, f"{child}/CSE-CODE")
+    factor = tree.text(node, f"{child}/CSE-CODE-FACTOR")
+    if unit is None or factor is None:
+        return None
+    time = parse_cse(unit.value, factor.value)
+    if time is None or (not time and code is codes.BAD_EXECUTION_TIME):
+        tree.findings.add(
+            code(
+                f'{child} with CSE-CODE "{unit.value}" and factor "{factor.value}" is not read',
+                at=unit.at,
+                path=named(node.tag, node.path),
+                help=CSE_HELP,
+            )
+        )
+    return time
+
+
+_EOC = "EXECUTION-ORDER-CONSTRAINT"
+_POINT = "SYNCHRONIZATION-POINT-CONSTRAINT"
+_ENTITY = "EOC-EXECUTABLE-ENTITY-REF"
+_EVENT = "EOC-EVENT-REF"
+_GROUP = "EOC-EXECUTABLE-ENTITY-REF-GROUP"
+_ELEMENTS = (_ENTITY, _EVENT, _GROUP)
+_SUCCESSORS = ("SUCCESSOR-REFS/SUCCESSOR-REF", "DIRECT-SUCCESSOR-REFS/DIRECT-SUCCESSOR-REF")
+# What a group states beyond an order: logical execution times, and slots of a cycle.
+_NOT_READ = ("LET-DATA-EXCHANGE-PARADIGM", "LET-INTERVAL-REFS", "MAX-CYCLES", "MAX-SLOTS", "MAX-SLOTS-PER-CYCLE")
+GUARANTEES = "TIMING-GUARANTEES"
+PROTOTYPE = "COMPONENT-IREF/TARGET-COMPONENT-REF"
+
+
+def is_guarantee(node: Node) -> bool:
+    """Whether a constraint states what is fulfilled already, rather than what is required."""
+    holder = node.parts[0].element.getparent() if node.parts else None
+    return holder is not None and local(holder) == GUARANTEES
+
+
+def read_orders(tree: Tree) -> tuple[Order, ...]:
+    """Read execution order and synchronisation point constraints as pairs of runnables or events."""
+    found: list[Order] = []
+    for node in tree.tagged(_EOC, _POINT):
+        if not is_guarantee(node):
+            found += _Constraint(tree, node).orders() if node.tag == _EOC else _point_orders(tree, node)
+    return tuple(dict.fromkeys(found))
+
+
+class _Constraint:
+    """One execution order constraint: its elements, which groups hold which, and who comes before whom."""
+
+    def __init__(self, tree: Tree, node: Node) -> None:
+        self._tree = tree
+        self._node = node
+        self._what = f'{node.tag} "{node.path}"'
+        self._elements = [child for child in node.inside() if child.tag in _ELEMENTS]
+        self._after = {element: list(self._successors(element)) for element in self._elements}
+        self._nested = {e: self._targets(e, "NESTED-ELEMENT-REFS/NESTED-ELEMENT-REF") for e in self._elements}
+
+    def orders(self) -> Iterator[Order]:
+        """Yield the order of every element and its successors; of groups, the last of one and the first of the next."""
+        for element in self._elements:
+            self._report_lost(element)
+            for successor in self._after[element]:
+                for first in self._edge_of(element, last=True):
+                    for second in self._edge_of(successor, last=False):
+                        yield Order(place_of(self._node), first, second)
+
+    def _successors(self, element: Node) -> Iterator[Node]:
+        for path in _SUCCESSORS:
+            yield from self._targets(element, path)
+
+    def _targets(self, element: Node, path: str) -> list[Node]:
+        found = (self._tree.find(ref, self._what, _ELEMENTS) for ref in self._tree.refs(element, path))
+        return [node for node in found if node is not None]
+
+    def _edge_of(self, element: Node, *, last: bool) -> list[Ordered]:
+        """Return what has no successor (`last`) or no predecessor among the leaves of an element."""
+        leaves = self.leaves(element, [])
+        if len(leaves) == 1 or element.tag != _GROUP:
+            return list(ordered_by(self._tree, leaves))
+        inner = [(a, b) for a in leaves for b in self._after.get(a, ()) if b in leaves]
+        bound = {a for a, _ in inner} if last else {b for _, b in inner}
+        return list(ordered_by(self._tree, [leaf for leaf in leaves if leaf not in bound]))
+
+    def leaves(self, element: Node, way: list[Node]) -> list[Node]:
+        """Return what a group holds, groups in it unfolded; a group inside itself is not entered again."""
+        if element.tag != _GROUP:
+            return [element]
+        if element in way:
+            return []
+        nested = self._nested.get(element, [])
+        return list(dict.fromkeys(leaf for inner in nested for leaf in self.leaves(inner, [*way, element])))
+
+    def _report_lost(self, element: Node) -> None:
+        for tag in _NOT_READ:
+            for found, file in element.elements(tag):
+                self._tree.findings.add(
+                    codes.ORDER_LOST(
+                        f"{tag} is not imported",
+                        at=self._tree.at(found, file),
+                        path=self._what,
+                        help="state what it means for the tasks in the overlay (offset, precedence)",
+                    )
+                )
+
+
+def ordered_by(tree: Tree, elements: Iterable[Node]) -> Iterator[Ordered]:
+    """Yield the runnables or events that elements of an execution order name."""
+    for element in elements:
+        ref = tree.ref(element, "EXECUTABLE-REF") or tree.ref(element, "EVENT-REF")
+        target = tree.find(ref, f'{element.tag} "{element.path}"') if ref else None
+        prototype = tree.ref(element, PROTOTYPE)
+        if target is not None:
+            yield Ordered(target.path, prototype.path if prototype else None)
+
+
+def _point_orders(tree: Tree, node: Node) -> Iterator[Order]:
+    """Yield an order of everything before a synchronisation point and everything after it."""
+    ends: list[list[Ordered]] = []
+    for side in ("SOURCE", "TARGET"):
+        what = f'{node.tag} "{node.path}"'
+        elements = [tree.find(ref, what, _ELEMENTS) for ref in tree.refs(node, f"{side}-EEC-REFS/{side}-EEC-REF")]
+        events = [tree.find(ref, what) for ref in tree.refs(node, f"{side}-EVENT-REFS/{side}-EVENT-REF")]
+        leaves = [leaf for element in elements if element is not None for leaf in _unfolded(tree, element)]
+        ends.append([*ordered_by(tree, leaves), *(Ordered(event.path) for event in events if event is not None)])
+    for first in ends[0]:
+        for second in ends[1]:
+            yield Order(place_of(node), first, second)
+
+
+def _unfolded(tree: Tree, element: Node) -> list[Node]:
+    constraint = element.parent
+    if element.tag != _GROUP or constraint is None:
+        return [element]
+    return _Constraint(tree, constraint).leaves(element, [])
+
 
 T = TypeVar("T")
 

@@ -243,7 +243,7 @@ class Trigger:
 
 
 @record(kw_only=True)
-class Mapping:
+class EventMapping:
     """RteEventToTaskMapping or RteBswEventToTaskMapping: an event (path) of an instance, run by an OsTask (path).
 
     `prototype` is what the configuration calls the instance: often a prototype of the flattened ECU extract.
@@ -283,7 +283,7 @@ class Configuration:
     applications: tuple[OsApplication, ...] = ()
     tasks: tuple[OsTask, ...] = ()
     triggers: tuple[Trigger, ...] = ()
-    mappings: tuple[Mapping, ...] = ()
+    mappings: tuple[EventMapping, ...] = ()
     instances: tuple[RteInstance, ...] = ()
     modules: tuple[str, ...] = ()
     routines: tuple[OsIsr, ...] = ()
@@ -495,7 +495,7 @@ class System:
         return tuple(event for event in self.events if event.runnable is not None)
 
     @property
-    def task_mappings(self) -> tuple[Mapping, ...]:
+    def task_mappings(self) -> tuple[EventMapping, ...]:
         """The event mappings of which both the event and the OsTask are known."""
         return tuple(m for m in self.configuration.mappings if m.task is not None and m.event is not None)
 

@@ -1,25 +1,32 @@
-"""Activation of OS tasks: every event of every component instance with its OS task, and OS tasks on their own."""
+"""Activations of work, with how often they arrive, and the tasks that are cut out of them.
+
+Every event of every component instance is paired with its OsTask; tasks are cut by runnable, event or OsTask."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.names import legal_name
-from halpipe.importers.arxml.tasks.arrivals import Arrivals
+from halpipe.importers.arxml.files.words import legal_name, unique_name
+from halpipe.importers.common.polling import polling_period
+from halpipe.models import Origin
 
 if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable, Sequence
+
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import (
         Arrival,
         Event,
+        EventMapping,
         Instance,
-        Mapping,
+        Observable,
         OsTask,
         Place,
         Process,
@@ -46,7 +53,7 @@ class Activation:
     context: tuple[str, ...] = ()
     runnable: Runnable | None = None
     event: Event | None = None
-    mapping: Mapping | None = None
+    mapping: EventMapping | None = None
     os_task: OsTask | None = None
     process: Process | None = None
     arrival: Arrival | None = None
@@ -146,12 +153,12 @@ class _Mappings:
 
     def __init__(self, system: System) -> None:
         self._configured = system.configured
-        self._by_event: dict[str, list[Mapping]] = {}
+        self._by_event: dict[str, list[EventMapping]] = {}
         for mapping in system.configuration.mappings:
             if mapping.event is not None:
                 self._by_event.setdefault(mapping.event, []).append(mapping)
 
-    def of(self, instance: Instance, event: Event) -> Mapping | None:
+    def of(self, instance: Instance, event: Event) -> EventMapping | None:
         """Choose the mapping of an event for one instance: its own, or one that names no instance."""
         mappings = self._by_event.get(event.place.path, [])
         own = [mapping for mapping in mappings if self._is_of(mapping.prototype, instance)]
@@ -198,3 +205,246 @@ def _full_name(activation: Activation) -> str:
         return activation.place.path.lstrip("/")
     steps = [activation.context[0].lstrip("/"), *(path.rpartition("/")[2] for path in activation.context[1:])]
     return "/".join((*steps, activation.place.name))
+
+
+_BEGINNINGS = ("activated", "started")
+
+
+class Arrivals:
+    """The event triggerings of the timing extension, by what they are about."""
+
+    def __init__(self, system: System) -> None:
+        observables = {observable.place.path: observable for observable in system.timing.observables}
+        self._by_subject: dict[str, list[tuple[Observable, Arrival]]] = {}
+        for arrival in system.timing.arrivals:
+            observable = observables.get(arrival.event)
+            if observable is not None:
+                self._by_subject.setdefault(observable.subject, []).append((observable, arrival))
+
+    @property
+    def subjects(self) -> Iterable[str]:
+        """The runnables and data elements (paths) that arrivals are stated for."""
+        return self._by_subject.keys()
+
+    def of(self, activation: Activation) -> Arrival | None:
+        """Return how often the work of an activation begins, or the data that starts it arrives; None if unstated."""
+        data = activation.event.data if activation.event else None
+        found = list(self._by_subject.get(activation.place.path, ()))
+        if data is not None:
+            found += self._by_subject.get(data.element, ())
+        for observable, arrival in found:
+            if observable.prototype is not None and observable.prototype not in activation.context:
+                continue
+            arrives = data is not None and observable.what == "received" and observable.port == data.port
+            if arrives or observable.what in _BEGINNINGS:
+                return arrival
+        return None
+
+
+def slack_of(activation: Activation, findings: Findings) -> Fraction | None:
+    """Return the jitter that a triggering allows, as a share of the period; None if none is stated.
+
+    A triggering with jitter J lets every occurrence lie up to J after its regular instant, which is what slack is
+    (MODEL, section 3: 0 <= delta <= gamma D).
+    """
+    arrival = activation.arrival
+    if arrival is None or not arrival.jitter or not activation.period:
+        return None
+    if arrival.jitter <= activation.period:
+        return Fraction(arrival.jitter / activation.period)
+    findings.add(
+        codes.TIMING_PART_LOST(
+            f"JITTER {arrival.jitter} is longer than the period {activation.period}; a slack of one period is imported",
+            at=arrival.place.at,
+            path=named(arrival.place.kind, arrival.place.path),
+            help="correct the jitter, or state the slack in the overlay",
+        )
+    )
+    return Fraction(1)
+
+
+def compare(activation: Activation, findings: Findings) -> None:
+    """Report a periodic triggering that contradicts the period which an activation has from elsewhere."""
+    arrival = activation.arrival
+    if arrival is None or arrival.offsets is None or arrival.place in activation.used or activation.period is None:
+        return
+    occurrences = len(arrival.offsets)
+    if arrival.period != activation.period * occurrences:
+        findings.add(
+            codes.TRIGGERING_DIFFERS(
+                f'states the period {arrival.period / occurrences} for "{activation.name}", which has '
+                f"{activation.period}",
+                at=arrival.place.at,
+                path=named(arrival.place.kind, arrival.place.path),
+                help="make them agree; the period of the event, or of the OS, counts",
+            )
+        )
+
+
+def polled(activations: Sequence[Activation]) -> list[Activation]:
+    """Give sporadic work, which recurs at its least distance so far, the period at which it is looked for."""
+    periods = [a.period for a in activations if a.period is not None and not _is_sporadic(a)]
+    return [
+        replace(a, distance=a.period, period=polling_period(a.period, periods), offset=None)
+        if a.period is not None and _is_sporadic(a)
+        else a
+        for a in activations
+    ]
+
+
+def _is_sporadic(activation: Activation) -> bool:
+    """Whether the period of an activation is the least distance of a triggering without a period."""
+    arrival = activation.arrival
+    return arrival is not None and arrival.offsets is None and arrival.place in activation.used
+
+
+def report_sporadic(activations: Iterable[Activation], findings: Findings) -> None:
+    """Report every triggering without a period, and how often it is looked for."""
+    for activation in activations:
+        arrival = activation.arrival
+        if arrival is not None and activation.distance is not None:
+            what = f"looks every {activation.period} for what comes every {activation.distance} at most"
+            findings.add(
+                codes.SPORADIC(
+                    f'"{activation.name}" {what}',
+                    at=arrival.place.at,
+                    path=named(arrival.place.kind, arrival.place.path),
+                    help="give another period in the overlay (sources), if occurrences so dense cannot be",
+                )
+            )
+
+
+@record
+class Draft:
+    """A task to be: its name, and the activations that it serves, in their order within the OsTask.
+
+    All members have the same period, offset and OsTask.
+    """
+
+    name: str
+    members: tuple[Activation, ...]
+    place: Place
+
+    @property
+    def period(self) -> Duration | None:
+        """The common period; None for a process whose manifest states none."""
+        return self.members[0].period
+
+    @property
+    def distance(self) -> Duration | None:
+        """The least distance of the arrivals that it polls for; None if it is periodic by itself."""
+        return self.members[0].distance
+
+    @property
+    def offset(self) -> Duration | None:
+        """The common offset."""
+        return self.members[0].offset
+
+    @property
+    def os_task(self) -> OsTask | None:
+        """The common OsTask."""
+        return self.members[0].os_task
+
+    @property
+    def origin(self) -> Origin:
+        """Where it comes from; an OsTask lists what it runs, in order."""
+        origin = self.place.origin
+        if self.place.kind != "OsTask" or not any(member.event for member in self.members):
+            return origin
+        listed = ", ".join(dict.fromkeys(member.name for member in self.members))
+        return Origin(origin.file, origin.line, f"{origin.path}: {listed}")
+
+    @property
+    def position(self) -> int | None:
+        """The first position in the OsTask."""
+        return min((p for p in map(position_of, self.members) if p is not None), default=None)
+
+    @property
+    def disabled_in(self) -> frozenset[str]:
+        """The mode declarations (paths) in which no member is active."""
+        return frozenset.intersection(*(frozenset(_disabled_in(member)) for member in self.members))
+
+
+def _disabled_in(activation: Activation) -> tuple[str, ...]:
+    if activation.process is not None:
+        return activation.process.disabled_in
+    return activation.event.disabled_in if activation.event else ()
+
+
+def position_of(activation: Activation) -> int | None:
+    """Return RtePositionInTask of an activation that an OsTask runs."""
+    return activation.mapping.position if activation.mapping and activation.os_task else None
+
+
+def group(activations: Sequence[Activation], granularity: str) -> list[Draft]:
+    """Make one draft per runnable instance (or event, or OsTask), period and offset; names are unique.
+
+    Several events with the same period and offset that start one runnable make one task: the second start would
+    find nothing left to do. Events of different periods or offsets make one task each. Processes are tasks even
+    without a period: there is nothing else in their manifests that could be.
+    """
+    groups: dict[Hashable, list[Activation]] = {}
+    for activation in activations:
+        if activation.period is not None or activation.process is not None:
+            groups.setdefault(_key(activation, granularity), []).append(activation)
+    members = [sorted(found, key=_order) for found in groups.values()]
+    names = _names(members, granularity)
+    return [
+        Draft(name, tuple(found), _place(found[0], granularity)) for name, found in zip(names, members, strict=True)
+    ]
+
+
+def _key(activation: Activation, granularity: str) -> Hashable:
+    os_task = activation.os_task.place.path if activation.os_task else ""
+    event = activation.joins or activation.event
+    if granularity == "event" and event is not None:
+        return (*activation.work, event.place.path, activation.period, activation.offset, os_task)
+    if granularity == "ostask" and os_task:
+        return os_task, activation.period, activation.offset
+    return activation.work, activation.period, activation.offset, os_task
+
+
+def _order(activation: Activation) -> tuple[bool, int]:
+    position = position_of(activation)
+    return position is None, position or 0
+
+
+def _place(first: Activation, granularity: str) -> Place:
+    if granularity == "ostask" and first.os_task:
+        return first.os_task.place
+    if granularity == "event" and first.event:
+        return first.event.place
+    return first.place
+
+
+def _names(groups: list[list[Activation]], granularity: str) -> list[str]:
+    """Name tasks after runnable or OsTask, adding the period, then the offset, then the event while names collide."""
+    names = [_base_name(found[0], granularity) for found in groups]
+    for suffix in (_period_suffix, _offset_suffix, _event_suffix):
+        if len(set(names)) == len(names):
+            break
+        longer = [legal_name(name + suffix(found[0])) for name, found in zip(names, groups, strict=True)]
+        variants = Counter(name for name, _ in set(zip(names, longer, strict=True)))
+        names = [more if variants[name] > 1 else name for name, more in zip(names, longer, strict=True)]
+    taken: set[str] = set()
+    return [unique_name(name, taken) for name in names]
+
+
+def _base_name(first: Activation, granularity: str) -> str:
+    if granularity == "ostask" and first.os_task:
+        return legal_name(first.os_task.place.name)
+    if granularity == "event" and first.event:
+        return legal_name(f"{first.name}@{first.event.place.name}")
+    return first.name
+
+
+def _period_suffix(first: Activation) -> str:
+    return f"@{first.period}" if first.period else ""
+
+
+def _offset_suffix(first: Activation) -> str:
+    return f"+{first.offset}" if first.offset else ""
+
+
+def _event_suffix(first: Activation) -> str:
+    return f"@{first.event.place.name}" if first.event else ""

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Diagnostic, Location, about, named
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
-from halpipe.importers.arxml import codes, meaning_codes
-from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, parse_seconds
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.words import is_symbolic, parse_number, parse_seconds
 from halpipe.importers.arxml.system.containers import symbolic_values
-from halpipe.importers.arxml.tasks.arrivals import compare, polled, report_sporadic
+from halpipe.importers.arxml.tasks.activation import compare, polled, report_sporadic
 from halpipe.importers.arxml.tasks.dataflow import item_at
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class Periods:
             before = f", instead of {stated.text} s" if stated is not None else ""
             stated = mapping.period
             self._report(
-                meaning_codes.PERIOD_OF_MAPPING(
+                codes.PERIOD_OF_MAPPING(
                     f'gives "{activation.name}" the period {stated.text} s{before}',
                     at=stated.at,
                     path=named(mapping.place.kind, mapping.place.path),
@@ -313,7 +313,7 @@ def _spaced(activation: Activation, findings: Findings) -> Activation:
     if stated is None or interval is None or activation.period is None or interval <= activation.period:
         return activation
     findings.add(
-        meaning_codes.START_INTERVAL(
+        codes.START_INTERVAL(
             f'MINIMUM-START-INTERVAL {interval} lets "{activation.name}" start less often than every '
             f"{activation.period}; {interval} is its period",
             at=stated.at,

@@ -1,31 +1,88 @@
-"""Versions of tasks: one for each execution time that differs between the units a task may run on."""
+"""Versions of tasks, their preemption points and locks: one version for each execution time that differs by unit.
+
+A runnable states which exclusive areas it may enter, or runs inside of, but not when; so its jobs hold the lock from
+start to end (MODEL 10.5), a listed default. Each component instance has areas of its own. Jobs of one unit that are not
+split are apart anyway. Locks take WCETs, which an overlay may state, so they are added once the overlay is applied."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Findings, about, named
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.meaning_codes import BUDGETS
-from halpipe.importers.arxml.names import legal_name, listed, unique_name
+from halpipe.importers.arxml.codes import BUDGETS, LOCK_LOST, LOCKS_HELD
+from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
 from halpipe.importers.arxml.options import BUDGET
-from halpipe.importers.arxml.system.execution_times import ANALYSED
-from halpipe.importers.arxml.tasks.splitting import Splitter
-from halpipe.models import WHOLE
+from halpipe.importers.arxml.system.timing import ANALYSED
+from halpipe.importers.common.pieces import cuts
+from halpipe.models import WHOLE, Access, Resource, ResourceKind, Split
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Findings, Location
+    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.core.durations import Duration
     from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
+    from halpipe.importers.arxml.tasks.activation import Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor
-    from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.platform import Platform
-    from halpipe.models import Split
+    from halpipe.importers.common.base import Coverage
+    from halpipe.models import Task, TaskModel
+
+FULL = "FULL"
+
+
+class Splitter:
+    """Finds split points, and remembers which tasks are cut within runnables."""
+
+    def __init__(self, options: ArxmlImportOptions) -> None:
+        self._longest = options.pieces
+        self._overlay = options.overlay
+        self._cut: dict[str, Draft] = {}
+
+    def stated(self, draft: Draft, runnable: Sequence[str]) -> Duration | None:
+        """Return the WCET that the overlay states for a runnable within an OsTask, by any of its names; the longest.
+
+        What runs as a runnable of a component and as an entity of its BSW module has two.
+        """
+        if self._overlay is None or draft.place.kind != "OsTask":
+            return None
+        found = [self._overlay.work_wcet(name) for name in runnable if name != draft.name]
+        return max((time for time in found if time is not None), default=None)
+
+    def split(self, draft: Draft, lengths: Sequence[Duration]) -> Split:
+        """Return where jobs of a draft with runnables of some lengths may be interrupted.
+
+        Where the overlay states the WCET of the whole, it says nothing of the runnables, and theirs do not count.
+        """
+        if draft.os_task is None or draft.os_task.schedule != FULL:
+            return WHOLE
+        whole = None if self._overlay is None else self._overlay.task_wcet(draft.name, is_known=bool(lengths))
+        if whole is not None:
+            lengths = [whole]
+        points: list[Duration] = []
+        end = ZERO
+        for length in lengths:
+            begin, end = end, end + length
+            within = cuts(self._longest, begin, end, draft.name, draft.place.at)
+            if within:
+                self._cut[draft.name] = draft
+            points += [*within, end]
+        inner = sorted({point for point in points if ZERO < point < end})
+        return Split(points=tuple(inner)) if inner else WHOLE
+
+    def report(self, findings: Findings) -> None:
+        """Report the tasks that are cut within runnables."""
+        if self._cut:
+            message = f"{len(self._cut)} preemptive tasks are cut within runnables: {listed(list(self._cut))}"
+            help = "state where they may be interrupted in an overlay, or the longest piece with --pieces"
+            first = next(iter(self._cut.values()))
+            findings.add(codes.CUT_RUNNABLES(message, at=first.place.at, help=help))
+
 
 VERSION = "default"
 
@@ -157,3 +214,87 @@ def _report_units(
                     path=about(task=draft.name),
                 )
             )
+
+
+@record
+class Lock:
+    """An exclusive area of one component instance, or an OsResource: its name, and the tasks that may hold it."""
+
+    name: str
+    place: Place
+    tasks: tuple[str, ...]
+
+
+def find_locks(system: System, drafts: Sequence[Draft]) -> tuple[Lock, ...]:
+    """Return what two tasks or more may hold."""
+    labels = {instance.context: instance.label for instance in system.instances}
+    held: dict[tuple[str, Place], dict[str, None]] = {}
+    for draft in drafts:
+        for member in draft.members:
+            for area in member.runnable.areas if member.runnable else ():
+                label = f"{labels.get(member.context, '')}/{area.name}".lstrip("/")
+                held.setdefault((label, area), {})[draft.name] = None
+        for resource in draft.os_task.resources if draft.os_task else ():
+            held.setdefault((resource.name, resource), {})[draft.name] = None
+    return tuple(Lock(legal_name(n), place, tuple(tasks)) for (n, place), tasks in held.items() if len(tasks) > 1)
+
+
+@record
+class Locking:
+    """Puts locks on a model whose WCETs are known, and accounts for the time that they are held."""
+
+    locks: tuple[Lock, ...]
+    coverage: Coverage
+
+    def complete(self, model: TaskModel) -> tuple[TaskModel, tuple[Diagnostic, ...]]:
+        """Return `model` with a resource for each lock that two of its tasks could hold at once."""
+        findings = Findings()
+        tasks = {task.name: task for task in model.tasks}
+        taken = {resource.name for resource in model.resources}
+        made: list[tuple[Lock, Resource]] = []
+        for lock in self.locks:
+            members = [name for name in lock.tasks if name in tasks]
+            if len(members) < 2 or _are_apart([tasks[name] for name in members]):
+                continue
+            unknown = [name for name in members if not all(version.wcet for version in tasks[name].versions)]
+            if unknown:
+                findings.add(_lost(lock, unknown))
+                continue
+            resource = Resource(name=unique_name(lock.name, taken), kind=ResourceKind.LOCK, origin=lock.place.origin)
+            made.append((lock, resource))
+            for name in members:
+                tasks[name] = _holding(tasks[name], resource.name)
+                element = f'task "{name}"'
+                self.coverage.defaulted(element, f'lock "{resource.name}"', "held by whole jobs", lock.place.at)
+        if made:
+            message = f"{len(made)} locks are held by whole jobs: {listed([resource.name for _, resource in made])}"
+            findings.add(LOCKS_HELD(message, at=made[0][0].place.at))
+        resources = (*model.resources, *(resource for _, resource in made))
+        return replace(model, resources=resources, tasks=tuple(tasks.values())), tuple(findings.items)
+
+
+def _lost(lock: Lock, unknown: Sequence[str]) -> Diagnostic:
+    return LOCK_LOST(
+        f"is not imported, since {listed(unknown)} have no WCET: jobs that hold it may overlap",
+        at=lock.place.at,
+        path=named(lock.place.kind, lock.place.path),
+        help="state the WCETs in an overlay",
+    )
+
+
+def _are_apart(tasks: Sequence[Task]) -> bool:
+    """Whether no two jobs of some tasks can be in progress at once: all have one unit, and none is split."""
+    versions = [version for task in tasks for version in task.versions]
+    units = {version.units for version in versions}
+    return len(units) == 1 and len(next(iter(units))) == 1 and not any(v.split.is_allowed for v in versions)
+
+
+def _holding(task: Task, lock: str) -> Task:
+    """Return the task with a lock held from the start of each job to its end."""
+    return replace(
+        task,
+        versions=tuple(
+            replace(v, accesses=(*v.accesses, Access(resource=lock, start=ZERO, end=v.wcet))) if v.wcet else v
+            for v in task.versions
+        ),
+    )

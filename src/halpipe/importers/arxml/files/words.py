@@ -1,12 +1,46 @@
-"""Numbers as AUTOSAR writes them, read exactly: times in seconds, and integers of the ECU configuration."""
+"""Names, numbers and module names as AUTOSAR writes them, read exactly.
+
+Vendors put their own names before the module name of a definition (/MICROSAR/Os), and some rename the module (iRte),
+but a definition refined from the standard keeps the short names of the standard's containers."""
 
 from __future__ import annotations
 
 import re
 from fractions import Fraction
 from functools import lru_cache
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.durations import Duration, seconds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+T = TypeVar("T")
+
+_ILLEGAL = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
+_MAX_LENGTH = 900
+_SHOWN = 5
+
+
+def legal_name(text: str) -> str:
+    """Replace what a name of a model element must not contain by ``_``, and bound its length."""
+    return _ILLEGAL.sub("_", text)[:_MAX_LENGTH] or "_"
+
+
+def unique_name(name: str, taken: set[str]) -> str:
+    """Return `name`, or `name` with the first free number after ``~``, and take it."""
+    chosen, number = name, 2
+    while chosen in taken:
+        chosen, number = f"{name}~{number}", number + 1
+    taken.add(chosen)
+    return chosen
+
+
+def listed(items: Sequence[T], name_of: Callable[[T], str] = str) -> str:
+    """Return the names of the first few items for a message, and how many more there are."""
+    shown = ", ".join(map(name_of, items[:_SHOWN]))
+    return f"{shown} and {len(items) - _SHOWN} more" if len(items) > _SHOWN else shown
+
 
 _DOUBLE = re.compile(
     r"(?P<sign>[+-]?)(?P<digits>[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?"
@@ -73,3 +107,44 @@ def is_symbolic(text: str) -> bool:
     """Whether `text` is a name in place of a number."""
     stripped = text.strip()
     return _NAME.fullmatch(stripped) is not None and _SPECIAL.fullmatch(stripped) is None
+
+
+MODULES = ("Os", "Rte", "EcuC")
+# Containers that stand directly in the module, and in no other.
+_CONTAINERS = {
+    **dict.fromkeys(("RteSwComponentInstance", "RteBswModuleInstance", "RteOsInteraction"), "Rte"),
+    **dict.fromkeys(("EcucHardware", "EcucPartitionCollection"), "EcuC"),
+    **dict.fromkeys(
+        (
+            "OsAlarm",
+            "OsAppMode",
+            "OsApplication",
+            "OsCounter",
+            "OsEvent",
+            "OsIsr",
+            "OsOS",
+            "OsResource",
+            "OsScheduleTable",
+            "OsSpinlock",
+            "OsTask",
+        ),
+        "Os",
+    ),
+}
+
+
+def steps_of(definition: str | None) -> list[str]:
+    """Return the short names of the path of a definition."""
+    return "".join((definition or "").split()).split("/")
+
+
+def module_of(steps: Sequence[str]) -> str:
+    """Return the standard module of a definition, empty for any other."""
+    named = next((module for module in MODULES if module in steps), "")
+    return named or next((_CONTAINERS[step] for step in steps if step in _CONTAINERS), "")
+
+
+def module_with(definition: str | None, containers: Iterable[str]) -> str:
+    """Return the standard module of a module configuration, by its definition, else by those of its containers."""
+    named = module_of(steps_of(definition)[-1:])
+    return named or next((_CONTAINERS[name] for name in containers if name in _CONTAINERS), "")
