@@ -11,7 +11,7 @@ from arxml_reading import NS, all_of, by_path, name_of, names, native, q, text, 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, NO_LATENCY
-from halpipe.exporters.arxml.layout import ShortNames
+from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE
 from halpipe.exporters.native.document import UNWRITABLE
 from halpipe.models import Anchor, ChainLatency, ModeSchedule, Status

@@ -23,7 +23,7 @@ from test_arxml_ecus import BOTH, VEHICLE
 
 from command_line import run_here
 from halpipe.core.diagnostics import Findings, HalpipeError
-from halpipe.exporters.arxml.onto import codes
+from halpipe.exporters.arxml import codes
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.flow.formats import import_model

@@ -19,7 +19,7 @@ from arxml_case import (
 )
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.exporters.arxml.onto import codes
+from halpipe.exporters.arxml import codes
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml.options import ArxmlImportOptions

@@ -4,7 +4,7 @@ import pytest
 from arxml_case import alarm, container, os_task
 from test_arxml_onto import acts, model_of, old_table, planned, project, put
 
-from halpipe.exporters.arxml.onto import codes
+from halpipe.exporters.arxml import codes
 from merged_os import Os, differences
 
 

@@ -10,17 +10,11 @@ from halpipe.core.embedding import package_hash, pieces
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME
 from halpipe.exporters.arxml.document import add, document, named, package, sd, serialise, special
-from halpipe.exporters.arxml.guarantees import write_guarantees
-from halpipe.exporters.arxml.holds import Holds
-from halpipe.exporters.arxml.layout import Layout
-from halpipe.exporters.arxml.modes import disabled_modes, write_modes
-from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os
-from halpipe.exporters.arxml.platform import write_platform
-from halpipe.exporters.arxml.rteconfig import write_rte
-from halpipe.exporters.arxml.software import write_software
+from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os, write_rte
+from halpipe.exporters.arxml.software import Layout, disabled_modes, write_modes, write_platform, write_software
 from halpipe.exporters.arxml.tables import make_plan
-from halpipe.exporters.arxml.ticks import choose_counter
-from halpipe.exporters.arxml.timing import write_demands
+from halpipe.exporters.arxml.ticks import Holds, choose_counter
+from halpipe.exporters.arxml.timing import write_demands, write_guarantees
 from halpipe.exporters.common.codes import NEEDS_SCHEDULE
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.native import format_model

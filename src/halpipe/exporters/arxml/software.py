@@ -1,27 +1,165 @@
-"""Tasks as component types with one runnable each, versions as their implementations, and the composition of all."""
+"""The system of a model: short names and paths, hardware, modes, components with versions, and the composition."""
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import (
-    add,
-    add_time,
-    is_from,
-    named,
-    package,
-    ref,
-    seconds_text,
-)
-from halpipe.exporters.arxml.layout import EVENT
+from halpipe.exporters.arxml.document import add, add_time, is_from, named, package, ref, seconds_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from lxml import etree
 
-    from halpipe.exporters.arxml.layout import Layout
-    from halpipe.models import Task, TaskModel, Version
+    from halpipe.models import Task, TaskModel, Transition, Version
+
+_OTHER = re.compile(r"[^A-Za-z0-9]+")
+EVENT = "Every"
+"""What the event of every periodic task is called, beside its runnable."""
+
+_LONGEST = 100  # of the 128 that AUTOSAR allows, so that numbers and suffixes fit
+
+
+class ShortNames:
+    """Hands out identifiers of AUTOSAR, unique without regard to case among those of one namespace."""
+
+    def __init__(self, *reserved: str) -> None:
+        self._taken = {name.lower() for name in reserved}
+        self._next: dict[str, int] = {}
+
+    def __call__(self, *names: str) -> str:
+        """Return the short name that comes next to the names, joined."""
+        base = short(*names)
+        chosen, key = base, base.lower()
+        while chosen.lower() in self._taken:
+            self._next[key] = self._next.get(key, 1) + 1
+            chosen = f"{base}_{self._next[key]}"
+        self._taken.add(chosen.lower())
+        return chosen
+
+
+def short(*names: str) -> str:
+    """Return the names as one identifier: a letter, then letters and digits with single ``_`` between them."""
+    text = _OTHER.sub("_", "_".join(names)).strip("_")
+    text = text if text[:1].isalpha() else f"x_{text}".rstrip("_")
+    return text[:_LONGEST].rstrip("_")
+
+
+class Layout:
+    """The short names of the elements of a model, and the paths that follow from them."""
+
+    def __init__(self, model: TaskModel) -> None:
+        self.root = short(model.name)
+        platform = ShortNames("ProcessingUnit", "Memory")
+        self.units = _each((unit.name for unit in model.units), platform)
+        self.resources = _each((resource.name for resource in model.resources), platform)
+        self.tasks = _each((task.name for task in model.tasks), ShortNames(EVENT))
+        self.modes = _each((mode.name for mode in model.modes), ShortNames())
+        names = ShortNames()
+        self.versions = {
+            (task.name, version.name): names(self.tasks[task.name], version.name)
+            for task in model.tasks
+            for version in task.versions
+        }
+
+    def path(self, *steps: str) -> str:
+        """Return the path of what stands in a package of the model."""
+        return "/".join(("", self.root, *steps))
+
+    def unit(self, name: str) -> str:
+        """Return the path of the HW-ELEMENT of a unit."""
+        return self.path("Platform", self.units[name])
+
+    def resource(self, name: str) -> str:
+        """Return the path of the HW-ELEMENT of a resource."""
+        return self.path("Platform", self.resources[name])
+
+    def component(self, task: str) -> str:
+        """Return the path of the component type of a task."""
+        return self.path("Components", self.tasks[task])
+
+    def behavior(self, task: str) -> str:
+        """Return the path of the internal behaviour of a task."""
+        return f"{self.component(task)}/Behavior"
+
+    def runnable(self, task: str) -> str:
+        """Return the path of the runnable of a task."""
+        return f"{self.behavior(task)}/{self.tasks[task]}"
+
+    def event(self, task: str) -> str:
+        """Return the path of the TIMING-EVENT of a periodic task."""
+        return f"{self.behavior(task)}/{EVENT}"
+
+    def implementation(self, task: str, version: str) -> str:
+        """Return the path of the implementation of a version."""
+        return self.path("Implementations", self.versions[task, version])
+
+    def prototype(self, task: str) -> str:
+        """Return the path of the component prototype of a task."""
+        return self.path("System", "Composition", self.tasks[task])
+
+    def mode(self, name: str) -> str:
+        """Return the path of the mode declaration of a mode."""
+        return self.path("Modes", "Mode", self.modes[name])
+
+
+def _each(names: Iterable[str], unique: ShortNames) -> dict[str, str]:
+    return {name: unique(name) for name in names}
+
+
+def write_platform(packages: etree._Element, model: TaskModel, layout: Layout) -> None:
+    """Append the package of the hardware."""
+    elements = package(packages, "Platform")
+    for category in ("ProcessingUnit", "Memory"):
+        named(elements, "HW-CATEGORY", category)
+    for unit in model.units:
+        _element(elements, layout, layout.units[unit.name], "ProcessingUnit")
+    for resource in model.resources:
+        _element(elements, layout, layout.resources[resource.name], "Memory")
+
+
+def _element(elements: etree._Element, layout: Layout, short_name: str, category: str) -> None:
+    element = named(elements, "HW-ELEMENT", short_name)
+    path = layout.path("Platform", category)
+    ref(add(element, "HW-CATEGORY-REFS"), "HW-CATEGORY-REF", "HW-CATEGORY", path)
+
+
+def disabled_modes(model: TaskModel) -> dict[str, list[str]]:
+    """Return the modes in which each periodic task does not run, which is how AUTOSAR says it."""
+    running = {mode.name: {run.task for run in mode.runs} for mode in model.modes}
+    return {
+        task.name: [mode.name for mode in model.modes if task.name not in running[mode.name]]
+        for task in model.tasks
+        if task.period is not None
+    }
+
+
+def write_modes(packages: etree._Element, model: TaskModel, layout: Layout, release: str) -> None:
+    """Append the package of the modes, if there are any."""
+    if not model.modes:
+        return
+    elements = package(packages, "Modes")
+    declared = named(elements, "MODE-DECLARATION-GROUP", "Mode")
+    ref(declared, "INITIAL-MODE-REF", "MODE-DECLARATION", layout.mode(model.modes[0].name))
+    modes = add(declared, "MODE-DECLARATIONS")
+    for mode in model.modes:
+        named(modes, "MODE-DECLARATION", layout.modes[mode.name])
+    if is_from(release, "4.2.2") and model.transitions:
+        transitions, names = add(declared, "MODE-TRANSITIONS"), ShortNames(*layout.modes.values())
+        for transition in model.transitions:
+            _transition(transitions, transition, layout, names)
+    interface = named(elements, "MODE-SWITCH-INTERFACE", "ModeSwitch")
+    add(interface, "IS-SERVICE", "false")
+    prototype = named(interface, "MODE-GROUP", "Mode")
+    ref(prototype, "TYPE-TREF", "MODE-DECLARATION-GROUP", layout.path("Modes", "Mode"))
+
+
+def _transition(parent: etree._Element, transition: Transition, layout: Layout, names: ShortNames) -> None:
+    short_name = names(layout.modes[transition.source], "to", layout.modes[transition.target])
+    element = named(parent, "MODE-TRANSITION", short_name)
+    ref(element, "ENTERED-MODE-REF", "MODE-DECLARATION", layout.mode(transition.target))
+    ref(element, "EXITED-MODE-REF", "MODE-DECLARATION", layout.mode(transition.source))
 
 
 def write_software(
