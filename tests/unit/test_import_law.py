@@ -49,8 +49,10 @@ MAY_IMPORT = {
     "devices": {"core"},
     "exporters": {"core", "models", "schemas", "pipeline.parts", "devices"},
     # Checks of bundles share nothing with the exporters that write them.
-    "deploy": {"core", "models", "devices"},
+    # What ran is judged in one place, which sees no exporter either.
+    "deploy": {"core", "models", "devices", "pipeline.compare"},
     "pipeline": {"core", "models"},
+    "pipeline.compare": {"core", "models", "pipeline"},
     # What interruptions make of a job has one home for the solver and all exporters.
     "pipeline.parts": {"core.durations", "models"},
     # Modes by their names: an option of every verb.

@@ -20,7 +20,8 @@ class Execution:
     None for what still ran when the trace ended. `table` (a mode, or ``a->b`` for the switch), `cycle` (tables
     played, from 0) and `job` (index in the table) are stated by some traces; empty or None by the others. `stretches`
     are the intervals in which it ran, of a job that paused, where the trace tells. `has_data` is false for a job for
-    which there was no message, None where the trace does not tell.
+    which there was no message, None where the trace does not tell. `planned` is the instant at which the recorder
+    states that the job is due.
     """
 
     task: str
@@ -33,6 +34,7 @@ class Execution:
     job: int | None = None
     stretches: tuple[tuple[Duration, Duration], ...] = ()
     has_data: bool | None = None
+    planned: Duration | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 

@@ -1,5 +1,6 @@
 """Comparison of a trace with its schedule: a faithful trace is clean, and every kind of deviation is found."""
 
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -12,7 +13,8 @@ from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
-from support import ms
+from halpipe.pipeline.compare.expected import MOST_SILENT
+from support import access, model, ms, task, version
 
 
 def job(task, index, start, end, units="c1", version="v"):
@@ -266,6 +268,57 @@ def test_the_order_of_the_tables(pieces, allowed):
     seen = found(play(pieces), origin=ZERO)
     assert (codes.WRONG_SEQUENCE.id not in seen) is allowed
     assert seen == set() or not allowed
+
+
+@pytest.mark.parametrize(
+    ("lost", "missing"),
+    [
+        ({1}, {"race": 4}),
+        ({1, 2}, {"race": 4, "race->slow": 1}),
+        ({2}, {"race->slow": 1}),
+        ({3, 4}, {"slow": 1}),
+    ],
+)
+def test_the_jobs_of_silent_cycles_are_missing_at_their_instants(lost, missing):
+    """A cycle without jobs is one of the mode before it, or the switch to the mode after it; a mode is kept long."""
+    pieces = [("race", RACE), ("race", RACE), ("race->slow", PLAN.transitions[0]), *[("slow", SLOW)] * 3]
+    answer = compared([e for e in play(pieces) if e.cycle not in lost], origin=ZERO)
+    gone = [d for d in answer.diagnostics if d.code == codes.MISSING_JOB.id]
+    tables = Counter(d.path.split('"')[1] for d in gone)
+    assert (tables, {d.code for d in answer.diagnostics}) == (missing, {codes.MISSING_JOB.id})
+    assert sum(row.missing for row in answer.rows) == sum(e.cycle in lost for e in play(pieces))
+
+
+@pytest.mark.parametrize(
+    ("silent", "code"), [(MOST_SILENT // 4, codes.MISSING_JOB), (MOST_SILENT // 4 + 1, codes.PAUSE)]
+)
+def test_many_silent_cycles_of_a_trace_that_counts_them_are_a_pause(silent, code):
+    pieces = [("race", RACE)] * 2
+    first, second = (play(pieces)[i * 4 : i * 4 + 4] for i in (0, 1))
+    by = ms(20) * silent
+    second = [replace(e, cycle=e.cycle + silent, start=e.start + by, end=e.end + by) for e in second]
+    assert found([*first, *second], origin=ZERO) == {code.id}
+
+
+def test_jobs_that_need_one_resource_do_not_run_together():
+    """Task b takes the resource from 4 ms to 6 ms, on another unit than a, which has it until 3 ms."""
+    owner = model(
+        task("a", 20, version("v", 3, "c1", access("r", 0, 3))),
+        task("b", 20, version("v", 2, "c2", access("r", 0, 2))),
+        task("c", 20, version("v", 4, "c3")),
+        units="c1 c2 c3",
+        resources="r",
+    )
+    plan = Schedule(
+        model=owner.name,
+        model_sha256="",
+        modes=(table("all", 20, job("a", 0, 0, 3), job("b", 0, 4, 6, "c2"), job("c", 0, 4, 8, "c3")),),
+    )
+    seen = [Execution(task=j.task, units=j.units, start=j.start, end=j.end) for j in plan.modes[0].jobs]
+    for late, expected in ((ms(1), set()), (ms(1) + Duration(1), {codes.EXCLUSION.id})):
+        trace = Trace(name="", executions=(replace(seen[0], end=seen[0].end + late), *seen[1:]))
+        answer = compare(plan, trace, CompareOptions(origin=ZERO, tolerance=ms(2)), owner)
+        assert {d.code for d in answer.diagnostics} == expected
 
 
 def test_two_tables_in_one_cycle():

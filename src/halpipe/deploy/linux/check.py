@@ -46,12 +46,17 @@ def check(target: Target, options: CheckOptions) -> Checked:
 
 
 def _lines(judgement: Judgement, is_degraded: bool) -> list[str]:
-    p50, p99, most = (f"{value / 1000:.1f}us" for value in judgement.start_errors)
+    p50, p99, most = (f"{float(value.in_unit('us')):.1f}us" for value in judgement.start_errors)
     what = "order and completeness judged" if is_degraded else "order, completeness and ends judged"
     return [
         f"{judgement.jobs} jobs in {judgement.tables} tables, {judgement.switches} switches: {what}",
         f"{judgement.missing} jobs missing, {judgement.disordered} out of order",
         f"start error: p50 {p50}, p99 {p99}, max {most}",
+        *(
+            f'chain "{row.chain}": {row.figure} {row.worst} at most, {row.verified} verified; {row.count} measured'
+            for row in judgement.chains
+            if row.worst is not None
+        ),
     ]
 
 

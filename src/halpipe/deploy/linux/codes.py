@@ -1,4 +1,4 @@
-"""The diagnostics of checking Linux bundles: HAL1080 to HAL1090."""
+"""The diagnostics of checking Linux bundles: HAL1080 to HAL1090, and HAL1451."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -51,4 +51,9 @@ ENDLESS_JOB = error(
     "HAL1090",
     "Job never ended",
     "It still ran when the recording ended: the program waits for something or loops.",
+)
+EARLY_JOB = error(
+    "HAL1451",
+    "Job started before its instant",
+    "The dispatcher starts a job by the clock. Earlier, the data of the jobs before it may not be there.",
 )

@@ -7,7 +7,7 @@ end-to-end figures. Exact throughout: the only allowance is the tolerance that t
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -19,9 +19,9 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
 from halpipe.pipeline.compare.chains import measured_chains
-from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNKNOWN_TASK
+from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, Kind
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
-from halpipe.pipeline.compare.judging import Judge
+from halpipe.pipeline.compare.judging import Judge, Scope
 from halpipe.pipeline.compare.matching import (
     Matching,
     find_origin,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.trace import Execution, Trace
     from halpipe.pipeline.compare.chains import ChainRow
+    from halpipe.pipeline.compare.expected import Played
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
@@ -89,38 +90,56 @@ class TaskRow:
 
 @record(kw_only=True)
 class Comparison:
-    """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations."""
+    """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations.
+
+    `played` has the tables by cycle, `counts` the deviations by kind, `starts` the sorted lateness of all starts.
+    """
 
     name: str
     origin: Duration
     rows: tuple[TaskRow, ...]
     chains: tuple[ChainRow, ...] = ()
     diagnostics: tuple[Diagnostic, ...]
+    played: Mapping[int, str] = field(default_factory=dict)
+    counts: Mapping[Kind, int] = field(default_factory=dict)
+    starts: tuple[Duration, ...] = ()
 
 
-def compare(schedule: Schedule, trace: Trace, options: CompareOptions, model: TaskModel | None = None) -> Comparison:
-    """Compare one line of time with the schedule, and with a `model` its WCETs and chains.
+def compare(
+    schedule: Schedule,
+    trace: Trace,
+    options: CompareOptions,
+    model: TaskModel | None = None,
+    scope: Scope | None = None,
+) -> Comparison:
+    """Compare one line of time with the schedule, and with a `model` its WCETs, chains and resources.
 
     Raise `HalpipeError` if it is open which table ran, or if the model is not that of the schedule.
     """
     if model is not None:
         _require_same(model, schedule)
+    scope = scope or Scope()
     tables = tables_of(schedule)
     findings = Findings()
     prefix = f"{trace.name}, " if trace.name else ""
-    executions = _known(trace.executions, schedule, findings)
-    unknown_tables(executions, tables, findings)
+    judge = Judge(options.tolerance, prefix, scope)
+    executions = _known(trace.executions, schedule, judge)
+    unknown_tables(executions, tables, judge)
     if executions and all(execution.cycle is not None and execution.table for execution in executions):
         names = {execution.table for execution in executions if execution.table in tables}
-        origin, matching = _stated(executions, tables, options, findings)
+        first = schedule.modes[0].name if scope.is_whole else ""
+        entries, pauses = played_tables(executions, tables, judge, first)
+        played = {entry.cycle: entry.table.name for entry in entries}
+        origin, matching = _stated(executions, entries, options, is_whole=scope.is_whole)
+        matching = replace(matching, pauses=pauses)
     else:
         names = {_mode(schedule, executions, options)}
         origin, matching = _repeated(executions, tables[min(names)], options)
+        played = {match.cycle: match.table.name for match in matching.matches}
     if options.origin is None and executions:
         message = f"the schedule's zero lies at {origin} of the trace"
         findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
-    judge = Judge(origin, options.tolerance, prefix)
-    judge.judge(matching)
+    judge.judge(matching, origin, model)
     findings.extend(judge.diagnostics())
     rows = _rows(matching, origin, {task for name in names for task in tables[name].jobs}, model)
     if idle := [row.task for row in rows if not row.seen + row.missing + row.extra]:
@@ -128,14 +147,20 @@ def compare(schedule: Schedule, trace: Trace, options: CompareOptions, model: Ta
         findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
     chains: list[ChainRow] = []
     if model is not None:
-        played = {match.cycle: match.table.name for match in matching.matches}
         seen = [(match.cycle, match.execution) for match in matching.matches]
         seen += [(-1 if e.cycle is None else e.cycle, e) for e in matching.extra]
         chains = measured_chains(model, schedule, played, seen)
         one_mode = len({*played.values()}) == 1
         findings.extend(chain_deviations(model, chains, options.tolerance * 2, prefix, one_mode=one_mode))
     return Comparison(
-        name=trace.name, origin=origin, rows=tuple(rows), chains=tuple(chains), diagnostics=tuple(findings.items)
+        name=trace.name,
+        origin=origin,
+        rows=tuple(rows),
+        chains=tuple(chains),
+        diagnostics=tuple(findings.items),
+        played=played,
+        counts=judge.counts,
+        starts=tuple(sorted(lateness(match, origin) for match in matching.matches)),
     )
 
 
@@ -152,12 +177,11 @@ def _require_same(model: TaskModel, schedule: Schedule) -> None:
 
 
 def _stated(
-    executions: Sequence[Execution], tables: dict[str, Table], options: CompareOptions, findings: Findings
+    executions: Sequence[Execution], played: Sequence[Played], options: CompareOptions, *, is_whole: bool
 ) -> tuple[Duration, Matching]:
     """Match a trace that names its tables and counts them."""
-    played = played_tables(executions, tables, findings)
     if options.origin is not None:
-        return options.origin, match_stated(executions, played, options.origin)
+        return options.origin, match_stated(executions, played, options.origin, is_whole=is_whole)
     origin = find_stated_origin(executions, played)
     return origin, match_stated(executions, played, origin)
 
@@ -192,7 +216,7 @@ def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareO
     return names[0]
 
 
-def _known(executions: Sequence[Execution], schedule: Schedule, findings: Findings) -> list[Execution]:
+def _known(executions: Sequence[Execution], schedule: Schedule, judge: Judge) -> list[Execution]:
     """Return the executions of scheduled tasks, by the names of the schedule; report the others once per name."""
     jobs = [job for mode in schedule.modes for job in mode.jobs]
     jobs += [job for switch in schedule.transitions for job in switch.jobs]
@@ -212,7 +236,7 @@ def _known(executions: Sequence[Execution], schedule: Schedule, findings: Findin
     for task, lost in sorted(unknown.items()):
         help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
         message = f"ran {len(lost)} times and is not in the schedule"
-        findings.add(UNKNOWN_TASK(message, at=lost[0].at, path=about(task=task), help=help))
+        judge.add(Kind.UNKNOWN_TASK, about(task=task), ZERO, message, lost[0].at, help)
     return found
 
 

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from enum import Enum, auto
+from typing import TYPE_CHECKING
+
 from halpipe.core.diagnostics import error, note
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.core.diagnostics import Code
 
 NEEDS_MODE = error(
     "HAL1101",
@@ -105,3 +113,54 @@ OTHER_MODEL = error(
     "The model given with --model has another name or content than the one from which the schedule was made, or lacks "
     "modes, tasks or versions of it.",
 )
+EXCLUSION = error(
+    "HAL1450",
+    "Jobs that need one resource ran at the same time",
+    "Both need the resource wholly for all of their time, as a lock or with a bound of 1, so the schedule keeps them "
+    "apart. Where one is late or runs too long, nothing else does on the target.",
+)
+
+
+class Kind(Enum):
+    """Kinds of deviation of what ran from the schedule."""
+
+    UNKNOWN_TABLE = auto()
+    SEQUENCE = auto()
+    UNKNOWN_TASK = auto()
+    PLAN = auto()
+    EARLY = auto()
+    LATE = auto()
+    LATE_END = auto()
+    ENDLESS = auto()
+    OVERRUN = auto()
+    MISSING = auto()
+    EXTRA = auto()
+    UNIT = auto()
+    ORDER = auto()
+    OVERLAP = auto()
+    EXCLUSION = auto()
+    PARTS = auto()
+    PAUSE = auto()
+    NO_DATA = auto()
+
+
+CODES: Mapping[Kind, Code] = {
+    Kind.UNKNOWN_TABLE: UNKNOWN_TABLE,
+    Kind.SEQUENCE: WRONG_SEQUENCE,
+    Kind.UNKNOWN_TASK: UNKNOWN_TASK,
+    Kind.EARLY: WRONG_START,
+    Kind.LATE: WRONG_START,
+    Kind.LATE_END: LATE_END,
+    Kind.ENDLESS: LATE_END,
+    Kind.OVERRUN: OVERRUN,
+    Kind.MISSING: MISSING_JOB,
+    Kind.EXTRA: EXTRA_JOB,
+    Kind.UNIT: WRONG_UNIT,
+    Kind.ORDER: WRONG_ORDER,
+    Kind.OVERLAP: WRONG_ORDER,
+    Kind.EXCLUSION: EXCLUSION,
+    Kind.PARTS: OUTSIDE_PARTS,
+    Kind.PAUSE: PAUSE,
+    Kind.NO_DATA: NO_DATA,
+}
+"""The codes of comparing a trace; a check of a bundle has codes of its own for these kinds."""

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import NOWHERE, about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.pipeline.compare.codes import UNKNOWN_TABLE, WRONG_SEQUENCE
+from halpipe.pipeline.compare.codes import Kind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule
     from halpipe.models.trace import Execution
+    from halpipe.pipeline.compare.judging import Judge
 
 
 @record
@@ -61,11 +61,17 @@ def _by_task(jobs: Iterable[Job]) -> dict[str, tuple[Job, ...]]:
     return {task: tuple(found) for task, found in grouped.items()}
 
 
-def played_tables(executions: Sequence[Execution], tables: dict[str, Table], findings: Findings) -> list[Played]:
-    """Return the tables that the labels of `executions` tell of, in order; report those that cannot follow each other.
+MOST_SILENT = 100_000
+"""Jobs of cycles in which nothing ran that are counted as missing, one by one."""
 
-    A table without jobs leaves no trace: where the count of cycles steps over one, a table without jobs that fits
-    between its neighbours is put in.
+
+def played_tables(
+    executions: Sequence[Execution], tables: Mapping[str, Table], judge: Judge, first: str = ""
+) -> tuple[list[Played], list[tuple[int, int]]]:
+    """Return the tables that the labels of `executions` name, in order, and pauses as in `Matching`.
+
+    Cycles in which nothing ran are filled in, from cycle 0 on where the `first` table is known. Report tables that
+    cannot follow each other.
     """
     stated: dict[int, str] = {}
     for execution in executions:
@@ -74,43 +80,54 @@ def played_tables(executions: Sequence[Execution], tables: dict[str, Table], fin
         former = stated.setdefault(execution.cycle, execution.table)
         if former != execution.table:
             message = f'cycle {execution.cycle} is both "{former}" and "{execution.table}"'
-            findings.add(WRONG_SEQUENCE(message, at=execution.at, help="check how the recorder counts cycles"))
+            path, help = about(task=execution.task), "check how the recorder counts cycles"
+            judge.add(Kind.SEQUENCE, path, ZERO, message, execution.at, help)
     played: list[Played] = []
-    now = ZERO
+    pauses: list[tuple[int, int]] = []
+    now, left = ZERO, MOST_SILENT
+    last, before = (tables[first], -1) if first else (None, 0)
     for cycle in sorted(stated):
         table = tables[stated[cycle]]
-        for between in _between(played, cycle, table, tables, findings):
-            now += between.length
+        silent = _between(last, cycle - before, table, tables) if last else []
+        if silent is None and last:
+            message = f'cycle {cycle} is "{table.name}", {cycle - before} after "{last.name}" in cycle {before}'
+            help = f"after it may come: {', '.join(sorted(last.successors))}"
+            judge.add(Kind.SEQUENCE, about(table=last.name), ZERO, message, NOWHERE, help)
+        for between, times in silent or ():
+            jobs = times * sum(map(len, between.jobs.values()))
+            left -= jobs
+            if jobs and left < 0:
+                pauses.append((before, cycle))
+            else:
+                number = played[-1].cycle + 1 if played else 0
+                starts = (now + between.length * i for i in range(times))
+                played += [Played(between, number + i, start) for i, start in enumerate(starts)]
+            now += between.length * times
         played.append(Played(table, cycle, now))
         now += table.length
-    return played
+        last, before = table, cycle
+    return played, pauses
 
 
-def _between(
-    played: list[Played], cycle: int, table: Table, tables: dict[str, Table], findings: Findings
-) -> list[Table]:
-    """Return the tables without jobs that were played between the last of `played` and `table`."""
-    if not played:
-        return []
-    last, steps = played[-1].table, cycle - played[-1].cycle
-    if steps == 1 and table.name in last.successors:
-        return []
-    silent = [tables[name] for name in sorted(last.successors) if table.name in tables[name].successors]
-    fitting = [between for between in silent if steps == 2 and not between.jobs]
-    if fitting:
-        return fitting[:1]
-    message = f'cycle {cycle} is "{table.name}", {steps} after "{last.name}" in cycle {played[-1].cycle}'
-    allowed = ", ".join(sorted(last.successors))
-    findings.add(WRONG_SEQUENCE(message, path=about(table=last.name), help=f"after it may come: {allowed}"))
-    return []
+def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table]) -> list[tuple[Table, int]] | None:
+    """Return the tables, and how often each, of the silent cycles before `table`, `steps` after `last`.
+
+    A mode is kept as long as possible, then comes the switch; None: the schedule has no such sequence.
+    """
+    found: list[tuple[Table, int]] = []
+    if last.name not in last.successors and steps > 1:  # a switch, after which comes its target
+        last, steps = tables[min(last.successors)], steps - 1
+        found.append((last, 1))
+    switches = (name for name in sorted(last.successors) if name not in (last.name, table.name))
+    switch = next((name for name in switches if table.name in tables[name].successors), None)
+    if switch is not None and switch not in tables[switch].successors and steps > 1 and table.name != last.name:
+        return [*found, (last, steps - 2), (tables[switch], 1)]
+    return [*found, (last, steps - 1)] if table.name in last.successors else None
 
 
-def unknown_tables(executions: Iterable[Execution], tables: dict[str, Table], findings: Findings) -> None:
+def unknown_tables(executions: Iterable[Execution], tables: Mapping[str, Table], judge: Judge) -> None:
     """Report, once each, the tables that a trace names and the schedule does not have."""
-    seen: set[str] = set()
-    for execution in executions:
-        name = execution.table
-        if name and name not in tables and name not in seen:
-            seen.add(name)
-            help = did_you_mean(name, sorted(tables), "compare with the schedule that was loaded")
-            findings.add(UNKNOWN_TABLE(f'the schedule has no table "{name}"', at=execution.at, help=help))
+    unknown = {e.table: e for e in reversed(list(executions)) if e.table and e.table not in tables}
+    for name, execution in unknown.items():
+        help = did_you_mean(name, sorted(tables), "compare with the schedule that was loaded")
+        judge.add(Kind.UNKNOWN_TABLE, "", ZERO, f'the schedule has no table "{name[:60]}"', execution.at, help)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.pipeline.compare.expected import MOST_SILENT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from halpipe.models import Job
     from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.expected import Played, Table
-
-MOST_SILENT = 100_000
-"""Jobs of cycles in which nothing ran that are counted as missing, one by one."""
 
 SAMPLE = 2000
 """Executions by which the zero of the schedule is sought; more would not change it and cost time."""
@@ -68,8 +66,10 @@ class Matching:
 Key = tuple[int, str, int]
 
 
-def match_stated(executions: Sequence[Execution], played: Sequence[Played], origin: Duration) -> Matching:
-    """Match the executions of a trace that names tables and cycles."""
+def match_stated(
+    executions: Sequence[Execution], played: Sequence[Played], origin: Duration, *, is_whole: bool = False
+) -> Matching:
+    """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due."""
     by_cycle = {entry.cycle: entry for entry in played}
     best: dict[Key, Match] = {}
     extra: list[Execution] = []
@@ -87,7 +87,7 @@ def match_stated(executions: Sequence[Execution], played: Sequence[Played], orig
         for jobs in entry.table.jobs.values()
         for job in jobs
     )
-    return _complete(best, extra, expected, executions, origin)
+    return _complete(best, extra, expected, None if is_whole else executions, origin)
 
 
 def _stated_job(execution: Execution, jobs: Sequence[Job], start: Duration) -> Job | None:
@@ -203,17 +203,16 @@ def _complete(
     best: dict[Key, Match],
     extra: list[Execution],
     expected: Iterable[tuple[Table, int, Job, Duration]],
-    executions: Sequence[Execution],
+    executions: Sequence[Execution] | None,
     origin: Duration,
 ) -> Matching:
-    """Add what was scheduled within the time that the trace covers, and did not run."""
-    first, last = covered(executions)
+    """Add what was scheduled within the time that the executions cover, or at all, and did not run."""
+    first, last = covered(executions) if executions else (ZERO, None)
     missing = [
         (table, cycle, job, start)
         for table, cycle, job, start in expected
         if (cycle, job.task, job.index) not in best
-        and first <= start + origin
-        and start + origin + (job.end - job.start) < last
+        and (last is None or (first <= start + origin and start + origin + (job.end - job.start) < last))
     ]
     matches = sorted(best.values(), key=lambda match: (match.start.ns, match.execution.task))
     return Matching(matches, extra, missing)
