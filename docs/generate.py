@@ -46,6 +46,7 @@ RANGES = {
     "HAL11": "Traces and their comparison",
     "HAL12": "Import of AMALTHEA",
     "HAL13": "Exports to Linux and ROS",
+    "HAL14": "Formats and targets, continued",
 }
 
 MEANINGS = {
