@@ -1,5 +1,5 @@
 // A manager behind the gate of a regulator: transfers in bursts of 64 bytes, 8 bytes a cycle, one after the other. Windows have
-// 40 cycles. For each transfer the cycle is printed in which it is over.
+// 40 cycles; a burst costs whole beats, as in the unit. For each transfer the cycle is printed in which it is over.
 `default_nettype none
 module gate_bench;
   reg clk = 0, rst_n = 0;
@@ -16,7 +16,7 @@ module gate_bench;
   wire ready, shown;
   halpipe_regulator_gate gate (
     .clk(clk), .rst_n(rst_n), .refill(refill), .budget(budget), .room(1'b1), .valid_i(valid), .ready_o(ready),
-    .bytes(bytes), .valid_o(shown), .ready_i(1'b1), .admit(), .left());
+    .bytes((bytes + 16'd7) & 16'hfff8), .valid_o(shown), .ready_i(1'b1), .admit(), .left());
 
   task begin_next;  // the next transfer, from the cycle `free` on
     if (number == count) $finish;

@@ -27,6 +27,7 @@ class Listed:
 
     budgets: tuple[int, ...]
     burst: int = BURST
+    beat: int = BEAT
     overshoot: int = 0
 
     def openings(self, since):
@@ -45,7 +46,7 @@ def drawn(seed):
     """Budgets of 0 to 6 bursts, and transfers that begin when the one before them is over, or later."""
     rng = random.Random(seed)
     budgets = tuple(BURST * rng.choice((0, 0, 1, 1, 2, 3, 6)) for _ in range(60))
-    return budgets, [(rng.randrange(3 * WIDTH), BEAT * rng.randrange(1, 90)) for _ in range(12)]
+    return budgets, [(rng.randrange(3 * WIDTH), rng.randrange(1, 90 * BEAT)) for _ in range(12)]
 
 
 def ends_on_the_bus(budgets, transfers):
@@ -87,6 +88,14 @@ def test_a_transfer_is_held_back_by_what_it_waits_for():
     assert (moved.end, moved.held) == (80 + 16, 96 - 35 - 24)
 
 
+def test_a_partial_beat_costs_a_whole_one():
+    """61 and 3 bytes are a burst together, and nine beats: the budget of a burst covers eight."""
+    bus, gate = Bus(rate=1), Listed((BURST, BURST))
+    first = take(bus, 0, 61, gate)
+    second = take(bus, first.end, 3, gate)
+    assert (first.end, second.end) == (8, WIDTH + 1)
+
+
 def test_the_first_budget_is_spent_once():
     bus, gate = Bus(rate=1), Listed((2 * BURST, BURST))
     first = take(bus, 0, BURST + 8, gate)
@@ -104,6 +113,7 @@ def test_what_is_on_its_way_ends_by_the_budgets_that_come():
     class Changing:
         budgets: tuple[int, ...]
         burst: int = BURST
+        beat: int = BEAT
         overshoot: int = 0
 
         def openings(self, since):

@@ -42,6 +42,11 @@ class Gate(Protocol):
         ...
 
     @property
+    def beat(self) -> int:
+        """The bytes of a beat of the bus; a burst costs whole beats."""
+        ...
+
+    @property
     def overshoot(self) -> int:
         """By how many bytes the last burst of a window may exceed what is left of its budget."""
         ...
@@ -89,10 +94,10 @@ class _Flow:
             self.is_shut = self.opening is None
         if self.opening is not None and now >= self.opening.begin:
             used = self.spent.used if self.spent.window == self.opening.begin else 0
-            more = _covered(self.opening.budget - used, int(self.left - self.covered), self.gate)
+            more, cost = _covered(self.opening.budget - used, int(self.left - self.covered), self.gate)
             self.covered += more
             if more:
-                self.spent.window, self.spent.used = self.opening.begin, used + more
+                self.spent.window, self.spent.used = self.opening.begin, used + cost
 
     def changes(self, now: Fraction, rate: Fraction) -> Iterator[Fraction]:
         """Yield when something changes for it, if until then it moves at a rate: 0 while it waits."""
@@ -192,12 +197,16 @@ def share_of(rates: Iterable[Fraction], capacity: Fraction) -> Fraction:
     raise ValueError("together they do not fill the capacity")
 
 
-def _covered(left: int, size: int, gate: Gate) -> int:
-    """Return the bytes of whole bursts that a budget covers, of which the last may exceed it by the overshoot."""
+def _covered(left: int, size: int, gate: Gate) -> tuple[int, int]:
+    """Return the bytes of bursts that a budget covers, and what they cost: whole beats, also of a last partial burst.
+
+    The last burst may exceed the budget by the overshoot.
+    """
     if left <= 0:
-        return 0
-    if size <= left:
-        return size
-    bursts = left // gate.burst
-    rest = min(gate.burst, size - bursts * gate.burst)
-    return bursts * gate.burst + (rest if 0 < rest <= left - bursts * gate.burst + gate.overshoot else 0)
+        return 0, 0
+    whole = min(left, size) // gate.burst * gate.burst
+    rest = min(gate.burst, size - whole)
+    cost = -(-rest // gate.beat) * gate.beat
+    if not 0 < cost <= left - whole + gate.overshoot:
+        return whole, whole
+    return whole + rest, whole + cost

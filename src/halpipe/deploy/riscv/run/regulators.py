@@ -59,7 +59,7 @@ class Regulators:
         self._channel = site.channels.get(tables.platform.resource)
         units = {unit.name: unit for unit in tables.units}
         self._units = {unit.hart: units[unit.name] for unit in site.units if unit.name in units}
-        self._burst = tables.platform.burst_bytes
+        self._platform = tables.platform
         self._begun: list[tuple[Fraction, Table]] = []
 
     def begin(self, name: str, start: Fraction | int) -> None:
@@ -74,7 +74,8 @@ class Regulators:
         if channel != self._channel or unit is None or not self._begun:
             return None
         direction = "write" if writes else "read"
-        return TableGate(self, unit, direction, self._burst, unit.overshoot[direction])
+        p = self._platform
+        return TableGate(self, unit, direction, p.burst_bytes, p.bus_bytes, unit.overshoot[direction])
 
     def openings(self, unit: Unit, direction: str, since: Fraction) -> Iterator[Opening]:
         """Yield the windows from `since` on that grant something; it ends if there will be none."""
@@ -112,6 +113,7 @@ class TableGate:
     unit: Unit
     direction: str
     burst: int
+    beat: int
     overshoot: int
 
     def openings(self, since: Fraction) -> Iterator[Opening]:
