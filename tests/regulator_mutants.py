@@ -56,7 +56,7 @@ MUTANTS = {
     # ------------------------------------------------------------------------------------------------ unit
     "a register is not what it should": ("unit", "32'h48425754", "32'h48425755"),
     "data goes ahead": ("unit", "(owed != 8'd0)", "1'b1"),
-    "too many writes are owed": ("unit", ".room(owed != 8'hff)", ".room(1'b1)"),
+    "too many writes are owed": ("unit", ".room((owed != 8'hff) & ~aw_long)", ".room(~aw_long)"),
     "one beat of data settles a write": ("unit", "m_wvalid & m_wready & s_wlast", "m_wvalid & m_wready"),
     "writes are owed for ever": ("unit", " - {7'd0, last_passes}", ""),
     "data is taken before it passes": ("unit", "s_wready = m_wready & data_passes", "s_wready = m_wready"),
@@ -74,7 +74,11 @@ MUTANTS = {
     "the default of writes is kept": ("unit", "11'h018)) def_wr", "11'h014)) def_wr"),
     "beats of reads have a byte": ("unit", "({8'd0, arlen} + 16'd1) << SIZE", "({8'd0, arlen} + 16'd1) << 0"),
     "bursts of writes are a beat shorter": ("unit", "({8'd0, awlen} + 16'd1)", "({8'd0, awlen})"),
-    "status bits are swapped": ("unit", "6'd0, pending, running", "6'd0, running, pending"),
+    "status bits are swapped": ("unit", "pending, running, table_now", "running, pending, table_now"),
+    "reads of any length pass": ("unit", ".room(~ar_long)", ".room(1'b1)"),
+    "writes of any length pass": ("unit", " & ~aw_long)", ")"),
+    "long bursts are not shown": ("unit", "| (s_arvalid & ar_long)", ""),
+    "long bursts are shown for ever": ("unit", "(long_wr & ~clears)", "long_wr"),
     # ------------------------------------------------------------------------------------------------ frame
     "go is ignored": ("frame", "go <= 1'b0;", "go <= 1'b1;"),
     "windows are a cycle longer": ("frame", "cycles - {31'd0, ~stretch} :", "cycles :"),
@@ -87,6 +91,7 @@ MUTANTS = {
     "one unit hears of GO": ("frame", ".all_go(go)", ".all_go(go & (i == 0))"),
     "registers are those of the next unit": ("frame", "(reg_addr[25:20] == i + 1)", "(reg_addr[25:20] == i + 2)"),
     "the last unit cannot be read": ("frame", "<= UNITS[5:0])", "< UNITS[5:0])"),
+    "one unit hears of the longest burst": ("frame", ".longest(longest)", ".longest((i == 0) ? longest : 16'hffff)"),
     "units have another beat than the bus": ("frame", ".SIZE(SIZE),", ".SIZE(SIZE + 1),"),
     # ------------------------------------------------------------------------------------------------ axil
     "parts of words are written": ("axil", "reg_write = writes & (s_wstrb == 4'hf);", "reg_write = writes;"),
@@ -108,6 +113,11 @@ UNSEEN = {
     "answers are not waited for",
     "windows have no further cycle",
     "what is left of a cycle is lost",
+    "reads of any length pass",
+    "writes of any length pass",
+    "long bursts are not shown",
+    "long bursts are shown for ever",
+    "one unit hears of the longest burst",
 }
 """Those that no run of the tests shows, so that the proof has to."""
 

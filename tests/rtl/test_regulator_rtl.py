@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -196,11 +197,11 @@ def test_the_registers_are_those_of_the_manual(files, tables, player):
     running, pending = 1 << 8, 1 << 9 | 2 << 16
     assert values == [
         0x48425754,
-        1 << 24 | 16 << 16 | 1024,
+        2 << 24 | 16 << 16 | 1024,
         128,
         64,
         cycles,
-        1 << 24 | 3 << 8 | 3,
+        2 << 24 | 3 << 8 | 3,
         1,
         0,
         2**32 - 1,
@@ -427,3 +428,47 @@ def test_the_unit_fits_a_device_without_distributed_memory():
         subprocess.run(["yosys", "-q", "-p", script], cwd=folder, check=True, capture_output=True)
         text = Path(folder, "stat.txt").read_text()
     assert re.search(r"SB_RAM40_4K +6\b", text)
+
+
+@icarus
+def test_a_burst_longer_than_stated_never_passes_and_is_shown(tmp_path):
+    """Without LONGEST it could pass in one table and wait for ever in another."""
+    sources = [str(path) for path in (Path(__file__).parent / "long_bench.v", *sorted(RTL.glob("*.v")))]
+    built = tmp_path / "long.vvp"
+    subprocess.run(["iverilog", "-g2005-sv", "-s", "long_bench", "-o", str(built), *sources], check=True)
+    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=300).stdout
+    assert [line for line in said.splitlines() if "finish" not in line] == [
+        "1 reads, 0 writes, status 00000000",
+        "1 reads, 0 writes, status 00000400",
+        "1 reads, 0 writes, status 00000000",
+        "1 reads, 0 writes, status 00000800",
+        "1 reads, 1 writes, status 00000800",
+    ]
+
+
+@icarus
+@pytest.mark.parametrize("traffic", sometimes_slow([TRAFFIC[1], TRAFFIC[2], TRAFFIC[4]], 1), ids=lambda t: t.name)
+def test_a_victim_among_eight_gets_its_promise(tmp_path, traffic):
+    """The memory is promised to its last beat; a reader that always asks misses a burst of its budget at most.
+
+    That is so for the addresses taken in each window, and for the beats served up to a window later. The others ask as
+    they like; a narrow, FIXED or WRAP beat of theirs is a beat here, as it is for the memory.
+    """
+    files = bundles.export(tmp_path, *bundles.wide_system(8), units=8, window="512")
+    tables = read_tables(bundles.target(files).bundle)
+    built = Icarus().build(design_of(bundles.target(files).bundle, tables), str(tmp_path))
+    run = plan(tables, traffic, 5, windows=40)
+    victim = tables.units[1]
+    run = replace(run, kinds=(run.kinds[0], stimuli.GREEDY, *run.kinds[2:]))
+    trace = play(bundles.target(files).bundle, tables, built, run).decode()
+    windows = [[int(n) for n in line.split()[2:]] for line in trace.splitlines() if line.startswith("W")]
+    granted = tables.tables[0].budgets(victim.name, "read")
+    promised = served = before = 0
+    for expected, fields in zip(run.expected, windows, strict=True):
+        _, _, taken, *_, beats = fields[13 * victim.index : 13 * victim.index + 9]
+        budget = granted[expected.window] if expected.running else 0
+        assert taken >= budget - 64
+        served += beats * 8
+        assert served >= before - 64
+        before = promised = promised + budget
+    assert promised > 10 * 64 * 8

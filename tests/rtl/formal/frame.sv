@@ -18,21 +18,22 @@ module formal_frame (
   (* keep *) wire [@units@-1:0] u_tick, u_go, u_req_valid, u_write, u_arvalid, u_arready, u_awvalid, u_awready, u_wvalid, u_wready, u_wlast;
   (* keep *) wire [@units@-1:0] u_m_arvalid, u_m_arready, u_m_awvalid, u_m_awready, u_m_wvalid, u_m_wready;
   (* keep *) wire [8*@units@-1:0] u_req_table, u_arlen, u_awlen;
-  (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number, rest, extra, of; (* keep *) wire go;
+  (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number, rest, extra, of; (* keep *) wire go; (* keep *) wire [16*@units@-1:0] u_longest;
   reg first = 1;
   always @(posedge clk) first <= 0;
   always @* assume (rst_n == !first);
 
   wire here = reg_addr[25:20] == 0;
-  reg m_go = 0; reg [31:0] m_cycles = 9, m_left = 8, m_window = 0, m_extra = 0, m_of = 1, m_rest = 0;
+  reg m_go = 0; reg [31:0] m_cycles = 9, m_left = 8, m_window = 0, m_extra = 0, m_of = 1, m_rest = 0; reg [15:0] m_longest = 16'hffff;
   wire m_long = {1'b0, m_rest} + m_extra >= {1'b0, m_of};
   always @(posedge clk)
-    if (!rst_n) begin m_go <= 0; m_cycles <= 9; m_left <= 8; m_window <= 0; m_extra <= 0; m_of <= 1; m_rest <= 0; end
+    if (!rst_n) begin m_go <= 0; m_cycles <= 9; m_left <= 8; m_window <= 0; m_extra <= 0; m_of <= 1; m_rest <= 0; m_longest <= 16'hffff; end
     else begin
       if (reg_write & here & reg_addr[19:0] == 20'h008) m_go <= reg_wdata[0];
       if (reg_write & here & reg_addr[19:0] == 20'h018) m_cycles <= reg_wdata < 4 ? 4 : reg_wdata;
       if (reg_write & here & reg_addr[19:0] == 20'h020) m_extra <= reg_wdata;
       if (reg_write & here & reg_addr[19:0] == 20'h024) m_of <= reg_wdata == 0 ? 1 : reg_wdata;
+      if (reg_write & here & reg_addr[19:0] == 20'h028) m_longest <= reg_wdata[15:0];
       m_left <= m_left == 0 ? (m_long ? m_cycles : m_cycles - 1) : m_left - 1;
       if (m_left == 0) m_rest <= m_long ? m_rest + m_extra - m_of : m_rest + m_extra;
       if (m_left == 0) m_window <= m_window + 1;
@@ -50,17 +51,19 @@ module formal_frame (
     counts:   assert (counter == m_left & length == m_cycles & number == m_window & go == m_go);
     windows:  assert (tick == (m_left == 0) & u_tick == {@units@{tick}});
     together: assert (u_go == {@units@{m_go}} & u_req_valid == {@units@{asks}} & (!asks | u_req_table == {@units@{reg_wdata[7:0]}}));
+    bursts:   assert (u_longest == {@units@{m_longest}});
     chosen:   assert (u_write == writes);
     passed:   assert (u_addr == {@units@{reg_addr[19:0]}} & u_wdata == {@units@{reg_wdata}});
     answers:  assert (reads_wrong == 0);
     if (here) case (reg_addr[19:0])
       20'h000: id:     assert (reg_rdata == 32'h48425746);
-      20'h004: params: assert (reg_rdata == {8'd1, 8'd0, 8'd5, 8'd@units@});
+      20'h004: params: assert (reg_rdata == {8'd2, 8'd0, 8'd5, 8'd@units@});
       20'h008: ctrl:   assert (reg_rdata == {31'd0, m_go});
       20'h010: window: assert (reg_rdata == m_window);
       20'h018: cycles: assert (reg_rdata == m_cycles);
       20'h020: more:   assert (reg_rdata == m_extra);
       20'h024: parts:  assert (reg_rdata == m_of);
+      20'h028: most:   assert (reg_rdata == {16'd0, m_longest});
       default: ;
     endcase
     ports_in:  assert ({u_arvalid, u_awvalid, u_wvalid, u_wlast, u_m_arready, u_m_awready, u_m_wready}
@@ -72,7 +75,7 @@ module formal_frame (
 endmodule
 // In place of a unit, which is proven on its own: whatever it answers.
 module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter integer SIZE = 3, parameter TABFILE = "", parameter HDRFILE = "")(
-  (* keep *) input wire clk, (* keep *) input wire rst_n, (* keep *) input wire tick, (* keep *) input wire all_go, (* keep *) input wire all_req_valid, (* keep *) input wire [7:0] all_req_table,
+  (* keep *) input wire clk, (* keep *) input wire rst_n, (* keep *) input wire tick, (* keep *) input wire all_go, (* keep *) input wire all_req_valid, (* keep *) input wire [7:0] all_req_table, (* keep *) input wire [15:0] longest,
   (* keep *) input wire reg_write, (* keep *) input wire [19:0] reg_addr, (* keep *) input wire [31:0] reg_wdata, (* keep *) output wire [31:0] reg_rdata,
   (* keep *) input wire s_arvalid, (* keep *) output wire s_arready, (* keep *) output wire m_arvalid, (* keep *) input wire m_arready,
   (* keep *) input wire s_awvalid, (* keep *) output wire s_awready, (* keep *) output wire m_awvalid, (* keep *) input wire m_awready,

@@ -2,6 +2,7 @@
 `default_nettype none
 module formal_unit (
   input wire clk, input wire rst_n, input wire tick, input wire all_go, input wire all_req_valid, input wire [7:0] all_req_table,
+  input wire [15:0] longest,
   input wire reg_write, input wire [19:0] reg_addr, input wire [31:0] reg_wdata,
   input wire s_arvalid, input wire m_arready, input wire s_awvalid, input wire m_awready, input wire s_wvalid,
   input wire m_wready, input wire s_wlast, input wire [7:0] arlen, input wire [7:0] awlen
@@ -9,14 +10,14 @@ module formal_unit (
   wire [31:0] reg_rdata;
   wire m_arvalid, s_arready, m_awvalid, s_awready, m_wvalid, s_wready;
   halpipe_regulator_unit #(.DEPTH(4), .TABLES(4), .SIZE(5), .DEF_RD(32'd4096), .DEF_WR(32'd512)) dut (
-    .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(all_go), .all_req_valid(all_req_valid), .all_req_table(all_req_table),
+    .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(all_go), .all_req_valid(all_req_valid), .all_req_table(all_req_table), .longest(longest),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .s_arvalid(s_arvalid), .m_arvalid(m_arvalid), .s_arready(s_arready), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .m_awvalid(m_awvalid), .s_awready(s_awready), .m_awready(m_awready),
     .s_wvalid(s_wvalid), .m_wvalid(m_wvalid), .s_wready(s_wready), .m_wready(m_wready), .s_wlast(s_wlast),
     .arlen(arlen), .awlen(awlen));
   // inputs of the parts, as they are connected
-  (* keep *) wire go_here; (* keep *) wire [31:0] held_rd, held_wr;
+  (* keep *) wire go_here, long_rd, long_wr; (* keep *) wire [31:0] held_rd, held_wr;
   (* keep *) wire p_tick, p_go, p_req_valid, r_refill, w_refill, r_room, w_room, r_valid, w_valid;
   (* keep *) wire [7:0] p_req_table, owed;
   (* keep *) wire [2:0] p_entry_write; (* keep *) wire [1:0] p_header_write;
@@ -40,11 +41,18 @@ module formal_unit (
       if (entries & ~plays & reg_addr[3:0] == 4'h0) m_held_wr <= reg_wdata;
       if (entries & ~plays & reg_addr[3:0] == 4'h4) m_held_rd <= reg_wdata;
     end
+  reg m_long_rd = 0, m_long_wr = 0;
+  wire settles = reg_write & reg_addr == 20'h00c;
+  always @(posedge clk) begin
+    m_long_rd <= rst_n & ((m_long_rd & !settles) | (s_arvalid & r_bytes > longest));
+    m_long_wr <= rst_n & ((m_long_wr & !settles) | (s_awvalid & w_bytes > longest));
+  end
   wire asks = all_req_valid | (reg_write & reg_addr == 20'h01c);
   wire [7:0] asked = all_req_valid ? all_req_table : reg_wdata[7:0];
   always @* if (!first) begin
     started:  assert (p_go == plays & p_tick == tick);
     state:    assert (go_here == m_go & held_rd == m_held_rd & held_wr == m_held_wr);
+    long:     assert (long_rd == m_long_rd & long_wr == m_long_wr);
     defaults: assert (p_def_rd == m_rd & p_def_wr == m_wr);
     requests: assert (p_req_valid == (asks & asked < 4) & (!p_req_valid | p_req_table == asked));
     // an entry is stored whole when its START is written, a header word by word; both only where there is one, and no table plays
@@ -58,9 +66,9 @@ module formal_unit (
     if (reg_write & ~plays & headers & reg_addr < 20'h00820) headable: assert (p_header_write != 0);
     if (control) case (reg_addr)
       20'h000: id:      assert (reg_rdata == 32'h48425754);
-      20'h004: params:  assert (reg_rdata == {8'd1, 8'd4, 16'd4});
+      20'h004: params:  assert (reg_rdata == {8'd2, 8'd4, 16'd4});
       20'h008: ctrl:    assert (reg_rdata == {31'd0, m_go});
-      20'h00c: status:  assert (reg_rdata == {8'd0, p_pending_table, 6'd0, p_pending, p_running, p_table});
+      20'h00c: status:  assert (reg_rdata == {8'd0, p_pending_table, 4'd0, m_long_wr, m_long_rd, p_pending, p_running, p_table});
       20'h010: window:  assert (reg_rdata == p_window);
       20'h014: rd:      assert (reg_rdata == m_rd);
       20'h018: wr:      assert (reg_rdata == m_wr);
@@ -70,7 +78,7 @@ module formal_unit (
     endcase
 
     // ---- the gates stand in the right channels, with the right budgets
-    reads:   assert (r_refill == tick & r_budget == p_next_rd & r_room & r_valid == s_arvalid
+    reads:   assert (r_refill == tick & r_budget == p_next_rd & r_room == (r_bytes <= longest) & r_valid == s_arvalid
                      & r_bytes == ({8'd0, arlen} + 16'd1) * 32);
     writes:  assert (w_refill == tick & w_budget == p_next_wr & w_valid == s_awvalid
                      & w_bytes == ({8'd0, awlen} + 16'd1) * 32);
@@ -88,7 +96,7 @@ module formal_unit (
     carries: assert (!(s_wvalid & open != 0) | m_wvalid);
     w_both:  assert ((s_wvalid & s_wready) == (m_wvalid & m_wready));
     bounded: assert (!(w_admit & open == 255));
-    room:    assert (w_room == (open < 255));
+    room:    assert (w_room == (open < 255 & w_bytes <= longest));
   end
 endmodule
 `default_nettype wire

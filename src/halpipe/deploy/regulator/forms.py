@@ -23,6 +23,8 @@ HEADER = f"{FOLDER}/bw_tables.h"
 _AGAIN = "export the bundle again; the forms of one bundle are made from one object"
 TERMINATOR, NO_TABLE = "ffffffff0000000000000000", "0" * 16
 MOST_HEADERS = 256
+BINARY_VERSION = 2
+"""Of the layout of the binary; version 1 had no parts of cycles."""
 
 
 def header_lines(tables: Tables) -> int:
@@ -44,18 +46,26 @@ def check_forms(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
     missing = [name for name in (*names, BINARY, HEADER) if name not in bundle.files]
     for name in missing:
         yield FORMS_DIFFER("is missing", at=bundle.at(name), help=_AGAIN)
+    for name, expected in images(tables).items():
+        if name not in missing:
+            yield from _lines(bundle, name, expected.decode().splitlines())
     for unit in tables.units:
-        entry_name, header_name = image_names(unit)
-        if entry_name not in missing:
-            yield from _lines(bundle, entry_name, [*entry_words(tables, unit), TERMINATOR])
-            yield from _depth(bundle, entry_name, tables, unit)
-        if header_name not in missing:
-            words = header_words(tables, unit)
-            yield from _lines(bundle, header_name, [*words, *[NO_TABLE] * (header_lines(tables) - len(words))])
+        yield from _depth(bundle, image_names(unit)[0], tables, unit)
     if BINARY not in missing:
         yield from _binary(bundle, tables)
     if HEADER not in missing:
         yield from _c_header(bundle, tables)
+
+
+def images(tables: Tables) -> dict[str, bytes]:
+    """Return the memory images of all units by name, as they follow from the tables."""
+    found = {}
+    for unit in tables.units:
+        entries, headers = [*entry_words(tables, unit), TERMINATOR], header_words(tables, unit)
+        headers += [NO_TABLE] * (header_lines(tables) - len(headers))
+        for name, words in zip(image_names(unit), (entries, headers), strict=True):
+            found[name] = "\n".join([*words, ""]).encode()
+    return found
 
 
 def entry_words(tables: Tables, unit: Unit) -> list[str]:
@@ -105,6 +115,11 @@ def _binary(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
     if body[36:68].hex() != tables.schedule_sha256:
         text = f"is of the schedule {body[36:68].hex()[:16]}..., tables.json of {tables.schedule_sha256[:16]}..."
         yield OTHER_SCHEDULE(text, at=at, help=_AGAIN)
+    version = int.from_bytes(body[4:6], "little")
+    if version != BINARY_VERSION:
+        text = f"is version {version} of the binary, this check reads version {BINARY_VERSION}"
+        yield FORMS_DIFFER(text, at=at, help=_AGAIN)
+        return
     offset = 0
     for what, value in _fields(tables):
         have = body[offset : offset + len(value)]
@@ -120,7 +135,7 @@ def _fields(tables: Tables) -> Iterator[tuple[str, bytes]]:
     """Yield the fields of the binary in order, little-endian, each with its name."""
     platform = tables.platform
     yield "magic", b"HBWT"
-    yield "version and counts", struct.pack("<HHHH", 1, len(tables.units), len(tables.tables), 0)
+    yield "version and counts", struct.pack("<HHHH", BINARY_VERSION, len(tables.units), len(tables.tables), 0)
     for name, value in (
         ("window_cycles", platform.window_cycles),
         ("window_extra", platform.window_extra.numerator),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from halpipe.core.records import record
 from halpipe.deploy.regulator import stimuli
 from halpipe.deploy.regulator.codes import NO_ENGINE
 from halpipe.deploy.regulator.engines import ENGINES, Design
-from halpipe.deploy.regulator.forms import FOLDER, image_names
+from halpipe.deploy.regulator.forms import FOLDER, image_names, images
 from halpipe.deploy.regulator.observe import judge
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
     """Build the bench and yield each run with its verdict; raise `HalpipeError` when the simulator fails.
 
     With `cycles`, every mode is played that often before it is left, and all switches are made in every run; without,
-    as much as fits into the cycles that the engine simulates in a short time.
+    as much as fits into the cycles that the engine simulates in a short time: random traffic has excerpts of tables.
     """
     with scratch_folder() as folder:
         player = engine.build(design_of(bundle, tables), folder)
@@ -91,8 +92,10 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
             share = share if traffic.is_silent else share // len(tables.units)
             length = traffic.cycles or tables.platform.window_cycles
             windows = 2**31 if cycles and not traffic.is_silent else max(4, share // length)
-            run = stimuli.plan(tables, traffic, seed, windows=windows, repeats=1 if traffic.is_silent else cycles or 1)
-            yield Played(run, judge(tables, run, play(bundle, tables, player, run), bundle.at(FOLDER)))
+            played = stimuli.excerpt(tables, windows) if number > 1 and not cycles else tables
+            run = stimuli.plan(played, traffic, seed, windows=windows, repeats=1 if traffic.is_silent else cycles or 1)
+            loaded = bundle if played is tables else replace(bundle, files=images(played))
+            yield Played(run, judge(played, run, play(loaded, played, player, run), bundle.at(FOLDER)))
 
 
 def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:

@@ -6,6 +6,8 @@ Nothing is drawn but from SHA-256 of the seed, so that a run can be repeated on 
 from __future__ import annotations
 
 import hashlib
+from bisect import bisect_right
+from dataclasses import replace
 from fractions import Fraction
 from itertools import count as counting
 from itertools import pairwise
@@ -13,18 +15,18 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.deploy.regulator.forms import MOST_HEADERS, header_lines
-from halpipe.deploy.regulator.reading import DIRECTIONS
+from halpipe.deploy.regulator.reading import DIRECTIONS, Entry
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.deploy.regulator.reading import Tables
+    from halpipe.deploy.regulator.reading import Table, Tables
 
 GREEDY = 1
 LENGTHS, GAPS, CLUSTERS = 2, 4, 8
 FRAME_ID, FRAME_GO, FRAME_WINDOW, FRAME_CYCLES, FRAME_REQUEST = 0x000, 0x008, 0x010, 0x018, 0x01C
-FRAME_EXTRA, FRAME_OF = 0x020, 0x024
-PARAMS, VERSION = 0x004, 1 << 24
+FRAME_EXTRA, FRAME_OF, FRAME_LONGEST = 0x020, 0x024, 0x028
+PARAMS, VERSION = 0x004, 2 << 24
 UNIT_WINDOW, UNIT_DEF_READ, UNIT_DEF_WRITE, UNIT_REQUEST = 0x010, 0x014, 0x018, 0x01C
 UNIT_HEADERS, UNIT_ENTRIES = 0x800, 0x1000
 NOT_RUNNING = 2**32 - 1
@@ -158,6 +160,45 @@ class Run:
         return sum(a.running and b.running and a.table != b.table for a, b in pairwise(self.expected))
 
 
+STRETCH = 3
+"""Windows that an excerpt has of those, at most, in which no budget changes."""
+
+
+def excerpt(tables: Tables, windows: int) -> Tables:
+    """Return tables of which a tour takes about `windows` windows: a few of each stretch with the same budgets.
+
+    What is still too long loses its middle. A window without budgets is there instead, so that no burst is carried
+    over between windows that do not follow one another in the table.
+    """
+    modes = sum(not table.is_transition for table in tables.tables)
+    most = max(2 * STRETCH, windows // (2 * modes + 3 * len(tables.switches) + 3))
+    cut = replace(tables, tables=tuple(_cut(table, most) for table in tables.tables))
+    return cut if sizes(cut) == sizes(tables) else tables
+
+
+def _cut(table: Table, most: int) -> Table:
+    if table.windows <= most:
+        return table
+    starts = sorted({entry.window for entries in table.entries.values() for entry in entries})
+    kept: list[int | None] = []
+    for start, end in pairwise([*starts, table.windows]):
+        kept += range(start, min(end, start + STRETCH))
+    if len(kept) > most:
+        kept = [*kept[: most // 2], None, *kept[len(kept) - (most - 1 - most // 2) :]]
+
+    def budgets(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+        found: list[Entry] = []
+        for number, window in enumerate(kept):
+            now = None if window is None else entries[bisect_right(entries, window, key=lambda e: e.window) - 1]
+            read, write = (now.read, now.write) if now else (0, 0)
+            if not found or (found[-1].read, found[-1].write) != (read, write):
+                found.append(Entry(number, read, write))
+        return tuple(found)
+
+    entries = {unit: budgets(several) for unit, several in table.entries.items()}
+    return replace(table, windows=len(kept), entries=entries)
+
+
 def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: int = 1) -> Run:
     """Return a run of at most `windows` windows that visits all switches, each at a drawn instant, as far as it gets.
 
@@ -210,6 +251,7 @@ class _Software:
         self._read(cycle, FRAME_CYCLES, self._cycles)
         cycle = self._write(cycle + 1, FRAME_EXTRA, self._extra.numerator)
         cycle = self._write(cycle, FRAME_OF, self._extra.denominator if self._extra else 0)
+        cycle = self._write(cycle, FRAME_LONGEST, self._tables.platform.burst_bytes)
         cycle = self._write_beyond(cycle)
         for unit in self._tables.units:
             cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_READ), unit.default["read"])
@@ -396,6 +438,7 @@ class _Software:
             (FRAME_CYCLES, self._cycles),
             (FRAME_EXTRA, self._extra.numerator),
             (FRAME_OF, self._extra.denominator),
+            (FRAME_LONGEST, self._tables.platform.burst_bytes),
         ]
         window = unit_address(unit.index, UNIT_WINDOW), self.expected[number].window
         return window if self._draw.below(2) else known[self._draw.below(len(known))]

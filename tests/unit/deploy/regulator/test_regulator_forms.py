@@ -113,3 +113,13 @@ def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
     assert findings(bundles.changed(files, depth(used))) == []
     (finding,) = findings(bundles.changed(files, depth(used - 1)))
     assert finding.code == codes.TOO_DEEP.id
+
+
+def test_a_binary_of_another_version_is_refused_by_its_version(files):
+    """Its layout is another one, so that its fields are not compared."""
+    body = files[forms.BINARY][:-4]
+    (finding,) = findings({**files, forms.BINARY: sealed(body[:4] + b"\1" + body[5:])})
+    assert (finding.code, finding.message) == (
+        codes.FORMS_DIFFER.id,
+        "is version 1 of the binary, this check reads version 2",
+    )

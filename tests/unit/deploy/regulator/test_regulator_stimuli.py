@@ -152,3 +152,32 @@ def test_windows_of_a_real_clock_do_not_drift():
     day = 24 * 3600 / window
     assert 0 <= Fraction(day * exact - int(day * exact), clock) < Fraction(1, clock) < window
     assert abs(24 * 3600 - Fraction(day * 2000, clock)) > 100_000 * window  # counted as 250 MHz
+
+
+def test_an_excerpt_has_every_budget_and_follows_the_table(tables):
+    """Stretches are shortened; what does not fit is cut out, with a window without budgets in its place."""
+    rows = list(tables.rows())
+
+    def columns(table):
+        return list(zip(*(table.budgets(unit.name, direction) for unit, direction in rows), strict=True))
+
+    short, shorter = (stimuli.excerpt(tables, windows) for windows in (13 * 30, 13 * 12))
+    assert any(table.windows < before.windows for table, before in zip(short.tables, tables.tables, strict=True))
+    for table, before in zip(short.tables, tables.tables, strict=True):
+        assert {*columns(table)} == {*columns(before)}
+    nothing = (0,) * len(rows)
+    for table, before in zip((*short.tables, *shorter.tables), 2 * tables.tables, strict=True):
+        steps, known = list(pairwise(columns(table))), set(pairwise(columns(before)))
+        assert all(step in known or nothing in step for step in steps)
+        assert (columns(table)[0], columns(table)[-1]) == (columns(before)[0], columns(before)[-1])
+    assert max(table.windows for table in shorter.tables) <= 12
+
+
+@pytest.mark.parametrize("traffic", TRAFFIC[1:], ids=lambda traffic: traffic.name)
+def test_random_traffic_meets_every_table_to_its_end(tables, traffic):
+    """And makes every switch, within the windows that a check simulates."""
+    short = stimuli.excerpt(tables, 320)
+    run = plan(short, traffic, 1, windows=320)
+    ended = {e.table for e in run.expected if e.running and e.window + 1 == short.tables[e.table].windows}
+    assert ended == {table.index for table in tables.tables}
+    assert run.switches >= len(tables.switches)

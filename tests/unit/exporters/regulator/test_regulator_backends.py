@@ -156,7 +156,7 @@ def test_the_binary_has_everything_and_a_checksum(tmp_path):
     data = backend("table").write(tables, DIGEST)["bw_tables.bin"]
     assert zlib.crc32(data[:-4]) == int.from_bytes(data[-4:], "little")
     head = struct.unpack_from("<4s4H6I32s", data)
-    assert head == (b"HBWT", 1, 2, 4, 0, 1000, 0, 1, 1_000_000, 64, 7400, bytes.fromhex(DIGEST))
+    assert head == (b"HBWT", 2, 2, 4, 0, 1000, 0, 1, 1_000_000, 64, 7400, bytes.fromhex(DIGEST))
     units = [struct.unpack_from("<4I", data, 68 + 16 * n) for n in range(2)]
     assert [u[0] for u in units] == [0, 2]
     heads = struct.unpack_from("<16I", data, 68 + 32)

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from halpipe.exporters.regulator.tables import RegulatedUnit, Tables
 
 MAGIC = b"HBWT"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Of the layout of the binary: a change of it takes a new number, which readers refuse if it is not theirs."""
+
 MOST_UNITS = 63
 """What the Verilog that comes with the tables can do."""
 

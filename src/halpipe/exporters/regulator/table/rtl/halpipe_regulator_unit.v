@@ -2,7 +2,7 @@
 // It adds no cycle to a burst that passes. All units share `tick`, and the window is 4 cycles at least.
 //
 // A burst costs its beats times the bytes of a beat of the bus, whatever its AxSIZE: a memory of one beat in a cycle
-// loses a whole beat to a narrow transfer, too.
+// loses a whole beat to a narrow transfer, too. A burst that costs more than `longest` never passes, and STATUS shows it.
 //
 // A write's data passes as soon as its address is shown to the memory: a memory may wait for data before it takes an
 // address (AXI4 A3.3.1), and data without an admitted address must not reach it.
@@ -22,6 +22,7 @@ module halpipe_regulator_unit #(
   input  wire        all_go,             // from the block that makes the windows: what concerns all units at once
   input  wire        all_req_valid,
   input  wire [7:0]  all_req_table,
+  input  wire [15:0] longest,            // bytes of the longest burst that may pass
   // registers, see regulator.rdl
   input  wire        reg_write,
   input  wire [19:0] reg_addr,
@@ -41,7 +42,7 @@ module halpipe_regulator_unit #(
 );
   // ---------------------------------------------------------------------------------------------- registers
   localparam [31:0] ID = 32'h48425754;
-  wire [31:0] params = {8'd1, TABLES[7:0], DEPTH[15:0]};
+  wire [31:0] params = {8'd2, TABLES[7:0], DEPTH[15:0]};
   reg         go_here;
   reg  [31:0] def_rd, def_wr, held_wr, held_rd;
   wire        go = go_here | all_go;
@@ -54,6 +55,7 @@ module halpipe_regulator_unit #(
   wire        known = in_tables ? ({16'd0, index} < DEPTH) : ({16'd0, index} < TABLES);
   wire        commit = open & in_tables & known & (reg_addr[3:0] == 4'h8);
   wire [1:0]  header_write = {2{open & in_headers & known}} & {reg_addr[2], ~reg_addr[2]};
+  wire        clears    = control_write & (reg_addr[10:0] == 11'h00c);
   wire        req_here  = control_write & (reg_addr[10:0] == 11'h01c);
   wire [7:0]  req_table = all_req_valid ? all_req_table : reg_wdata[7:0];
   wire        req_valid = (all_req_valid | req_here) & ({24'd0, req_table} < TABLES);
@@ -70,6 +72,7 @@ module halpipe_regulator_unit #(
     end
 
   wire        running, pending;
+  reg         long_rd, long_wr;                      // a burst longer than `longest` was shown
   wire [7:0]  table_now, pending_table;
   wire [31:0] window_now, next_rd, next_wr, rd_left, wr_left;
   always @* begin
@@ -78,7 +81,7 @@ module halpipe_regulator_unit #(
       11'h000: reg_rdata = ID;
       11'h004: reg_rdata = params;
       11'h008: reg_rdata = {31'd0, go_here};
-      11'h00c: reg_rdata = {8'd0, pending_table, 6'd0, pending, running, table_now};
+      11'h00c: reg_rdata = {8'd0, pending_table, 4'd0, long_wr, long_rd, pending, running, table_now};
       11'h010: reg_rdata = window_now;
       11'h014: reg_rdata = def_rd;
       11'h018: reg_rdata = def_wr;
@@ -100,17 +103,26 @@ module halpipe_regulator_unit #(
   // ---------------------------------------------------------------------------------------------- gates
   wire [15:0] ar_bytes = ({8'd0, arlen} + 16'd1) << SIZE;
   wire [15:0] aw_bytes = ({8'd0, awlen} + 16'd1) << SIZE;
+  wire ar_long = (ar_bytes > longest);
+  wire aw_long = (aw_bytes > longest);
+  always @(posedge clk or negedge rst_n)
+    if (!rst_n) begin
+      long_rd <= 1'b0; long_wr <= 1'b0;
+    end else begin
+      long_rd <= (long_rd & ~clears) | (s_arvalid & ar_long);
+      long_wr <= (long_wr & ~clears) | (s_awvalid & aw_long);
+    end
   wire aw_admit;
   // verilator lint_off UNUSEDSIGNAL
   wire ar_admit;                                     // reads have no data to hold back
   // verilator lint_on UNUSEDSIGNAL
   reg  [7:0] owed;                                   // writes shown to the memory whose data has not passed wholly
   halpipe_regulator_gate read (
-    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_rd), .room(1'b1),
+    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_rd), .room(~ar_long),
     .valid_i(s_arvalid), .ready_o(s_arready), .bytes(ar_bytes), .valid_o(m_arvalid), .ready_i(m_arready),
     .admit(ar_admit), .left(rd_left));
   halpipe_regulator_gate write (
-    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_wr), .room(owed != 8'hff),
+    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_wr), .room((owed != 8'hff) & ~aw_long),
     .valid_i(s_awvalid), .ready_o(s_awready), .bytes(aw_bytes), .valid_o(m_awvalid), .ready_i(m_awready),
     .admit(aw_admit), .left(wr_left));
 
