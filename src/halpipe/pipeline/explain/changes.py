@@ -1,36 +1,34 @@
-"""Changes of a model that could make it schedulable: each returns the changed model."""
+"""Changes of a model that could make it schedulable: each function returns the changed model."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Chain, Precedence, Task, TaskModel, Version
+    from halpipe.models import Precedence, Task, TaskModel, Version
 
 
 def more_units(model: TaskModel, like: str, count: int) -> TaskModel:
     """Add `count` units that every version may use which may use the unit `like`."""
-    names = tuple(_fresh(model, f"{like}+{number}") for number in range(1, count + 1))
+    taken = {unit.name for unit in model.units}
+    names: list[str] = []
+    for number in range(1, count + 1):
+        name = f"{like}+{number}"
+        while name in taken:
+            name += "+"
+        names.append(name)
+
+    def widen(version: Version) -> Version:
+        return replace(version, units=(*version.units, *names)) if like in version.units else version
+
     original = next(unit for unit in model.units if unit.name == like)
-    widened = _each_version(model, None, partial(_widened, like=like, names=names))
+    widened = _each_version(model, None, widen)
     return replace(widened, units=(*model.units, *(replace(original, name=name) for name in names)))
-
-
-def _widened(version: Version, *, like: str, names: tuple[str, ...]) -> Version:
-    return replace(version, units=(*version.units, *names)) if like in version.units else version
-
-
-def _fresh(model: TaskModel, name: str) -> str:
-    known = {unit.name for unit in model.units}
-    while name in known:
-        name += "+"
-    return name
 
 
 def with_slack(model: TaskModel, tasks: Collection[str], slack: Fraction) -> TaskModel:
@@ -42,13 +40,19 @@ def with_slack(model: TaskModel, tasks: Collection[str], slack: Fraction) -> Tas
     return _each_task(model, tasks, loosen)
 
 
-def with_wcet(model: TaskModel, tasks: Collection[str], factor: Fraction) -> TaskModel:
-    """Scale the WCETs of tasks, and their access phases and pieces with them."""
+def with_wcet(model: TaskModel, tasks: Collection[str], factor: Fraction, grid: Duration | None = None) -> TaskModel:
+    """Scale the WCETs of tasks, and their access phases and pieces with them; down to multiples of a grid, if given."""
 
     def shorten(version: Version) -> Version:
-        accesses = tuple(replace(a, start=a.start * factor, end=a.end * factor) for a in version.accesses)
-        wcet = None if version.wcet is None else version.wcet * factor
-        return replace(version, wcet=wcet, accesses=accesses, split=version.split.scaled(factor))
+        wcet = version.wcet
+        if wcet is None:
+            return version
+        shorter = wcet * factor
+        if grid is not None and shorter > grid:
+            shorter = grid * (shorter // grid)
+        own = Fraction(shorter.ns) / wcet.ns if wcet else factor
+        accesses = tuple(replace(a, start=a.start * own, end=a.end * own) for a in version.accesses)
+        return replace(version, wcet=shorter, accesses=accesses, split=version.split.scaled(own))
 
     return _each_version(model, tasks, shorten)
 
@@ -67,26 +71,18 @@ def with_pieces(model: TaskModel, tasks: Collection[str], count: int) -> TaskMod
     return _each_version(model, tasks, cut)
 
 
-def with_wider_windows(model: TaskModel, task: str, predecessor: str, by: Duration) -> TaskModel:
-    """Raise the maximum of the windows of `task` on `predecessor`."""
+def with_window(model: TaskModel, task: str, predecessor: str, change: Callable[[Precedence], Precedence]) -> TaskModel:
+    """Change the windows of `task` on `predecessor`."""
 
-    def widen(row: Precedence) -> Precedence:
-        return replace(row, max=row.max + by) if row.task == predecessor else row
+    def changed(version: Version) -> Version:
+        rows = (change(row) if row.task == predecessor else row for row in version.precedences)
+        return replace(version, precedences=tuple(rows))
 
-    return _each_version(model, [task], lambda v: replace(v, precedences=tuple(map(widen, v.precedences))))
-
-
-def with_earlier_windows(model: TaskModel, task: str, predecessor: str, by: Duration) -> TaskModel:
-    """Lower the minimum of the windows of `task` on `predecessor`, to zero at most."""
-
-    def widen(row: Precedence) -> Precedence:
-        return replace(row, min=row.min - min(by, row.min)) if row.task == predecessor else row
-
-    return _each_version(model, [task], lambda v: replace(v, precedences=tuple(map(widen, v.precedences))))
+    return _each_version(model, [task], changed)
 
 
 def with_more_gaps(model: TaskModel, task: str, more: int) -> TaskModel:
-    """Allow the jobs of a task that are split so many gaps more."""
+    """Allow the jobs of a preemptive task so many preemptions more."""
 
     def allow(version: Version) -> Version:
         gaps = version.split.max_gaps
@@ -95,35 +91,16 @@ def with_more_gaps(model: TaskModel, task: str, more: int) -> TaskModel:
     return _each_version(model, [task], allow)
 
 
-def without_offset(model: TaskModel, tasks: Collection[str]) -> TaskModel:
-    """Let the phases of tasks be free."""
-    return _each_task(model, tasks, lambda task: replace(task, offset=None))
+def with_limits(model: TaskModel, chain: str, limits: dict[str, Duration]) -> TaskModel:
+    """Give a chain other limits, by the names of their fields."""
+    values: dict[str, Any] = dict(limits)
+    return replace(model, chains=tuple(replace(c, **values) if c.name == chain else c for c in model.chains))
 
 
-def without_limits(model: TaskModel, chain: str) -> TaskModel:
-    """Take the limits of a chain away; that of the latency stays in name, so that schedules state the figure."""
-
-    def free(found: Chain) -> Chain:
-        latency = None if found.max_latency is None else found.max_latency * 1000
-        return replace(found, max_reaction=None, max_age=None, max_latency=latency)
-
-    return replace(model, chains=tuple(free(c) if c.name == chain else c for c in model.chains))
-
-
-def with_limits(
-    model: TaskModel, chain: str, reaction: Duration | None, age: Duration | None, latency: Duration | None
-) -> TaskModel:
-    """Give a chain other limits."""
-
-    def limit(found: Chain) -> Chain:
-        return replace(found, max_reaction=reaction, max_age=age, max_latency=latency)
-
-    return replace(model, chains=tuple(limit(c) if c.name == chain else c for c in model.chains))
-
-
-def with_deadline(model: TaskModel, task: str, deadline: Duration) -> TaskModel:
-    """Give a task another deadline."""
-    return _each_task(model, [task], lambda found: replace(found, deadline=deadline))
+def with_task(model: TaskModel, tasks: Collection[str], **fields: Duration | None) -> TaskModel:
+    """Give tasks another offset or deadline; an offset of None leaves their phases to the schedule."""
+    values: dict[str, Any] = dict(fields)
+    return _each_task(model, tasks, lambda task: replace(task, **values))
 
 
 def _each_task(model: TaskModel, tasks: Collection[str], change: Callable[[Task], Task]) -> TaskModel:

@@ -1,7 +1,7 @@
 """The smallest change that helps: parameters of the model are relaxed until a schedule is found (MODEL 6).
 
-That a change suffices is shown by a schedule that passes verify. That a smaller one does not is called proven only
-where a witness still holds with it; otherwise no schedule was found with it.
+A schedule that passes verify shows that a change suffices. That a smaller one does not is called proven only where a
+witness still holds with it; otherwise no schedule was found with it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, Subject, about, tasks_named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
@@ -24,10 +25,10 @@ from halpipe.pipeline.validate.context import quoted
 from halpipe.pipeline.verify import verify
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Chain, ModeSchedule, Task, TaskModel
+    from halpipe.models import Chain, ModeSchedule, Precedence, Task, TaskModel
 
     Change = Callable[[int], TaskModel]
     """The model changed by a number of steps."""
@@ -35,32 +36,35 @@ if TYPE_CHECKING:
 NANOSECOND = Duration(1)
 
 FINE, COARSE = 100, 20
-"""Steps in which a slack, a WCET or a window is relaxed: parts of the period or of the WCET."""
-
-TENTHS = 10
-"""Parts of a step of the grid in which a WCET is shortened at last."""
+"""Steps in which a slack is raised, and any parameter of a mode with many jobs: parts of the period or of the WCET."""
 
 MOST_TICKS = 10**6
 """Ticks of a period up to which slacks are looked at on their own grid."""
 
 FEW_JOBS = 500
-"""Jobs up to which the steps are fine."""
+"""Jobs up to which parameters are relaxed in steps of the tick."""
 
 MAX_UNITS = 3
 MAX_PIECES = 16
 MAX_TASKS = 6
 """Tasks of a conflict whose own parameters are tried one by one."""
 
-TRIALS = 90
+TRIALS = 300
 WORK = 400_000
 """Searches for one explanation, and jobs placed in each of them, roughly."""
+
+PARTS = 10
+"""Parts of a step in which the WCETs of short tasks are shortened at last."""
+
+LIMITS = {"max_reaction": "reaction time", "max_age": "data age", "max_latency": "latency"}
+"""Limits of a chain, and the figures of a schedule that they bound."""
 
 
 @dataclass(slots=True)
 class Trials:
     """Tries changed models, with times on multiples of `tick`.
 
-    `go_on` is asked between searches, and ends them all when it says no.
+    `go_on` is called between searches, and ends them all when it returns False.
     """
 
     mode: str
@@ -70,20 +74,13 @@ class Trials:
     search: SearchOptions = field(default_factory=SearchOptions)
     left: int = TRIALS
 
-    @property
-    def steps(self) -> int:
-        """In how many steps a parameter is relaxed."""
-        return FINE if self.jobs <= FEW_JOBS else COARSE
-
     def step(self, whole: Duration) -> Duration:
-        """Return in what steps a time is relaxed by up to `whole`: multiples of the tick."""
-        return self.tick * max(1, -(-whole // (self.tick * self.steps)))
+        """Return in what steps a time is relaxed by up to `whole`: the tick, or a multiple in a mode of many jobs."""
+        return self.tick * (1 if self.jobs <= FEW_JOBS else max(1, -(-whole // (self.tick * COARSE))))
 
     def schedule(self, model: TaskModel) -> ModeSchedule | None:
         """Return a verified schedule of the mode in a changed model; None where none is found, or effort is spent."""
-        if not self.go_on() or any(d.is_error for d in validate(model)):
-            return None
-        if self.is_refuted(model):
+        if not self.go_on() or any(d.is_error for d in validate(model)) or self.is_refuted(model):
             return None
         self.left -= 1
         if self.left < 0:
@@ -112,14 +109,6 @@ class Trials:
         """Tell whether a witness proves that a changed model has no schedule."""
         return bool(find_witnesses(model, [self.mode]))
 
-    def blocked(self, model: TaskModel) -> set[str]:
-        """Return the tasks of which a witness says that they find no gap that is long enough."""
-        of_gaps = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
-        found = (
-            d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics if d.code in of_gaps
-        )
-        return {next(s.name for s in d.subjects if s.kind == "task") for d in found}
-
     def smallest(self, change: Change, most: int, coarse: int = 1) -> tuple[int, ModeSchedule] | None:
         """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule.
 
@@ -147,22 +136,48 @@ def _is_valid(model: TaskModel, schedule: Schedule) -> bool:
     return not any(d.is_error for d in verify(alone, schedule.alone(schedule.modes)))
 
 
+@record(kw_only=True)
+class Remedy:
+    """A change with which a schedule was found; `smaller` is the model with one step less."""
+
+    text: str
+    subjects: tuple[Subject, ...]
+    smaller: TaskModel | None = None
+    steps: str = ""
+
+    def reported(self, trials: Trials) -> Diagnostic:
+        """Return the note, with what is known of the next smaller change."""
+        status = f"found sufficient{f', in steps of {self.steps}' if self.steps else ''}"
+        if self.smaller is not None:
+            proven = trials.is_refuted(self.smaller)
+            status += "; the next smaller step is proven not to suffice" if proven else "; with less, none was found"
+        path, help = about(mode=trials.mode), "change the model so, if you can"
+        return codes.REMEDY(f"{self.text} ({status})", path=path, help=help, subjects=self.subjects)
+
+
+@record(kw_only=True)
+class Relaxation:
+    """A parameter that is relaxed in 1 to `most` steps: the changed model, and the text of a number of steps."""
+
+    change: Change
+    most: int
+    text: Callable[[int], str]
+    subjects: tuple[Subject, ...]
+    steps: str = ""
+    coarse: int = 1
+
+    def tried(self, trials: Trials) -> Remedy | None:
+        """Return the smallest number of steps that suffices; None if none does."""
+        found = trials.smallest(self.change, self.most, self.coarse) if self.most > 0 else None
+        if found is None:
+            return None
+        smaller = self.change(found[0] - 1)
+        return Remedy(text=self.text(found[0]), subjects=self.subjects, smaller=smaller, steps=self.steps)
+
+
 def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> list[Diagnostic]:
     """Return what was found to help the mode, given the tasks of its conflict; a note if nothing was."""
-    running = {run.task for run in model.mode(trials.mode).runs}
-    concerned = [task for task in model.tasks if task.name in (set(tasks) & running or running)]
-    found = [
-        *_unfrozen(model, concerned, trials),
-        *_units(model, concerned, trials),
-        *_limits(model, running, trials),
-        *_offsets(model, concerned, trials),
-        *_deadlines(model, concerned, trials),
-        *_slack(model, concerned, trials),
-        *_pieces(model, concerned, trials),
-        *_gaps(model, concerned, trials),
-        *_windows(model, concerned, running, trials),
-        *_wcets(model, concerned, trials),
-    ]
+    found = [remedy.reported(trials) for remedy in remedies(model, tasks, trials)]
     if not found:
         text = f"none of the single changes tried led to a schedule ({TRIALS - max(0, trials.left)} searches)"
         help = "combine several changes; start with what the findings above call necessary"
@@ -170,54 +185,59 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
     return found
 
 
-def _remedy(
-    trials: Trials, what: str, subjects: Iterable[Subject], smaller: TaskModel | None, steps: str = ""
-) -> Diagnostic:
-    """Report a change of some elements; `smaller` is the next smaller one that was tried, in `steps`."""
-    status = f"found sufficient{f', {steps}' if steps else ''}"
-    if smaller is not None:
-        proven = trials.is_refuted(smaller)
-        status += "; the next smaller step is proven not to suffice" if proven else "; with less, none was found"
-    path, help = about(mode=trials.mode), "change the model so, if you can"
-    return codes.REMEDY(f"{what} ({status})", path=path, help=help, subjects=subjects)
+def remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> Iterator[Remedy]:
+    """Yield what was found to help the mode, kind by kind."""
+    running = {run.task for run in model.mode(trials.mode).runs}
+    concerned = [task for task in model.tasks if task.name in (set(tasks) & running or running)]
+    yield from _unfrozen(model, concerned, trials)
+    yield from _units(model, concerned, trials)
+    yield from _limits(model, running, trials)
+    yield from _offsets(model, concerned, trials)
+    for relaxation in _relaxations(model, concerned, running, trials):
+        remedy = relaxation.tried(trials)
+        if remedy is not None:
+            yield remedy
 
 
-# ------------------------------------------------------------------------------------------------ kinds of changes
+# ------------------------------------------------------------------------------------------------ units
 
 
-def _units(model: TaskModel, tasks: list[Task], trials: Trials) -> list[Diagnostic]:
-    """Add units of each kind that the tasks can run on; where no kind alone is enough, of several kinds."""
-    found = []
+def _units(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Remedy]:
+    """Add units of each kind that the tasks can run on; where no kind alone is enough, of all kinds of the mode."""
+    alone = False
     for like, what in _kinds(model, tasks).items():
+        change = partial(changes.more_units, model, like)
         for count in range(1, MAX_UNITS + 1):
-            if trials.schedule(changes.more_units(model, like, count)) is not None:
-                smaller = changes.more_units(model, like, count - 1) if count > 1 else None
-                found.append(
-                    _remedy(trials, _count_text({like: count}, {like: what}), [Subject("unit", like)], smaller)
-                )
+            if trials.schedule(change(count)) is not None:
+                smaller = change(count - 1) if count > 1 else None
+                yield Remedy(text=_count(count, what), subjects=(Subject("unit", like),), smaller=smaller)
+                alone = True
                 break
-    return found or _several_units(model, trials)
+    if not alone:
+        yield from _several_units(model, trials)
 
 
-def _several_units(model: TaskModel, trials: Trials) -> list[Diagnostic]:
+def _several_units(model: TaskModel, trials: Trials) -> Iterator[Remedy]:
     """Add units of every kind of the mode, then take away what is not needed."""
     running = {run.task for run in model.mode(trials.mode).runs}
     kinds = _kinds(model, [task for task in model.tasks if task.name in running])
+
+    def widened(added: dict[str, int]) -> TaskModel:
+        wider = model
+        for like, count in added.items():
+            wider = changes.more_units(wider, like, count)
+        return wider
+
     for each in range(1, MAX_UNITS + 1):
         added = dict.fromkeys(kinds, each)
-        if trials.schedule(_with(model, added)) is None:
+        if trials.schedule(widened(added)) is None:
             continue
         for like in kinds:
-            while added[like] and trials.schedule(_with(model, {**added, like: added[like] - 1})):
+            while added[like] and trials.schedule(widened({**added, like: added[like] - 1})):
                 added[like] -= 1
-        return [_remedy(trials, _count_text(added, kinds), [Subject("unit", like) for like in kinds], None)]
-    return []
-
-
-def _with(model: TaskModel, added: dict[str, int]) -> TaskModel:
-    for like, count in added.items():
-        model = changes.more_units(model, like, count)
-    return model
+        text = " and ".join(_count(count, kinds[like]) for like, count in added.items() if count)
+        yield Remedy(text=text, subjects=tuple(Subject("unit", like) for like in kinds))
+        return
 
 
 def _kinds(model: TaskModel, tasks: list[Task]) -> dict[str, str]:
@@ -232,123 +252,14 @@ def _kinds(model: TaskModel, tasks: list[Task]) -> dict[str, str]:
     return dict(kinds.values())
 
 
-def _count_text(added: dict[str, int], kinds: dict[str, str]) -> str:
-    return " and ".join(
-        f"{count} more unit{'s' if count > 1 else ''} {kinds[like]}" for like, count in added.items() if count
-    )
+def _count(count: int, what: str) -> str:
+    return f"{count} more unit{'s' if count > 1 else ''} {what}"
 
 
-def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    """Raise the slack of all the tasks together, then of single ones."""
-    periodic = [task.name for task in tasks if task.period is not None and task.slack < 1]
-    groups = [periodic] if len(periodic) > 1 else []
-    groups += [[name] for name in periodic] if len(periodic) <= MAX_TASKS else []
-    for names in groups:
-
-        def loosen(step: int, names: list[str] = names) -> TaskModel:
-            return changes.with_slack(model, names, Fraction(step, trials.steps))
-
-        found = trials.smallest(loosen, trials.steps)
-        if found:
-            text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], trials.steps))}"
-            yield _remedy(trials, text, tasks_named(names), loosen(found[0] - 1), f"in steps of 1/{trials.steps}")
+# ------------------------------------------------------------------------------------------------ fixed jobs, offsets
 
 
-def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    """Split the tasks one by one, into as few pieces as possible; only those that do not fit beside another."""
-    blocked = trials.blocked(model)
-    concerned = [t for t in tasks if t.name in blocked and not any(v.split.anywhere for v in t.versions)]
-    for task in concerned[:MAX_TASKS]:
-
-        def cut(step: int, name: str = task.name) -> TaskModel:
-            return changes.with_pieces(model, [name], step + 1)
-
-        found = trials.smallest(cut, MAX_PIECES - 1)
-        if found:
-            longest = max((v.wcet or ZERO for v in task.versions), default=ZERO) / (found[0] + 1)
-            smaller = cut(found[0] - 1) if found[0] > 1 else model
-            text = f'"{task.name}" cut into pieces of at most {longest} (split)'
-            yield _remedy(trials, text, tasks_named([task.name]), smaller)
-
-
-def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    """Shorten the tasks one by one, or all of them where they are many."""
-    groups = [[task] for task in tasks] if len(tasks) <= MAX_TASKS else [tasks]
-    for group in groups:
-        names = [task.name for task in group]
-
-        longest = max(v.wcet or ZERO for task in group for v in task.versions)
-        unit = trials.step(longest)
-        most = (-(-longest // unit) - 1) * TENTHS
-        if not most:
-            continue
-
-        def factor(step: int, longest: Duration = longest, unit: Duration = unit) -> Fraction:
-            return 1 - Fraction((unit * step).ns) / (longest.ns * TENTHS)
-
-        def shorten(step: int, names: list[str] = names, factor: Callable[[int], Fraction] = factor) -> TaskModel:
-            return changes.with_wcet(model, names, factor(step))
-
-        found = trials.smallest(shorten, most, TENTHS)
-        if found:
-            text = _wcet_text(group, factor(found[0]))
-            steps = f"in steps of {unit / TENTHS}"
-            yield _remedy(trials, text, tasks_named(names), shorten(found[0] - 1), steps)
-
-
-def _wcet_text(group: list[Task], factor: Fraction) -> str:
-    if len(group) > 1:
-        return f"WCETs of {len(group)} tasks times {format_rational(factor)}"
-    task = group[0]
-    times = [f"{(v.wcet or ZERO) * factor} instead of {v.wcet}" for v in task.versions]
-    return f'WCET of "{task.name}" at most ' + ", ".join(times)
-
-
-def _windows(model: TaskModel, tasks: list[Task], running: set[str], trials: Trials) -> Iterator[Diagnostic]:
-    """Open the windows of the tasks one by one, by up to a period of the predecessor."""
-    rows = {(t.name, p.task): p for t in tasks for v in t.versions for p in v.precedences if p.task in running}
-    for (task, predecessor), row in list(rows.items())[:MAX_TASKS]:
-        period = model.task(predecessor).period or model.task(task).period
-        if period is None:
-            continue
-
-        unit, named = trials.step(period), tasks_named([task, predecessor])
-        ends = [(changes.with_wider_windows, -(-period // unit), "up to", row.max, unit)]
-        if row.min > ZERO:
-            ends.append((changes.with_earlier_windows, -(-row.min // unit), "from", row.min, -unit))
-        for change, most, which, end, by in ends:
-            widen = partial(_widened, model, task, predecessor, unit, change)
-            found = trials.smallest(widen, most)
-            if found:
-                wider = max(ZERO, end + by * found[0])
-                text = f'window of "{task}" on "{predecessor}" {which} {wider} instead of {end}'
-                yield _remedy(trials, text, named, widen(found[0] - 1), f"in steps of {unit}")
-
-
-def _widened(
-    model: TaskModel,
-    task: str,
-    predecessor: str,
-    unit: Duration,
-    change: Callable[[TaskModel, str, str, Duration], TaskModel],
-    steps: int,
-) -> TaskModel:
-    return change(model, task, predecessor, unit * steps)
-
-
-def _gaps(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    """Allow split tasks with a limit of gaps more of them, one by one."""
-    limited = [t for t in tasks if any(v.split.is_allowed and v.split.max_gaps is not None for v in t.versions)]
-    for task in limited[:MAX_TASKS]:
-        allow = partial(changes.with_more_gaps, model, task.name)
-        found = trials.smallest(allow, MAX_PIECES)
-        if found:
-            limits = [v.split.max_gaps for v in task.versions if v.split.max_gaps is not None]
-            text = f'max-gaps of "{task.name}" of {max(limits) + found[0]} instead of {max(limits)}'
-            yield _remedy(trials, text, tasks_named([task.name]), allow(found[0] - 1))
-
-
-def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Remedy]:
     """Let the jobs of tasks that have shipped move, one task after the other, then all of the conflict."""
     shipped = trials.search.shipped
     if shipped is None:
@@ -359,107 +270,229 @@ def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[D
         modes = (replace(m, jobs=tuple(job for job in m.jobs if job.task not in group)) for m in shipped.modes)
         freer = replace(trials, search=replace(trials.search, shipped=shipped.alone(tuple(modes))))
         if group and freer.schedule(model) is not None:
-            yield _remedy(trials, f"jobs of {quoted(group)} that need not stay (freeze)", tasks_named(group), None)
+            yield Remedy(text=f"jobs of {quoted(group)} that need not stay (freeze)", subjects=tasks_named(group))
             return
 
 
-def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Remedy]:
+    """Move the offset of one task, no further than a schedule needs; where none helps alone, free all of them."""
     fixed = released_by_offset(model)
-    names = [task.name for task in tasks if task.offset is not None and task.name not in fixed]
-    groups = [[name] for name in names] if len(names) <= MAX_TASKS else []
-    for group in (*groups, names):
-        if group and trials.schedule(changes.without_offset(model, group)) is not None:
-            yield _remedy(trials, f"no fixed offset for {quoted(group)}", tasks_named(group), None)
-            return
+    own = {t.name: t for t in tasks if t.offset is not None and t.period is not None and t.name not in fixed}
+    alone = False
+    for task in own.values() if len(own) <= MAX_TASKS else ():
+        table = trials.schedule(changes.with_task(model, [task.name], offset=None))
+        if table is not None:
+            alone = True
+            free = Remedy(text=f'no fixed offset for "{task.name}"', subjects=tasks_named([task.name]))
+            yield _offset(model, task, table, trials).tried(trials) or free
+    if own and not alone and trials.schedule(changes.with_task(model, own, offset=None)) is not None:
+        yield Remedy(text=f"no fixed offset for {quoted(list(own))}", subjects=tasks_named(own))
 
 
-def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Diagnostic]:
-    """Take the limits of a chain away, then put them back as close to what is asked as a schedule keeps them."""
+def _offset(model: TaskModel, task: Task, table: ModeSchedule, trials: Trials) -> Relaxation:
+    """Move an offset towards where a schedule has the task, the shorter way round its period."""
+    period, offset = task.period or ZERO, task.offset or ZERO
+    delays = [
+        (job.start - period * job.index - offset) % table.hyperperiod for job in table.jobs if job.task == task.name
+    ]
+    later = min(delays) % period
+    earlier = period - later
+    unit = trials.step(min(later, earlier))
+
+    def moved(steps: int) -> Duration:
+        if later <= earlier:
+            return (offset + min(later, unit * steps)) % period
+        return (offset + period - min(earlier, unit * steps)) % period
+
+    return Relaxation(
+        change=lambda steps: changes.with_task(model, [task.name], offset=moved(steps)),
+        most=-(-min(later, earlier) // unit),
+        text=lambda steps: f'offset of "{task.name}" of {moved(steps)} instead of {offset}',
+        subjects=tasks_named([task.name]),
+        steps=str(unit),
+    )
+
+
+# ------------------------------------------------------------------------------------------------ limits of chains
+
+
+def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Remedy]:
+    """Take the limits of a chain away, then lower one after the other as far as a schedule keeps them."""
     for chain in model.chains:
-        limited = (chain.max_reaction, chain.max_age, chain.max_latency) != (None, None, None)
-        if not limited or not running.issuperset(chain.tasks):
+        asked = {name: limit for name in LIMITS if (limit := getattr(chain, name)) is not None}
+        if not asked or not running.issuperset(chain.tasks):
             continue
-        table = trials.schedule(changes.without_limits(model, chain.name))
-        found = _kept(chain, table) if table else None
+        # beyond all that occurs, but stated, so that schedules have the figures
+        table = trials.schedule(changes.with_limits(model, chain.name, {n: t * 1000 for n, t in asked.items()}))
+        kept = _kept(chain, asked, table)
+        if kept is not None:
+            yield _lowest(model, chain, asked, kept, trials)
+
+
+def _kept(chain: Chain, asked: dict[str, Duration], table: ModeSchedule | None) -> dict[str, Duration] | None:
+    """Return the least limits not below those asked for that a schedule keeps; None if no data arrives."""
+    found = next((each for each in table.chains if each.name == chain.name), None) if table else None
+    figures = {name: getattr(found, name.removeprefix("max_")) for name in asked} if found else {}
+    return {n: max(asked[n], figures[n]) for n in asked} if figures and None not in figures.values() else None
+
+
+def _lowest(
+    model: TaskModel, chain: Chain, asked: dict[str, Duration], kept: dict[str, Duration], trials: Trials
+) -> Remedy:
+    """Lower each limit that is kept but higher than asked for, the others as they are."""
+    limits, step, smaller = dict(kept), trials.tick, None
+    for name, limit in kept.items():
+        step = trials.step(limit - asked[name])
+
+        def change(steps: int, name: str = name, limit: Duration = limit, step: Duration = step) -> TaskModel:
+            return changes.with_limits(model, chain.name, {**limits, name: min(limit, asked[name] + step * steps)})
+
+        found = trials.smallest(change, -(-(limit - asked[name]) // step)) if limit > asked[name] else None
         if found is not None:
-            found, step, below = _closest(model, chain, found, trials)
-            parts = [f"{what} {limit} instead of {asked}" for what, asked, limit in _raised(chain, found)]
-            text = f'limits of chain "{chain.name}" of {" and ".join(parts)}'
-            smaller = changes.with_limits(model, chain.name, *below)
-            yield _remedy(trials, text, [Subject("chain", chain.name)], smaller, f"in steps of {step}")
+            limits[name] = min(limit, asked[name] + step * found[0])
+            smaller = change(found[0] - 1)
+    parts = [f"{LIMITS[n]} {limits[n]} instead of {asked[n]}" for n in LIMITS if n in asked and limits[n] > asked[n]]
+    text = f'limits of chain "{chain.name}" of {" and ".join(parts)}'
+    return Remedy(text=text, subjects=(Subject("chain", chain.name),), smaller=smaller, steps=str(step))
 
 
-Limits = tuple["Duration | None", "Duration | None", "Duration | None"]
-"""Of reaction time, data age and latency; None where there is none."""
+# ------------------------------------------------------------------------------------------------ parameters of tasks
 
 
-def _kept(chain: Chain, table: ModeSchedule) -> Limits | None:
-    """Return the least limits not below those of the chain that a schedule keeps; None if no data arrives."""
-    latency = next((found for found in table.chains if found.name == chain.name), None)
-    if latency is None or latency.reaction is None or latency.age is None:
-        return None
-    if chain.max_latency is not None and latency.latency is None:
-        return None
-    return (
-        None if chain.max_reaction is None else max(chain.max_reaction, latency.reaction),
-        None if chain.max_age is None else max(chain.max_age, latency.age),
-        None if chain.max_latency is None or latency.latency is None else max(chain.max_latency, latency.latency),
+def _relaxations(model: TaskModel, tasks: list[Task], running: set[str], trials: Trials) -> Iterator[Relaxation]:
+    """Yield the parameters of the tasks that can be relaxed: of all together, or of few tasks one by one."""
+    periodic = [task for task in tasks if task.period is not None]
+    yield from (_deadline(model, task, trials) for task in [t for t in periodic if t.deadline][:MAX_TASKS])
+    loose = [task.name for task in periodic if task.slack < 1]
+    groups = [loose] if len(loose) > 1 else []
+    groups += [[name] for name in loose] if len(loose) <= MAX_TASKS else []
+    yield from (_slack(model, group, trials) for group in groups)
+    blocked = _blocked(model, trials)
+    cut = [task for task in tasks if task.name in blocked and not any(v.split.anywhere for v in task.versions)]
+    yield from (_pieces(model, task) for task in cut[:MAX_TASKS])
+    limited = [t for t in tasks if any(v.split.is_allowed and v.split.max_gaps is not None for v in t.versions)]
+    yield from (_gaps(model, task) for task in limited[:MAX_TASKS])
+    rows = {(t.name, p.task): p for t in tasks for v in t.versions for p in v.precedences if p.task in running}
+    for (task, _), row in list(rows.items())[:MAX_TASKS]:
+        yield from _window(model, model.task(task), row, trials)
+    yield from (
+        _wcets(model, group, trials) for group in ([[t] for t in tasks] if len(tasks) <= MAX_TASKS else [tasks])
     )
 
 
-def _closest(model: TaskModel, chain: Chain, found: Limits, trials: Trials) -> tuple[Limits, Duration, Limits]:
-    """Halve the way between what is asked and what was found; return what is left, the step, and what is too close."""
-    below = asked = (chain.max_reaction, chain.max_age, chain.max_latency)
-    steps = [trials.step(far - near) for near, far in zip(asked, found, strict=True) if near and far and far > near]
-    step = max(steps, default=trials.tick)
-    while (middle := _between(below, found, trials.tick)) not in (below, found) and _is_apart(below, found, step):
-        table = trials.schedule(changes.with_limits(model, chain.name, *middle))
-        kept = _kept(chain, table) if table else None
-        if kept is None:
-            below = middle
-        else:
-            found = kept
-            below = tuple(min(one, two) if one and two else None for one, two in zip(below, kept, strict=True))  # type: ignore[assignment]
-    return found, step, below
-
-
-def _between(near: Limits, far: Limits, tick: Duration) -> Limits:
-    reaction, age, latency = (
-        None if one is None or two is None else one + tick * (((two - one) / 2) // tick)
-        for one, two in zip(near, far, strict=True)
+def _deadline(model: TaskModel, task: Task, trials: Trials) -> Relaxation:
+    """Move a stated deadline, up to where it no longer matters."""
+    deadline, period, longest = task.deadline or ZERO, task.period or ZERO, _longest([task])
+    is_split = any(version.split.is_allowed for version in task.versions)
+    room = (max(period, longest) if is_split else longest) + period * task.slack - deadline
+    unit = trials.step(max(ZERO, room))
+    return Relaxation(
+        change=lambda steps: changes.with_task(model, [task.name], deadline=deadline + unit * steps),
+        most=-(-room // unit),
+        text=lambda steps: f'deadline of "{task.name}" of {deadline + unit * steps} instead of {deadline}',
+        subjects=tasks_named([task.name]),
+        steps=str(unit),
     )
-    return reaction, age, latency
 
 
-def _is_apart(near: Limits, far: Limits, step: Duration) -> bool:
-    return any(two - one > step for one, two in zip(near, far, strict=True) if one is not None and two is not None)
+def _slack(model: TaskModel, names: list[str], trials: Trials) -> Relaxation:
+    parts = FINE if trials.jobs <= FEW_JOBS else COARSE
+    return Relaxation(
+        change=lambda steps: changes.with_slack(model, names, Fraction(steps, parts)),
+        most=parts,
+        text=lambda steps: f"slack of {quoted(names)} >= {format_rational(Fraction(steps, parts))}",
+        subjects=tasks_named(names),
+        steps=f"1/{parts}",
+    )
 
 
-def _raised(chain: Chain, found: Limits) -> Iterator[tuple[str, Duration, Duration]]:
-    """Name the limits that are higher than asked for."""
-    asked = (chain.max_reaction, chain.max_age, chain.max_latency)
-    for what, one, two in zip(("reaction time", "data age", "latency"), asked, found, strict=True):
-        if one is not None and two is not None and two > one:
-            yield what, one, two
+def _blocked(model: TaskModel, trials: Trials) -> set[str]:
+    """Return the tasks of which a witness says that they find no gap that is long enough."""
+    of_gaps = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
+    found = (d for hopeless in find_witnesses(model, [trials.mode]) for d in hopeless.diagnostics if d.code in of_gaps)
+    return {next(s.name for s in d.subjects if s.kind == "task") for d in found}
 
 
-def _deadlines(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    """Move the stated deadlines of the tasks one by one, up to where they no longer matter."""
-    for task in [task for task in tasks if task.deadline is not None and task.period is not None][:MAX_TASKS]:
-        deadline, period = task.deadline or ZERO, task.period or ZERO
-        longest = max((v.wcet or ZERO for v in task.versions), default=ZERO)
-        is_split = any(v.split.is_allowed for v in task.versions)
-        room = max(period, longest) + period * task.slack if is_split else period * task.slack + longest
-        if room <= deadline:
-            continue
+def _pieces(model: TaskModel, task: Task) -> Relaxation:
+    """Split a task that does not fit beside another, into as few pieces as possible."""
+    return Relaxation(
+        change=lambda steps: changes.with_pieces(model, [task.name], steps + 1) if steps else model,
+        most=MAX_PIECES - 1,
+        text=lambda steps: f'"{task.name}" cut into pieces of at most {_longest([task]) / (steps + 1)} (split)',
+        subjects=tasks_named([task.name]),
+    )
 
-        unit = trials.step(room - deadline)
 
-        def later(step: int, name: str = task.name, start: Duration = deadline, by: Duration = unit) -> TaskModel:
-            return changes.with_deadline(model, name, start + by * step)
+def _gaps(model: TaskModel, task: Task) -> Relaxation:
+    """Allow a preemptive task with a limit of preemptions more of them."""
+    limit = max(v.split.max_gaps for v in task.versions if v.split.max_gaps is not None)
+    return Relaxation(
+        change=partial(changes.with_more_gaps, model, task.name),
+        most=MAX_PIECES,
+        text=lambda steps: f'max-gaps of "{task.name}" of {limit + steps} instead of {limit}',
+        subjects=tasks_named([task.name]),
+    )
 
-        found = trials.smallest(later, -(-(room - deadline) // unit))
-        if found:
-            text = f'deadline of "{task.name}" of {deadline + unit * found[0]} instead of {deadline}'
-            step = f"in steps of {unit}"
-            yield _remedy(trials, text, tasks_named([task.name]), later(found[0] - 1), step)
+
+def _window(model: TaskModel, task: Task, row: Precedence, trials: Trials) -> Iterator[Relaxation]:
+    """Open a window at either end: by up to a period of the predecessor, or down to zero."""
+    period = model.task(row.task).period or task.period
+    if period is None:
+        return
+    unit = trials.step(period)
+
+    def opened(*, later: Duration = ZERO, earlier: Duration = ZERO) -> TaskModel:
+        def widen(row: Precedence) -> Precedence:
+            return replace(row, min=max(ZERO, row.min - earlier), max=row.max + later)
+
+        return changes.with_window(model, task.name, row.task, widen)
+
+    text = f'window of "{task.name}" on "{row.task}"'
+    named = tasks_named([task.name, row.task])
+    yield Relaxation(
+        change=lambda steps: opened(later=unit * steps),
+        most=-(-period // unit),
+        text=lambda steps: f"{text} up to {row.max + unit * steps} instead of {row.max}",
+        subjects=named,
+        steps=str(unit),
+    )
+    yield Relaxation(
+        change=lambda steps: opened(earlier=unit * steps),
+        most=-(-row.min // unit),
+        text=lambda steps: f"{text} from {max(ZERO, row.min - unit * steps)} instead of {row.min}",
+        subjects=named,
+        steps=str(unit),
+    )
+
+
+def _wcets(model: TaskModel, group: list[Task], trials: Trials) -> Relaxation:
+    """Shorten one task, or all of them by one factor: in steps of the grid first, then in parts of one."""
+    names, longest = [task.name for task in group], _longest(group)
+    parts = 1 if longest // trials.tick >= FINE else PARTS
+    unit = trials.step(longest)
+
+    def factor(steps: int) -> Fraction:
+        return 1 - Fraction((unit * steps).ns) / (longest.ns * parts)
+
+    def shortened(steps: int) -> TaskModel:
+        return changes.with_wcet(model, names, factor(steps), unit / parts if len(group) == 1 and steps else None)
+
+    def text(steps: int) -> str:
+        if len(group) > 1:
+            return f"WCETs of {len(group)} tasks times {format_rational(factor(steps))}"
+        shorter = shortened(steps).task(names[0]).versions
+        times = (f"{new.wcet} instead of {old.wcet}" for new, old in zip(shorter, group[0].versions, strict=True))
+        return f'WCET of "{names[0]}" at most ' + ", ".join(times)
+
+    return Relaxation(
+        change=shortened,
+        most=(-(-longest // unit) - 1) * parts,
+        text=text,
+        subjects=tasks_named(names),
+        steps=str(unit / parts),
+        coarse=parts,
+    )
+
+
+def _longest(tasks: list[Task]) -> Duration:
+    return max((version.wcet or ZERO for task in tasks for version in task.versions), default=ZERO)
