@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Status
-from halpipe.pipeline.explain import coarse, codes
-from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder
-from halpipe.pipeline.explain.conflict import find_conflict
+from halpipe.pipeline.explain import codes, conflict
+from halpipe.pipeline.explain.conflict import as_stated, coarser_grid, easier, find_conflict, harder
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report
@@ -82,7 +81,7 @@ def test_a_mode_too_fine_for_the_exact_engine_is_answered_on_a_coarser_grid(monk
     from halpipe.pipeline.solve import exact
 
     monkeypatch.setattr(exact, "MAX_TICKS", 2**16)
-    monkeypatch.setattr(coarse, "TICKS", 2**14)
+    monkeypatch.setattr(conflict, "TICKS", 2**14)
     system = fine(last)
     explanation = explain(system, ExplainOptions(remedies=False), budget=1)
     if verdict is Verdict.SCHEDULABLE:  # the search finds it at once, the engine is asked apart

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import render_text
 from halpipe.models import Status
-from halpipe.pipeline.explain.invalid import ABOUT_A_MODE
-from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.explain.witnesses import ABOUT_A_MODE, find_witnesses
 from halpipe.pipeline.solve.exact import Answer, Effort, solve_exact
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate

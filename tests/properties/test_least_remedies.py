@@ -73,8 +73,8 @@ def fractions(count, first):
 
 
 def test_remedies_of_some_systems_are_least():
-    judged = fractions(6, 0)
-    assert len(judged) > 2
+    judged = fractions(2, 13)
+    assert judged
     assert not any(judged.values()), judged
 
 

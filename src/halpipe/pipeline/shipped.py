@@ -32,14 +32,24 @@ EXCLUDED = error(
 
 def check_shipped(model: TaskModel, shipped: Schedule) -> None:
     """Raise `HalpipeError` where not every shipped job is one of the model, or two of them cannot both stay."""
-    modes = {mode.name: mode for mode in model.modes}
-    expansions = {mode.name: expand(model, modes[mode.name]) for mode in shipped.modes if mode.name in modes}
+    refuse_unmatched(model, shipped)
+    if excluded := excluded_jobs(model, shipped):
+        raise HalpipeError(*excluded, exit=Exit.INFEASIBLE)
+
+
+def refuse_unmatched(model: TaskModel, shipped: Schedule) -> None:
+    """Raise `HalpipeError` where not every shipped job is one of the model."""
+    expansions = {
+        mode.name: expand(model, mode) for mode in model.modes if mode.name in {m.name for m in shipped.modes}
+    }
     unmatched = [found for table in shipped.modes for found in _unmatched(expansions.get(table.name), table)]
     if unmatched:
         raise HalpipeError(*unmatched)
-    excluded = [found for table in shipped.modes for found in _excluded(expansions[table.name], table)]
-    if excluded:
-        raise HalpipeError(*excluded, exit=Exit.INFEASIBLE)
+
+
+def excluded_jobs(model: TaskModel, shipped: Schedule) -> list[Diagnostic]:
+    """Return the pairs of shipped jobs of the model that cannot both stay."""
+    return [found for table in shipped.modes for found in _excluded(expand(model, model.mode(table.name)), table)]
 
 
 def _unmatched(expansion: Expansion | None, table: ModeSchedule) -> Iterator[Diagnostic]:

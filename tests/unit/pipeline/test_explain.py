@@ -11,12 +11,14 @@ from halpipe.models import Anchor, Chain, Match, Mode, Precedence, Split, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
-from halpipe.pipeline.explain.invalid import tasks_of
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
+from halpipe.pipeline.explain.witnesses import tasks_of
 from halpipe.pipeline.jobs import expand, natural_tick
+from halpipe.pipeline.shipped import EXCLUDED
 from halpipe.pipeline.solve import codes as search_codes
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.stable import NEAR
 from halpipe.pipeline.transitions.tables import NO_TABLE
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
@@ -266,13 +268,26 @@ def switching(limit):
     return model(*tasks, modes=modes, transitions=[("off", "on", limit)])
 
 
-def test_a_switch_without_a_table_is_explained_as_schedule_reports_it():
+def test_a_switch_that_a_table_is_too_short_for_is_proven_to_be_impossible():
     found = explain(switching(1), ExplainOptions())
-    assert found.switches == (("off", "on"),)
-    assert int(found.exit) == 3
-    assert NO_TABLE.id in {d.code for d in found.diagnostics}
+    assert found.switches == found.hopeless == (("off", "on"),)
+    assert int(found.exit) == 4
+    [proof] = [d for d in found.diagnostics if d.is_error]
+    assert proof.code == codes.TABLE_TOO_SHORT.id
+    assert '"a" starts 6ms before the mode begins' in proof.message
     [remedy] = [d for d in found.diagnostics if d.code == codes.REMEDY.id]
-    assert remedy.message.startswith("max-length 6ms instead of 1ms (found sufficient")
+    assert remedy.message.startswith("max-length 6ms instead of 1ms (found sufficient: less is proven not to suffice)")
+
+
+def test_a_switch_without_a_table_or_a_proof_is_explained_as_schedule_reports_it():
+    """Without the offset of b, a may run at the begin of the mode, and only the search finds no table."""
+    system = switching(1)
+    tasks = (system.tasks[0], replace(system.tasks[1], offset=None), replace(system.tasks[2], slack=0))
+    found = explain(replace(system, tasks=tasks), ExplainOptions())
+    assert not found.hopeless
+    assert codes.TABLE_TOO_SHORT.id not in found_codes(found)
+    if found.switches:
+        assert NO_TABLE.id in found_codes(found)
 
 
 def test_switches_with_tables_have_no_findings():
@@ -292,6 +307,33 @@ def test_jobs_that_stay_are_explained_as_with_schedule():
     assert found.verdicts == (("all", Verdict.NOT_FOUND),)
     texts = [d.message for d in found.diagnostics if d.code == codes.REMEDY.id]
     assert any(text.startswith('jobs of "a" that need not stay') for text in texts)
+
+
+def test_jobs_that_stay_and_exclude_each_other_are_a_proof():
+    before = model(task("a", 10, version("v", 2), slack=1), task("b", 10, version("v", 2), slack=1))
+    jobs = [job(before, "a", 0, 0, "u1"), job(before, "b", 0, 2, "u1")]
+    longer = model(task("a", 10, version("v", 4), slack=1), task("b", 10, version("v", 2), slack=1))
+    found = explain(longer, ExplainOptions(shipped=schedule(before, 10, *jobs)))
+    assert (verdicts(found), int(found.exit)) == ([Verdict.INFEASIBLE], 4)
+    assert {EXCLUDED.id, codes.REMEDY.id} <= found_codes(found)
+
+
+def test_a_tick_that_is_too_coarse_is_a_proof():
+    system = model(*(task(f"t{n}", 10, version("v", "50us")) for n in range(13)))
+    found = explain(system, ExplainOptions(tick=ms(1), remedies=False))
+    assert (verdicts(found), int(found.exit)) == ([Verdict.INFEASIBLE], 4)
+    assert found_codes(found) == {search_codes.TOO_MANY_STARTS.id}
+    assert verdicts(explain(system, ExplainOptions(tick=ms("500us")))) == [Verdict.SCHEDULABLE]
+
+
+def test_jobs_that_cannot_stay_near_an_earlier_schedule_are_named_with_the_reason():
+    before = model(task("a", 10, version("v", 2), slack=1), task("b", 10, version("v", 2), slack=1))
+    jobs = [job(before, "a", 0, 0, "u1"), job(before, "b", 0, 2, "u1")]
+    longer = model(task("a", 10, version("v", 4), slack=1), task("b", 10, version("v", 2), slack=1))
+    found = explain(longer, ExplainOptions(near=schedule(before, 10, *jobs)))
+    assert verdicts(found) == [Verdict.SCHEDULABLE]
+    [near] = [d for d in found.diagnostics if d.code == NEAR.id]
+    assert "a (has another WCET)" in near.message
 
 
 def test_the_smallest_limit_is_searched_for():

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.groups_meet import meet_in_groups
-from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting
+from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet_in_groups
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.exact import Answer, solve_exact
 from profiles import examples

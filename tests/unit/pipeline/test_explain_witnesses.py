@@ -15,7 +15,7 @@ from halpipe.importers.native import read_model
 from halpipe.models import Binding, Interrupt, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
-from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting, meet
+from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate

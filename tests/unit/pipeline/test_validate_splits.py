@@ -7,7 +7,7 @@ import pytest
 from validate_cases import alone, codes_of, found, the
 
 from halpipe.models import Binding, Interrupt, Split
-from halpipe.pipeline.explain.invalid import proves_infeasible
+from halpipe.pipeline.explain.witnesses import proves_infeasible
 from halpipe.pipeline.validate import codes, validate
 from support import access, mode, model, ms, task, version
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.sharing import Witness
+from halpipe.pipeline.explain.facts import Witness
 from halpipe.pipeline.validate.context import place
 
 if TYPE_CHECKING:

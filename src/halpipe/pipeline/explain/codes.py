@@ -1,4 +1,4 @@
-"""The diagnostic codes of explain: HAL043x."""
+"""Diagnostic codes of explain (HAL043x, HAL1410)."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -94,4 +94,12 @@ COARSE_GRID = note(
     "for, all is rounded so that the mode can only get easier: what has no schedule then has none as it is. Where a "
     "schedule is asked for, all is rounded so that it can only get harder, and the schedule is checked with the times "
     "as they are.",
+)
+TABLE_TOO_SHORT = error(
+    "HAL1410",
+    "Transition table is too short for an entering task",
+    "A task of the new mode needs a predecessor that does not run in the mode before. Its first job cannot start later "
+    "than its offset (or its period) and slack allow, so that the job of the predecessor starts before the new mode "
+    "begins: in the transition table. A table of the stated max-length has no room for that. No schedule exists for "
+    "this switch.",
 )

@@ -11,17 +11,16 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, HalpipeError, about
+from halpipe.core.diagnostics import Exit, HalpipeError, Subject, about
 from halpipe.core.options import Form, option, positive_duration, time_limit_of
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
 from halpipe.models import Schedule, Status
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.conflict import Conflict, describe, find_conflict
-from halpipe.pipeline.explain.invalid import proves_infeasible, tasks_of
+from halpipe.pipeline.explain.conflict import Conflict, coarser_grid, describe, find_conflict
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
-from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible, tasks_of
 from halpipe.pipeline.jobs import expand, natural_tick, refuse_unknown
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN, TOO_LARGE
 from halpipe.pipeline.solve.exact import Answer
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Mode, TaskModel
-    from halpipe.pipeline.solve.schedule import SearchOptions
+    from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 BUDGET = 5_000
 """Moves per task of the search that is explained where no schedule is given, in modes of up to 400 jobs."""
@@ -82,6 +81,13 @@ class ExplainOptions:
         is_path=True,
         takes=(Schedule,),
     )
+    near: Schedule | None = option(
+        None,
+        "Earlier schedule: which jobs cannot stay where it has them, and why, as with `schedule`.",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
     time_limit: Duration | None = option(
         None, "Time after which no new search begins, such as 30s.", time_limit_of, metavar="TIME", otherwise="none"
     )
@@ -90,7 +96,7 @@ class ExplainOptions:
         """Return the options of the searches that are explained."""
         from halpipe.pipeline.solve.schedule import SearchOptions
 
-        return SearchOptions(seed=self.seed, tick=self.tick, shipped=self.shipped)
+        return SearchOptions(seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near)
 
 
 EXITS = {
@@ -108,7 +114,9 @@ class Explanation:
     verdicts: tuple[tuple[str, Verdict], ...]
     diagnostics: tuple[Diagnostic, ...]
     switches: tuple[tuple[str, str], ...] = ()
-    """Listed switches between modes with schedules for which no table was found."""
+    """Listed switches between modes with schedules for which no table was found, or which have none for certain."""
+    hopeless: tuple[tuple[str, str], ...] = ()
+    """Those of them that are proven to have no table."""
 
     @property
     def exit(self) -> Exit:
@@ -118,7 +126,7 @@ class Explanation:
             if verdict in found:
                 return EXITS[verdict]
         if self.switches:
-            return Exit.NOT_FOUND
+            return Exit.INFEASIBLE if self.hopeless else Exit.NOT_FOUND
         return Exit.OK if found else Exit.FINDINGS  # a model without modes is invalid
 
 
@@ -152,13 +160,13 @@ def explain(
             verdict, found = question.answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found
-    switches: tuple[tuple[str, str], ...] = ()
     if len(verdicts) > 1 and {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE} and go_on():
         from halpipe.pipeline.explain.switches import failed_switches
 
-        switches, found = failed_switches(model, options.search(), go_on, remedies=options.remedies)
-        diagnostics += found
-    return Explanation(tuple(verdicts), tuple(diagnostics), switches)
+        switches = failed_switches(model, options.search(), go_on, remedies=options.remedies)
+        diagnostics += switches.diagnostics
+        return Explanation(tuple(verdicts), tuple(diagnostics), switches.missing, switches.hopeless)
+    return Explanation(tuple(verdicts), tuple(diagnostics))
 
 
 @record
@@ -179,10 +187,13 @@ class _Question:
         for hopeless in find_witnesses(self.model, [self.mode.name]):
             tasks = hopeless.tasks
             return Verdict.INFEASIBLE, [*hopeless.diagnostics, *self._remedies(tasks)]
-        best = self._best()
+        if proofs := self._of_options():
+            tasks = tuple(task.name for task in self.model.tasks if Subject("task", task.name) in proofs[0].subjects)
+            return Verdict.INFEASIBLE, [*proofs, *self._remedies(tasks)]
+        best, notes = self._best()
         broken = self._broken(best)
         if not broken:
-            return Verdict.SCHEDULABLE, [self._schedulable("the search finds one")]
+            return Verdict.SCHEDULABLE, [*notes, self._schedulable("the search finds one")]
         found = self._not_found(best, broken)
         conflict = find_conflict(self.model, self.mode, self.go_on) if self.use_exact else None
         is_asked_as_is = self.search.shipped is None and self.search.tick is None
@@ -215,28 +226,51 @@ class _Question:
             return []
         expansion = expand(self.model, self.mode)
         tick = self.search.tick or natural_tick(expansion)
-        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, self.search)
+        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, replace(self.search, near=None))
         return find_remedies(self.model, tasks, trials)
 
-    def _best(self) -> Schedule:
-        """Return the placement to explain: the mode's of the schedule given, or that of a search."""
-        from halpipe.pipeline.solve.schedule import schedule_model
+    def _of_options(self) -> list[Diagnostic]:
+        """Return the proofs that the options leave no schedule: jobs that stay exclude each other, or a coarse tick."""
+        from halpipe.pipeline.shipped import excluded_jobs, refuse_unmatched
+        from halpipe.pipeline.solve.crowding import check_starts
 
+        proofs: list[Diagnostic] = []
+        if self.search.shipped is not None:
+            own = tuple(table for table in self.search.shipped.modes if table.name == self.mode.name)
+            refuse_unmatched(self.model, self.search.shipped)
+            proofs += excluded_jobs(self.model, self.search.shipped.alone(own))
+        if self.search.tick is not None:
+            proofs += check_starts(replace(self.model, modes=(self.mode,)), self.search.tick)
+        return proofs
+
+    def _best(self) -> tuple[Schedule, tuple[Diagnostic, ...]]:
+        """Return the placement to explain, the mode's of the schedule given or that of a search, and its notes."""
         tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
         if self.schedule is not None and tables:
-            return self.schedule.alone(tuple(tables))
+            return self.schedule.alone(tuple(tables)), ()
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
         options = replace(self.search, budget=budget, modes=(self.mode.name,))
         try:
-            return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
+            return self._searched(options)
         except HalpipeError as failure:
-            from halpipe.pipeline.explain.coarse import coarser_grid
-
             grid = coarser_grid(expand(self.model, self.mode))
             if grid is None or {found.code for found in failure.diagnostics} != {TOO_LARGE.id}:
                 raise
-        return schedule_model(self.model, replace(options, tick=grid), lambda *_: self.go_on()).schedule
+        return self._searched(replace(options, tick=grid))
+
+    def _searched(self, options: SearchOptions) -> tuple[Schedule, tuple[Diagnostic, ...]]:
+        from halpipe.pipeline.solve.schedule import schedule_model
+        from halpipe.pipeline.stable import schedule_near
+
+        def solve(chosen: SearchOptions) -> Scheduled:
+            return schedule_model(self.model, chosen, lambda *_: self.go_on())
+
+        if options.near is None:
+            return solve(options).schedule, ()
+        own = tuple(table for table in options.near.modes if table.name == self.mode.name)
+        found = schedule_near(self.model, options, options.near.alone(own), solve)
+        return found.schedule, found.diagnostics
 
     def _broken(self, best: Schedule) -> list[Diagnostic]:
         """Return what verify finds in it, without regard to what its author claims of it."""

@@ -17,9 +17,18 @@ from halpipe.pipeline.parts import reserved_length
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator, Mapping
 
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Split, Task, Unit, Version
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
+
+
+@record
+class Witness:
+    """Why a mode has no schedule: the finding, and the tasks it is about."""
+
+    diagnostic: Diagnostic
+    tasks: tuple[str, ...]
 
 
 @record

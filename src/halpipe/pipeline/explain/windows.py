@@ -15,7 +15,7 @@ from halpipe.core.diagnostics import about
 from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.sharing import Witness
+from halpipe.pipeline.explain.facts import Witness
 from halpipe.pipeline.validate.context import place, quoted
 
 if TYPE_CHECKING:
