@@ -14,7 +14,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.packaging import Binding
-from halpipe.importers.ros.callbacks import Bound, callbacks_of
+from halpipe.importers.ros.traced import Bound, callbacks_of
 from halpipe.models import Chain, Part, Split
 from support import job, model, ms, schedule, task, version
 

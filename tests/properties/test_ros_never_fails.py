@@ -11,8 +11,8 @@ from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT
+from halpipe.importers.ros.calibrate import Measurements, read_measured
 from halpipe.importers.ros.options import RosImportOptions
-from halpipe.importers.ros.sources.measured import Measurements, read_measured
 
 FIXTURES = Path(__file__).parents[1] / "unit" / "importers" / "ros_fixtures"
 DESIGN = sorted((FIXTURES / "design").iterdir())

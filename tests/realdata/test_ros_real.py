@@ -9,7 +9,7 @@ import pytest
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, least_common_multiple
 from halpipe.importers.ros import FORMAT, codes
-from halpipe.importers.ros.loops import components
+from halpipe.importers.ros.dataflow import components
 from halpipe.importers.ros.options import RosImportOptions
 from halpipe.importers.traces import read_traces
 from halpipe.models import Status, Unit

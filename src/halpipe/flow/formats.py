@@ -221,7 +221,7 @@ def _put_onto(model: TaskModel, schedule: Schedule | None, options: Any) -> Expo
 def _with_bindings(options: Any) -> ExportOptions:
     """Return options of a ROS package with the callbacks that its graphs or traces have."""
     from halpipe.exporters.ros.packaging import Binding
-    from halpipe.importers.ros.callbacks import callbacks_of
+    from halpipe.importers.ros.traced import callbacks_of
 
     found = callbacks_of(options.graphs).items()
     bound: ExportOptions = replace(options, bindings={task: Binding(**vars(callback)) for task, callback in found})

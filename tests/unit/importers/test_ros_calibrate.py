@@ -10,9 +10,8 @@ from ros_case import FIXTURES, Overlay, found, write
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity
 from halpipe.core.durations import Duration
 from halpipe.importers.ros import FORMAT, codes
-from halpipe.importers.ros.calibrate import estimate
+from halpipe.importers.ros.calibrate import Measurements, Sample, estimate, read_measured
 from halpipe.importers.ros.options import RosImportOptions, quantile_of
-from halpipe.importers.ros.sources.measured import Measurements, Sample, read_measured
 
 GRAPH = str(FIXTURES / "calibrated.dot")
 LONG = "callback,duration_us\n/driver,1000\n/filter,2500.5\n/driver,1200\n"

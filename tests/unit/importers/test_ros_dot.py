@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import TOO_MUCH
-from halpipe.importers.ros import codes
-from halpipe.importers.ros.sources import dot
+from halpipe.importers.ros import codes, dot
 
 
 def edges(text):

@@ -10,7 +10,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError, render_text
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT, codes
-from halpipe.importers.ros.sources.sniff import FileKind, recognise
+from halpipe.importers.ros.sniff import FileKind, recognise
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "roboracer" / "graph" / "architecture.yaml"
 

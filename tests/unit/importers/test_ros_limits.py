@@ -6,7 +6,7 @@ from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.files import TOO_MUCH, parse_yaml
 from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import patterns, reader
-from halpipe.importers.ros.sources import caret, nodes
+from halpipe.importers.ros import caret
 
 GRAPH = """\
 named_paths: []
@@ -44,9 +44,9 @@ def test_a_graph_has_no_more_entries_than_there_is_time_for(monkeypatch):
 
 
 def test_flows_within_a_node_are_bounded(monkeypatch):
-    monkeypatch.setattr(nodes, "MAX_FLOWS", 4)
+    monkeypatch.setattr(caret, "MAX_FLOWS", 4)
     assert {(flow.writer, flow.reader) for flow in graph().flows} == {("/n/a", "/n/b"), ("/n/b", "/n/a")}
-    monkeypatch.setattr(nodes, "MAX_FLOWS", 3)
+    monkeypatch.setattr(caret, "MAX_FLOWS", 3)
     assert "has 4 flows" in refusal(graph).message
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.importers.ros.loops import components, cut_loops
+from halpipe.importers.ros.dataflow import components, cut_loops
 
 
 @st.composite

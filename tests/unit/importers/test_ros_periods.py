@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.durations import Duration, seconds
-from halpipe.importers.ros.periods import MEASURED, STATED, snap
+from halpipe.importers.ros.graph import MEASURED, STATED, snap
 
 
 @pytest.mark.parametrize(

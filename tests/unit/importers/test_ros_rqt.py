@@ -7,9 +7,8 @@ from ros_case import found, periods, places, predecessors, read, reasons, refusa
 from halpipe.core.diagnostics import Findings, Severity
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate
-from halpipe.importers.ros.dataflow import order_by_data
-from halpipe.importers.ros.loops import components
-from halpipe.importers.ros.sources.rqt import read_dot
+from halpipe.importers.ros.dataflow import components, order_by_data
+from halpipe.importers.ros.dot import read_dot
 
 FRAMES = r"""digraph G {
 "world" -> "cart"[label=" Broadcaster: /tf_node\nAverage rate: 50.0\nBuffer length: 4.9\nMost recent transform: 7.5\n"];

@@ -1,9 +1,9 @@
 """Import of ROS graphs: CARET architecture.yaml, rqt_graph and hand-written DOT, Autoware System Design.
 
-The steps, each in its own module: `sniff` tells files apart; `caret`, `dot` with `rqt`, `design`, and `rosbag` read
-them into the common `graph`; `drops` leaves out what is no application; `periods` and `activation` give callbacks their
-periods; `dataflow` cuts loops and derives precedence; `build` makes the task model; `calibrate` fills in WCETs from
-what `measured` reads. `executors` reads back what the exporter of the same name wrote.
+The steps, each in its own module: `sniff` tells files apart; `caret`, `dot`, `design` with `structure`, `traced` and
+`rosbag` read them into the common `graph`; `coverage` leaves out what is no application; `activation` gives callbacks
+their periods; `dataflow` cuts loops and derives precedence and chains; `build` makes the task model; `calibrate` fills
+in WCETs. `executors` reads back what the exporter of the same name wrote.
 """
 
 from __future__ import annotations

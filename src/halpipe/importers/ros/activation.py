@@ -16,10 +16,9 @@ from halpipe.core.diagnostics import named
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.periods import MEASURED, STATED, snap
-from halpipe.importers.ros.sources.graph import Callback, Certainty, Kind, Publication, RosGraph
-from halpipe.importers.ros.sources.rosbag import ROSBAG
-from halpipe.importers.ros.sources.rqt import DEADLINE, STATISTICS
+from halpipe.importers.ros.dot import DEADLINE, STATISTICS
+from halpipe.importers.ros.graph import MEASURED, STATED, Callback, Certainty, Kind, Publication, RosGraph, snap
+from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.traced import TRACE
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Supplement
-    from halpipe.importers.ros.sources.graph import Rate
+    from halpipe.importers.ros.graph import Rate
 
 _PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)
 

@@ -11,23 +11,19 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.account import Result, account
 from halpipe.importers.ros.activation import Wiring, activate, settled
 from halpipe.importers.ros.calibrate import calibrate
-from halpipe.importers.ros.chains import chains_of
-from halpipe.importers.ros.dataflow import Edge, order_by_data, report_unknown_publishers
-from halpipe.importers.ros.design.modes import ModeModel, merge_modes
-from halpipe.importers.ros.design.read import ModeGraph, read_design
-from halpipe.importers.ros.drops import prune
+from halpipe.importers.ros.caret import read_caret
+from halpipe.importers.ros.coverage import Result, account, prune
+from halpipe.importers.ros.dataflow import Edge, chains_of, order_by_data, report_unknown_publishers
+from halpipe.importers.ros.design import ModeGraph, ModeModel, merge_modes, read_design
+from halpipe.importers.ros.dot import read_dot
 from halpipe.importers.ros.exclusion import Exclusion, default_groups
-from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.names import Names, clean, task_names
+from halpipe.importers.ros.executors import read_executors
+from halpipe.importers.ros.graph import Names, clean, few, task_names
 from halpipe.importers.ros.options import RESOURCES
-from halpipe.importers.ros.sources.caret import read_caret
-from halpipe.importers.ros.sources.executors import read_executors
-from halpipe.importers.ros.sources.rosbag import read_bag
-from halpipe.importers.ros.sources.rqt import read_dot
-from halpipe.importers.ros.sources.sniff import FileKind, find
+from halpipe.importers.ros.rosbag import read_bag
+from halpipe.importers.ros.sniff import FileKind, find
 from halpipe.importers.ros.traced import confront, graph_of
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Anchor, Mode, Origin, Precedence, Run, Task, TaskModel, Unit, Version
@@ -36,9 +32,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.importers.ros.graph import Callback, Group, Rate, RosGraph
     from halpipe.importers.ros.options import RosImportOptions
-    from halpipe.importers.ros.sources.graph import Callback, Group, Rate, RosGraph
-    from halpipe.importers.ros.sources.sniff import Input
+    from halpipe.importers.ros.sniff import Input
     from halpipe.importers.traces.ros2 import RosTrace
 
 UNIT = "core0"

@@ -1,41 +1,54 @@
-"""Fills WCETs from measured durations: an exact order statistic of the samples, and a margin on top.
+"""WCETs from measured durations: an exact order statistic of the samples, and a margin on top.
 
 The quantile q of n samples is the smallest of them that at least q * n samples do not exceed: the one at rank
 ceil(q * n), without interpolation; 1 is the maximum. It is an observation, not a bound: what was not measured may take
 longer, which is what the margin is for.
+
+Samples come from traces and from tables (CSV) of three forms, told apart by the header:
+
+* one row for each execution: columns ``callback`` and ``duration``, or ``callback``, ``start`` and ``end``; the table
+  of durations that ros2_tracing's analysis makes is of this form once a column names the callback;
+* CARET's records: columns ``<callback>/callback_start_timestamp`` and ``<callback>/callback_end_timestamp``;
+* CARET's plots of latency as a data frame: a row of callback names above a row with ``latency [ms]``.
+
+Durations are whole nanoseconds, as the clocks are that measured them: other values are rounded to the nearest one,
+which undoes what floating-point milliseconds did to them.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from dataclasses import replace
+import re
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location, Severity, about
+from halpipe.core.diagnostics import HalpipeError, Location, Severity, about
 from halpipe.core.durations import Duration
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.sources.measured import Measurements, read_measured
+from halpipe.importers.ros.graph import few, printable
 from halpipe.importers.ros.traced import measure
 from halpipe.importers.traces.ctf import folders
+from halpipe.importers.traces.numbers import DecimalSign, separator_of
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Origin
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from fractions import Fraction
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
+    from halpipe.importers.ros.graph import Callback
     from halpipe.importers.ros.options import RosImportOptions
-    from halpipe.importers.ros.sources.graph import Callback
-    from halpipe.importers.ros.sources.measured import Sample
     from halpipe.importers.traces.ros2 import RosTrace
     from halpipe.models import Task, TaskModel
+
 
 FEWEST_SAMPLES = 10
 """With fewer executions than this, even the maximum says little."""
@@ -147,3 +160,192 @@ def _report_unmeasured(model: TaskModel, samples: Mapping[str, object], file: st
         text = f"{len(left)} tasks have no measurement and no WCET: {few(left)}"
         help = "record them too, or state their WCETs in an overlay"
         findings.add(codes.UNMEASURED(text, at=Location(file), help=help, severity=Severity.NOTE))
+
+
+_NAMES = ("callback", "callback_name", "task", "node", "name")
+_DURATIONS = ("duration", "latency", "execution_time", "elapsed")
+_STARTS = ("start", "callback_start", "start_timestamp", "callback_start_timestamp")
+_ENDS = ("end", "callback_end", "end_timestamp", "callback_end_timestamp")
+_COLUMN = re.compile(r"(?P<name>.*?)(?:[ _]?[\[(](?P<bracket>ns|us|ms|s)[\])]|_(?P<suffix>ns|us|ms|s))?")
+_NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{0,40})?(?:[eE][+-]?[0-9]{1,2})?")
+_DECIMAL = re.compile(r"([0-9]{1,30})\.([0-9]{1,40})")
+_WITH_UNIT = re.compile(r"[0-9.]{1,60} ?(?:ns|us|ms|s)")
+_TIMEDELTA = re.compile(r"(?:([0-9]{1,6}) days? )?([0-9]{1,3}):([0-9]{2}):([0-9]{2}(?:\.[0-9]{1,9})?)")
+_SCALES = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
+_ABSENT = ("", "nan", "nat", "none", "null", "<na>")
+_FORM = "give it the columns callback and duration_ns, or export it from CARET as it is"
+
+
+@record
+class Sample:
+    """One execution: its duration in nanoseconds, and where it stands."""
+
+    ns: int
+    at: Location
+
+
+@dataclass(slots=True)
+class Measurements:
+    """All executions by callback, in the order of the files."""
+
+    samples: dict[str, list[Sample]] = field(default_factory=dict)
+
+    def add(self, callback: str, ns: int, at: Location) -> None:
+        """Record one execution."""
+        self.samples.setdefault(callback, []).append(Sample(ns, at))
+
+
+@record
+class _Pair:
+    """Where the times of a callback stand in a row: start (None: the end is a duration) and end, with their scales."""
+
+    callback: str | None
+    name: int
+    start: tuple[int, int] | None
+    end: tuple[int, int]
+
+
+def read_measured(data: bytes, file: str, into: Measurements, findings: Findings) -> None:
+    """Add the executions of one table; raise `HalpipeError` if it is none, add findings for rows that are broken."""
+    text = _text(data, file)
+    separator = separator_of(next((line for line in text.splitlines() if line.strip()), ""))
+    rows, sign = _rows(text, separator), DecimalSign(separator)
+    try:
+        _, header = next(rows, (1, []))
+        pairs = _caret_records(header) or _long(header)
+        if not pairs:
+            line, second = next(rows, (2, []))
+            pairs = _caret_frames(header, second)
+            if not pairs:
+                raise _no_table(file, line - 1, header)
+        for line, cells in rows:
+            for pair in pairs:
+                _take(pair, cells, sign, Location(file, line), into, findings)
+    except csv.Error as failure:
+        raise _refused(str(failure), file, 1) from None
+
+
+def _text(data: bytes, file: str) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as failure:
+        raise _refused(f"byte {failure.start} is no UTF-8", file, data[: failure.start].count(b"\n") + 1) from None
+
+
+def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    for cells in reader:
+        if any(cell.strip() for cell in cells):
+            yield reader.line_num, cells
+
+
+def _no_table(file: str, line: int, header: Sequence[str]) -> HalpipeError:
+    shown = ", ".join(printable(name)[:40] for name in header[:8]) or "nothing"
+    return _refused(f"no columns with callbacks and their times among: {shown}", file, line)
+
+
+def _refused(what: str, file: str, line: int) -> HalpipeError:
+    return HalpipeError(codes.NO_MEASUREMENTS(what, at=Location(file, line), help=_FORM))
+
+
+# -------------------------------------------------------------------------------------------------- headers
+
+
+def _column(text: str) -> tuple[str, int]:
+    """Return the plain name of a column, and how many nanoseconds its unit has."""
+    match = _COLUMN.fullmatch(text.strip())
+    if match is None:
+        return text.strip(), 1
+    return match["name"].strip(), _SCALES[match["bracket"] or match["suffix"] or "ns"]
+
+
+def _long(header: Sequence[str]) -> list[_Pair]:
+    columns: dict[str, tuple[int, int]] = {}
+    for position, (column, scale) in enumerate(map(_column, header)):
+        columns.setdefault(column.lower().replace(" ", "_"), (position, scale))
+    name, duration, start, end = (
+        next((columns[known] for known in group if known in columns), None)
+        for group in (_NAMES, _DURATIONS, _STARTS, _ENDS)
+    )
+    if name is None:
+        return []
+    if duration is not None:
+        return [_Pair(None, name[0], None, duration)]
+    return [_Pair(None, name[0], start, end)] if start is not None and end is not None else []
+
+
+def _caret_records(header: Sequence[str]) -> list[_Pair]:
+    starts: dict[str, tuple[int, int]] = {}
+    ends: dict[str, tuple[int, int]] = {}
+    for position, (name, scale) in enumerate(map(_column, header)):
+        callback, _, what = name.rpartition("/")
+        if callback and what in _STARTS:
+            starts.setdefault(callback, (position, scale))
+        elif callback and what in _ENDS:
+            ends.setdefault(callback, (position, scale))
+    return [_Pair(printable(name), -1, starts[name], ends[name]) for name in starts if name in ends]
+
+
+def _caret_frames(names: Sequence[str], header: Sequence[str]) -> list[_Pair]:
+    found = []
+    for position, (callback, text) in enumerate(zip(names, header, strict=False)):
+        name, scale = _column(text)
+        if callback.strip() and name.lower() in _DURATIONS:
+            found.append(_Pair(printable(callback), -1, None, (position, scale)))
+    return found
+
+
+# ----------------------------------------------------------------------------------------------------- rows
+
+
+def _take(
+    pair: _Pair, cells: Sequence[str], sign: DecimalSign, at: Location, into: Measurements, findings: Findings
+) -> None:
+    callback = pair.callback or printable(_cell(cells, pair.name))
+    places = [pair.end] if pair.start is None else [pair.start, pair.end]
+    texts = [_cell(cells, position) for position, _ in places]
+    if any(text.lower() in _ABSENT for text in texts):
+        if pair.callback is None and not (callback and len(texts) == 2):
+            findings.add(codes.BAD_SAMPLE("the row has no callback or no duration", at=at, help="complete the row"))
+        return
+    try:
+        values = [_nanoseconds(sign.point(text), scale) for text, (_, scale) in zip(texts, places, strict=True)]
+    except ValueError as failure:
+        findings.add(codes.BAD_SAMPLE(str(failure), at=at, path=_path(callback), help="correct the row"))
+        return
+    duration = values[-1] - (values[0] if pair.start is not None else 0)
+    if duration < 0 or not callback:
+        what = f"lasts {duration}ns" if callback else "the row names no callback"
+        findings.add(codes.BAD_SAMPLE(what, at=at, path=_path(callback), help="correct or remove the row"))
+        return
+    into.add(callback, duration, at)
+
+
+def _cell(cells: Sequence[str], position: int) -> str:
+    return cells[position].strip() if 0 <= position < len(cells) else ""
+
+
+def _path(callback: str) -> str:
+    return f'callback "{callback}"' if callback else ""
+
+
+def _nanoseconds(text: str, scale: int) -> int:
+    """Return a time rounded to whole nanoseconds: a number, a duration with its unit, or pandas' 0 days 00:00:00.1."""
+    if text.isascii() and text.isdigit() and len(text) <= 30:
+        return int(text) * scale
+    if decimal := _DECIMAL.fullmatch(text):  # most tables are of these, and a Fraction takes its time
+        parts = int(10 ** len(decimal[2]))
+        return (2 * int(decimal[1] + decimal[2]) * scale + parts) // (2 * parts)
+    if _NUMBER.fullmatch(text):
+        return _nearest(Fraction(text) * scale)
+    if match := _TIMEDELTA.fullmatch(text):
+        days, hours, minutes, seconds = match.groups()
+        whole = (int(days or 0) * 24 + int(hours)) * 60 + int(minutes)
+        return _nearest((whole * 60 + Fraction(seconds)) * _SCALES["s"])
+    if _WITH_UNIT.fullmatch(text):
+        return _nearest(Duration.parse(text).fraction)
+    raise ValueError(f"{text[:40]!r} is no duration")
+
+
+def _nearest(value: Fraction) -> int:
+    return math.floor(value + Fraction(1, 2))

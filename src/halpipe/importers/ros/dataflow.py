@@ -1,4 +1,4 @@
-"""Precedence from writers and readers of topics: loops of data are cut, the rest orders tasks.
+"""Precedence and chains from writers and readers of topics: loops of data are cut, the rest orders tasks.
 
 Vertices of the flow graph are callbacks, topics and the memories of nodes whose inner data flow is not known. They
 are ranked in the order in which data spreads from the sources (`activation`); a topic comes right after the first
@@ -8,19 +8,24 @@ a topic is data flow, but only the first one, which triggers the readers, become
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from halpipe.core.diagnostics import named
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.feedback import Vertex, few, report_loops
-from halpipe.importers.ros.loops import cut_loops
-from halpipe.importers.ros.sources.graph import Certainty, Kind, Publication
+from halpipe.importers.ros.graph import Certainty, Kind, Publication, few
+from halpipe.models import Chain, Origin
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Findings
+    from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+    from typing import Any
+
+    from halpipe.core.diagnostics import Diagnostic, Findings
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
+    from halpipe.importers.ros.graph import Names, Path, Step
 
 
 _KINDS = {Kind.TIMER: "timer", Kind.SUBSCRIPTION: "subscription callback"}
@@ -149,3 +154,269 @@ def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
                 help="name the callback under callback_names of the publication, or import a trace, which shows it",
             )
         )
+
+
+V = TypeVar("V", bound="Hashable")
+
+_MOST_LOOKS = 5_000_000
+"""Edges looked at, per loop, to undo cuts and to name cycles; beyond, cuts stay and their cycles are not named."""
+
+
+@record
+class Loop(Generic[V]):
+    """A strongly connected part: its vertices in order, and every edge cut with a shortest cycle through it.
+
+    A cycle is written from the head of the cut edge to its tail; it is empty where the search would take too long.
+    """
+
+    vertices: tuple[V, ...]
+    cuts: dict[tuple[V, V], tuple[V, ...]]
+
+
+def cut_loops(
+    successors: Mapping[V, Sequence[V]], rank: Callable[[V], Any], dear: Callable[[V, V], bool]
+) -> list[Loop[V]]:
+    """Return the loops of a graph with edges whose removal leaves no cycle.
+
+    Every edge that does not lead upward in `rank` is cut; then cuts are undone one by one as far as no cycle
+    returns, `dear` edges first. No cut that remains could be undone alone.
+    """
+    loops = []
+    for part in components(successors):
+        vertices = sorted(part, key=rank)
+        members = set(part)
+        inside = {vertex: [v for v in successors.get(vertex, ()) if v in members] for vertex in vertices}
+        position = {vertex: index for index, vertex in enumerate(vertices)}
+        backward = [(u, v) for u in vertices for v in inside[u] if position[v] <= position[u]]
+        forward = {u: [v for v in inside[u] if position[v] > position[u]] for u in vertices}
+        cuts = _undo(backward, forward, dear)
+        named = _MOST_LOOKS // sum(map(len, inside.values()))
+        cycles = {(u, v): tuple(_path(v, u, inside) or ()) for u, v in cuts[:named]}
+        loops.append(Loop(tuple(vertices), {edge: cycles.get(edge, ()) for edge in cuts}))
+    return sorted(loops, key=lambda loop: rank(loop.vertices[0]))
+
+
+def _undo(cuts: Sequence[tuple[V, V]], kept: dict[V, list[V]], dear: Callable[[V, V], bool]) -> list[tuple[V, V]]:
+    """Put edges back into `kept` while it stays acyclic; return those that must stay cut."""
+    edges = sum(map(len, kept.values())) + len(cuts)
+    left = _MOST_LOOKS
+    remaining = []
+    for u, v in sorted(cuts, key=lambda edge: not dear(*edge)):
+        left -= edges
+        if left < 0 or u == v or _path(v, u, kept) is not None:
+            remaining.append((u, v))
+        else:
+            kept[u].append(v)
+    return remaining
+
+
+def _path(start: V, goal: V, successors: Mapping[V, Sequence[V]]) -> list[V] | None:
+    """Return a shortest path, both ends included, or None."""
+    before: dict[V, V] = {start: start}
+    queue = deque([start])
+    while queue:
+        vertex = queue.popleft()
+        if vertex == goal:
+            path = [vertex]
+            while vertex != start:
+                vertex = before[vertex]
+                path.append(vertex)
+            return path[::-1]
+        for follower in successors.get(vertex, ()):
+            if follower not in before:
+                before[follower] = vertex
+                queue.append(follower)
+    return None
+
+
+def components(successors: Mapping[V, Sequence[V]]) -> list[list[V]]:
+    """Return the strongly connected components that hold a cycle (Kosaraju's algorithm, without recursion)."""
+    finished: list[V] = []
+    seen: set[V] = set()
+    for root in successors:
+        _walk(root, successors, seen, finished)
+    predecessors: dict[V, list[V]] = defaultdict(list)
+    for vertex, followers in successors.items():
+        for follower in followers:
+            predecessors[follower].append(vertex)
+    found = []
+    seen = set()
+    for root in reversed(finished):
+        part: list[V] = []
+        _walk(root, predecessors, seen, part)
+        if len(part) > 1 or (part and root in successors.get(root, ())):
+            found.append(part)
+    return found
+
+
+def _walk(root: V, successors: Mapping[V, Sequence[V]], seen: set[V], finished: list[V]) -> None:
+    """Append what `root` reaches and was not yet seen, each vertex after its followers."""
+    if root in seen:
+        return
+    seen.add(root)
+    stack: list[tuple[V, Iterator[V]]] = [(root, iter(successors.get(root, ())))]
+    while stack:
+        vertex, rest = stack[-1]
+        follower = next((v for v in rest if v not in seen), None)
+        if follower is None:
+            finished.append(vertex)
+            stack.pop()
+        else:
+            seen.add(follower)
+            stack.append((follower, iter(successors.get(follower, ()))))
+
+
+_MOST_CUTS = 8
+_LONGEST_RING = 50
+
+
+class Vertex(NamedTuple):
+    """A vertex of the flow graph; `kind` is callback, memory (named after its node) or topic."""
+
+    kind: str
+    name: str
+
+
+def report_loops(
+    loops: Sequence[Loop[Vertex]], wiring: Wiring, lost: Collection[tuple[str, str]], findings: Findings
+) -> None:
+    """Report every loop that passes through a topic; loops inside a node are the node's own affair.
+
+    `lost` holds the (topic, reader) pairs whose precedence the cuts cost.
+    """
+    for loop in loops:
+        if any(vertex.kind == "topic" for vertex in loop.vertices):
+            findings.add(_report(loop, wiring, lost))
+
+
+def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]]) -> Diagnostic:
+    nodes = list(dict.fromkeys(_nodes(loop.vertices, wiring)))
+    costs = [edge for edge in loop.cuts if (edge[0].name, edge[1].name) in lost]
+    places = []
+    for edge in costs + [edge for edge in loop.cuts if edge not in costs]:
+        ring = _ring(loop.cuts[edge], wiring)
+        if len(nodes) == 1 or len(ring) != 1:
+            cycle = f" ({_shortened(ring + ring[:1], ' -> ')})" if ring else ""
+            places.append(_place(edge, wiring) + cycle)
+    if len(places) > _MOST_CUTS:
+        places[_MOST_CUTS:] = [f"at {len(places) - _MOST_CUTS} more places"]
+    what = f"{len(nodes)} nodes feed each other" if len(nodes) > 1 else "a node feeds itself"
+    effect = f"precedence constraints lost: {len(costs)}" if costs else "no precedence constraint is lost"
+    first = next(vertex for vertex in loop.vertices if vertex.kind == "callback")
+    return codes.FEEDBACK(
+        f"{what}: {_shortened(nodes, ', ')}; cut {'; cut '.join(places)}; {effect}",
+        at=wiring.callbacks[first.name].at,
+        path=named("node", nodes[0]),
+        help="state the precedence that you want under precedence: in an overlay if the loop is cut at the wrong place",
+    )
+
+
+def _shortened(names: list[str], separator: str) -> str:
+    """Join names, leaving out the middle of a long list."""
+    if len(names) > _LONGEST_RING:
+        names = [*names[: _LONGEST_RING // 2], "...", *names[-_LONGEST_RING // 2 :]]
+    return separator.join(names)
+
+
+def _nodes(vertices: Sequence[Vertex], wiring: Wiring) -> list[str]:
+    """Return the ROS nodes that vertices belong to; topics belong to none."""
+    return [_node(vertex, wiring) for vertex in vertices if vertex.kind != "topic"]
+
+
+def _node(vertex: Vertex, wiring: Wiring) -> str:
+    return wiring.callbacks[vertex.name].node if vertex.kind == "callback" else vertex.name
+
+
+def _ring(cycle: Sequence[Vertex], wiring: Wiring) -> list[str]:
+    """Return the nodes of a cycle in order, each stay in a node once."""
+    ring: list[str] = []
+    for node in _nodes(cycle, wiring):
+        if not ring or ring[-1] != node:
+            ring.append(node)
+    return ring[:-1] if len(ring) > 1 and ring[0] == ring[-1] else ring
+
+
+def _place(edge: tuple[Vertex, Vertex], wiring: Wiring) -> str:
+    tail, head = edge
+    if tail.kind == "topic":
+        return f'where "{_node(head, wiring)}" reads "{tail.name}"'
+    if head.kind == "topic":
+        return f'where "{_node(tail, wiring)}" publishes "{head.name}", which another publisher triggers'
+    node = _node(tail, wiring)
+    return f'inside "{node}", where "{tail.name.removeprefix(node + "/")}" stores what comes in for the next round'
+
+
+def chains_of(
+    wiring: Wiring,
+    activations: Activations,
+    task_names: Mapping[str, str],
+    names: Names,
+    findings: Findings,
+    coverage: Coverage,
+) -> tuple[Chain, ...]:
+    """Return a chain for every path whose nodes are tasks; its ends may be sources or sinks without one."""
+    chains: list[Chain] = []
+    first: dict[tuple[str, ...], str] = {}
+    for path in wiring.graph.paths:
+        sequence = [name for step in path.steps for name in _callbacks(step, wiring, activations)]
+        problem, tasks = _tasks(sequence, task_names)
+        if not problem and tasks in first:
+            problem = f'has the same tasks as path "{first[tasks]}"'
+        elif problem:
+            help = "give its callbacks periods, or write the chain in the overlay"
+            findings.add(
+                codes.PATH_IGNORED(f"is no chain: {problem}", at=path.at, path=named("path", path.name), help=help)
+            )
+        if problem:
+            coverage.ignored("path", path.name, problem, path.at)
+            continue
+        first[tasks] = path.name
+        coverage.mapped("path")
+        chains.append(_chain(path, tasks, names))
+    return tuple(chains)
+
+
+def _chain(path: Path, tasks: tuple[str, ...], names: Names) -> Chain:
+    name = names.unique(path.name or "path", f'path "{path.name}"', path.at)
+    return Chain(name=name, tasks=tasks, origin=Origin(path.at.file, path.at.line, path.name))
+
+
+def _callbacks(step: Step, wiring: Wiring, activations: Activations) -> list[str]:
+    """Return the callbacks that a message passes in a node: the one that reads it and the one that publishes.
+
+    A reader that is stated to publish the topic itself does so; otherwise it leaves the message for the publisher.
+    """
+    reading = [
+        callback.name
+        for callback in map(wiring.callbacks.__getitem__, wiring.readers(step.subscribed or ""))
+        if callback.node == step.node
+    ]
+    publishing = [
+        name
+        for publication in wiring.publications.get(step.published or "", ())
+        if publication.node == step.node
+        for name in publication.callbacks
+    ]
+    publishing = [name for name in publishing if name in reading] or sorted(
+        publishing, key=lambda name: activations.of[name].order if name in activations.of else len(wiring.callbacks)
+    )
+    sides = [side[0] for side in (reading, publishing) if side]
+    return list(dict.fromkeys(sides)) or [step.node]
+
+
+def _tasks(sequence: list[str], task_names: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
+    """Return the tasks of a sequence of callbacks, or what prevents a chain."""
+    tasks = [task_names.get(name, "") for name in sequence]
+    while tasks and not tasks[0]:
+        tasks.pop(0)
+        sequence = sequence[1:]
+    while tasks and not tasks[-1]:
+        tasks.pop()
+    if "" in tasks:
+        return f'"{sequence[tasks.index("")]}" on it is not a task', ()
+    repeated = next((task for task in tasks if tasks.count(task) > 1), None)
+    if repeated:
+        return f'it passes through "{repeated}" more than once', ()
+    if len(tasks) < 2:
+        return f"{len(tasks)} of its nodes are tasks, a chain needs two", ()
+    return "", tuple(tasks)

@@ -15,9 +15,7 @@ from halpipe.core.diagnostics import Findings, Severity, named
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.names import Names
-from halpipe.importers.ros.sources.graph import Group, Kind
+from halpipe.importers.ros.graph import Group, Kind, Names, few
 from halpipe.models import Access, Origin, Resource
 
 if TYPE_CHECKING:
@@ -25,7 +23,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.sources.graph import RosGraph
+    from halpipe.importers.ros.graph import RosGraph
     from halpipe.models import Task, TaskModel
 
 CALLBACK_GROUP = "callback_group"

@@ -1,4 +1,4 @@
-"""A trace as a source: the graph that was seen to run, measured durations, and what it says of a stated graph.
+"""Trace as a source: the graph that was seen to run, measured durations, and what it says of a stated graph.
 
 Names are CARET's: ``<node>/callback_<i>``, the timers of a node before its subscriptions, in order of construction.
 """
@@ -6,36 +6,41 @@ Names are CARET's: ``<node>/callback_<i>``, the timers of a node before its subs
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError, Location, named
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.drops import is_plumbing
-from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.names import printable
-from halpipe.importers.ros.periods import STATED, snap
-from halpipe.importers.ros.sources.graph import (
+from halpipe.importers.ros.caret import read_caret
+from halpipe.importers.ros.coverage import is_plumbing
+from halpipe.importers.ros.graph import (
+    STATED,
     Callback,
     Certainty,
     Group,
     Kind,
+    Names,
     Node,
     Publication,
     Rate,
     RosGraph,
     Subscription,
+    few,
+    printable,
+    snap,
+    task_names,
 )
-from halpipe.importers.traces.ros2 import SERVICE, SUBSCRIPTION, TIMER, Key, RosTrace
+from halpipe.importers.ros.sniff import FileKind, find
+from halpipe.importers.traces.ros2 import SERVICE, SUBSCRIPTION, TIMER, Key, RosTrace, read_ros_trace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
-    from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.sources.measured import Measurements
+    from halpipe.importers.ros.calibrate import Measurements
+
 
 TRACE = "trace"
 """Where the rate of a topic comes from that nothing in the trace publishes."""
@@ -269,3 +274,44 @@ def _report_differences(graph: RosGraph, trace: RosTrace, names: Mapping[Key, st
 
 def _subject(key: Key) -> str:
     return str(Duration(int(key.subject))) if key.kind == TIMER else printable(key.subject)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A callback by node, kind (timer or subscription), topic or period in ns, and order among equal ones.
+
+    `group` is its callback group, empty where the graph does not tell.
+    """
+
+    node: str
+    kind: str
+    topic: str
+    period: int
+    order: int
+    group: str = ""
+
+
+def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
+    """Return the callbacks of an architecture.yaml or a trace, by the names of their tasks."""
+    inputs, findings = find(paths), Findings()
+    if inputs.graphs and inputs.graphs[0].kind is FileKind.CARET:
+        graph = read_caret(inputs.graphs[0].content, inputs.graphs[0].name, findings, Coverage())
+    elif inputs.traces:
+        graph = graph_of(read_ros_trace(inputs.traces[0], findings), findings, Coverage())
+    else:
+        return {}
+    findings.stop_on_errors()
+    names = task_names(graph, Names(Findings()))
+    count: Counter[tuple[str, str, str, int]] = Counter()
+    found = {}
+    groups = {name: group.name for group in graph.groups if group.kind == "callback_group" for name in group.callbacks}
+    for callback in graph.callbacks:
+        if callback.kind is Kind.TIMER and callback.period is not None:
+            key = (callback.node, "timer", "", round(callback.period.fraction))
+        elif callback.kind is Kind.SUBSCRIPTION and callback.inputs:
+            key = (callback.node, "subscription", callback.inputs[0], 0)
+        else:
+            continue
+        found[names[callback.name]] = Bound(*key, count[key], groups.get(callback.name, ""))
+        count[key] += 1
+    return found

@@ -8,7 +8,7 @@ from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.files import YamlList, YamlMap
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.graph import printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

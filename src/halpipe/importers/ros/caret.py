@@ -1,4 +1,13 @@
-"""One node of CARET's architecture.yaml: callbacks, callback groups, publications, subscriptions, inner data flow."""
+"""Reader of CARET's architecture.yaml.
+
+Keys after the format's documentation (tier4/caret_doc, "Architecture file"); older names of keys are accepted:
+``path_name_aliases`` for ``named_paths``, ``type`` for ``callback_type``, ``callback_name`` (one) and
+``callback_ids`` for ``callback_names``, ``callback_id`` and ``node_id`` for the names.
+
+CARET leaves two thirds of the publications of a real system without a callback. In order: what is stated; the only
+callback of the node; the last callback of a chain that a message context states; else an assumption, which is reported:
+readers of the messages that a context carries on, the fastest timer, any callback.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +15,139 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location, about, named
+from halpipe.core.diagnostics import Findings, Location, about, named
 from halpipe.core.durations import Duration
 from halpipe.core.files import refuse_more_than
+from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.periods import STATED, snap
-from halpipe.importers.ros.publishers import Context, Publishers
-from halpipe.importers.ros.sources.graph import Callback, Flow, Group, Kind, Publication, Subscription
+from halpipe.importers.ros.graph import (
+    STATED,
+    Callback,
+    Certainty,
+    Flow,
+    Group,
+    Kind,
+    Node,
+    Path,
+    Publication,
+    RosGraph,
+    Step,
+    Subscription,
+    snap,
+)
+from halpipe.importers.ros.yaml_reader import Reader
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from halpipe.core.files import YamlMap
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.sources.yaml_reader import Reader
+
+
+MAX_ELEMENTS = 20_000
+_TOP_KEYS = ("named_paths", "path_name_aliases", "executors", "nodes")
+_EXECUTOR_KEYS = ("executor_type", "executor_name", "callback_group_names")
+_PATH_KEYS = ("path_name", "node_chain")
+_STEP_KEYS = (
+    "node_name",
+    "publish_topic_name",
+    "subscribe_topic_name",
+    "publisher_construction_order",
+    "subscription_construction_order",
+)
+
+
+def read_caret(document: YamlMap, file: str, findings: Findings, coverage: Coverage) -> RosGraph:
+    """Read a recognised architecture.yaml; every finding is collected, elements in error are left out."""
+    reader = Reader(file, findings)
+    reader.check_keys(document, "file", _TOP_KEYS)
+    _bound(document, file)
+    nodes = [NodeReader(reader, entry, coverage) for entry in reader.entries(document, "nodes", "file")]
+    _check_unique(nodes, reader)
+    groups = [group for node in nodes for group in node.groups]
+    executors = _executors(document, groups, reader)
+    return RosGraph(
+        file=file,
+        nodes=tuple(Node(name=node.name, at=node.at) for node in nodes),
+        callbacks=_flat([node.callbacks for node in nodes]),
+        publications=tuple(p for node in nodes for p in node.publications),
+        subscriptions=tuple(s for node in nodes for s in node.subscriptions),
+        flows=tuple(flow for node in nodes for flow in node.flows),
+        groups=(*executors, *groups),
+        paths=_paths(document, {node.name for node in nodes}, reader),
+    )
+
+
+def _bound(document: YamlMap, file: str) -> None:
+    """Refuse graphs that are far larger than those of any vehicle before each of their elements is looked at."""
+    nodes = [node for node in document.get("nodes") or () if isinstance(node, dict)]
+    lists = [value for node in nodes for value in node.values() if isinstance(value, list)]
+    count = len(nodes) + sum(map(len, lists))
+    refuse_more_than(MAX_ELEMENTS, count, "nodes, callbacks, publications and the like", Location(file, document.line))
+
+
+def _flat(lists: list[list[Callback]]) -> tuple[Callback, ...]:
+    return tuple(callback for callbacks in lists for callback in callbacks)
+
+
+def _check_unique(nodes: list[NodeReader], reader: Reader) -> None:
+    first_node: dict[str, int] = {}
+    first_callback: dict[str, int] = {}
+    for node in nodes:
+        places = [(first_node, f'node "{node.name}"', node.name, node.at)]
+        places += [(first_callback, f'callback "{c.name}"', c.name, c.at) for c in node.callbacks]
+        for first, path, name, at in places:
+            if name in first:
+                help = "rename one of the two; names identify nodes and callbacks"
+                text = f"is declared again, first on line {first[name]}"
+                reader.findings.add(codes.DUPLICATE(text, at=at, path=path, help=help))
+            first.setdefault(name, at.line)
+
+
+def _executors(document: YamlMap, groups: list[Group], reader: Reader) -> tuple[Group, ...]:
+    members = {group.name: group.callbacks for group in groups}
+    executors = []
+    for entry in reader.entries(document, "executors", "file"):
+        name = reader.text(entry, "executor_name", "executor")
+        path = named("executor", name)
+        reader.check_keys(entry, path, _EXECUTOR_KEYS)
+        kind = reader.text(entry, "executor_type", path)
+        callbacks: list[str] = []
+        for group, line in reader.names(entry, "callback_group_names", path):
+            if group in members:
+                callbacks.extend(members[group])
+                continue
+            help = did_you_mean(group, members, "declare it in callback_groups of its node")
+            at = Location(reader.file, line)
+            reader.findings.add(codes.DANGLING(f'no callback group "{group}"', at=at, path=path, help=help))
+        single = "single" in kind
+        executors.append(
+            Group(kind="executor", name=name, exclusive=single, callbacks=tuple(callbacks), at=reader.at(entry))
+        )
+    return tuple(executors)
+
+
+def _paths(document: YamlMap, nodes: set[str], reader: Reader) -> tuple[Path, ...]:
+    paths = []
+    key = "named_paths" if "named_paths" in document else "path_name_aliases"
+    for entry in reader.entries(document, key, "file"):
+        name = reader.text(entry, "path_name", "path")
+        where = f'path "{name}"'
+        reader.check_keys(entry, where, _PATH_KEYS)
+        steps = []
+        for step in reader.entries(entry, "node_chain", where):
+            reader.check_keys(step, where, _STEP_KEYS)
+            node = reader.text(step, "node_name", where)
+            if node and node not in nodes:
+                help = did_you_mean(node, sorted(nodes), "declare the node or remove it from the path")
+                reader.findings.add(codes.DANGLING(f'no node "{node}"', at=reader.at(step), path=where, help=help))
+            topics = [reader.optional(step, f"{side}_topic_name", where) for side in ("subscribe", "publish")]
+            subscribed, published = (None if topic == UNDEFINED else topic for topic in topics)
+            steps.append(Step(node=node, subscribed=subscribed, published=published, at=reader.at(step)))
+        paths.append(Path(name=name, steps=tuple(steps), at=reader.at(entry)))
+    return tuple(paths)
+
 
 MAX_FLOWS = 50_000
 UNDEFINED = "UNDEFINED"
@@ -233,3 +362,55 @@ class NodeReader:
         if topic not in only.inputs + only.polled:
             self.callbacks[0] = replace(only, polled=(*only.polled, topic))
         return only.name
+
+
+_CARRYING = ("callback_chain", "inherit_unique_stamp", "tilde")
+"""Contexts in which a message that comes in makes one go out; the latest message may be published by any callback."""
+
+
+@record(kw_only=True)
+class Context:
+    """A message context: how a node relates what it publishes to what it subscribes."""
+
+    kind: str
+    subscribed: str
+    published: str
+    callbacks: tuple[str, ...] = ()
+
+
+class Publishers:
+    """The callbacks of one node that may publish, looked through once for all its topics."""
+
+    def __init__(self, callbacks: Sequence[Callback], contexts: Sequence[Context]) -> None:
+        self.readers: dict[str, list[str]] = {}
+        """By topic, the names of the callbacks that it triggers."""
+        able = [callback for callback in callbacks if callback.kind is not Kind.SERVICE]
+        timers = [(callback.period, position) for position, callback in enumerate(able) if callback.period is not None]
+        self._able = tuple(callback.name for callback in able)
+        self._fastest = able[min(timers)[1]].name if timers else None
+        self._position = {name: position for position, name in enumerate(self._able)}
+        for callback in callbacks:
+            for topic in dict.fromkeys(callback.inputs):
+                self.readers.setdefault(topic, []).append(callback.name)
+        self._about: dict[str, list[Context]] = {}
+        for context in contexts:
+            self._about.setdefault(context.published, []).append(context)
+
+    def of(self, topic: str, stated: tuple[str, ...]) -> tuple[tuple[str, ...], Certainty]:
+        """Return the callbacks that may publish `topic`, none if it is published outside of callbacks.
+
+        Several that are assumed are candidates, of which `activation.settled` takes one.
+        """
+        if stated:
+            return stated, Certainty.STATED
+        if len(self._able) <= 1:
+            return self._able, Certainty.INFERRED
+        about = self._about.get(topic, ())
+        ends = dict.fromkeys(context.callbacks[-1] for context in about if context.callbacks)
+        if ends:
+            return tuple(ends), Certainty.INFERRED if len(ends) == 1 else Certainty.ASSUMED
+        kept = dict.fromkeys(context.subscribed for context in about if context.kind in _CARRYING)
+        carrying = {name for read in kept for name in self.readers.get(read, ()) if name in self._position}
+        if carrying:
+            return tuple(sorted(carrying, key=self._position.__getitem__)), Certainty.ASSUMED
+        return (self._able if self._fastest is None else (self._fastest,)), Certainty.ASSUMED

@@ -13,9 +13,8 @@ from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.files import YamlList, YamlMap, parse_yaml
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.names import printable
-from halpipe.importers.ros.sources.graph import Rate
-from halpipe.importers.ros.sources.rqt import DEADLINE, NO_DEADLINE
+from halpipe.importers.ros.dot import DEADLINE, NO_DEADLINE
+from halpipe.importers.ros.graph import Rate, printable
 
 if TYPE_CHECKING:
     from halpipe.importers.common.base import Coverage

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, Severity
 from halpipe.core.files import YamlMap, find_inputs, parse_yaml, read_bytes
 from halpipe.core.records import record
-from halpipe.importers.ros import codes
-from halpipe.importers.ros.design.entities import FORMAT_KEY
-from halpipe.importers.ros.sources import executors
+from halpipe.importers.ros import codes, executors
+from halpipe.importers.ros.structure import FORMAT_KEY
 from halpipe.importers.traces.ctf import folders
 
 if TYPE_CHECKING:

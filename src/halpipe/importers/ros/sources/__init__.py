@@ -1,1 +1,0 @@
-"""Readers of the files that describe a ROS system: CARET, DOT, executors, rosbag2, measured times."""
