@@ -311,7 +311,7 @@ def _object(properties: dict[str, Any]) -> dict[str, Any]:
 
 
 def _show() -> dict[str, Any]:
-    from halpipe.flow import rows
+    from halpipe.exporters.common import rows
 
     tables = {
         "jobs": rows.JOB_COLUMNS,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass, replace
 from fractions import Fraction
 
+from halpipe.core.diagnostics import NOWHERE
 from halpipe.core.durations import Duration
 from halpipe.models import (
     Access,
@@ -23,6 +25,21 @@ from halpipe.models import (
     Unit,
     Version,
 )
+
+
+def bare(value):
+    """Return a value without the places that it came from."""
+    if isinstance(value, tuple):
+        return tuple(map(bare, value))
+    if not is_dataclass(value):
+        return value
+    changes = {
+        field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns" and field.init
+    }
+    for name, nothing in (("origin", None), ("at", NOWHERE), ("digest", "")):
+        if name in changes:
+            changes[name] = nothing
+    return replace(value, **changes) if changes else value
 
 
 def ms(text: str | int | Duration | None) -> Duration | None:

@@ -37,7 +37,7 @@ def amalthea(size, tasks, rest=""):
 
 
 VALIDATE, SHOW = ["validate", "FILE"], ["show", "FILE"]
-IMPORT = {kind: ["import", kind, "FILE", "-o", "out.xml"] for kind in ("arxml", "ros", "amalthea")}
+IMPORT = {kind: ["import", kind, "FILE", "-o", "out.xml"] for kind in ("arxml", "ros", "amalthea", "table")}
 OVERLAY = ["import", "ros", "tiny.dot", "--overlay", "FILE", "-o", "out.xml"]
 RUN, COMPARE = ["run", "FILE"], ["compare", "s.xml", "FILE"]
 PLATFORM = ["export", "regulator", "model.xml", "s.xml", "--platform", "FILE", "-o", "out"]
@@ -121,6 +121,9 @@ WORST = {
     ),
     "arxml: packages": (IMPORT["arxml"], "a.arxml", lambda n: times(n, "<AR-PACKAGE><SHORT-NAME>p{i}</SHORT-NAME></AR-PACKAGE>", f"<AUTOSAR xmlns='{ARXML}'><AR-PACKAGES>", "</AR-PACKAGES></AUTOSAR>")),
     # AMALTHEA
+    "table: tasks": (IMPORT["table"], "t.csv", lambda n: times(min(n, 2_400_000), "u{i},10,1000,c0,t0,comment of a row as people write them\n", "Task,Period [ms],WCET [ns],Core,After,Comment\nt0,10,1,c0,,\n")),
+    "table: faults": (IMPORT["table"], "t.csv", lambda n: times(min(n, 900_000), "t{i},10,x,c0,tt{i},\n", "Task,Period [ms],WCET [ns],Core,After,Comment\n")),
+    "table: columns": (IMPORT["table"], "t.csv", lambda n: times(n, "a,", "", "\n")),
     "amalthea: tasks": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<tasks name='t{i}' stimuli='s{i}?type=PeriodicStimulus'/>\n")),
     "amalthea: unknown": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<zz name='t{i}'/>\n")),
     "amalthea: valid tasks": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<tasks name='t{i}' stimuli='s?type=PeriodicStimulus'/>\n")),

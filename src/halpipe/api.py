@@ -248,14 +248,14 @@ def jobs(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
     Times are in milliseconds, as floats for data frames and plots: ``pandas.DataFrame(halpipe.jobs(schedule))``. With
     `exact`, every number is a `Fraction` or an integer.
     """
-    from halpipe.flow.rows import as_floats, job_rows
+    from halpipe.exporters.common.rows import as_floats, job_rows
 
     return job_rows(schedule) if exact else as_floats(job_rows(schedule))
 
 
 def loads(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
     """Return the loads of units and resources in every mode as plain rows; numbers as in `jobs`."""
-    from halpipe.flow.rows import as_floats, load_rows
+    from halpipe.exporters.common.rows import as_floats, load_rows
 
     return load_rows(schedule) if exact else as_floats(load_rows(schedule))
 
@@ -265,7 +265,7 @@ def latencies(schedule: Schedule, model: TaskModel | None = None, *, exact: bool
 
     Without the model, latencies are those that the schedule states: where the model refers to them.
     """
-    from halpipe.flow.rows import as_floats, latency_rows
+    from halpipe.exporters.common.rows import as_floats, latency_rows
 
     if model is not None:
         from halpipe.pipeline.checked import refuse_invalid

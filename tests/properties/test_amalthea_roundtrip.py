@@ -2,7 +2,6 @@
 
 import random
 from copy import deepcopy
-from dataclasses import fields, is_dataclass, replace
 
 import pytest
 from grounded_models import grounded
@@ -12,7 +11,7 @@ from lxml import etree
 from verify_systems import switching_system, valid_system
 
 import strategies
-from halpipe.core.diagnostics import NOWHERE, HalpipeError, Severity
+from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.exporters.amalthea import FORMAT as OUT
 from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
 from halpipe.exporters.native import format_model
@@ -20,25 +19,9 @@ from halpipe.importers.amalthea import FORMAT as IN
 from halpipe.importers.amalthea import AmaltheaImportOptions, codes
 from halpipe.importers.native import parse_model
 from profiles import examples
+from support import bare
 
 FAST = examples(40, *HealthCheck)
-
-
-def bare(value):
-    """The value without the places that it came from."""
-    if isinstance(value, tuple):
-        return tuple(map(bare, value))
-    if not is_dataclass(value):
-        return value
-    changes = {
-        field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns" and field.init
-    }
-    if not changes:
-        return value
-    for name, nothing in (("origin", None), ("at", NOWHERE), ("digest", "")):
-        if name in changes:
-            changes[name] = nothing
-    return replace(value, **changes)
 
 
 def again(tmp_path_factory, model, schedule=None, release=RELEASES[-1]):

@@ -1,7 +1,7 @@
 """What goes out as ROS executors comes in again as the same model, as far as the file carries it."""
 
 import random
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from verify_systems import switching_system, valid_system
 
 import strategies
-from halpipe.core.diagnostics import NOWHERE, HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.exporters.ros import FORMAT as OUT
 from halpipe.exporters.ros import RosOptions
@@ -19,23 +19,9 @@ from halpipe.importers.ros.options import RosImportOptions
 from halpipe.models import HealthAction, HealthEvent, HealthRule
 from halpipe.pipeline.verify import verify
 from profiles import examples
+from support import bare
 
 FAST = examples(30, *HealthCheck)
-
-
-def bare(value):
-    """The value without the places that it came from."""
-    if isinstance(value, tuple):
-        return tuple(map(bare, value))
-    if not is_dataclass(value):
-        return value
-    changes = {
-        field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns" and field.init
-    }
-    for name, nothing in (("origin", None), ("at", NOWHERE), ("digest", "")):
-        if name in changes:
-            changes[name] = nothing
-    return replace(value, **changes) if changes else value
 
 
 def carried(model):

@@ -14,6 +14,7 @@ PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz"
 EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",
+    "openpyxl": "halpipe[table]",
     "distributed": "halpipe[cluster]",
     "starlette": "halpipe[serve]",
     "uvicorn": "halpipe[serve]",

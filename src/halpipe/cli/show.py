@@ -64,7 +64,7 @@ def show(
         check_name(mode, {m.name for m in tables.modes}, "mode", "--mode")
         tables = tables.alone((tables.mode(mode),))
     if format is not Form.TEXT:
-        from halpipe.flow.rows import as_csv, as_json
+        from halpipe.exporters.common.rows import as_csv, as_json
 
         output.text((as_json if format is Form.JSON else as_csv)(tables))
         return Exit.OK

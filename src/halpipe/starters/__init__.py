@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 
-FIRST = "first"
+FIRST, TABLE = "first", "table"
 
 EXAMPLES: Mapping[str, tuple[str, ...]] = {"roboracer": ("roboracer", "platforms")}
 """The examples by name, and the folders of examples/ that each needs; a wheel carries them in halpipe/examples."""
@@ -26,6 +26,11 @@ def first_model() -> dict[str, bytes]:
     return _files(HERE / FIRST) | {
         f"schemas/{name}": (HERE.parent / "schemas" / name).read_bytes() for name in _SCHEMAS
     }
+
+
+def first_table() -> dict[str, bytes]:
+    """Return the files of a first system as tables by relative name."""
+    return _files(HERE / TABLE)
 
 
 def example(name: str) -> dict[str, bytes]:

@@ -146,7 +146,8 @@ class SourceLines:
         """Read a file once more; a pipe has nothing left to give, and could be waited for without end."""
         try:
             is_short = was_input(name) and os.path.getsize(name) <= _MAX_SHOWN_BYTES
-            return read_bytes(name).splitlines() if is_short else []
+            data = read_bytes(name) if is_short else b""
+            return [] if b"\0" in data[:1000] else data.splitlines()  # workbooks and recordings have no lines
         except (HalpipeError, OSError, ValueError):
             return []
 

@@ -1,0 +1,198 @@
+"""Spreadsheets: dialects of CSV, workbooks, columns by their synonyms, and what is refused."""
+
+import io
+import zipfile
+
+import pytest
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.flow.formats import import_model
+from halpipe.importers.common.base import ImportOptions
+from halpipe.models import Anchor, Match
+from halpipe.starters import first_table
+
+openpyxl = pytest.importorskip("openpyxl", reason="the extra [table]")
+
+TASKS = "Task,Period [ms],WCET [us],Core\na,10,500,c0\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def imported(strict=False, **texts):
+        paths = []
+        for name, text in texts.items():
+            path = tmp_path / f"{name}.csv"
+            path.write_bytes(text if isinstance(text, bytes) else text.encode())
+            paths.append(str(path))
+        return import_model("table", paths, ImportOptions(strict=strict))
+
+    return imported
+
+
+def codes(failure):
+    return [found.code for found in failure.value.diagnostics if found.is_error]
+
+
+def task(imported, name="a"):
+    return imported.model.task(name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Task;Cycle time (ms);Execution time [µs];CPU\na;2,5;1,25;c0\n",
+        "sep above\n\nAufgabe;Periode [ms];Laufzeit [µs];Kern\na;2,5;1,25;c0\n".encode("cp1252"),
+        "name\tT_ms\tC [us]\tunits\na\t2.5\t1.25\tc0\n".encode("utf-16"),
+        "\ufeffrunnable,period,wcet,core\r\na,2.5ms,1.25us,c0\r\n",
+        "Task,Period in ms,WCET,ECU\na,2.5,1.25 µs,c0\n",
+    ],
+)
+def test_dialects_state_the_same(read, text):
+    found = task(read(tasks=text))
+    version = found.versions[0]
+    assert (str(found.period), str(version.wcet), version.units) == ("2.5ms", "1.25us", ("c0",))
+
+
+def test_a_task_may_start_up_to_its_deadline_and_the_report_lists_that(read):
+    found = read(tasks=TASKS)
+    assert task(found).slack == 1
+    assert [one.what for one in found.coverage.defaulted_values] == ["slack"]
+
+
+def test_after_is_an_order_in_the_same_cycle_and_gives_a_period(read):
+    found = read(
+        tasks=TASKS + "b c,,100,,\nd,,100,c1,\n".replace(",,\n", ",c0\n"), precedences="From,To,Max\na,d,1ms\n"
+    )
+    assert "d" in {one.name for one in found.model.tasks}
+    found = read(tasks="Task,Period,WCET,Core,After\na b,10ms,1ms,c0,\nb,20ms,1ms,c0,a b\nc,,1ms,c0,a b; b\n")
+    (window,) = task(found, "b").versions[0].precedences
+    assert (window.task, window.anchor, window.match, str(window.max)) == ("a_b", Anchor.END, Match.CYCLE, "50ms")
+    assert str(task(found, "c").period) == "20ms"
+    assert [one.task for one in task(found, "c").versions[0].precedences] == ["a_b", "b"]
+
+
+def test_rows_of_one_task_are_its_versions(read):
+    text = "Task,Version,Period,WCET,Core,Modes\na,fast,10ms,1ms,c0 c1,x\na,slow,,3ms,,x y\nb,,5ms,1ms,c1,\n"
+    model = read(tasks=text).model
+    assert [(v.name, v.units) for v in model.task("a").versions] == [("fast", ("c0", "c1")), ("slow", ("c0", "c1"))]
+    runs = {mode.name: {run.task: run.versions for run in mode.runs} for mode in model.modes}
+    assert runs == {"x": {"a": ("fast", "slow"), "b": ("default",)}, "y": {"a": ("slow",), "b": ("default",)}}
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "words"),
+    [
+        ("a,10,1ms,c0,\n", "HAL0023", 'write "10 ms", or "Period [ms]" as the head'),
+        ("a,10ms,1 h,c0,\n", "HAL0023", "is not a duration"),
+        ("a,10ms,1000 us,c0,\na,20ms,1ms,c0,\n", "HAL1485", "states period 20ms"),
+        ("a,10ms,1ms,c0,\na,,1ms,c0,\n", "HAL1485", 'version "default" is there twice'),
+        ("a,10ms,1ms,c0,x\n", "HAL1486", '"x" is no task'),
+        (",10ms,1ms,c0,\n", "HAL0024", 'lacks the key "task"'),
+        ("b,,1ms,c0,\na,10ms,1ms,c0,b\n", "HAL0023", "both need a period"),
+        ('a,"1,000 ms",1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
+    ],
+)
+def test_faults_of_rows_are_errors_with_their_line(read, text, code, words):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks="Task,Period,WCET,Core,After\n" + text)
+    found = [one for one in failure.value.diagnostics if one.code == code]
+    assert found, codes(failure)
+    assert any(words in f"{one.message}; {one.help}" for one in found)
+    assert all(one.at.line >= 2 for one in found)
+
+
+def test_every_fault_is_reported_at_once(read):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks="Task,Period,WCET,Core\na,10,1ms,c0\nb,10ms,x,c0\n", chains="Chain,Path\nc,a > z\n")
+    assert codes(failure) == ["HAL0023", "HAL0023", "HAL1486"]
+
+
+def test_unknown_columns_and_sheets_warn_and_strict_refuses(read):
+    text = "Task,Period,WCET,Core,Priority,Comment\na,10ms,1ms,c0,3,fine\n"
+    found = read(tasks=text, other="x,y\n1,2\n")
+    assert [one.code for one in found.diagnostics] == ["HAL1482", "HAL1483"]
+    with pytest.raises(HalpipeError) as failure:
+        read(strict=True, tasks=text)
+    assert failure.value.exit == 5
+
+
+@pytest.mark.parametrize("head", ["WCET [cycles]", "WCET [%]", "Core [ms]"])
+def test_units_that_a_column_cannot_have_are_refused(read, head):
+    text = TASKS.replace("WCET [us]", head) if "WCET" in head else TASKS.replace("Core", head)
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=text)
+    assert "HAL1484" in codes(failure)
+
+
+def test_two_columns_of_one_meaning_contradict(read):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks="Task,Period,Cycle,WCET,Core\na,10ms,20ms,1ms,c0\n")
+    assert codes(failure) == ["HAL1485"]
+
+
+@pytest.mark.parametrize("data", [b"\xd0\xcf\x11\xe0", b"PK\x03\x04broken", b"a\0b", b"", b"x,y\n1,2\n"])
+def test_files_without_a_table_of_tasks_are_refused(read, data):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=data)
+    assert codes(failure) == ["HAL1480"]
+
+
+def workbook(**sheets):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, rows in sheets.items():
+        sheet = book.create_sheet(title)
+        for row in rows:
+            sheet.append(row)
+    packed = io.BytesIO()
+    book.save(packed)
+    return packed.getvalue()
+
+
+def test_numbers_of_workbooks_are_exact(read):
+    rows = [["Task", "Period [ms]", "WCET [ms]", "Core"], ["a", 10, 0.1, "c0"], ["b", 2.5, 1e-05, "c0"]]
+    found = read(tasks=workbook(Tasks=rows))
+    assert [str(task(found, name).versions[0].wcet) for name in "ab"] == ["100us", "10ns"]
+
+
+def test_a_formula_without_a_value_is_an_error(read):
+    rows = [["Task", "Period [ms]", "WCET [ms]", "Core"], ["a", "=5*2", 1, "c0"]]
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=workbook(Tasks=rows))
+    assert codes(failure) == ["HAL1480"]
+    assert "=5*2" in failure.value.diagnostics[0].message
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("xl/evil.xml", b"<!DOCTYPE x [<!ENTITY a 'b'>]><x/>"), ("big", b"0" * 2**20)]
+)
+def test_workbooks_with_entities_or_beyond_the_limit_are_refused(read, monkeypatch, name, content):
+    monkeypatch.setattr("halpipe.importers.table.sheets.MAX_UNPACKED", 2**20)
+    packed = io.BytesIO(workbook(Tasks=[["Task", "Period", "WCET"], ["a", "1ms", "1us"]]))
+    with zipfile.ZipFile(packed, "a") as package:
+        package.writestr(name, content)
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=packed.getvalue())
+    assert codes(failure) == ["HAL1480"]
+
+
+def test_rows_and_columns_have_a_limit(read, monkeypatch):
+    monkeypatch.setattr("halpipe.importers.table.sheets.MAX_ROWS", 2)
+    monkeypatch.setattr("halpipe.importers.table.sheets.MAX_COLUMNS", 4)
+    assert read(tasks=TASKS).model.tasks
+    for text in (TASKS + "b,10,1,c0\n", TASKS.replace("c0\n", "c0,\n")):
+        with pytest.raises(HalpipeError) as failure:
+            read(tasks=text)
+        assert codes(failure) == ["HAL1480"]
+
+
+def test_without_openpyxl_csv_is_offered(read, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "openpyxl", None)
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=b"PK\x03\x04")
+    assert codes(failure) == ["HAL1481"]
+
+
+def test_the_template_schedules(read):
+    texts = {name.removesuffix(".csv"): text for name, text in first_table().items()}
+    assert not [one for one in read(strict=True, **texts).diagnostics if one.is_error]
