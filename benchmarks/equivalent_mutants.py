@@ -31,3 +31,6 @@ EQUIVALENT = {
         "before = min(cycles, max(1, -((switch.length + cyclic.start - least) // cycle)))",
     ): "the cycle is looked at in the second range instead of the first",
 }  # fmt: skip
+
+CONDITIONS: dict[tuple[str, str], str] = {}
+"""Faults of benchmarks/conditions.py that change no verdict of verify or of the second checker, in the same form."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from halpipe.core.durations import ZERO, Duration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from random import Random
 
     from lxml import etree
@@ -22,9 +22,10 @@ SCHEDULE = "{urn:halpipe:schedule:1}"
 SMALL = (Fraction(1, 1000), Fraction(1, 3), Fraction(1), Fraction(1000), Fraction(10**6, 3), Fraction(10**6))
 """By how many nanoseconds an instant is moved."""
 
-TIMES = ("start", "end", "from", "to", "length", "worst-latency", "hyperperiod", "reaction", "age", "busy")
+TIMES = ("start", "end", "from", "to", "length", "worst-latency", "hyperperiod", "latency", "reaction", "age", "busy")
 DURATIONS = ("period", "deadline", "distance", "offset", "wcet", "min", "max", "resume", "min-part", "max-length")
-LIMITS = (*DURATIONS, "max-reaction", "max-age", "start", "end")
+LIMITS = (*DURATIONS, "let", "point", "max-latency", "max-reaction", "max-age", "start", "end")
+INSTANTS = {"precedence": ("start", "end", "release", "point"), "chain": ("start", "end", "release")}
 
 
 def scaled(root: etree._Element, factor: Fraction) -> None:
@@ -131,30 +132,135 @@ def _other_units(rng: Random, model: etree._Element, schedule: etree._Element) -
         job.set("units", " ".join(sorted(rng.sample(units, rng.randrange(1, min(3, len(units)) + 1)))))
 
 
+FIGURES = {
+    SCHEDULE: {
+        "mode": ("hyperperiod",),
+        "transition": ("worst-latency", "length"),
+        "chain": ("latency", "reaction", "age"),
+    },
+    MODEL: {
+        "task": ("deadline", "let"),
+        "precedence": ("max", "min"),
+        "chain": ("max-latency", "max-reaction", "max-age"),
+        "transition": ("max-length",),
+    },
+}
+"""What a schedule reports, and what a model limits, by the name of the element."""
+
+
+def _stated(root: Element, space: str) -> list[tuple[Element, str]]:
+    kinds = FIGURES[space].items()
+    return [(e, name) for kind, names in kinds for e in root.iter(space + kind) for name in names if name in e.attrib]
+
+
 def _figure(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
-    kinds: tuple[tuple[str, str], ...] = (
-        ("mode", "hyperperiod"),
-        ("transition", "worst-latency"),
-        ("transition", "length"),
-    )
-    kinds += (("chain", "reaction"), ("chain", "age"))
-    places = [(e, name) for kind, name in kinds for e in schedule.iter(SCHEDULE + kind) if name in e.attrib]
+    places = _stated(schedule, SCHEDULE)
     if places:
         _move(rng, *rng.choice(places))
 
 
 def _limit(rng: Random, model: etree._Element, _: etree._Element) -> None:
-    kinds: tuple[tuple[str, str], ...] = (
-        ("task", "deadline"),
-        ("precedence", "max"),
-        ("chain", "max-reaction"),
-        ("chain", "max-age"),
-    )
-    kinds += (("transition", "max-length"),)
-    places = [(e, name) for kind, name in kinds for e in model.iter(MODEL + kind) if name in e.attrib]
+    places = _stated(model, MODEL)
     if places:
         element, name = rng.choice(places)
         _put(element, name, _get(element, name) * Fraction(rng.randrange(1, 12), 8))
+
+
+def _limit_at_its_edge(rng: Random, model: etree._Element, schedule: etree._Element) -> None:
+    """Make a limit what the schedule just keeps, or by the least amount does not."""
+    places = [*_chain_edges(model, schedule), *_length_edges(model, schedule), *_job_edges(rng, model, schedule)]
+    if places:
+        element, name, value = rng.choice(places)
+        by = Duration(rng.choice((Fraction(0), *SMALL[:3])))
+        least = Duration(SMALL[0]) if name != "min" else ZERO
+        later = name == "min" or rng.random() < Fraction(1, 4)
+        _put(element, name, max(value + by if later else value - min(by, value), least))
+
+
+Limit: TypeAlias = "tuple[Element, str, Duration]"
+
+
+def _chain_edges(model: Element, schedule: Element) -> Iterator[Limit]:
+    for limited in model.iter(f"{MODEL}chain"):
+        for figures in schedule.iter(f"{SCHEDULE}chain"):
+            for what in ("latency", "reaction", "age") if figures.get("name") == limited.get("name") else ():
+                if figures.get(what):
+                    yield limited, f"max-{what}", _get(figures, what)
+
+
+def _length_edges(model: Element, schedule: Element) -> Iterator[Limit]:
+    lengths = {(t.get("from"), t.get("to")): _get(t, "length") for t in schedule.iter(f"{SCHEDULE}transition")}
+    for switch in model.iter(f"{MODEL}transition"):
+        if (switch.get("from"), switch.get("to")) in lengths:
+            yield switch, "max-length", lengths[switch.get("from"), switch.get("to")]
+
+
+def _job_edges(rng: Random, model: Element, schedule: Element) -> Iterator[Limit]:
+    """Yield the limits of the task of one job: from its release, and from jobs of its predecessors."""
+    job = _job(rng, schedule)
+    if job is None:
+        return
+    for task in model.iter(f"{MODEL}task"):
+        if task.get("name") != job.get("task") or not task.get("period"):
+            continue
+        release = Duration.parse(task.get("offset", "0ms")) + _get(task, "period") * int(job.get("index"))
+        for name in ("deadline", "let") if _get(job, "end") > release else ():
+            if task.get(name):
+                yield task, name, _get(job, "end") - release
+        for row in task.iter(f"{MODEL}precedence"):
+            own = _get(job, "end" if row.get("to") == "end" else "start")
+            for other in job.getparent().iter(f"{SCHEDULE}job"):
+                before = _get(other, "start" if row.get("from") == "start" else "end")
+                if other.get("task") == row.get("task") and before <= own:
+                    yield from ((row, name, own - before) for name in ("min", "max") if row.get(name))
+
+
+def _instant(rng: Random, model: etree._Element, _: etree._Element) -> None:
+    """Let a window or a chain count between other instants."""
+    places = [(e, kind) for kind in INSTANTS for e in model.iter(MODEL + kind)]
+    if not places:
+        return
+    element, kind = rng.choice(places)
+    if rng.random() < Fraction(1, 2):
+        element.set("to", rng.choice(("start", "end")))
+    elif kind == "precedence" and rng.random() < Fraction(1, 2):
+        element.set("match", rng.choice(("window", "cycle")))
+    else:
+        _count_from(element, rng.choice(INSTANTS[kind]), rng)
+
+
+def _count_from(element: etree._Element, instant: str, rng: Random) -> None:
+    element.attrib.pop("point", None)
+    element.set("from", instant)
+    if instant == "point":
+        _put(element, "point", _get(element, "max") * Fraction(rng.randrange(4), 16))
+
+
+def _let(rng: Random, model: etree._Element, _: etree._Element) -> None:
+    tasks = [task for task in model.iter(f"{MODEL}task") if task.get("period")]
+    task = rng.choice(tasks)
+    _put(task, "let", _get(task, "deadline" if task.get("deadline") else "period") * Fraction(rng.randrange(1, 9), 8))
+
+
+def _lock(rng: Random, model: etree._Element, _: etree._Element) -> None:
+    """Let a resource be held whole; or in shares, if it was."""
+    resources = list(model.iter(f"{MODEL}resource"))
+    if not resources:
+        return
+    chosen = rng.choice(resources)
+    chosen.set("kind", "memory" if chosen.get("kind") == "lock" else "lock")
+    for access in model.iter(f"{MODEL}access"):
+        if access.get("resource") == chosen.get("name") and chosen.get("kind") == "lock":
+            access.set("bound", "1")
+
+
+def _edge(rng: Random, model: etree._Element, _: etree._Element) -> None:
+    mode = rng.choice(list(model.iter(f"{MODEL}mode")))
+    mode.set("edge", "open" if mode.get("edge") == "closed" else "closed")
+
+
+def _binding(rng: Random, model: etree._Element, _: etree._Element) -> None:
+    rng.choice(list(model.iter(f"{MODEL}task"))).set("binding", rng.choice(("job", "mode", "system")))
 
 
 def _bound(rng: Random, model: etree._Element, _: etree._Element) -> None:
@@ -188,6 +294,12 @@ OPERATORS: dict[str, Operator] = {
     "other units": _other_units,
     "a wrong figure": _figure,
     "another limit": _limit,
+    "a limit at its edge": _limit_at_its_edge,
+    "another instant": _instant,
+    "another logical execution time": _let,
+    "a lock or none": _lock,
+    "another edge": _edge,
+    "another binding": _binding,
     "another bound": _bound,
     "another slack": _slack,
     "an empty table": _drop_switch,

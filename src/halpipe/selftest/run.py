@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import parse_xml
 from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.records import record
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.importers.native import parse_model, read_model, read_schedule
 from halpipe.pipeline.checked import schedule_model
@@ -25,7 +26,7 @@ from halpipe.selftest.edges import edges
 from halpipe.selftest.mutants import OPERATORS, SCHEDULE, scaled, with_tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.models import Schedule, TaskModel
 
@@ -64,18 +65,21 @@ class Outcome:
         """The rules of verify that no schedule has shown to be at work."""
         return [name for name, count in self.alone.items() if not count]
 
-    def count(self, faults: str, broken: frozenset[str], by_second: bool, name: str) -> None:
+    def count(self, case: Case, broken: frozenset[str], by_second: bool) -> None:
         """Enter one schedule with the rules that verify finds broken."""
         by_verify = not broken
         if len(broken) == 1:
             self.alone.update({rule: self.alone[rule] + 1 for rule in broken if rule in self.alone})
         self.valid += by_verify
         self.broken += not by_verify
-        row = self.by_fault.setdefault(faults, [0, 0])
+        row = self.by_fault.setdefault(case.faults, [0, 0])
         row[by_verify] += 1
+        words = {True: "valid", False: "not valid"}
         if by_verify != by_second:
-            words = {True: "valid", False: "not valid"}
-            self.differing.append(f"{name} ({faults}): verify {words[by_verify]}, second {words[by_second]}")
+            text = f"verify {words[by_verify]}, second {words[by_second]}"
+            self.differing.append(f"{case.name} ({case.faults}): {text}")
+        elif case.broken not in (None, broken):
+            self.differing.append(f"{case.name} ({case.faults}): verify finds broken: {', '.join(sorted(broken))}")
 
 
 def systems(seed: int) -> Iterator[tuple[str, TaskModel, Schedule]]:
@@ -92,33 +96,48 @@ def systems(seed: int) -> Iterator[tuple[str, TaskModel, Schedule]]:
         yield f"generated-{number}", model, schedule
 
 
-def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Judge the edges of all rules and that many mutants, twice each; the same seed gives the same mutants."""
+@record
+class Case:
+    """A model and a schedule as files, the faults in them, and the rules that are broken, where that is known."""
+
+    name: str
+    faults: str
+    model: bytes
+    schedule: bytes
+    broken: frozenset[str] | None = None
+    by_second: bool = True
+
+
+def cases(mutants: int, seed: int) -> Iterator[Case]:
+    """Yield the edges of all rules and so many mutants, the same for the same seed."""
     from lxml import etree
 
-    outcome, known = Outcome(), _texts(seed)
+    for edge in edges():
+        for words, content, broken in (("kept", edge.kept, ()), ("broken", edge.broken, (edge.rule,))):
+            yield Case("edge", f"{edge.rule} {words}", edge.model, content, frozenset(broken), edge.by_second)
+    known = _texts(seed)
+    for number in range(mutants):
+        if number % MUTANTS_OF_ONE == 0:
+            name, *pair = _sound(known, seed, number // MUTANTS_OF_ONE)
+        model, schedule = deepcopy(pair)
+        rng = Random(f"{seed}/{number}")
+        faults = [] if number % MUTANTS_OF_ONE == 0 else rng.choices(sorted(OPERATORS), k=rng.choice((1, 1, 1, 2)))
+        for fault in faults:
+            OPERATORS[fault](rng, model, schedule)
+        texts = etree.tostring(model), etree.tostring(schedule)
+        yield Case(f"{name} {number}", " and ".join(faults) or "none", *texts)
+
+
+def run(mutants: int, seed: int) -> Outcome:
+    """Judge the edges of all rules and that many mutants, twice each; the same seed gives the same mutants."""
+    outcome = Outcome()
     with scratch_folder() as folder:
         model_file, schedule_file = Path(folder, "model.xml"), Path(folder, "schedule.xml")
         files = str(model_file), str(schedule_file)
-        for edge in edges():
-            model_file.write_bytes(edge.model)
-            for words, content in (("kept", edge.kept), ("broken", edge.broken)):
-                schedule_file.write_bytes(content)
-                found, fault = _broken(*files), f"{edge.rule} {words}"
-                by_second = second.accepts(*files) if edge.by_second else words == "kept"
-                outcome.count(fault, found, by_second, "edge")
-        for number in range(mutants):
-            if number % MUTANTS_OF_ONE == 0:
-                name, *pair = _sound(known, seed, number // MUTANTS_OF_ONE)
-            model, schedule = deepcopy(pair)
-            rng = Random(f"{seed}/{number}")
-            faults = [] if number % MUTANTS_OF_ONE == 0 else rng.choices(sorted(OPERATORS), k=rng.choice((1, 1, 1, 2)))
-            for fault in faults:
-                OPERATORS[fault](rng, model, schedule)
-            model_file.write_bytes(etree.tostring(model))
-            schedule_file.write_bytes(etree.tostring(schedule))
-            outcome.count(" and ".join(faults) or "none", _broken(*files), second.accepts(*files), f"{name} {number}")
-            told(number + 1)
+        for case in cases(mutants, seed):
+            model_file.write_bytes(case.model)
+            schedule_file.write_bytes(case.schedule)
+            outcome.count(case, _broken(*files), second.accepts(*files) if case.by_second else not case.broken)
     return outcome
 
 

@@ -97,6 +97,19 @@ def test_the_zero_is_found_though_the_first_job_starts_late_in_its_table(numbere
     assert [d.code for d in answer.diagnostics] == [codes.ALIGNED.id]
 
 
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("has_units", [True, False])
+def test_jobs_of_a_task_that_start_at_once_are_matched_one_to_one(stated, has_units):
+    twice = table("all", 20, job("a", 0, 1, 3), job("a", 1, 1, 3, "c2"), job("b", 0, 8, 9))
+    seen = [replace(execution, job=None) for execution in play([("all", twice)] * 2, stated=stated)]
+    seen = sorted(seen, key=lambda e: (e.start.ns, e.units[::-1]), reverse=True)
+    seen = seen if has_units else [replace(execution, units=()) for execution in seen]
+    plan = Schedule(model="m", model_sha256="", modes=(twice,))
+    answer = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
+    assert answer.diagnostics == ()
+    assert [(row.seen, row.missing, row.extra) for row in answer.rows] == [(4, 0, 0), (2, 0, 0)]
+
+
 @given(st.integers(0, 10**6), st.lists(st.integers(0, 400_000), min_size=12, max_size=12))
 def test_with_jitter_no_job_is_early_and_one_is_on_time(shift, jitter):
     seen = play([("race", RACE)] * 3, Duration(shift), stated=False)

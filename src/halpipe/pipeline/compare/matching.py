@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_left
-from collections import defaultdict
 from dataclasses import field, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -66,18 +65,63 @@ class Matching:
 Key = tuple[int, str, int]
 
 
+class _Starts:
+    """The jobs of one task in a table by their starts; several may start at once, on different units."""
+
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self.at: dict[int | Fraction, list[Job]] = {
+            start: list(equals) for start, equals in itertools.groupby(jobs, key=lambda job: job.start.ns)
+        }
+        self.numbered = {job.index: job for job in reversed(jobs)}
+        self._instants = list(self.at)
+
+    def nearest(self, at: int | Fraction) -> int | Fraction:
+        """Return the start nearest to `at`; of two the earlier."""
+        after = bisect_left(self._instants, at)
+        return min(self._instants[max(0, after - 1) : after + 1], key=lambda start: _size(at - start))
+
+    def nearest_of_cycles(self, at: int | Fraction, period: int | Fraction) -> tuple[int, int | Fraction]:
+        """Return the cycle and the start nearest to `at`, where all are repeated with `period`."""
+        cycle, phase = int(at // period), at % period
+        first, last, near = self._instants[0], self._instants[-1], self.nearest(phase)
+        found = [(cycle - 1, last), (cycle, near), (cycle + 1, first)]
+        return min(found, key=lambda place: _size(at - place[0] * period - place[1]))
+
+    def job(self, start: int | Fraction, execution: Execution, cycle: int, best: dict[Key, Match]) -> Job:
+        """Return the job of a start: of several, the one on the units of the execution, or that has none yet."""
+        if len(self.at[start]) == 1:
+            return self.at[start][0]
+
+        def others(job: Job) -> tuple[bool, bool, int]:
+            return not set(execution.units) <= set(job.units), (cycle, job.task, job.index) in best, job.index
+
+        return min(self.at[start], key=others)
+
+
+def _starts(table: Table) -> dict[str, _Starts]:
+    return {task: _Starts(jobs) for task, jobs in table.jobs.items()}
+
+
 def match_stated(
     executions: Sequence[Execution], played: Sequence[Played], origin: Duration, *, is_whole: bool = False
 ) -> Matching:
     """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due."""
     by_cycle = {entry.cycle: entry for entry in played}
+    rings = {entry.table.name: _starts(entry.table) for entry in played}
     best: dict[Key, Match] = {}
     extra: list[Execution] = []
     for execution in executions:
         entry = by_cycle.get(-1 if execution.cycle is None else execution.cycle)
-        jobs = entry.table.jobs.get(execution.task, ()) if entry else ()
-        job = _stated_job(execution, jobs, entry.start + origin) if entry and jobs else None
-        if entry is None or job is None:
+        starts = rings[entry.table.name].get(execution.task) if entry else None
+        if entry is None or starts is None:
+            extra.append(execution)
+            continue
+        if execution.job is not None:
+            job = starts.numbered.get(execution.job)
+        else:
+            start = starts.nearest((execution.start - entry.start - origin).ns)
+            job = starts.job(start, execution, entry.cycle, best)
+        if job is None:
             extra.append(execution)
         else:
             _keep(best, Match(execution, entry.table, entry.cycle, job, entry.start + job.start), origin, extra)
@@ -90,24 +134,18 @@ def match_stated(
     return _complete(best, extra, expected, None if is_whole else executions, origin)
 
 
-def _stated_job(execution: Execution, jobs: Sequence[Job], start: Duration) -> Job | None:
-    if execution.job is not None:
-        return next((job for job in jobs if job.index == execution.job), None)
-    return min(jobs, key=lambda job: (_size((execution.start - start - job.start).ns), job.index))
-
-
 def match_nearest(executions: Sequence[Execution], table: Table, origin: Duration) -> Matching:
     """Match the executions of a trace in which one mode is repeated and no cycle is stated."""
-    rings = {task: [job.start.ns for job in jobs] for task, jobs in table.jobs.items()}
+    rings = _starts(table)
     best: dict[Key, Match] = {}
     extra: list[Execution] = []
     for execution in executions:
-        ring = rings.get(execution.task)
-        if ring is None:
+        starts = rings.get(execution.task)
+        if starts is None:
             extra.append(execution)
             continue
-        cycle, position = _nearest(ring, (execution.start - origin).ns, table.length.ns)
-        job = table.jobs[execution.task][position]
+        cycle, start = starts.nearest_of_cycles((execution.start - origin).ns, table.length.ns)
+        job = starts.job(start, execution, cycle, best)
         _keep(best, Match(execution, table, cycle, job, table.length * cycle + job.start), origin, extra)
     cycles = sorted({cycle for cycle, _, _ in best})
     pauses = _pauses(cycles, sum(map(len, table.jobs.values())))
@@ -137,21 +175,6 @@ def _without(cycles: Sequence[int], pauses: Sequence[tuple[int, int]]) -> Iterat
         ends = [*(before for before, _ in pauses), cycles[-1]]
         for begin, end in zip(begins, ends, strict=True):
             yield from range(begin, end + 1)
-
-
-def _nearest(ring: Sequence[int | Fraction], at: int | Fraction, period: int | Fraction) -> tuple[int, int]:
-    """Return cycle and position of the start nearest to `at` among `ring`, repeated with `period`."""
-    cycle, phase = int(at // period), at % period
-    after = bisect_left(ring, phase)
-    if after == 0:
-        before, below = ring[-1] - period, (cycle - 1, len(ring) - 1)
-    else:
-        before, below = ring[after - 1], (cycle, after - 1)
-    if after == len(ring):
-        behind, above = ring[0] + period, (cycle + 1, 0)
-    else:
-        behind, above = ring[after], (cycle, after)
-    return below if phase - before <= behind - phase else above
 
 
 def _keep(best: dict[Key, Match], match: Match, origin: Duration, extra: list[Execution]) -> None:
@@ -233,14 +256,14 @@ def find_origin(executions: Sequence[Execution], table: Table) -> Duration:
     known = [execution for execution in executions if execution.task in table.jobs]
     if not known:
         return ZERO
-    rings = {task: [job.start.ns for job in jobs] for task, jobs in table.jobs.items()}
+    rings = _starts(table)
     first = _rarest((e, table) for e in known[:SAMPLE])[0]
     candidates = [first.start - job.start for job in table.jobs[first.task]]
 
     def distance(execution: Execution, origin: Duration) -> int | Fraction:
-        ring, at = rings[execution.task], (execution.start - origin).ns
-        cycle, position = _nearest(ring, at, table.length.ns)
-        return at - cycle * table.length.ns - ring[position]
+        at = (execution.start - origin).ns
+        cycle, start = rings[execution.task].nearest_of_cycles(at, table.length.ns)
+        return at - cycle * table.length.ns - start
 
     return _least_late(known, candidates, distance)
 
@@ -252,25 +275,18 @@ def find_stated_origin(executions: Sequence[Execution], played: Sequence[Played]
     known = [(e, entry) for e, entry in entries if entry is not None and e.task in entry.table.jobs]
     if not known:
         return executions[0].start
-    rings: dict[tuple[str, str, int | None], list[int | Fraction]] = defaultdict(list)
-    for table in {entry.table.name: entry.table for entry in played}.values():
-        for job in itertools.chain.from_iterable(table.jobs.values()):
-            for index in (None, job.index):
-                rings[table.name, job.task, index].append(job.start.ns)
-
-    def ring(execution: Execution, table: Table) -> list[int | Fraction]:
-        stated = rings.get((table.name, execution.task, execution.job))
-        return stated or rings[table.name, execution.task, None]
+    rings = {entry.table.name: _starts(entry.table) for entry in played}
 
     def distance(known: tuple[Execution, Played], origin: Duration) -> int | Fraction:
         execution, entry = known
-        starts, at = ring(execution, entry.table), (execution.start - entry.start - origin).ns
-        after = bisect_left(starts, at)
-        return min((at - start for start in starts[max(0, after - 1) : after + 1]), key=_size)
+        starts, at = rings[entry.table.name][execution.task], (execution.start - entry.start - origin).ns
+        stated = starts.numbered.get(-1 if execution.job is None else execution.job)
+        return at - (stated.start.ns if stated else starts.nearest(at))
 
     first, table = _rarest((e, entry.table) for e, entry in known[:SAMPLE])
     zero = first.start - by_cycle[first.cycle or 0].start
-    candidates = [zero - Duration(start) for start in ring(first, table)]
+    jobs = [job for job in table.jobs[first.task] if first.job in (None, job.index)] or table.jobs[first.task]
+    candidates = [zero - job.start for job in jobs]
     return _least_late(known, candidates, distance)
 
 
