@@ -3,6 +3,7 @@
 import math
 import random
 from array import array
+from itertools import islice
 
 import pytest
 
@@ -14,7 +15,7 @@ from halpipe.pipeline.solve.kernel.run_in_slices import Kept
 from halpipe.pipeline.solve.kernel.state import BEST, COST, HEAT, MOVES, new_state
 from halpipe.pipeline.solve.kernel.tempering import LADDER, Replicas, _changes
 from halpipe.pipeline.solve.problem import build_problem
-from halpipe.pipeline.solve.relay import Memory
+from halpipe.pipeline.solve.relay import Memory, turns
 from halpipe.pipeline.solve.workers import Workers
 from support import access, model, task, version
 
@@ -152,3 +153,11 @@ def test_moves_are_those_of_all(problem):
     for number, state in enumerate(states):
         state.register[MOVES] = number
     assert Replicas(states, None).moves == list(range(len(LADDER)))
+
+
+def test_the_exact_engine_gets_less_of_many_jobs():
+    """A deterministic second takes longer there: of 160 jobs, twenty times as long as the annealer's turn."""
+    few, many = (list(islice(turns(1_600_000, 10**12, jobs), 4)) for jobs in (50, 160))
+    assert [turn.work for turn in few] == [0, 1, 4, 16]
+    assert [turn.moves for turn in few] == [turn.moves for turn in many] == [25_000, 100_000, 400_000, 1_600_000]
+    assert [turn.work for turn in many] == [work * (50 / 160) ** 2 for work in (0, 1, 4, 16)]

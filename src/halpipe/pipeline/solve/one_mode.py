@@ -319,7 +319,7 @@ class _WholeJobs(_Search):
         answer: tuple[Job, ...] | None = None
         if self.may_ask and is_installed():
             least = replace(self.options, budget=None).moves(len(self.expansion.tasks))
-            outcome, answer = relay(self._anneal, self._solve, least, self.budget)
+            outcome, answer = relay(self._anneal, self._solve, least, self.budget, self.expansion.job_count)
         else:
             outcome = self._anneal(self.budget)
         notes = cut_options(self.problem) + self.changed(outcome.changed, "number of jobs, version or units")

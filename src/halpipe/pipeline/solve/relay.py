@@ -28,6 +28,10 @@ FIRST_SHARE = 64
 FIRST_WORK = 1
 """Deterministic seconds of the exact engine in its first turn, which is the second of the annealer."""
 
+FEW_JOBS = 50
+"""Jobs up to which this is so. Of n times as many, a deterministic second takes up to n squared times as long, and the
+exact engine gets as much less, so that neither engine waits long for the other."""
+
 FASTER = 4
 """How many times as much a turn is as the one before."""
 
@@ -38,14 +42,14 @@ class Turn:
 
     number: int
     moves: int
-    work: int
+    work: float
 
 
-def turns(least: int, budget: int) -> Iterator[Turn]:
-    """Yield the turns; with a budget above `least`, which is that of a time limit, they go on and on."""
+def turns(least: int, budget: int, jobs: int) -> Iterator[Turn]:
+    """Yield the turns; with a budget above `least`, which is that of a time limit, they continue until it is spent."""
     moves, number, scale = max(1, least // FIRST_SHARE), 0, 1
     while True:
-        work = FIRST_WORK * scale // FASTER if number else 0
+        work = FIRST_WORK * scale * FEW_JOBS**2 / (FASTER * max(FEW_JOBS, jobs) ** 2) if number else 0
         yield Turn(number, min(moves * scale, budget), work)
         if moves * scale >= budget:
             return
@@ -57,19 +61,20 @@ def relay(
     solve: Callable[[Outcome, Turn], tuple[Job, ...] | None],
     least: int,
     budget: int,
+    jobs: int,
 ) -> tuple[Outcome, tuple[Job, ...] | None]:
     """Alternate annealer and exact engine; return the outcome of the one, and the jobs of the other if it succeeded.
 
-    `look` continues to so many moves in all.
+    `look` continues to so many moves in all; `jobs` are those of the mode.
     """
     outcome: Outcome | None = None
-    for turn in turns(least, budget):
+    for turn in turns(least, budget, jobs):
         outcome = look(turn.moves)
         if outcome.cost == 0 or outcome.stopped:
             break
-        jobs = solve(outcome, turn)
-        if jobs is not None:
-            return outcome, jobs
+        answer = solve(outcome, turn)
+        if answer is not None:
+            return outcome, answer
     assert outcome is not None, "there is at least one turn"
     return outcome, None
 
