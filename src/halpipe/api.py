@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Checked
     from halpipe.importers.common.base import Imported
-    from halpipe.models import Schedule, TaskModel
+    from halpipe.models import DurationLike, Schedule, TaskModel
     from halpipe.pipeline.compare import Comparison
     from halpipe.pipeline.diff import Change, ScheduleDiff
     from halpipe.pipeline.explain.explanation import Explanation
@@ -96,11 +96,15 @@ def export(format: str, model: TaskModel, schedule: Schedule | None = None, **op
 # ------------------------------------------------------------------------------------------------ find and check
 
 
-def validate(model: TaskModel) -> list[Diagnostic]:
-    """Return everything that is wrong or odd with a model; it can be scheduled if none of it is an error."""
+def validate(model: TaskModel, tick: DurationLike | None = None) -> list[Diagnostic]:
+    """Return everything that is wrong or odd with a model; it can be scheduled if none of it is an error.
+
+    With a `tick`, the grid of the start times, that includes a proof that it is too coarse.
+    """
+    from halpipe.core.durations import Duration
     from halpipe.pipeline.checked import validate_model
 
-    return validate_model(model)
+    return validate_model(model, Duration.parse(tick) if isinstance(tick, str) else tick)
 
 
 def schedule(

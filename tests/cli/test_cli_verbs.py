@@ -86,6 +86,13 @@ def test_a_coarse_tick_that_fits(halpipe):
     assert halpipe("verify", "model.xml", "s.xml").returncode == 0
 
 
+def test_validate_proves_that_a_tick_is_too_coarse(halpipe):
+    refused = halpipe("validate", "model.xml", "--tick", "20ms")
+    assert (refused.returncode, "HAL0415" in refused.stdout) == (1, True)
+    assert halpipe("validate", "model.xml", "--tick", "1us").returncode == 0
+    assert halpipe("validate", "model.xml", "--tick", "0ms").returncode == 2
+
+
 def test_show_prints_every_job(halpipe):
     halpipe("schedule", "model.xml", "-o", "s.xml")
     shown = halpipe("show", "s.xml")

@@ -14,6 +14,7 @@ from halpipe.models.modes import require_mode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from halpipe.core.durations import Duration
     from halpipe.models import Schedule, TaskModel, TransitionTable
     from halpipe.pipeline.solve.quantise import BurstGrid
     from halpipe.pipeline.solve.schedule import OnProgress, Scheduled, SearchOptions
@@ -34,11 +35,16 @@ PATIENCE = 16
 """Progress reports of a search before a proof of infeasibility is looked for."""
 
 
-def validate_model(model: TaskModel) -> list[Diagnostic]:
-    """Return everything that is wrong or odd with a model, in the order of its file."""
+def validate_model(model: TaskModel, tick: Duration | None = None) -> list[Diagnostic]:
+    """Return everything that is wrong or odd with a model, in the order of its file; also beside a tick, if given."""
     from halpipe.pipeline.validate import validate
 
-    return list(validate(model))
+    found = list(validate(model))
+    if tick is not None and not any(finding.is_error for finding in found):
+        from halpipe.pipeline.solve.crowding import check_starts
+
+        found += check_starts(model, tick)
+    return found
 
 
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from halpipe.api import validate
 from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.models import Interrupt
 from halpipe.pipeline.checked import schedule_model
@@ -59,3 +60,9 @@ def test_the_search_is_not_begun():
     assert {d.code for d in refused.value.diagnostics} == {TOO_MANY_STARTS.id}
     assert schedule_model(crowd(13), SearchOptions(tick=ms("500us")), lambda *_: True).is_complete
     assert schedule_model(crowd(10), SearchOptions(tick=ms("1ms")), lambda *_: True).is_complete
+
+
+def test_validate_has_the_proof_beside_a_tick():
+    assert validate(crowd(13)) == []
+    assert [d.code for d in validate(crowd(13), "1ms")] == [TOO_MANY_STARTS.id]
+    assert validate(crowd(13), ms("500us")) == []

@@ -20,8 +20,7 @@ from halpipe.pipeline.explain.sharing import packings, prune, resources_met, uni
 from halpipe.pipeline.explain.windows import contradictions
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Context, by_name
-from halpipe.pipeline.validate.load import check_resources, check_units
-from halpipe.pipeline.validate.sporadic import least_length
+from halpipe.pipeline.validate.load import check_resources, check_units, least_length
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

@@ -8,21 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import sort_diagnostics
-from halpipe.pipeline.validate import (
-    accesses,
-    chains,
-    health,
-    hyperperiod,
-    instants,
-    load,
-    names,
-    precedence,
-    splits,
-    sporadic,
-    structure,
-    timing,
-)
-from halpipe.pipeline.validate.context import Check, Context
+from halpipe.pipeline.validate import accesses, chains, hyperperiod, load, precedence, structure, timing
+from halpipe.pipeline.validate.context import Check, Context, checks_of
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
@@ -30,20 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CHECKS", "Check", "validate"]
 
-CHECKS: tuple[Check, ...] = (
-    *names.CHECKS,
-    *structure.CHECKS,
-    *timing.CHECKS,
-    *splits.CHECKS,
-    *sporadic.CHECKS,
-    *accesses.CHECKS,
-    *precedence.CHECKS,
-    *instants.CHECKS,
-    *chains.CHECKS,
-    *health.CHECKS,
-    *load.CHECKS,
-    *hyperperiod.CHECKS,
-)
+CHECKS = checks_of(structure, timing, accesses, precedence, chains, load, hyperperiod)
 """Every check with its sentence, in the order of checking; the order of findings does not depend on it."""
 
 

@@ -14,7 +14,7 @@ from halpipe.core.quantities import format_rational
 from halpipe.models import ResourceKind
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import Check, place, version_path
+from halpipe.pipeline.validate.context import check, place, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -40,8 +40,9 @@ def _is_share(bound: Fraction) -> bool:
     return 0 < share <= whole
 
 
+@check("access-phases", codes.EMPTY_PHASE, codes.PHASE_BEYOND_WCET, codes.BAD_BOUND)
 def check_phases(context: Context) -> Iterator[Diagnostic]:
-    """0 <= start < end <= C, and 0 < bound <= 1."""
+    """Every access phase has 0 <= start < end <= WCET and a bound greater than 0 and at most 1."""
     for task, version, access in context.accesses_of_versions:
         is_empty = access.start.ns >= access.end.ns
         is_late = version.wcet is not None and access.end.ns > version.wcet.ns
@@ -61,8 +62,9 @@ def check_phases(context: Context) -> Iterator[Diagnostic]:
             yield codes.BAD_BOUND(text, at=at, path=path, help=help)
 
 
+@check("denominators", codes.UNLIKE_BOUNDS)
 def check_denominators(context: Context) -> Iterator[Diagnostic]:
-    """The bounds on a resource have a common denominator that can be computed with, as verify does."""
+    """The bounds on a resource have a common denominator of at most 4096 bits."""
     found: dict[str, dict[int, Access]] = {}
     for _, _, access in context.accesses_of_versions:
         found.setdefault(access.resource, {}).setdefault(access.bound.denominator, access)
@@ -77,8 +79,9 @@ def check_denominators(context: Context) -> Iterator[Diagnostic]:
                 break
 
 
+@check("locks", codes.LOCK_WITH_SHARE)
 def check_locks(context: Context) -> Iterator[Diagnostic]:
-    """A lock is taken as a whole and moves no data."""
+    """Accesses to a lock have the bound 1 and move no data, and a lock has no bandwidth."""
     locks = {name: resource for name, resource in context.resources.items() if resource.kind is ResourceKind.LOCK}
     for lock in locks.values():
         if lock.bandwidth is not None:
@@ -96,8 +99,11 @@ def check_locks(context: Context) -> Iterator[Diagnostic]:
         yield codes.LOCK_WITH_SHARE(text, at=at, path=path, help=help, places=[place(lock_of)])
 
 
+@check("overlapping-phases", codes.PHASES_OVERLOAD)
 def check_overlap(context: Context) -> Iterator[Diagnostic]:
-    """Phases of one version that overlap on a resource have bounds that sum to at most 1, beside interrupts, too."""
+    """Phases of one version that overlap on a resource have bounds that sum to at most 1. Interrupts of its units
+    stretch each phase over what follows in the same part.
+    """
     serving = {name for name, unit in context.units.items() if unit.interrupts}
     for task, version in context.versions_of_tasks:
         is_served = bool(version.units) and serving.issuperset(version.units)
@@ -180,41 +186,12 @@ def _overload(
             yield codes.PHASES_OVERLOAD(text, at=at, path=path, help="move the phases apart, or lower their bounds")
 
 
+@check("transfers", codes.EMPTY_TRANSFER)
 def check_transfers(context: Context) -> Iterator[Diagnostic]:
-    """Every transfer moves data."""
+    """Every data transfer moves at least one byte."""
     for task, version, access in context.accesses_of_versions:
         for transfer in access.transfers:
             if transfer.size <= 0:
                 at, path = place(transfer, access, version, task), _path(task, version, access)
                 text = f'the transfer of buffer "{transfer.buffer}" has the size {transfer.size}B'
                 yield codes.EMPTY_TRANSFER(text, at=at, path=path, help="state its size, or remove it")
-
-
-CHECKS = (
-    Check(
-        "access-phases",
-        "Every access phase has 0 <= start < end <= WCET and a bound greater than 0 and at most 1.",
-        (codes.EMPTY_PHASE, codes.PHASE_BEYOND_WCET, codes.BAD_BOUND),
-        check_phases,
-    ),
-    Check(
-        "overlapping-phases",
-        "Phases of one version that overlap on a resource have bounds that sum to at most 1. Interrupts of its units "
-        "stretch each phase over what follows in the same part.",
-        (codes.PHASES_OVERLOAD,),
-        check_overlap,
-    ),
-    Check(
-        "locks",
-        "Accesses to a lock have the bound 1 and move no data, and a lock has no bandwidth.",
-        (codes.LOCK_WITH_SHARE,),
-        check_locks,
-    ),
-    Check(
-        "denominators",
-        f"The bounds on a resource have a common denominator of at most {MAX_BITS} bits.",
-        (codes.UNLIKE_BOUNDS,),
-        check_denominators,
-    ),
-    Check("transfers", "Every data transfer moves at least one byte.", (codes.EMPTY_TRANSFER,), check_transfers),
-)

@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.models import AccessKind, Anchor
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import Check, lookup, place, quoted, repeated
+from halpipe.pipeline.validate.context import check, lookup, place, quoted, repeated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,8 +23,9 @@ def _path(chain: Chain) -> str:
     return about(chain=chain.name)
 
 
-def check_tasks(context: Context) -> Iterator[Diagnostic]:
-    """A chain lists tasks, and normally each once.
+@check("chains", codes.EMPTY_CHAIN, codes.SHORT_CHAIN, codes.REPEATED_IN_CHAIN)
+def check_chain_tasks(context: Context) -> Iterator[Diagnostic]:
+    """Every chain lists at least one task; a single task, or one listed twice, is pointed out.
 
     (D) One task makes a chain: its reaction time is one wait for the next job and one execution.
     """
@@ -40,8 +41,9 @@ def check_tasks(context: Context) -> Iterator[Diagnostic]:
             yield codes.REPEATED_IN_CHAIN(f'passes task "{name}" more than once', at=at, path=path, help=help)
 
 
-def check_modes(context: Context) -> Iterator[Diagnostic]:
-    """A chain is checked in the modes in which all its tasks run."""
+@check("chain-modes", codes.CHAIN_NEVER_RUNS, codes.CHAIN_NOT_IN_MODE)
+def check_chain_modes(context: Context) -> Iterator[Diagnostic]:
+    """All tasks of every chain run together in some mode; modes in which they do not are noted."""
     for chain in context.model.chains:
         known = [name for name in chain.tasks if name in context.tasks]
         if not known or not context.active:
@@ -63,8 +65,10 @@ def check_modes(context: Context) -> Iterator[Diagnostic]:
 # ------------------------------------------------------------------------------------------------ limits
 
 
+@check("chain-limits", codes.CHAIN_LIMIT_TOO_LOW)
 def check_limits(context: Context) -> Iterator[Diagnostic]:
-    """No limit of a chain lies below what its jobs need in any case.
+    """In every mode the limits of a chain are at least the sum of its tasks' smallest WCETs, for the reaction time
+    plus the period of its first task.
 
     Each job of a chain starts at or after the end of the one before, so both latencies are at least the sum of the
     smallest WCETs. The N starts of a periodic first task are on average a period apart round the hyperperiod, so some
@@ -114,8 +118,9 @@ def _shortest(active: ActiveTask) -> Duration:
 # ------------------------------------------------------------------------------------------------ data
 
 
+@check("chain-data", codes.CHAIN_WITHOUT_DATA)
 def check_data(context: Context) -> Iterator[Diagnostic]:
-    """Neighbours in a chain are connected: by a precedence constraint, or by a buffer written and then read."""
+    """Neighbours in a chain are connected by a precedence constraint or a shared buffer."""
     for chain in context.model.chains:
         for before, after in pairwise(lookup(context.tasks, chain.tasks)):
             if before is not after and not _is_connected(before, after):
@@ -139,8 +144,9 @@ def _buffers(task: Task, kind: AccessKind) -> set[str]:
 # ------------------------------------------------------------------------------------------------ transitions
 
 
+@check("transitions", codes.SELF_TRANSITION, codes.DUPLICATE_TRANSITION)
 def check_transitions(context: Context) -> Iterator[Diagnostic]:
-    """A transition leads to another mode and is listed once."""
+    """Every transition leads from one mode to another and is listed once."""
     seen: set[tuple[str, str]] = set()
     for transition in context.model.transitions:
         pair = (transition.source, transition.target)
@@ -152,38 +158,3 @@ def check_transitions(context: Context) -> Iterator[Diagnostic]:
         elif pair in seen:
             yield codes.DUPLICATE_TRANSITION("is listed twice", at=at, path=path, help="keep one of the two")
         seen.add(pair)
-
-
-CHECKS = (
-    Check(
-        "chains",
-        "Every chain lists at least one task; a single task, or one listed twice, is pointed out.",
-        (codes.EMPTY_CHAIN, codes.SHORT_CHAIN, codes.REPEATED_IN_CHAIN),
-        check_tasks,
-    ),
-    Check(
-        "chain-modes",
-        "All tasks of every chain run together in some mode; modes in which they do not are noted.",
-        (codes.CHAIN_NEVER_RUNS, codes.CHAIN_NOT_IN_MODE),
-        check_modes,
-    ),
-    Check(
-        "chain-limits",
-        "In every mode the limits of a chain are at least the sum of its tasks' smallest WCETs, for the reaction time "
-        "plus the period of its first task.",
-        (codes.CHAIN_LIMIT_TOO_LOW,),
-        check_limits,
-    ),
-    Check(
-        "chain-data",
-        "Neighbours in a chain are connected by a precedence constraint or a shared buffer.",
-        (codes.CHAIN_WITHOUT_DATA,),
-        check_data,
-    ),
-    Check(
-        "transitions",
-        "Every transition leads from one mode to another and is listed once.",
-        (codes.SELF_TRANSITION, codes.DUPLICATE_TRANSITION),
-        check_transitions,
-    ),
-)

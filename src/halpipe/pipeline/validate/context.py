@@ -17,6 +17,7 @@ from halpipe.models import ResourceKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from types import ModuleType
 
     from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
@@ -38,6 +39,20 @@ class Check:
     sentence: str
     codes: tuple[Code, ...]
     run: Callable[[Context], Iterable[Diagnostic]]
+
+    def __call__(self, context: Context) -> Iterable[Diagnostic]:
+        """Return what is found in a model."""
+        return self.run(context)
+
+
+def check(name: str, *codes: Code) -> Callable[[Callable[[Context], Iterable[Diagnostic]]], Check]:
+    """Make a check of a procedure; the first paragraph of its docstring is its sentence in the manual."""
+    return lambda run: Check(name, " ".join((run.__doc__ or "").partition("\n\n")[0].split()), codes, run)
+
+
+def checks_of(*modules: ModuleType) -> tuple[Check, ...]:
+    """Return the checks of modules, in the order of their definition."""
+    return tuple(value for module in modules for value in vars(module).values() if isinstance(value, Check))
 
 
 @record

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
 from halpipe.core.records import record
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import Check, place, quoted
+from halpipe.pipeline.validate.context import check, place, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -51,8 +51,9 @@ _NAMED = 5
 # ------------------------------------------------------------------------------------------------ jobs
 
 
+@check("hyperperiod-jobs", codes.TOO_MANY_JOBS, codes.MANY_PARTS)
 def check_jobs(context: Context) -> Iterator[Diagnostic]:
-    """A mode has at most ten million jobs; else the periods that cause more are named, with the nearest that do not."""
+    """Every mode has at most 10 000 000 jobs in its hyperperiod; it is pointed out where their parts can be more."""
     for mode in context.active:
         hyperperiod = mode.hyperperiod
         if not any(active.is_periodic for active in mode.tasks.values()):
@@ -293,8 +294,9 @@ def nearest_on_grid(period: Duration, base: Duration, grid: Duration) -> Duratio
 # ------------------------------------------------------------------------------------------------ ticks
 
 
+@check("hyperperiod-ticks", codes.TOO_MANY_TICKS)
 def check_ticks(context: Context) -> Iterator[Diagnostic]:
-    """The hyperperiod in ticks fits 64-bit integers with room to add; else the finest durations are named."""
+    """The hyperperiod of every mode is shorter than 2^62 of the largest tick that divides all its durations."""
     for mode in context.active:
         hyperperiod = mode.hyperperiod
         if hyperperiod is None:
@@ -366,19 +368,3 @@ def _coarser(hyperperiod: Duration) -> Duration:
     while hyperperiod // (unit / 10) < MAX_TICKS // 1000:
         unit = unit / 10
     return unit
-
-
-CHECKS = (
-    Check(
-        "hyperperiod-jobs",
-        "Every mode has at most 10 000 000 jobs in its hyperperiod; it is pointed out where their parts can be more.",
-        (codes.TOO_MANY_JOBS, codes.MANY_PARTS),
-        check_jobs,
-    ),
-    Check(
-        "hyperperiod-ticks",
-        "The hyperperiod of every mode is shorter than 2^62 of the largest tick that divides all its durations.",
-        (codes.TOO_MANY_TICKS,),
-        check_ticks,
-    ),
-)
