@@ -204,3 +204,38 @@ def test_changes_and_limits():
 
 def test_a_notebook_shows_a_table():
     assert halpipe.schedule(small())._repr_html_().count("<tr>") == 2
+
+
+def grown():
+    first = halpipe.models.TaskModel(name="car").add_task("a", period="10ms", slack=1, wcet="3ms", units="u")
+    return first, first.add_task("b", period="20ms", slack=1, wcet="4ms", units=["u", "w"]).add_chain("c", "a", "b")
+
+
+def test_a_model_grows_step_by_step():
+    first, second = grown()
+    assert [unit.name for unit in first.units] == ["u"]
+    assert [unit.name for unit in second.units] == ["u", "w"]
+    assert [run.task for run in second.mode("default").runs] == ["a", "b"]
+    assert second.chains[0].tasks == ("a", "b")
+    assert halpipe.verify(second, halpipe.schedule(second)) == []
+    alone = second.add_task("d", period="20ms", wcet="1ms", units="u", modes=["other"])
+    assert {mode.name: [run.task for run in mode.runs] for mode in alone.modes} == {
+        "default": ["a", "b"],
+        "other": ["d"],
+    }
+    without = second.add_task("e", period="20ms")
+    assert without.task("e").versions == ()
+    assert without.mode("default").runs[-1].versions == ()
+
+
+def test_a_schedule_draws_its_jobs():
+    matplotlib = pytest.importorskip("matplotlib", reason="the extra [plot]")
+    matplotlib.use("agg")
+    plan = halpipe.schedule(grown()[1])
+    axes = plan.plot()
+    drawn = sorted((box.x0, box.x1) for bars in axes.collections for box in (p.get_extents() for p in bars.get_paths()))
+    jobs = [(job.start, job.end) for job in plan.modes[0].jobs]
+    assert drawn == sorted(tuple(float(time.in_unit("ms")) for time in span) for span in jobs)
+    assert axes.get_xlim() == (0, 20)
+    with pytest.raises(KeyError):
+        plan.plot("zz")

@@ -15,6 +15,7 @@ EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",
     "openpyxl": "halpipe[table]",
+    "matplotlib": "halpipe[plot]",
     "distributed": "halpipe[cluster]",
     "starlette": "halpipe[serve]",
     "uvicorn": "halpipe[serve]",

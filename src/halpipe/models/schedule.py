@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.records import record
@@ -212,6 +212,29 @@ class Schedule:
         head = ("mode", "length", "jobs", "chains: reaction, age", "claimed")
         lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
         return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{lines}</table>"
+
+    def plot(self, mode: str = "") -> Any:
+        """Draw the jobs of a mode, else of the first, on a line for each unit; return the axes of matplotlib.
+
+        A task has one colour. Times are in milliseconds, as floats: the drawing decides nothing.
+        """
+        from matplotlib import pyplot
+
+        table = self.mode(mode) if mode else self.modes[0]
+        units = sorted({unit for job in table.jobs for unit in job.units}, reverse=True)
+        tasks = list(dict.fromkeys(job.task for job in table.jobs))
+        _, axes = pyplot.subplots(figsize=(10, 1 + 0.5 * len(units)))
+        for task in tasks:
+            for place, unit in enumerate(units):
+                held = [job.occupations() for job in table.jobs if job.task == task and unit in job.units]
+                bars = [(start, end) for spans in held for start, end in spans]
+                spans = [(float(start.in_unit("ms")), float((end - start).in_unit("ms"))) for start, end in bars]
+                axes.broken_barh(spans, (place - 0.4, 0.8), color=f"C{tasks.index(task)}", label=task)
+        named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+        axes.legend(named.values(), named, loc="upper left", bbox_to_anchor=(1, 1))
+        axes.set(title=table.name, xlabel="ms", yticks=range(len(units)), yticklabels=units)
+        axes.set_xlim(0, float(table.hyperperiod.in_unit("ms")))
+        return axes
 
     def alone(self, modes: tuple[ModeSchedule, ...], transitions: tuple[TransitionTable, ...] = ()) -> Schedule:
         """Return the schedule of these modes, with no more than these switches and without reactions."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import StrEnum
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.durations import ZERO
@@ -37,10 +37,11 @@ from halpipe.models.attributes import (
 from halpipe.models.coercion import Coercion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.models.coercion import (
         Choice,
+        DurationLike,
         Exact,
         Items,
         Names,
@@ -51,6 +52,9 @@ if TYPE_CHECKING:
         Time,
         Times,
     )
+
+DEFAULT = "default"
+"""Name of the version and the mode of a model that has no need of more."""
 
 _COERCIONS: dict[type, Coercion] = {}
 
@@ -556,6 +560,39 @@ class TaskModel(Element):
         model = replace(self)
         object.__setattr__(model, "digest", digest)
         return model
+
+    def add_task(
+        self,
+        name: str,
+        *,
+        wcet: DurationLike | None = None,
+        units: str | Iterable[str] = (),
+        modes: Iterable[str] = (),
+        **fields: Any,
+    ) -> TaskModel:
+        """Return the model with one more task; `fields` are those of `Task`.
+
+        With `wcet`, the task has one version called "default" on `units`, which are added where the model lacks them.
+        The task runs in `modes`, else in every mode; in one called "default" where there is none.
+        """
+        named = (units,) if isinstance(units, str) else tuple(units)
+        if wcet is not None:
+            fields["versions"] = (Version(name=DEFAULT, wcet=wcet, units=list(named)),)
+        task = Task(name=name, **fields)
+        new = {unit: Unit(name=unit) for version in task.versions for unit in version.units}
+        known = {mode.name: mode for mode in self.modes}
+        for mode in modes or known or (DEFAULT,):
+            old = known.get(mode, Mode(name=mode, runs=()))
+            run = Run(task=name, versions=[version.name for version in task.versions])
+            known[mode] = replace(old, runs=(*old.runs, run))
+        for unit in self.units:
+            new.pop(unit.name, None)
+        all_units = (*self.units, *new.values())
+        return replace(self, units=all_units, tasks=(*self.tasks, task), modes=tuple(known.values()))
+
+    def add_chain(self, name: str, *tasks: str, **fields: Any) -> TaskModel:
+        """Return the model with one more chain through `tasks`; `fields` are those of `Chain`."""
+        return replace(self, chains=(*self.chains, Chain(name=name, tasks=list(tasks), **fields)))
 
     def task(self, name: str) -> Task:
         """Return the task called `name`; raise ``KeyError`` if there is none."""
