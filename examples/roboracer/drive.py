@@ -22,8 +22,8 @@ from halpipe.core.diagnostics import HalpipeError, render_text
 from halpipe.core.durations import seconds
 from halpipe.deploy.riscv import Board, CoSimulation, Plant
 from halpipe.deploy.riscv.judge.check import Outcome, judge, tolerance_of
-from halpipe.deploy.riscv.judge.health import Course, course_of
-from halpipe.deploy.riscv.judge.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.judge.containment import Course, course_of
+from halpipe.deploy.riscv.judge.figures import summary_lines, trace_csv
 from halpipe.deploy.riscv.run.cosimulation import read_images
 from halpipe.deploy.riscv.run.expectation import Expectation, PlannedJob
 from halpipe.deploy.riscv.run.injection import Injection, Stuck

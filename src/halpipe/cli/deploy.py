@@ -130,7 +130,7 @@ def trace(
     """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
     from halpipe.core.bundles import open_bundle
     from halpipe.core.files import read_bytes, write_output
-    from halpipe.deploy.riscv.run.dump import board_csv, read_board, told
+    from halpipe.deploy.riscv.run.recording import board_csv, read_board, told
 
     output.choose(None, quiet=quiet, verbose=verbose)
     target = open_bundle(bundle)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.deploy.riscv.board.bus import Bus, Opening
-from halpipe.deploy.riscv.board.dma import Transfer
+from halpipe.deploy.riscv.board.devices import Transfer
 from halpipe.deploy.riscv.board.hart import NEVER
 from halpipe.exporters import regulator
 

@@ -7,7 +7,7 @@ import pytest
 from halpipe.core.durations import Duration
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.judge import check, dispatch
+from halpipe.deploy.riscv.judge import check, figures
 from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv.profile import FOLDER
 
@@ -30,7 +30,7 @@ def worst(sound):
 
 def test_an_operation_takes_some_time_and_less_than_is_reserved(worst):
     assert Duration.parse("500ns") < worst.worst < worst.reserved == Duration.parse("6500ns")
-    assert list(dispatch.findings([worst])) == []
+    assert list(figures.slow_dispatch([worst])) == []
 
 
 def test_it_takes_as_much_longer_as_an_instruction_does(sound, worst):

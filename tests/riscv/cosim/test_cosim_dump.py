@@ -9,7 +9,7 @@ from halpipe import cli
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv import CoSimulation, codes
 from halpipe.deploy.riscv.run.cosimulation import Word
-from halpipe.deploy.riscv.run.dump import board_csv, read_board
+from halpipe.deploy.riscv.run.recording import board_csv, read_board
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from tampering import tampered
 
 from halpipe.deploy.base import CheckOptions, Target
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.judge import check, health
+from halpipe.deploy.riscv.judge import check, containment
 from halpipe.deploy.riscv.run.injection import Kind
 from halpipe.pipeline.health import with_reactions
 
@@ -34,7 +34,7 @@ def errors(found):
 def tried(target, only=lambda trial: True):
     """The findings of all trials of a target that are wanted."""
     found = check.Injected()
-    for trial in filter(only, health.trials(target)):
+    for trial in filter(only, containment.trials(target)):
         check.try_rule(target, trial, found)
     assert found.trials
     return errors(found.findings)
@@ -51,14 +51,14 @@ def test_the_trials_switch_restart_and_stop(ruled):
     names, stops, restarts = set(), 0, 0
     site = check.read_site(ruled.bundle)
     images = check.read_images(ruled.bundle, site)
-    for trial in health.trials(ruled):
+    for trial in containment.trials(ruled):
         rule = ruled.model.health[trial.rule]
 
         def plan(tables, trial=trial, rule=rule):
             jobs = check.Expectation(ruled.bundle, ruled.model, site, images).jobs(tables)
-            return jobs, health.failing(trial, rule.task, jobs, lambda job: check._failing(job, trial.kind))
+            return jobs, containment.failing(trial, rule.task, jobs, lambda job: check._failing(job, trial.kind))
 
-        course = health.course_of(ruled, site, trial.mode, (), trial.tables, plan)
+        course = containment.course_of(ruled, site, trial.mode, (), trial.tables, plan)
         names.add((trial.mode, course.tables[-1].name))
         stops += course.stops
         restarts += any(rule.action == "restart" for f in course.firings if f.rule == trial.rule)

@@ -9,7 +9,7 @@ pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang 
 from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, codes
-from halpipe.deploy.riscv.run.emulator import EMULATOR
+from halpipe.deploy.riscv.judge.qemu import EMULATOR
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.flow.formats import export, open_target
 from riscv_models import deployed, on_disk, single

@@ -7,7 +7,7 @@ from shutil import which
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, Run
-from halpipe.deploy.riscv.run.plant import Board, Plant
+from halpipe.deploy.riscv.run.drivers import Board, Plant
 
 if TYPE_CHECKING:
     from halpipe.deploy.base import Checked, CheckOptions, Target

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.deploy.riscv.board.csr import MHARTID, MIE, MRET, Access, decode, of_interest
+from halpipe.deploy.riscv.board.registers import MHARTID, MIE, MRET, Access, decode, of_interest
 
 NOP, C_NOP = 0x00000013, 0x0001
 

@@ -1,7 +1,18 @@
 """The registers of a DMA channel, and transfers that the management core makes itself."""
 
-from halpipe.deploy.riscv.board.copying import UNKNOWN, CopyWatcher
-from halpipe.deploy.riscv.board.dma import BYTES, CLAIM, CONTROL, DONE, ERROR, RUN, SOURCE, TARGET, Channel
+from halpipe.deploy.riscv.board.devices import (
+    BYTES,
+    CLAIM,
+    CONTROL,
+    DONE,
+    ERROR,
+    RUN,
+    SOURCE,
+    TARGET,
+    UNKNOWN,
+    Channel,
+    CopyWatcher,
+)
 from halpipe.deploy.riscv.board.memory import Memory, Region
 
 

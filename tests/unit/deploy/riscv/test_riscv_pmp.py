@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.deploy.riscv.board.pmp import ADDRESS, CONFIG, Protection, Right
+from halpipe.deploy.riscv.board.registers import ADDRESS, CONFIG, Protection, Right
 
 TOR, NA4, NAPOT, LOCKED = 1 << 3, 2 << 3, 3 << 3, 0x80
 R, W, X = Right.READ, Right.WRITE, Right.EXECUTE

@@ -9,9 +9,9 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.programs import NOT_STARTED, TimeoutExpired
 from halpipe.deploy.base import CheckOptions, Target
 from halpipe.deploy.riscv import DEPLOYMENT, codes
+from halpipe.deploy.riscv.judge import qemu as emulator
+from halpipe.deploy.riscv.judge.qemu import is_over
 from halpipe.deploy.riscv.judge.records import hold
-from halpipe.deploy.riscv.run import emulator
-from halpipe.deploy.riscv.run.emulator import is_over
 from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob
 from halpipe.deploy.riscv.run.recording import Flag, Kind, Record, Recording
 from halpipe.deploy.riscv.run.sequence import Played

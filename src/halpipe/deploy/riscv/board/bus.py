@@ -19,7 +19,7 @@ from halpipe.deploy.riscv.board.hart import NEVER
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.deploy.riscv.board.dma import Transfer
+    from halpipe.deploy.riscv.board.devices import Transfer
 
 NONE = Fraction(0)
 

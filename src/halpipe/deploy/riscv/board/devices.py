@@ -1,15 +1,126 @@
-"""Devices beside the memories: clock and interrupts (CLINT), serial line, registers of the DMA, finisher."""
+"""Devices beside the memories: CLINT, serial line, finisher, DMA engine (SiFive PDMA) or the copies in its place."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from halpipe.deploy.riscv.board.dma import Channel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from halpipe.deploy.riscv.board.hart import Hart
+    from halpipe.deploy.riscv.board.memory import Memory
+
+CONTROL, CONFIG, BYTES, TARGET, SOURCE = 0x0, 0x4, 0x8, 0x10, 0x18
+CLAIM, RUN, DONE, ERROR = 1, 2, 1 << 30, 1 << 31
+_REGISTERS = 0x20
+
+
+@dataclass(slots=True, eq=False)
+class Transfer:
+    """One transfer that was seen: `begin` and `end` in units of the machine's time; `data` is what was read.
+
+    `held` is how long a regulator kept its bursts waiting, in all.
+    """
+
+    channel: int
+    source: int
+    target: int
+    size: int
+    begin: int
+    end: int
+    data: bytes = b""
+    fails: bool = False
+    held: int = 0
+
+
+class Channel:
+    """The registers of one channel."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.control = 0
+        self._registers = bytearray(_REGISTERS)
+
+    def read(self, offset: int, size: int) -> int:
+        """Return what software reads."""
+        if offset == CONTROL:
+            return self.control
+        return int.from_bytes(self._registers[offset : offset + size], "little")
+
+    def write(self, offset: int, size: int, value: int) -> bool:
+        """Take what software writes, and return whether that starts a transfer."""
+        if offset != CONTROL:
+            if offset + size <= _REGISTERS:
+                self._registers[offset : offset + size] = value.to_bytes(size, "little")
+            return False
+        claimed = self.control & CLAIM
+        if not value & CLAIM:
+            self.control = 0
+        elif not claimed:  # claiming resets the registers of the next transfer
+            self.control = CLAIM
+            self._registers = bytearray(_REGISTERS)
+        elif value & RUN and not self.control & RUN:
+            self.control = CLAIM | RUN
+            return True
+        return False
+
+    def finish(self, error: bool = False) -> None:
+        """Say to software that the transfer is over."""
+        self.control = self.control & ~RUN | (ERROR if error else DONE)
+
+    def next(self) -> tuple[int, int, int]:
+        """Return source, target and size of the transfer that software described."""
+        word = self._registers
+        source, target, size = (int.from_bytes(word[at : at + 8], "little") for at in (SOURCE, TARGET, BYTES))
+        return source, target, size
+
+
+UNKNOWN = -1
+"""The channel of copies: whatever resource they are for, one core does them all."""
+
+
+class CopyWatcher:
+    """Puts loads and stores together to transfers; `begins` and `ends` hear of each."""
+
+    def __init__(self, memory: Memory, begins: Callable[[Transfer], None], ends: Callable[[Transfer], None]) -> None:
+        self._memory = memory
+        self._begins, self._ends = begins, ends
+        self._open: list[Transfer] = []
+        self._loaded: tuple[Transfer, int] | None = None  # of which transfer something was loaded last, and how much
+
+    def loads(self, address: int, size: int, now: int) -> None:
+        """The management core is about to load: the beginning of a copy, or more of one."""
+        known = next((t for t in self._open if t.source + t.size == address), None)
+        if known is None:
+            known = Transfer(UNKNOWN, address, 0, 0, now, now)
+            self._begins(known)
+        self._loaded = (known, size)
+
+    def stores(self, address: int, size: int, now: int) -> None:
+        """The management core is about to store what it has loaded; other stores are none of ours."""
+        if self._loaded is None or self._loaded[1] != size:
+            return
+        transfer, _ = self._loaded
+        self._loaded = None
+        if not transfer.size:
+            transfer.target = address
+            self._open.append(transfer)
+        elif transfer.target + transfer.size != address:
+            return
+        transfer.size += size
+        transfer.end = now
+
+    def finish(self, now: int, hart: int | None = None) -> None:
+        """All copies are over, or those into the scratchpads of one `hart`."""
+        for transfer in list(self._open):
+            region = self._memory.region(transfer.target)
+            if hart is None or (region is not None and region.hart == hart):
+                self._open.remove(transfer)
+                transfer.end = now
+                transfer.data = self._memory.read(transfer.target, transfer.size)
+                self._ends(transfer)
+
 
 _COMPARE, _TIME = 0x4000, 0xBFF8
 PAGE = 4096

@@ -12,10 +12,10 @@ from itertools import islice, pairwise
 from operator import and_
 from typing import TYPE_CHECKING, Any, Protocol
 
-from halpipe.deploy.riscv.board import block_hook, csr
+from halpipe.deploy.riscv.board import block_hook, registers
 from halpipe.deploy.riscv.board.block_hook import Page
 from halpipe.deploy.riscv.board.memory import PAGE
-from halpipe.deploy.riscv.board.pmp import ADDRESS, Level, Protection, Right
+from halpipe.deploy.riscv.board.registers import ADDRESS, Level, Protection, Right
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -239,7 +239,7 @@ class Hart:
 
     def _undecodable(self, pc: int) -> tuple[int, int]:
         word = self._instruction(pc)
-        return (BREAKPOINT, pc) if word in (csr.EBREAK, csr.C_EBREAK) else (ILLEGAL, 0)
+        return (BREAKPOINT, pc) if word in (registers.EBREAK, registers.C_EBREAK) else (ILLEGAL, 0)
 
     def _instruction(self, pc: int) -> int:
         """Return the instruction at an address, of two or four bytes; 0 where there is no memory."""
@@ -252,10 +252,10 @@ class Hart:
         word = self._instruction(pc)
         if cause == ILLEGAL:
             return cause, word
-        if word & 0x7F == csr.ATOMIC:
+        if word & 0x7F == registers.ATOMIC:
             if cause in (LOAD_MISALIGNED, STORE_MISALIGNED):
                 value = self.x(word >> 15 & 31)
-            if word >> 27 != csr.LOAD_RESERVED:
+            if word >> 27 != registers.LOAD_RESERVED:
                 cause = {LOAD_FAULT: STORE_FAULT, LOAD_MISALIGNED: STORE_MISALIGNED}.get(cause, cause)
         return cause, value
 
@@ -352,35 +352,35 @@ class Hart:
         """Carry out the instructions of `csr` wherever `code`, which stands at `base`, has them."""
         from unicorn import UC_HOOK_CODE
 
-        for address in csr.of_interest(code, base):
+        for address in registers.of_interest(code, base):
             if address not in self._hooked:
                 self._hooked.add(address)
                 self.engine.hook_add(UC_HOOK_CODE, self._on_register, None, address, address)
 
     def _on_register(self, engine: Any, address: int, size: int, _: Any) -> None:
         word = int.from_bytes(self._memory.read(address, 4), "little")
-        access = csr.decode(word)
-        if word == csr.FENCE_I:
+        access = registers.decode(word)
+        if word == registers.FENCE_I:
             self._fenced = True
-        elif self.level is Level.USER and access is not None and access.csr in csr.OURS:
+        elif self.level is Level.USER and access is not None and access.csr in registers.OURS:
             self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
             self.pc = address
             engine.emu_stop()
-        elif word == csr.MRET or (access is not None and access.csr in csr.INTERRUPTS):
+        elif word == registers.MRET or (access is not None and access.csr in registers.INTERRUPTS):
             self.look_up()
-            if word == csr.MRET and self.level is Level.MACHINE:
+            if word == registers.MRET and self.level is Level.MACHINE:
                 self._interrupts_enabled()
                 self._left_open = self._register("MCOUNTEREN"), self._register("MSTATUS") >> 13 & 3
                 self._change_level(Level.MACHINE if self._register("MSTATUS") >> 11 & 3 else Level.USER)
-        elif access is not None and access.csr in csr.OURS:
+        elif access is not None and access.csr in registers.OURS:
             self._on_own_register(access)
             self._rewind(address + 4)
             self.pc = address + 4
 
-    def _on_own_register(self, access: csr.Access) -> None:
+    def _on_own_register(self, access: registers.Access) -> None:
         old = self._read_own(access.csr)
         operand = access.source if access.immediate else self.x(access.source)
-        if access.writes and access.csr in csr.PROTECTION:
+        if access.writes and access.csr in registers.PROTECTION:
             self.protection.write(access.csr, access.result(old, operand))
             self._allowed.clear()
             if access.csr < ADDRESS:
@@ -391,14 +391,14 @@ class Hart:
             self._set(f"X{access.target}", old)
 
     def _read_own(self, number: int) -> int:
-        if number == csr.MHARTID:
+        if number == registers.MHARTID:
             return self.number
-        if number == csr.MIP:
+        if number == registers.MIP:
             return self.pending()
-        if number == csr.TIME:
+        if number == registers.TIME:
             return self.now // self._tick
-        if number in csr.COUNTERS:
-            return self.now // self._cycle if number in (csr.MCYCLE, csr.CYCLE) else self.count
+        if number in registers.COUNTERS:
+            return self.now // self._cycle if number in (registers.MCYCLE, registers.CYCLE) else self.count
         return self.protection.read(number)
 
     def _rewind(self, pc: int) -> None:

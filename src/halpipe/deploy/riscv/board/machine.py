@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.bus import Bus
-from halpipe.deploy.riscv.board.copying import CopyWatcher
-from halpipe.deploy.riscv.board.devices import Clint, DmaPort, DmaWork, Finisher, Uart
-from halpipe.deploy.riscv.board.dma import Transfer
+from halpipe.deploy.riscv.board.devices import Clint, CopyWatcher, DmaPort, DmaWork, Finisher, Transfer, Uart
 from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
 
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from halpipe.deploy.riscv.board.bus import Gate
-    from halpipe.deploy.riscv.board.dma import Channel
+    from halpipe.deploy.riscv.board.devices import Channel
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.target import Site
 

@@ -14,22 +14,18 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, Budget
-from halpipe.deploy.riscv.judge import conditions, containment, dispatch, health
-from halpipe.deploy.riscv.judge.cold import cold_start
+from halpipe.deploy.riscv.judge import conditions, containment, figures
 from halpipe.deploy.riscv.judge.comparison import Comparison
-from halpipe.deploy.riscv.judge.containment import Injected
+from halpipe.deploy.riscv.judge.containment import Course, Injected
 from halpipe.deploy.riscv.judge.contents import contradictions
-from halpipe.deploy.riscv.judge.dispatch import Dispatch, measured
-from halpipe.deploy.riscv.judge.health import Course
-from halpipe.deploy.riscv.judge.leftovers import Rubbish, leftovers
+from halpipe.deploy.riscv.judge.figures import Dispatch, measured, summary_lines, trace_csv
+from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
 from halpipe.deploy.riscv.judge.regulated import hold_transfers
-from halpipe.deploy.riscv.judge.summary import summary_lines, trace_csv
 from halpipe.deploy.riscv.judge.tables import wrong_operations
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, read_images
-from halpipe.deploy.riscv.run.delays import SPACE, delays
 from halpipe.deploy.riscv.run.drivers import REQUEST, read_drivers
 from halpipe.deploy.riscv.run.expectation import Expectation
-from halpipe.deploy.riscv.run.injection import Injection, Kind, Saboteur
+from halpipe.deploy.riscv.run.injection import SPACE, Injection, Kind, Saboteur, delays
 from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
 from halpipe.deploy.riscv.target import read_site
 
@@ -39,7 +35,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import CheckOptions, Target
     from halpipe.deploy.riscv.judge.comparison import Seen
-    from halpipe.deploy.riscv.judge.health import Trial
+    from halpipe.deploy.riscv.judge.containment import Trial
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedJob
     from halpipe.deploy.riscv.target import Site
@@ -145,8 +141,8 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         findings = tuple(sort_diagnostics([*findings, *injected.findings]))
         lines += injected.lines()
         dispatches += injected.dispatches
-    findings = tuple(sort_diagnostics([*findings, *dispatch.findings(dispatches)]))
-    lines += dispatch.lines(dispatches, site.cpi)
+    findings = tuple(sort_diagnostics([*findings, *figures.slow_dispatch(dispatches)]))
+    lines += figures.dispatch_lines(dispatches, site.cpi)
     if options.margin and sound:
         lines += margin_lines(target)
     if not any(found.is_error for found in findings):
@@ -227,7 +223,7 @@ def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
     if site.dma.kind == "pdma":
         for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
             delay(target, tour, min(affordable, DELAYS * SPACE), found, turns=TURNS if everything else 1)
-    for trial in list(health.trials(target))[: None if everything else TRIALS]:
+    for trial in list(containment.trials(target))[: None if everything else TRIALS]:
         try_rule(target, trial, found)
     if lacking:
         message = f"{lacking} of the {whole} cycles that have every fault in every job were not played"
@@ -264,9 +260,9 @@ def try_rule(target: Target, trial: Trial, found: Injected) -> None:
     def plan(tables: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
         jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
         make = partial(_failing, kind=trial.kind)
-        return jobs, health.failing(trial, rule.task, jobs, make)
+        return jobs, containment.failing(trial, rule.task, jobs, make)
 
-    course = health.course_of(target, site, trial.mode, (), trial.tables, plan)
+    course = containment.course_of(target, site, trial.mode, (), trial.tables, plan)
     outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)
     found.trials += 1
     found.dispatches.append(outcome.dispatch)
@@ -380,7 +376,7 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     findings.extend(conditions.calls_drivers(run, containment.planned(jobs, injections), tolerance))
     findings.extend(conditions.tells_the_truth(run))
     findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
-    findings.extend(health.recorded(run, target.model, course.firings))
+    findings.extend(containment.rules_recorded(run, target.model, course.firings))
     taken = measured(run, simulation.program, target.model, played)
     return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
 

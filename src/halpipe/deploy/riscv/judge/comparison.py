@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about, named
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.board.copying import UNKNOWN
+from halpipe.deploy.riscv.board.devices import UNKNOWN
 from halpipe.deploy.riscv.run.observation import Outcome
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Code
     from halpipe.core.durations import Duration
-    from halpipe.deploy.riscv.board.dma import Transfer
+    from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
     from halpipe.deploy.riscv.run.observation import Execution

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Path, about
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.board.pmp import TOP, Level, Right
+from halpipe.deploy.riscv.board.registers import TOP, Level, Right
 from halpipe.deploy.riscv.run.observation import Outcome
-from halpipe.deploy.riscv.run.recording import Flag, Kind
+from halpipe.deploy.riscv.run.recording import Flag, Kind, Word
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.deploy.riscv.board.pmp import Protection
+    from halpipe.deploy.riscv.board.registers import Protection
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.drivers import PlannedCall
     from halpipe.deploy.riscv.run.expectation import PlannedJob
@@ -35,7 +35,6 @@ _STATES = {
     5: "a health rule stopped it",
 }
 FINISHED, TRAPPED, STOPPED = 2, 4, 5
-_CAUSE, _EPC = 16, 17
 _CLINT_SIZE = 0x10000
 _STEPS = 150
 """Instructions between an event and the runtime's look at the clock that it records for it."""
@@ -53,7 +52,7 @@ def is_over(run: Run, *, stops: bool = False) -> Iterator[Diagnostic]:
         return
     message = _STATES.get(run.state, f"the runtime is in state {run.state}")
     if run.state == TRAPPED:
-        message = f"the management core trapped: mcause {run.word(_CAUSE):#x}, mepc {run.word(_EPC):#x}"
+        message = f"the management core trapped: mcause {run.word(Word.CAUSE):#x}, mepc {run.word(Word.EPC):#x}"
     text = run.uart.decode("ascii", "replace").strip()
     message += f"; it printed: {text[:200]}" if text else ""
     yield codes.NOT_FINISHED(f"{message} ({run.duration} after the beginning)", help=REPORT)

@@ -1,15 +1,15 @@
-"""Leftovers in scratchpads: a second run in which every job finds other bytes wherever nothing was put for it.
-
-Scratchpads are not cleared between jobs: that would take longer than most jobs. A job finds in its stack and in
-variables without a value what another one left; every byte of it that leaves a core is reported.
-"""
+"""Runs in another state of the memory: rubbish in scratchpads between jobs, and a start without preparation."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings
+from halpipe.core.diagnostics import Findings, named
 from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.codes import COLD_START
+from halpipe.deploy.riscv.judge.conditions import REPORT
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation
+from halpipe.deploy.riscv.run.drivers import Plant
 from halpipe.deploy.riscv.run.injection import Saboteur
 from halpipe.models import AccessKind
 
@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
+    from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.board.machine import Budget
     from halpipe.deploy.riscv.judge.comparison import Seen
+    from halpipe.deploy.riscv.run.drivers import Board
     from halpipe.deploy.riscv.run.expectation import Image
     from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.target import Site
@@ -77,3 +81,33 @@ def leftovers(plain: Iterable[Seen], other: Iterable[Seen]) -> Iterator[Diagnost
                 help = "give every byte of the variable a value in each job, and every local variable before it is read"
                 findings.add(codes.LEFTOVER(message, at=job.at, path=one.planned.path, help=help))
     yield from findings.items
+
+
+class _Witness(Plant):
+    """Looks at the buffers when the first table begins, and ends the run then."""
+
+    def __init__(self, buffers: list[str]) -> None:
+        self.buffers = buffers
+        self.first = ""
+        self.full: list[str] = []
+
+    def cycle(self, board: Board, now: Duration, cycle: int, table: str) -> None:
+        """Note what is there."""
+        self.first = table
+        self.full = [name for name in self.buffers if any(board.read(name))]
+        board.stop()
+
+
+def cold_start(target: Target, budget: Budget, limit: Duration) -> Iterator[Diagnostic]:
+    """Yield what a bundle does otherwise than docs/reference/riscv-bundle.md when it starts by itself."""
+    witness = _Witness([])
+    simulation = CoSimulation(target, plant=witness, budget=budget)
+    witness.buffers = list(simulation.site.buffers)
+    simulation.run(limit, is_cold=True)
+    first = target.schedule.modes[0].name
+    if witness.first != first:
+        does = f'"{witness.first}" begins' if witness.first else "no table begins"
+        yield COLD_START(f'after a cold start {does}; it has to be "{first}"', help=REPORT)
+    for name in witness.full:
+        message = "holds after a cold start what the memory held before"
+        yield COLD_START(message, path=named("buffer", name), help=REPORT)

@@ -1,38 +1,316 @@
-"""The check of a RISC-V bundle by QEMU: the same program, on a machine with physical memory protection and a PDMA.
-
-QEMU judges starts, containment, data and the order of everything by what the runtime records and what main memory
-holds at the end. It gives all cores one clock, which every instruction of any core advances, so that execution times
-have to be modelled; and its transfers take no time. See docs/explanation/co-simulation.md.
-"""
+"""The check of a bundle with QEMU: runs, faults put into programs, and what is judged."""
 
 from __future__ import annotations
 
+import shutil
+import struct
 from collections import Counter
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, named, sort_diagnostics
+from halpipe.core.diagnostics import Findings, HalpipeError, named, sort_diagnostics
 from halpipe.core.durations import ZERO
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.programs import TimeoutExpired, run
 from halpipe.core.records import record
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.board.elf import offset_of
+from halpipe.deploy.riscv.board.machine import RUBBISH
 from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tolerance_of
+from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, prefixed
 from halpipe.deploy.riscv.judge.records import hold
-from halpipe.deploy.riscv.run.cosimulation import read_images, silent
-from halpipe.deploy.riscv.run.emulator import EMULATOR, find_emulator, is_over, play
+from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, read_images, silent
 from halpipe.deploy.riscv.run.expectation import Expectation
+from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, code_of
+from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.run.recording import Recording, Word, read_recording
 from halpipe.deploy.riscv.run.sequence import Request, Tour, played_tables
 from halpipe.deploy.riscv.target import read_site
+from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import CheckOptions, Target
-    from halpipe.deploy.riscv.run.emulator import Played
+    from halpipe.deploy.riscv.run.expectation import Image, PlannedJob
     from halpipe.deploy.riscv.target import Site
 
-__all__ = ["EMULATOR", "Leg", "check_by_qemu", "legs"]
+EMULATOR = "qemu-system-riscv64"
+SECONDS = 6
+"""How long one run may take; it is ended then, and what it did until then is judged."""
+
+_MODELLED, _BY_SEMIHOSTING = 1, 1
+_NEEDS_TREE = "microchip-icicle-kit"
+_MACHINE, _MEMORY = "-machine", "-m"
+_OTHER = ["-display", "none", "-monitor", "none", "-serial", "null", "-no-reboot", "-icount", "shift=0,sleep=off"]
+_HOSTING = ["-semihosting-config", "enable=on,target=native"]
+
+_STATES = {
+    0: "the management core did not come to the first table",
+    1: "it was still playing",
+    3: "an application core did not answer when it was started",
+    4: "the management core trapped",
+}
+FINISHED = 2
+
+
+@record
+class Played:
+    """What a run left: the runtime's record, the words of its control block, and the contents of the buffers."""
+
+    recording: Recording
+    words: tuple[int, ...]
+    buffers: dict[str, bytes]
+    is_over: bool = True
+
+    @property
+    def state(self) -> int:
+        """The state that the runtime was in."""
+        return self.words[Word.STATE]
+
+
+def find_emulator(site: Site) -> str:
+    """Return QEMU's program; raise `HalpipeError` if it is not there, or has no machine for the target."""
+    if not site.qemu:
+        help = "use --engine cosim, or export with a profile that has one: fu540, mpfs or virt"
+        raise HalpipeError(codes.ENGINE_UNFIT(f'QEMU has no machine for profile "{site.profile}"', help=help))
+    found = shutil.which(EMULATOR)
+    if found is None:
+        help = "apt-get install qemu-system-misc, or use --engine cosim"
+        raise HalpipeError(codes.ENGINE_ABSENT(f"{EMULATOR} is not installed", help=help))
+    return found
+
+
+def play(
+    program: bytes, site: Site, emulator: str, first: int, request: int, tables: int, *, health: bool = True
+) -> Played:
+    """Run QEMU once, with main memory in a file; without `health` no rule follows from jobs that fail."""
+    words = [MAGIC, tables, _MODELLED, first, 0, _BY_SEMIHOSTING, max(site.timebase // 1000, 1), not health, request]
+    with scratch_folder() as folder:
+        place = Path(folder)
+        place.joinpath(PROGRAM).write_bytes(program)
+        place.joinpath("control").write_bytes(struct.pack(f"<{len(words)}Q", *words))
+        command = [emulator, *_with_memory(site.qemu, place / "memory"), "-bios", "none", "-kernel"]
+        command += [str(place / PROGRAM), *_loader(place / "control", site.control), *_rubbish(place, site)]
+        if _NEEDS_TREE in site.qemu:
+            tree = str(place / "tree")
+            start([emulator, _MACHINE, f"sifive_u,dumpdtb={tree}", "-smp", "5", "-display", "none"])
+            command += ["-dtb", tree]
+        said = start([*command, *_OTHER, *_HOSTING])
+        return _read(place / "memory", site, said)
+
+
+def _loader(file: Path, address: int) -> list[str]:
+    return ["-device", f"loader,file={file},addr={address:#x},force-raw=on"]
+
+
+def _rubbish(place: Path, site: Site) -> list[str]:
+    """Return what fills the data scratchpads with what may stand there when the power comes."""
+    found = []
+    for unit in site.units:
+        file = place / f"rubbish-{unit.dspm.size}"
+        file.write_bytes(RUBBISH * unit.dspm.size)
+        found += _loader(file, unit.dspm.base)
+    return found
+
+
+def _with_memory(arguments: tuple[str, ...], file: Path) -> list[str]:
+    """Return QEMU's arguments with main memory in a file that is there afterwards."""
+    found = list(arguments)
+    if _MACHINE not in found[:-1] or _MEMORY not in found[:-1]:
+        help = f"state {_MACHINE} and {_MEMORY} in the profile's qemu"
+        raise HalpipeError(codes.ENGINE_UNFIT("the arguments for QEMU name no machine or memory", help=help))
+    size = found[found.index(_MEMORY) + 1]
+    found[found.index(_MACHINE) + 1] += ",memory-backend=main"
+    return [*found, "-object", f"memory-backend-file,id=main,size={size},mem-path={file},share=on"]
+
+
+def start(command: list[str]) -> str | None:
+    """Run a command; return what it said, None if it had to be ended."""
+    try:
+        done = run(command, seconds=SECONDS)
+    except TimeoutExpired:
+        return None
+    return done.stderr or done.stdout
+
+
+def _read(file: Path, site: Site, said: str | None) -> Played:
+    try:
+        memory = file.open("rb")
+    except OSError:
+        text = " ".join((said or "").split())[-200:]
+        help = "use --engine cosim to see more"
+        raise HalpipeError(codes.ENGINE_UNFIT(f"QEMU did not start; it said: {text}", help=help)) from None
+    with memory:
+
+        def read(address: int, size: int) -> bytes:
+            memory.seek(address - site.main.base)
+            return memory.read(size).ljust(size, b"\0")
+
+        words = struct.unpack(f"<{Word.WORDS}Q", read(site.control, 8 * Word.WORDS))
+        traced, faults = (min(words[n], 1 << 32) for n in (Word.TRACED, Word.FAULTS))
+        recording = read_recording(read, site.trace, traced, site.faults, faults)
+        buffers = {name: read(area.base, area.size) for name, area in site.buffers.items()}
+    return Played(recording, words, buffers, said is not None)
+
+
+def is_over(played: Played) -> Iterator[Diagnostic]:
+    """Yield what kept a run from its end."""
+    if played.state == FINISHED:
+        return
+    message = _STATES.get(played.state, f"the runtime is in state {played.state}") + " at the end"
+    if not played.is_over:
+        message += "; the emulator was ended, for it would not have come to one"
+    yield codes.NOT_FINISHED(message, help="play the bundle with --engine cosim to see more")
+
+
+MOST = 60
+"""Runs at most; each takes a few tenths of a second."""
+
+Key = tuple[str, str, str]
+"""An image: task, version and unit."""
+
+
+@dataclass(slots=True)
+class Patched:
+    """What was injected: how often each kind, into how many images, and what did not fit."""
+
+    kinds: Counter[Kind] = field(default_factory=Counter)
+    images: set[Key] = field(default_factory=set)
+    missed: int = 0
+    findings: list[Diagnostic] = field(default_factory=list)
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of the summary."""
+        if self.kinds:
+            yield f"injected: {self.kinds.total()} faults of {len(self.kinds)} kinds into {len(self.images)} images"
+            if not any(found.is_error for found in self.findings):
+                yield "each was stopped in its time and recorded, and its writes did not happen"
+
+
+def inject_faults(target: Target, site: Site, emulator: str, *, everything: bool) -> Patched:
+    """Let every second image fail, in each way in turn; in the first mode with jobs, or in all modes."""
+    found = Patched()
+    modes = [i for i, mode in enumerate(target.schedule.modes) if mode.jobs]
+    half = [2 * i + i % 2 for i in range(len(CODES))]  # every kind, in the one half of the images or the other
+    turns = range(2 * len(CODES)) if everything else half
+    runs = [(mode, turn) for turn in turns for mode in (modes if everything else modes[:1])]
+    played = runs[:MOST]
+    images = read_images(target.bundle, site)
+    for mode, turn in played:
+        _run(target, site, emulator, images, mode, turn, found)
+        if any(each.is_error for each in found.findings):
+            return found
+    found.missed += len(runs) - len(played)
+    if found.missed:
+        message = f"{found.missed} faults were not injected: their functions are too short, or there would be more runs"
+        found.findings.append(codes.NOT_INJECTED(message, help="--engine cosim injects them"))
+    return found
+
+
+def _run(
+    target: Target,
+    site: Site,
+    emulator: str,
+    images: Mapping[Key, Image],
+    mode: int,
+    turn: int,
+    found: Patched,
+) -> None:
+    name = target.schedule.modes[mode].name
+    tables = played_tables(target.schedule, name, (), CYCLES, site.tick)
+    jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
+    program = bytearray(silent(target))
+    failing: dict[Key, Kind] = {}
+    keys = sorted({(job.job.task, job.job.version, job.job.units[-1]) for job in jobs if job.executions})
+    for i, key in enumerate(keys):
+        kind = CODES[(i // 2 + turn // 2) % len(CODES)]
+        if (i + turn) % 2 == 0:
+            if _patch(program, site, images[key], kind):
+                failing[key] = kind
+            else:
+                found.missed += 1
+    if not failing:
+        return
+    found.kinds += Counter(failing.values())
+    found.images |= set(failing)
+    played = play(bytes(program), site, emulator, mode, 0, CYCLES, health=False)
+    failed = [_fail(job, failing, site) for job in jobs]
+    held = hold(site, played.recording, tables, failed, _starved(failed))
+    findings = [*is_over(played), *held.findings]
+    findings += _unwritten(site, jobs, failing, played)
+    told = {(d.code, d.path) for d in found.findings}
+    found.findings += [d for d in prefixed(findings) if (d.code, d.path) not in told]
+
+
+def _patch(program: bytearray, site: Site, image: Image, kind: Kind) -> bool:
+    """Put a fault in the place of a function, where it is stored; return whether it fits there."""
+    unit = site.unit_of(image.hart)
+    entry = image.site.entries[0]
+    segment = next((s for s in image.program.segments if s.target <= entry < s.target + len(s.data)), None)
+    code = code_of(kind, site, unit)
+    if segment is None or not code:
+        return False
+    if kind is Kind.SPIN:
+        code = code[-8:-4] + (0xFFDFF06F).to_bytes(4, "little")  # a nop, and back to it
+    room = segment.target + len(segment.data) - entry
+    at = offset_of(bytes(program), segment.source + entry - segment.target, len(code))
+    if len(code) > room or at is None:
+        return False
+    program[at : at + len(code)] = code
+    return True
+
+
+def _fail(job: PlannedJob, failing: Mapping[Key, Kind], site: Site) -> PlannedJob:
+    """Return what is left of a job of which a function fails: all that comes before."""
+    over = False
+    end = job.end + 1
+    executions = []
+    for execution in sorted(job.executions, key=lambda e: (e.stretch, e.rank)):
+        kind = failing.get((job.job.task, job.job.version, site.unit_of(execution.hart).name))
+        ends = execution.ends
+        if over:
+            ends = frozenset({Outcome.SKIPPED})
+        elif kind is not None:
+            ends = Injection(kind, 0, 0).ends
+            over, end = True, execution.end
+        executions.append(replace(execution, ends=ends))
+    transfers = tuple(t for t in job.transfers if t.begin < end)
+    calls = tuple(call for call in job.calls if call.begin < end)
+    return replace(job, executions=tuple(executions), transfers=transfers, calls=calls)
+
+
+def _starved(jobs: Sequence[PlannedJob]) -> set[tuple[int, int]]:
+    """Return the jobs beside which another one spins until its time is over: there is one clock, and it takes it."""
+    spinning = [(e, job) for job in jobs for e in job.executions if e.ends == frozenset({Outcome.OVERRUN})]
+    return {
+        (job.table.cycle, job.row)
+        for job in jobs
+        for execution, other in spinning
+        if other is not job and execution.begin <= job.end and job.begin <= execution.end
+    }
+
+
+def _unwritten(
+    site: Site, jobs: Sequence[PlannedJob], failing: Mapping[Key, Kind], played: Played
+) -> Iterator[Diagnostic]:
+    """Yield the buffers that hold something although all jobs that write into them failed."""
+    sound: set[str] = set()
+    written: set[str] = set()
+    for job in jobs:
+        names = {t.what for t in job.transfers if t.kind is AccessKind.WRITE}
+        failed = _fail(job, failing, site)
+        written |= names
+        sound |= {t.what for t in failed.transfers if t.kind is AccessKind.WRITE}
+    for name in site.buffers:
+        what = f'buffer "{name}"'
+        if what in written - sound and any(played.buffers[name]):
+            message = "holds something, though every job that writes it failed"
+            yield codes.NOT_CONTAINED(message, path=what, help=FROM_RUNTIME)
 
 
 @record
@@ -51,8 +329,6 @@ class Leg:
 
 def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     """Play every mode and every transition under QEMU and hold what the runtime records against the schedule."""
-    from halpipe.deploy.riscv.run.qemu_injection import inject
-
     site = read_site(target.bundle)
     emulator = find_emulator(site)
     images = read_images(target.bundle, site)
@@ -80,7 +356,7 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
             counts["compared"] += not differing
     lines = [*_lines(target, site, counts, is_compared=is_compared)]
     if not findings.has_errors and options.inject != "none":
-        injected = inject(target, site, emulator, everything=options.inject == "all")
+        injected = inject_faults(target, site, emulator, everything=options.inject == "all")
         findings.extend(injected.findings)
         lines += injected.lines()
     help = "use --engine cosim for execution times and transfers"

@@ -1,4 +1,4 @@
-"""The regulators of a bundle: their tables are checked against the schedule that the programs play."""
+"""Transfers of the co-simulation against the budgets of the regulators that go with the programs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Checked, Target
     from halpipe.deploy.regulator.reading import Tables
-    from halpipe.deploy.riscv.board.dma import Transfer
+    from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.judge.check import Outcome
 
 

@@ -16,11 +16,10 @@ from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.board.hart import NEVER
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, RUBBISH, Budget, Machine
 from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
-from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, places, read_drivers, without_drivers
+from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, Plant, places, read_drivers, without_drivers
 from halpipe.deploy.riscv.run.expectation import Expectation, Image
 from halpipe.deploy.riscv.run.observation import Recorder
-from halpipe.deploy.riscv.run.plant import Plant
-from halpipe.deploy.riscv.run.recording import Recording, meaning, read_recording
+from halpipe.deploy.riscv.run.recording import Recording, Word, meaning, read_recording
 from halpipe.deploy.riscv.run.regulators import regulators_playing
 from halpipe.deploy.riscv.run.sequence import Request, tables_named
 from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.board.memory import Memory
-    from halpipe.deploy.riscv.board.pmp import Protection
+    from halpipe.deploy.riscv.board.registers import Protection
     from halpipe.deploy.riscv.run.drivers import Call
     from halpipe.deploy.riscv.run.expectation import PlannedJob
     from halpipe.deploy.riscv.run.injection import Saboteur
@@ -47,13 +46,6 @@ BOOT = seconds(Fraction(1, 1000))
 """From the start of the machine to the beginning of the run."""
 
 RUNNING, FINISHED = 1, 2
-
-
-class Word:
-    """Words of the control block."""
-
-    MAGIC, CYCLES, EXECUTION, FIRST, REPORT, EXIT, OFFSET, UNHEALTHY = range(8)
-    REQUEST, STATE, BASE, PLAYED, TABLE, TRACED, FAULTS, REFUSED = range(8, 16)
 
 
 @record

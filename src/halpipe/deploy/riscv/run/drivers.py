@@ -1,12 +1,8 @@
-"""Drivers of a bundle as the check sees them: their calls are planned and held to; their own code is not executed.
-
-What a driver does is between it and devices that no simulator of the board has. So its function returns at once, and a
-plant takes its place. Written from docs/reference/riscv-bundle.md; nothing is shared with the exporter.
-"""
+"""Plants and drivers: the closed loop with the computer, and the calls that a check plans and holds a bundle to."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import YamlMap, parse_yaml
@@ -19,8 +15,46 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.core.bundles import Bundle
+    from halpipe.core.durations import Duration
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.models import Access
+
+
+class Board(Protocol):
+    """What a plant reaches of the target: the buffers in main memory, and the request for another mode."""
+
+    def read(self, buffer: str) -> bytes:
+        """Return what a buffer holds."""
+        ...
+
+    def write(self, buffer: str, data: bytes) -> None:
+        """Put `data` at the beginning of a buffer, as a sensor's driver does."""
+        ...
+
+    def request(self, mode: str) -> None:
+        """Ask for another mode; the runtime takes it at the end of the hyperperiod."""
+        ...
+
+    def stop(self) -> None:
+        """End the run now."""
+        ...
+
+
+class Plant:
+    """The world that stands still; real ones override what they need. Instants count from the beginning of the run."""
+
+    def start(self, board: Board) -> None:
+        """Prepare the inputs; nothing has been executed yet."""
+
+    def cycle(self, board: Board, now: Duration, cycle: int, table: str) -> None:
+        """The `cycle`-th table begins: a mode, or ``a->b``; nothing of it has happened yet."""
+
+    def reads(self, board: Board, now: Duration, buffer: str) -> None:
+        """A read phase is about to move `buffer` into a scratchpad; what is written now is what the job sees."""
+
+    def written(self, board: Board, now: Duration, buffer: str) -> None:
+        """A write phase has put new bytes into `buffer`."""
+
 
 FILE = "drivers.yaml"
 REQUEST = "hp_request_mode"
