@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.durations import ZERO, Duration
-from halpipe.exporters.riscv.backlog import find_backlog
-from halpipe.exporters.riscv.growth import grow
-from halpipe.exporters.riscv.operations import COPY, DONE, RUN, Operation, Program, Release, Table
+from halpipe.exporters.riscv.operations import COPY, DONE, RUN, Operation, Program, Release, Table, find_backlog
 from halpipe.exporters.riscv.phases import clock_of, phases_of, stretches
+from halpipe.exporters.riscv.prepare import grow
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import DECISION
 from halpipe.models import AccessKind

@@ -83,7 +83,7 @@ class RiscvExporter(PlainExporter):
         bundle = build(model, chosen, wanted)
         if not wanted.regulator:
             return bundle
-        from halpipe.exporters.riscv.regulated import with_regulators
+        from halpipe.exporters.riscv.bundle import with_regulators
 
         return with_regulators(bundle, model, chosen, wanted.regulator)
 
@@ -93,11 +93,11 @@ class RiscvExporter(PlainExporter):
         """Return what one member of a gang writes alone, and what the report of the regulators says."""
         from halpipe.core.diagnostics import version_of
         from halpipe.exporters.regulator.report import findings_of
+        from halpipe.exporters.riscv.bundle import REGULATORS
         from halpipe.exporters.riscv.phases import written_alone
-        from halpipe.exporters.riscv.regulated import FOLDER
 
         found = list(written_alone((version_of(t.name, v.name), v) for t in model.tasks for v in t.versions))
-        report = contents.get(f"{FOLDER}report.json")
+        report = contents.get(f"{REGULATORS}report.json")
         return found + ([] if report is None else findings_of(report))
 
 

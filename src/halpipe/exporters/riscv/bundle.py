@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.core.bundles import seal
+from halpipe.core.bundles import MODEL, SCHEDULE, seal
 from halpipe.core.diagnostics import Findings, HalpipeError, version_of
+from halpipe.core.files import MANIFEST
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
 from halpipe.exporters.native import paired
-from halpipe.exporters.riscv.backlog import Backlog, find_backlog, too_short
+from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
-from halpipe.exporters.riscv.cores import (
-    LINE,
-    aligned,
-    buffer_sizes,
-    channels_of,
-    cores_of,
-    jobs_of,
-    main_memory,
-)
+from halpipe.exporters.riscv.cores import LINE, aligned, buffer_sizes, channels_of, cores_of, jobs_of, main_memory
 from halpipe.exporters.riscv.drivers import FILE as DRIVERS
 from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers
-from halpipe.exporters.riscv.elf import Elf, read_elf
-from halpipe.exporters.riscv.health import Health, health_of
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
-from halpipe.exporters.riscv.operations import Operations, check_grid, check_version
+from halpipe.exporters.riscv.operations import Backlog, Operations, check_grid, check_version, find_backlog, too_short
 from halpipe.exporters.riscv.phases import check_phases, clock_of
 from halpipe.exporters.riscv.profile import read_profile
-from halpipe.exporters.riscv.render import Renderer
+from halpipe.exporters.riscv.render import Health, Renderer, health_of
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, places_of, slots_of, slower
 from halpipe.exporters.riscv.target import operations_json, target_json
-from halpipe.exporters.riscv.toolchain import find_toolchain
-from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
+from halpipe.exporters.riscv.toolchain import Compile, Elf, Link, Workshop, find_toolchain, read_elf
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.drivers import Drivers
@@ -270,3 +263,24 @@ def _flat(elf: bytes, base: int) -> bytes:
         content.extend(bytes(max(at + segment.size - len(content), 0)))
         content[at : at + segment.size] = elf[segment.offset : segment.offset + segment.size]
     return bytes(content)
+
+
+REGULATORS = "regulator/"
+_OF_THE_SEAL = ("halpipe-bundle", "kind", "files")
+
+
+def with_regulators(
+    bundle: Mapping[str, bytes], model: TaskModel, schedule: Schedule, platform: str
+) -> dict[str, bytes]:
+    """Return the bundle with what the regulators of a platform load, sealed anew.
+
+    Model and schedule are those of the bundle, whose hashes the tables state. Raise `HalpipeError` where the export of
+    the regulators refuses.
+    """
+    tables = RegulatorExporter().write(model, schedule, RegulatorOptions(platform=platform))
+    assert all(tables[name] == bundle[name] for name in (MODEL, SCHEDULE))
+    stated = json.loads(bundle[MANIFEST])
+    facts = {key: value for key, value in stated.items() if key not in _OF_THE_SEAL}
+    own = {name: data for name, data in bundle.items() if name != MANIFEST}
+    rest = {f"{REGULATORS}{name}": data for name, data in tables.items() if name not in (MANIFEST, MODEL, SCHEDULE)}
+    return seal("riscv", own | rest, facts | {"regulator": json.loads(tables[MANIFEST])["backend"]})

@@ -18,9 +18,8 @@ from halpipe.core.records import record
 from halpipe.core.settings import Fields, Stated
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.riscv.codes import BAD_DRIVERS, IDLE_DRIVER, MISSING_ENTRY
-from halpipe.exporters.riscv.elf import read_elf
 from halpipe.exporters.riscv.images import compile_sources
-from halpipe.exporters.riscv.workshop import Compile
+from halpipe.exporters.riscv.toolchain import Compile, read_elf
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.sources import SourceTree
-    from halpipe.exporters.riscv.workshop import Workshop
+    from halpipe.exporters.riscv.toolchain import Workshop
     from halpipe.models import Access
 
 VERSION = "1"

@@ -23,23 +23,19 @@ from halpipe.exporters.riscv.codes import (
     SYMBOL_TOO_SMALL,
 )
 from halpipe.exporters.riscv.cores import LINE, aligned
-from halpipe.exporters.riscv.elf import read_elf
 from halpipe.exporters.riscv.phases import functions_of, phases_of
 from halpipe.exporters.riscv.profile import MONITOR
-from halpipe.exporters.riscv.toolchain import compiler_errors
-from halpipe.exporters.riscv.workshop import Compile, Link
+from halpipe.exporters.riscv.toolchain import Compile, Link, compiler_errors, read_elf
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from halpipe.exporters.riscv.cores import Core
-    from halpipe.exporters.riscv.elf import Elf, Segment
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.render import Renderer
     from halpipe.exporters.riscv.sources import SourceTree
-    from halpipe.exporters.riscv.toolchain import Failure
-    from halpipe.exporters.riscv.workshop import Workshop
+    from halpipe.exporters.riscv.toolchain import Elf, Failure, Segment, Workshop
     from halpipe.models import Version
 
 MINIMAL = Compile("runtime/minimal.c", "build/runtime/minimal.o")

@@ -1,25 +1,29 @@
-"""From jobs to operations of the management core: a program for every version on its units, and tables of releases."""
+"""Operations of the management core: programs, tables of releases, and how late each may be."""
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
+from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT
 from halpipe.exporters.riscv.drivers import NONE, Drivers
-from halpipe.exporters.riscv.phases import Clock, executions, functions_of, phases_of, shares, stretches
+from halpipe.exporters.riscv.phases import Clock, disorder, executions, functions_of, phases_of, shares
+from halpipe.exporters.riscv.render import DECISION
 from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-    from halpipe.core.diagnostics import Findings, Location
+    from halpipe.core.diagnostics import Diagnostic, Findings, Location
     from halpipe.exporters.riscv.cores import MainMemory
     from halpipe.exporters.riscv.images import Image, Part
+    from halpipe.exporters.riscv.profile import Profile
     from halpipe.models import Access, Job, Schedule
 
 COPY, DONE, RUN, STOP = "copy", "done", "run", "stop"
@@ -216,9 +220,8 @@ class Operations:
 
 def check_version(part: Part, clock: Clock, findings: Findings) -> None:
     """Collect what of a version leaves no order of execution."""
-    functions = functions_of(part.version)
-    found, why = stretches(part.version, len(functions), clock)
-    if not found:
+    why = disorder(part.version, len(functions_of(part.version)), clock)
+    if why:
         help = (
             'let a job read, execute and write in this order, or name one function for each gap: entry="first second"'
         )
@@ -251,3 +254,83 @@ def _starts(jobs: Iterable[Job], path: str) -> list[tuple[Duration, str, str, Lo
         found.append((job.start, "the start", where, job.at))
         found += [(part.start, "the start of a part", where, part.at) for part in job.parts[1:]]
     return found
+
+
+_RELEASE, _DECIDE = 1, 3
+"""The orders of a release or the end of a table, and of the look at the mailbox, among what is due at one tick."""
+
+
+@record
+class Backlog:
+    """The greatest lateness of every operation, by (program, position), and of all in each table, by its index."""
+
+    operations: dict[tuple[int, int], Duration]
+    tables: dict[int, Duration]
+
+
+def find_backlog(tables: Sequence[Table], programs: Sequence[Program], profile: Profile) -> Backlog:
+    """Play every mode twice, and every switch between its modes."""
+    found = Backlog({}, defaultdict(lambda: ZERO))
+    modes = [i for i, table in enumerate(tables) if table.is_mode]
+    for mode in modes:
+        _play([mode, mode], tables, programs, profile, found)
+    for index, table in enumerate(tables):
+        if not table.is_mode:
+            _play([table.origin, index, table.target], tables, programs, profile, found)
+    return found
+
+
+def _play(
+    line: Sequence[int], tables: Sequence[Table], programs: Sequence[Program], profile: Profile, found: Backlog
+) -> None:
+    """Serve all that is due on a line of tables, first come first served at equal ticks by their order."""
+    due: list[tuple[int, int, int, Duration, tuple[int, int] | None]] = []  # tick, order, table, driver, operation
+    start = 0
+    for index in line:
+        table = tables[index]
+        for release in table.releases:
+            due.append((start + release.tick, _RELEASE, index, ZERO, None))
+            for position, operation in enumerate(programs[release.program].operations):
+                tick, order = operation.key
+                place = (release.program, position)
+                due.append((start + release.tick + tick, order, index, operation.time, place))
+        start += table.length
+        due.append((start, _RELEASE, index, ZERO, None))
+        if table.is_mode:
+            due.append((start - DECISION, _DECIDE, index, ZERO, None))
+    free = ZERO
+    for tick, _, index, time, which in sorted(due, key=lambda d: d[:2]):
+        instant = profile.tick * tick
+        late = free - instant if free > instant else ZERO
+        free = instant + late + profile.service + time
+        found.tables[index] = max(found.tables[index], late)
+        if which is not None:
+            found.operations[which] = max(found.operations.get(which, ZERO), late)
+
+
+def too_short(
+    programs: Sequence[Program], backlog: Backlog, parts: Iterable[Part], profile: Profile
+) -> Iterable[Diagnostic]:
+    """Yield the phases that do not hold their transfers, given how late these may start."""
+    owners = {(part.task, part.version.name): part for part in parts}
+    told = set()
+    for index, program in enumerate(programs):
+        for position, operation in enumerate(program.operations):
+            late = backlog.operations.get((index, position), ZERO)
+            if operation.access is None or math.ceil(late / profile.tick) + operation.needs <= operation.limit:
+                continue
+            part = owners[program.task, program.version]
+            key = (part.path, operation.access.start)
+            if key not in told:
+                told.add(key)
+                yield _finding(part, operation, late, profile)
+
+
+def _finding(part: Part, operation: Operation, late: Duration, profile: Profile) -> Diagnostic:
+    assert operation.access is not None
+    needed = profile.tick * operation.needs
+    message = f"the {operation.access.kind} phase has {profile.tick * operation.limit}, its transfers need {needed}"
+    if late:
+        message += f", and the management core may begin them {late} late, for it has other operations to do"
+    help = "run `halpipe deploy prepare` with the same profile and toolchain, and schedule the prepared model"
+    return PHASE_TOO_SHORT(message, at=operation.access.at, path=part.path, help=help)

@@ -76,14 +76,6 @@ def _share(rates: list[int], bus: int) -> int:
     return bus
 
 
-@record
-class Stretch:
-    """An execution from tick `begin` to tick `end`: one function of the entry."""
-
-    begin: int
-    end: int
-
-
 def moves_data(access: Access) -> bool:
     """Whether the management core has something to transfer in a phase."""
     return access.kind is AccessKind.LOAD or bool(access.transfers)
@@ -124,46 +116,16 @@ def load_of(version: Version) -> Access | None:
     return next((a for a in version.accesses if a.kind is AccessKind.LOAD and a.start == ZERO), None)
 
 
-def stretches(version: Version, functions: int, clock: Clock) -> tuple[list[Stretch], str]:
-    """Return one stretch for each of the functions, or say why there are not as many.
-
-    One function: from the end of the last phase that brings data to the start of the first that takes data away. More
-    of them: the gaps between phases.
-    """
-    assert version.wcet is not None, "models without WCET do not validate"
+def disorder(version: Version, functions: int, clock: Clock) -> str:
+    """Return why the phases of a version leave not one stretch of time in ticks for each function; empty if they do."""
     moving = phases_of(version)
+    found = executions(version, functions) or spans(version, cut=False)
     if functions == 1:
-        found = [_single(moving, clock, version.wcet)]
-        if found[0] is None:
-            return [], "a write phase comes before a read phase, so no single execution can do"
-    else:
-        found = [Stretch(clock.up(begin), clock.down(end)) for begin, end in executions(version, functions)]
-        if not found:
-            found = [*gaps(moving, clock, version.wcet)]
-    held = [stretch for stretch in found if stretch is not None and stretch.begin < stretch.end]
-    if len(held) == functions:
-        return held, ""
-    return [], f"phases leave {len(held)} stretches of time for {functions} functions"
-
-
-def _single(moving: list[Access], clock: Clock, wcet: Duration) -> Stretch | None:
-    acquired = max((a.end for a in moving if a.kind is not AccessKind.WRITE), default=ZERO)
-    restituted = min((a.start for a in moving if a.kind is AccessKind.WRITE), default=wcet)
-    last_read = max((a.start for a in moving if a.kind is not AccessKind.WRITE), default=ZERO)
-    if last_read >= restituted:
-        return None
-    return Stretch(clock.up(acquired), clock.down(restituted))
-
-
-def gaps(moving: list[Access], clock: Clock, wcet: Duration) -> Iterable[Stretch]:
-    """Yield the time between phases, rounded inwards to ticks; it may be empty then."""
-    front = ZERO
-    for access in moving:
-        if access.start > front:
-            yield Stretch(clock.up(front), clock.down(access.start))
-        front = max(front, access.end)
-    if wcet > front:
-        yield Stretch(clock.up(front), clock.down(wcet))
+        last = max((a.start for a in moving if a.kind is not AccessKind.WRITE), default=ZERO)
+        if last >= found[0][1]:
+            return "a write phase comes before a read phase, so no single execution can do"
+    held = [begin for begin, end in found if clock.up(begin) < clock.down(end)]
+    return "" if len(held) == functions else f"phases leave {len(held)} stretches of time for {functions} functions"
 
 
 SCALAR = 8

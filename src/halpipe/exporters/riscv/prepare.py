@@ -1,7 +1,4 @@
-"""Prepare a model for a target: load phases as long as the images need, memory phases as long as their transfers.
-
-A model that is prepared already stays as it is.
-"""
+"""Prepare a model for a target: load phases as long as images need, memory phases as long as their transfers."""
 
 from __future__ import annotations
 
@@ -19,25 +16,78 @@ from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
 from halpipe.exporters.riscv.cores import Core
 from halpipe.exporters.riscv.drivers import read_drivers
 from halpipe.exporters.riscv.dummy import FILE, with_dummies
-from halpipe.exporters.riscv.growth import grow
 from halpipe.exporters.riscv.images import Part, compile_parts, measure
-from halpipe.exporters.riscv.phases import clock_of, load_of, moves_data
+from halpipe.exporters.riscv.phases import clock_of, load_of, moves_data, shares
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
-from halpipe.exporters.riscv.toolchain import find_toolchain
-from halpipe.exporters.riscv.workshop import Workshop
-from halpipe.models import Anchor, Resource
+from halpipe.exporters.riscv.toolchain import Workshop, find_toolchain
+from halpipe.models import Access, AccessKind, Anchor, Resource
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.exporters.riscv.drivers import Drivers
-    from halpipe.exporters.riscv.elf import Elf
+    from halpipe.exporters.riscv.phases import Clock
     from halpipe.exporters.riscv.profile import Profile
+    from halpipe.exporters.riscv.toolchain import Elf
     from halpipe.models import TaskModel, Version
+
+
+def grow(
+    version: Version,
+    sizes: Sequence[int],
+    resource: str,
+    clock: Clock,
+    patience: int,
+    driving: Callable[[Access], Duration] = lambda access: ZERO,
+) -> Version:
+    """Return a version whose phases hold its transfers, each `patience` ticks more than they take.
+
+    `sizes` are those of the parts of its image; a load phase that it lacks is made on `resource`. `driving` tells how
+    long drivers take in a phase before its transfers begin.
+    """
+    assert version.wcet is not None, "models without WCET do not validate"
+    load = load_of(version)
+    first = load or Access(resource=resource, start=ZERO, end=ZERO, kind=AccessKind.LOAD)
+    loading = patience + version.gang * sum(clock.transfer(first.resource, size) for size in sizes)
+    loaded = _with_end(first, first.start, first.end, loading, clock)
+    # From an instant on, everything is later by a growth.
+    growths = [(first.end, loaded.end - first.end)]
+    others = []
+    for access in sorted((a for a in version.accesses if a is not load), key=lambda a: (a.start, a.end)):
+        start, end = _later(access.start, growths), _later(access.end, growths)
+        waiting = patience + clock.up(driving(access))
+        moved = _with_end(access, start, end, _needs(access, version.gang, clock, waiting), clock)
+        growths.append((access.end, moved.end - end))
+        others.append(moved)
+    if not any(growth for _, growth in growths):
+        return version
+    points = tuple(_later(point, growths) for point in version.split.points)
+    split = replace(version.split, points=points)
+    return replace(version, wcet=_later(version.wcet, growths), accesses=(loaded, *others), split=split)
+
+
+def _later(instant: Duration, growths: Iterable[tuple[Duration, Duration]]) -> Duration:
+    return sum((growth for at, growth in growths if instant >= at), instant)
+
+
+def _needs(access: Access, gang: int, clock: Clock, patience: int) -> int:
+    """Return the ticks that the transfers of a phase take, with those of every member of a gang."""
+    if not access.transfers:
+        return 0
+    sizes = [size for transfer in access.transfers for _, _, size in shares(access, transfer.size, gang)]
+    return patience + sum(clock.transfer(access.resource, size) for size in sizes)
+
+
+def _with_end(access: Access, start: Duration, end: Duration, needed: int, clock: Clock) -> Access:
+    """Return the phase at its new place, at least `needed` ticks long when rounded inwards."""
+    if clock.down(end) - clock.up(start) < needed:
+        end = clock.tick * (clock.up(start) + needed)
+    return replace(access, start=start, end=end)
+
 
 MAIN_MEMORY = "main-memory"
 """The resource that loads use where the model has none."""

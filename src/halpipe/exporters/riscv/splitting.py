@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.cores import Core
-    from halpipe.exporters.riscv.elf import Elf
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.profile import Profile
+    from halpipe.exporters.riscv.toolchain import Elf
     from halpipe.models import Job, Schedule, TaskModel, Version
 
 Name = tuple[str, str]

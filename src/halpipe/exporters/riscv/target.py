@@ -13,10 +13,9 @@ from halpipe.exporters.riscv.render import DECISION, margin
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.exporters.riscv.backlog import Backlog
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Image
-    from halpipe.exporters.riscv.operations import Operation, Program, Table
+    from halpipe.exporters.riscv.operations import Backlog, Operation, Program, Table
     from halpipe.exporters.riscv.profile import Profile, Region
 
 VERSION = 2

@@ -1,18 +1,17 @@
-"""Compilers for RISC-V: zig's wheel, or riscv64-unknown-elf-gcc. Found, asked for their version, and run.
-
-Commands are relative to the folder they run in and name no path of the machine, so that equal sources give equal
-bytes, and the bundle's Makefile can repeat them.
-"""
+"""Toolchain for RISC-V: compilers, the temporary folder of a build with its recipe, and the ELF files that come out."""
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.programs import run as program
@@ -20,7 +19,7 @@ from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 INSTALL_ZIG = "install it: pip install ziglang pyelftools unicorn"
 INSTALL_GCC = "install it (apt install gcc-riscv64-unknown-elf), or leave --toolchain out to use zig"
@@ -151,3 +150,135 @@ _MESSAGE = re.compile(r"(?P<file>[^:\n]+):(?P<line>[0-9]+):(?:[0-9]+:)? (?:fatal
 def compiler_errors(said: str) -> list[tuple[str, int, str]]:
     """Return (file, line, message) of every error in a compiler's output."""
     return [(m["file"], int(m["line"]), m["text"]) for m in _MESSAGE.finditer(said)]
+
+
+@record
+class Segment:
+    """Bytes to load: at `offset` in the file, stored at `source` in main memory, executed or used at `target`."""
+
+    offset: int
+    source: int
+    target: int
+    size: int
+
+
+@record
+class Symbol:
+    """A symbol's address and size in bytes; `is_unique` is False where several have its name."""
+
+    address: int
+    size: int
+    is_unique: bool = True
+
+
+@record
+class Elf:
+    """Loadable segments that are not empty, as they lie in main memory, and the symbols by name."""
+
+    segments: tuple[Segment, ...]
+    symbols: dict[str, Symbol]
+    reserving: tuple[int, ...] = ()
+    """Addresses of lr and sc in the code."""
+
+    def address(self, name: str) -> int:
+        """Return the address of a symbol that the linker script defines."""
+        return self.symbols[name].address
+
+    @property
+    def stored(self) -> int:
+        """How many bytes of main memory the image takes, from its first to its last."""
+        if not self.segments:
+            return 0
+        return max(s.source + s.size for s in self.segments) - min(s.source for s in self.segments)
+
+
+def read_elf(data: bytes) -> Elf:
+    """Read a file that our own linker wrote."""
+    from elftools.elf.elffile import ELFFile
+
+    file = ELFFile(io.BytesIO(data))
+    found = (
+        Segment(header["p_offset"], header["p_paddr"], header["p_vaddr"], header["p_filesz"])
+        for header in file.iter_segments("PT_LOAD")
+        if header["p_filesz"]
+    )
+    segments = tuple(sorted(found, key=lambda segment: segment.source))
+    symbols: dict[str, Symbol] = {}
+    table: Any = file.get_section_by_name(".symtab")
+    named = [s for s in table.iter_symbols() if s.name and s["st_shndx"] != "SHN_UNDEF"] if table else []
+    counts = Counter(s.name for s in named)
+    for symbol in named:
+        symbols[symbol.name] = Symbol(symbol["st_value"], symbol["st_size"], counts[symbol.name] == 1)
+    text = file.get_section_by_name(".text")
+    return Elf(segments, symbols, tuple(_reserving(text.data(), text["sh_addr"])) if text else ())
+
+
+_ATOMIC, _FUNCTIONS = 0x2F, (2, 3)  # lr and sc among the atomic operations
+
+
+def _reserving(code: bytes, base: int) -> Iterator[int]:
+    at = 0
+    while at + 2 <= len(code):
+        word = int.from_bytes(code[at : at + 4], "little")
+        if word & 0x7F == _ATOMIC and word >> 27 in _FUNCTIONS:
+            yield base + at
+        at += 4 if word & 3 == 3 else 2
+
+
+JOBS = 2
+"""Commands at a time; more gain little, since each is short."""
+
+
+@record
+class Compile:
+    """One object file from one source."""
+
+    source: str
+    target: str
+    defines: tuple[str, ...] = ()
+
+
+@record
+class Link:
+    """One ELF file from objects, by a linker script; `also` is what else it depends on."""
+
+    script: str
+    target: str
+    objects: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class Workshop:
+    """Runs steps in `folder` and remembers those that lead to the bundle."""
+
+    folder: Path
+    toolchain: Toolchain
+    compiles: list[Compile] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
+
+    def write(self, name: str, content: bytes | str) -> None:
+        """Put a file into the folder."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+    def read(self, name: str) -> bytes:
+        """Return a file of the folder."""
+        return (self.folder / name).read_bytes()
+
+    def compile(self, steps: list[Compile]) -> list[Failure]:
+        """Compile; return what failed, by position."""
+        self._make_room([step.target for step in steps])
+        self.compiles += steps
+        return run_all([self.toolchain.compile(s.source, s.target, s.defines) for s in steps], self.folder, JOBS)
+
+    def link(self, steps: list[Link], *, is_final: bool = True) -> list[Failure]:
+        """Link; return what failed, by position. A link that is not final is no part of the recipe."""
+        self._make_room([step.target for step in steps])
+        if is_final:
+            self.links += steps
+        return run_all([self.toolchain.link(s.script, s.target, s.objects) for s in steps], self.folder, JOBS)
+
+    def _make_room(self, targets: list[str]) -> None:
+        for folder in sorted({target.rpartition("/")[0] for target in targets}):
+            (self.folder / folder).mkdir(parents=True, exist_ok=True)

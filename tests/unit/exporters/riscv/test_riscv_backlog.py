@@ -5,10 +5,19 @@ from dataclasses import replace
 import pytest
 
 from halpipe.core.durations import ZERO, Duration
-from halpipe.exporters.riscv.backlog import find_backlog, too_short
 from halpipe.exporters.riscv.codes import PHASE_TOO_SHORT
 from halpipe.exporters.riscv.images import Part
-from halpipe.exporters.riscv.operations import COPY, DONE, RUN, Operation, Program, Release, Table
+from halpipe.exporters.riscv.operations import (
+    COPY,
+    DONE,
+    RUN,
+    Operation,
+    Program,
+    Release,
+    Table,
+    find_backlog,
+    too_short,
+)
 from halpipe.exporters.riscv.profile import read_profile
 from riscv_models import PHASES, deployed, single
 from support import job
