@@ -10,11 +10,11 @@ from lxml import etree
 from arxml_reading import NS, all_of, by_path, name_of, names, native, q, text, texts, write
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
-from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, NO_LATENCY
+from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE
 from halpipe.exporters.native.document import UNWRITABLE
-from halpipe.models import Anchor, ChainLatency, ModeSchedule, Status
+from halpipe.models import Anchor, ChainLatency, Match, ModeSchedule, Precedence, Status
 from halpipe.models.modes import UNKNOWN_MODE
 from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
@@ -329,6 +329,33 @@ def test_a_reaction_time_that_leaves_nothing_is_told():
     (told,) = FORMAT.remarks(system, None, ArxmlOptions(), FORMAT.write(system, None, ArxmlOptions()))
     assert (told.code, told.path) == (NO_LATENCY.id, 'chain "c"')
     assert "c_reaction" not in latencies(write(system), by_path(write(system), "/m/Timing/Requirements"))
+
+
+@pytest.mark.parametrize(
+    ("anchor", "to", "events"),
+    [
+        (Anchor.START, Anchor.START, ("pump_started", "valve_started")),
+        (Anchor.END, Anchor.END, ("pump_terminated", "valve_terminated")),
+        (Anchor.RELEASE, Anchor.END, ("pump_activated", "valve_terminated")),
+    ],
+)
+def test_a_window_lies_between_the_events_of_its_instants(anchor, to, events):
+    window = Precedence(task="/pump", anchor=anchor, to=to, min=ms("1ms"), max=ms("8ms"))
+    late = task("valve", "20ms", version("v", "1ms", "u2", window))
+    root = write(replace(SYSTEM, tasks=(PUMP, late)))
+    (offset,) = root.iter(NS + "OFFSET-TIMING-CONSTRAINT")
+    ends = (offset.findtext(NS + tag).rpartition("/")[2] for tag in ("SOURCE-REF", "TARGET-REF"))
+    assert tuple(ends) == events
+    assert not FORMAT.remarks(replace(SYSTEM, tasks=(PUMP, late)), None, ArxmlOptions(), {})
+
+
+@pytest.mark.parametrize("stated", [{"anchor": Anchor.POINT, "point": ms("1ms")}, {"match": Match.CYCLE}])
+def test_a_window_that_is_weaker_in_arxml_is_reported(stated):
+    window = Precedence(task="/pump", min=ms("1ms"), max=ms("8ms"), **stated)
+    system = replace(SYSTEM, tasks=(PUMP, task("valve", "20ms", version("v", "1ms", "u2", window))))
+    (told,) = FORMAT.remarks(system, None, ArxmlOptions(), {})
+    assert (told.code, told.path) == (WEAKER_WINDOW.id, 'task "valve"')
+    assert len(list(write(system).iter(NS + "OFFSET-TIMING-CONSTRAINT"))) == ("match" in stated)
 
 
 def test_what_a_schedule_proves_is_guaranteed_rounded_to_the_safe_side():

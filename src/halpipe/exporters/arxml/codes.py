@@ -142,3 +142,9 @@ NEVER_STARTED = warning(
     "The table of the first mode is started by the OS in one of its application modes (OsAppMode). The project has "
     "none, so that code must start the tables (StartScheduleTableAbs).",
 )
+WEAKER_WINDOW = warning(
+    "HAL1430",
+    "Precedence is weaker in ARXML",
+    "OFFSET-TIMING-CONSTRAINT limits the time between two events. It does not say that jobs of the same cycle are "
+    "meant, and no event is an instant within the execution of a runnable. The native model states both.",
+)

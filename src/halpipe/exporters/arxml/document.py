@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass, field
 from decimal import Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from lxml import etree
 
@@ -14,6 +15,7 @@ from halpipe.exporters.arxml.options import RELEASES
 
 if TYPE_CHECKING:
     from halpipe.core.durations import Duration
+    from halpipe.models.project import Starter
 
 NAMESPACE = "http://autosar.org/schema/r4.0"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
@@ -24,11 +26,12 @@ _DOUBLE = Context(prec=15)
 """What survives the double of other tools: 15 significant digits."""
 
 
-def document(release: str) -> tuple[etree._Element, etree._Element]:
-    """Start a document of a release; return its root and the element for its packages."""
+def document(schema: str) -> etree._Element:
+    """Start a document that names a schema (empty: none) for its namespace."""
     root = etree.Element(f"{_NS}AUTOSAR", nsmap={None: NAMESPACE, "xsi": _XSI})
-    root.set(f"{{{_XSI}}}schemaLocation", f"{NAMESPACE} {RELEASES[release]}")
-    return root, add(root, "AR-PACKAGES")
+    if schema:
+        root.set(f"{{{_XSI}}}schemaLocation", schema)
+    return root
 
 
 def serialise(root: etree._Element) -> bytes:
@@ -124,85 +127,116 @@ def add_time(parent: etree._Element, tag: str, time: Duration, *, up: bool) -> N
     add(element, "CSE-CODE-FACTOR", str(whole))
 
 
+# ------------------------------------------------------------------------------------------------- containers
+
 CONTAINER = "ECUC-CONTAINER-VALUE"
-_REFERENCE, _FOREIGN = "ECUC-REFERENCE-DEF", "ECUC-FOREIGN-REFERENCE-DEF"
+MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
+_MODULE_DEF, PARAMETERS = "ECUC-MODULE-DEF", "ECUC-PARAM-CONF-CONTAINER-DEF"
+_REFERENCE = "ECUC-REFERENCE-DEF"
 
 
-class Module:
-    """The configuration of one module; `prefix` is where the definitions of modules are, `base` its package."""
+class Reference(NamedTuple):
+    """A reference of a container: its name, the path of its target, the classes of its definition and its target."""
 
-    def __init__(self, elements: etree._Element, name: str, prefix: str, base: str) -> None:
-        self._definition = f"{prefix}/{name}"
-        self._path = f"{base}/{name}"
-        element = named(elements, "ECUC-MODULE-CONFIGURATION-VALUES", name)
-        ref(element, "DEFINITION-REF", "ECUC-MODULE-DEF", self._definition)
-        add(element, "IMPLEMENTATION-CONFIG-VARIANT", "VARIANT-PRE-COMPILE")
-        self._containers = add(element, "CONTAINERS")
-
-    def container(self, kind: str, short_name: str) -> Container:
-        """Append a container of the definition `kind`."""
-        element = named(self._containers, CONTAINER, short_name)
-        return Container(element, f"{self._path}/{short_name}", f"{self._definition}/{kind}")
+    name: str
+    path: str
+    definition: str = _REFERENCE
+    dest: str = CONTAINER
 
 
-class Container:
-    """A container; whatever is appended must come in the order special data, parameters, references, containers.
+@dataclass(slots=True)
+class Box:
+    """A configuration of a module, or a container in one: to be written in the order that the schema demands.
 
-    `definition` is the class of the definition that a value or reference has beside the one expected.
+    `data` are special data groups; `stopped` are the alarms and tables that a container put onto a project replaces,
+    None for any other. What an export puts onto a project repeats the project's containers, with their
+    UUID; `repeated` are targets that the project has already, by the name of the reference: a merge knows the values
+    of a list by their definition, and takes a second value for a contradiction unless the first stands before it.
     """
 
-    def __init__(self, element: etree._Element, path: str, definition: str) -> None:
-        self.element = element
-        self.path = path
-        self._definition = definition
+    path: str
+    definition: str
+    dest: str = PARAMETERS
+    uuid: str = ""
+    is_new: bool = False
+    stopped: tuple[Starter, ...] | None = None
+    data: list[etree._Element] = field(default_factory=list)
+    values: list[tuple[str, str, str, str]] = field(default_factory=list)
+    refs: list[Reference] = field(default_factory=list)
+    repeated: dict[str, list[str]] = field(default_factory=dict)
+    inside: dict[str, Box] = field(default_factory=dict)
 
-    def define(self) -> None:
-        """Append the definition; special data stand before it."""
-        ref(self.element, "DEFINITION-REF", "ECUC-PARAM-CONF-CONTAINER-DEF", self._definition)
+    @property
+    def is_module(self) -> bool:
+        """Whether it is the configuration of a module."""
+        return self.dest == _MODULE_DEF
 
-    def integer(self, name: str, value: int) -> None:
-        """Append an integer parameter."""
-        self._value("NUMERICAL", "INTEGER", name, str(value))
+    def new(self, name: str, kind: str) -> Box:
+        """Append a new container of a definition, by its short name."""
+        box = self.inside[name] = Box(f"{self.path}/{name}", f"{self.definition}/{kind}", is_new=True)
+        return box
+
+    def special(self, kind: str) -> etree._Element:
+        """Append a special data group of halpipe."""
+        element = group(etree.Element(f"{_NS}SDGS"), kind)
+        self.data.append(element)
+        return element
+
+    def fill(self, **values: int | str) -> Box:
+        """Append parameters by their names: booleans, integers and words of enumerations; return the box."""
+        for name, value in values.items():
+            if isinstance(value, str):
+                self.values.append(("TEXTUAL", "ENUMERATION", name, value))
+            else:
+                kind = "BOOLEAN" if isinstance(value, bool) else "INTEGER"
+                self.values.append(("NUMERICAL", kind, name, str(value).lower()))
+        return self
 
     def number(self, name: str, text: str) -> None:
         """Append a floating point parameter."""
-        self._value("NUMERICAL", "FLOAT", name, text)
-
-    def flag(self, name: str, *, value: bool) -> None:
-        """Append a boolean parameter."""
-        self._value("NUMERICAL", "BOOLEAN", name, "true" if value else "false")
-
-    def choice(self, name: str, value: str) -> None:
-        """Append an enumeration parameter."""
-        self._value("TEXTUAL", "ENUMERATION", name, value)
+        self.values.append(("NUMERICAL", "FLOAT", name, text))
 
     def text(self, name: str, value: str) -> None:
         """Append a string parameter."""
-        self._value("TEXTUAL", "STRING", name, value)
+        self.values.append(("TEXTUAL", "STRING", name, value))
 
     def refer(self, name: str, path: str, *, definition: str = _REFERENCE, dest: str = CONTAINER) -> None:
-        """Append a reference to another container."""
-        element = add(self._list("REFERENCE-VALUES"), "ECUC-REFERENCE-VALUE")
-        ref(element, "DEFINITION-REF", definition, f"{self._definition}/{name}")
-        ref(element, "VALUE-REF", dest, path)
+        """Append a reference to another container, once."""
+        found = Reference(name, path, definition, dest)
+        if found not in self.refs and path not in self.repeated.get(name, ()):
+            self.refs.append(found)
 
-    def refer_outside(self, name: str, path: str, dest: str) -> None:
-        """Append a reference to an element of the system."""
-        self.refer(name, path, definition=_FOREIGN, dest=dest)
 
-    def inside(self, kind: str, short_name: str, *, defined: bool = True) -> Container:
-        """Append a container inside this one, with its definition unless special data are to come before."""
-        element = named(self._list("SUB-CONTAINERS"), CONTAINER, short_name)
-        inner = Container(element, f"{self.path}/{short_name}", f"{self._definition}/{kind}")
-        if defined:
-            inner.define()
-        return inner
+def module(name: str, prefix: str, base: str) -> Box:
+    """Start the configuration of a module; `prefix` is where the definitions are, `base` its package."""
+    return Box(f"{base}/{name}", f"{prefix}/{name}", _MODULE_DEF, is_new=True)
 
-    def _value(self, form: str, kind: str, name: str, text: str) -> None:
-        element = add(self._list("PARAMETER-VALUES"), f"ECUC-{form}-PARAM-VALUE")
-        ref(element, "DEFINITION-REF", f"ECUC-{kind}-PARAM-DEF", f"{self._definition}/{name}")
-        add(element, "VALUE", text)
 
-    def _list(self, tag: str) -> etree._Element:
-        last = self.element[-1]
-        return last if last.tag == f"{{{NAMESPACE}}}{tag}" else add(self.element, tag)
+def write_box(parent: etree._Element, box: Box) -> None:
+    """Append a module configuration or container with all that is in it."""
+    element = named(parent, MODULE if box.is_module else CONTAINER, box.path.rpartition("/")[2])
+    if box.uuid:
+        element.set("UUID", box.uuid)
+    if box.data:
+        add(add(element, "ADMIN-DATA"), "SDGS").extend(box.data)
+    ref(element, "DEFINITION-REF", box.dest, box.definition)
+    if box.is_module and box.is_new:
+        add(element, "IMPLEMENTATION-CONFIG-VARIANT", "VARIANT-PRE-COMPILE")
+    if box.values:
+        holder = add(element, "PARAMETER-VALUES")
+        for form, kind, name, text in box.values:
+            value = add(holder, f"ECUC-{form}-PARAM-VALUE")
+            ref(value, "DEFINITION-REF", f"ECUC-{kind}-PARAM-DEF", f"{box.definition}/{name}")
+            add(value, "VALUE", text)
+    if box.refs:
+        holder = add(element, "REFERENCE-VALUES")
+        names = dict.fromkeys(reference.name for reference in box.refs)
+        known = [Reference(name, path) for name in names for path in box.repeated.get(name, ())]
+        for reference in (*known, *box.refs):
+            value = add(holder, "ECUC-REFERENCE-VALUE")
+            ref(value, "DEFINITION-REF", reference.definition, f"{box.definition}/{reference.name}")
+            ref(value, "VALUE-REF", reference.dest, reference.path)
+    if box.inside or box.is_module:
+        holder = add(element, "CONTAINERS" if box.is_module else "SUB-CONTAINERS")
+        for inner in box.inside.values():
+            write_box(holder, inner)

@@ -9,7 +9,8 @@ from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.core.embedding import package_hash, pieces
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME
-from halpipe.exporters.arxml.document import add, document, named, package, sd, serialise, special
+from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, serialise, special
+from halpipe.exporters.arxml.options import RELEASES
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os, write_rte
 from halpipe.exporters.arxml.software import Layout, disabled_modes, write_modes, write_platform, write_software
 from halpipe.exporters.arxml.tables import make_plan
@@ -40,8 +41,8 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     _refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
     layout = Layout(model)
-    root, packages = document(options.release)
-    top = named(packages, "AR-PACKAGE", layout.root)
+    root = document(f"{NAMESPACE} {RELEASES[options.release]}")
+    top = named(add(root, "AR-PACKAGES"), "AR-PACKAGE", layout.root)
     inner = add(top, "AR-PACKAGES")
     if options.part != "ecuc":
         _write_system(inner, model, chosen, layout, options.release)

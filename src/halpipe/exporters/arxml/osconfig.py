@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 
 from halpipe.exporters.arxml.document import (
     CONTAINER,
-    Module,
+    MODULE,
     add,
     group,
     is_from,
+    module,
     named,
     ref,
     sd,
     sdx,
     seconds_text,
-    special,
+    write_box,
 )
 from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.arxml.tables import DEFAULT_START, SYSTEM
@@ -27,15 +28,16 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.exporters.arxml.document import Container
+    from halpipe.exporters.arxml.document import Box
     from halpipe.exporters.arxml.software import Layout
     from halpipe.exporters.arxml.tables import Plan, Table, Work
     from halpipe.exporters.arxml.ticks import Hold
-    from halpipe.models import Task, TaskModel
+    from halpipe.models import TaskModel
 
 PACKAGE = "Ecu"
 _POINT = "OsScheduleTableExpiryPoint"
 _HOOKS = ("Error", "Shutdown", "Startup")
+_OFF = dict.fromkeys(("OsStackMonitoring", "OsUseGetServiceId", "OsUseParameterAccess", "OsUseResScheduler"), False)
 _SYMBOLIC = "ECUC-SYMBOLIC-NAME-REFERENCE-DEF"
 
 
@@ -73,11 +75,11 @@ def point_name(offset: int) -> str:
 
 def write_cores(elements: etree._Element, plan: Plan, layout: Layout, prefix: str) -> None:
     """Append the configuration of EcuC: the cores, numbered as the units are ordered."""
-    module = Module(elements, "EcuC", prefix, layout.path(PACKAGE))
-    hardware = module.container("EcucHardware", "EcucHardware")
-    hardware.define()
+    cores = module("EcuC", prefix, layout.path(PACKAGE))
+    hardware = cores.new("EcucHardware", "EcucHardware")
     for number, unit in enumerate(plan.units):
-        hardware.inside("EcucCoreDefinition", layout.units[unit]).integer("EcucCoreId", number)
+        hardware.new(layout.units[unit], "EcucCoreDefinition").fill(EcucCoreId=number)
+    write_box(elements, cores)
 
 
 def write_collection(elements: etree._Element, layout: Layout) -> None:
@@ -85,54 +87,47 @@ def write_collection(elements: etree._Element, layout: Layout) -> None:
     collection = named(elements, "ECUC-VALUE-COLLECTION", "EcuConfiguration")
     ref(collection, "ECU-EXTRACT-REF", "SYSTEM", layout.path("System", "System"))
     values = add(collection, "ECUC-VALUES")
-    for module in ("EcuC", "Os", "Rte"):
-        entry = add(values, "ECUC-MODULE-CONFIGURATION-VALUES-REF-CONDITIONAL")
-        path = layout.path(PACKAGE, module)
-        ref(entry, "ECUC-MODULE-CONFIGURATION-VALUES-REF", "ECUC-MODULE-CONFIGURATION-VALUES", path)
+    for name in ("EcuC", "Os", "Rte"):
+        entry = add(values, f"{MODULE}-REF-CONDITIONAL")
+        ref(entry, f"{MODULE}-REF", MODULE, layout.path(PACKAGE, name))
 
 
 def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, release: str) -> None:
     """Append the configuration of the Os."""
-    module = Module(elements, "Os", prefix, names.base)
-    system = module.container("OsOS", SYSTEM)
-    system.define()
-    system.integer("OsNumberOfCores", len(plan.units))
-    for name in ("OsStackMonitoring", "OsUseGetServiceId", "OsUseParameterAccess", "OsUseResScheduler"):
-        system.flag(name, value=False)
-    system.choice("OsStatus", "STANDARD")
+    os_module = module("Os", prefix, names.base)
+    system = os_module.new(SYSTEM, "OsOS").fill(OsNumberOfCores=len(plan.units), **_OFF, OsStatus="STANDARD")
     _hooks(system, "OsHooks", "Os", (*_HOOKS, "PostTask", "PreTask", "Protection"))
     for start in (DEFAULT_START, *names.starts.values()):
-        module.container("OsAppMode", start).define()
+        os_module.new(start, "OsAppMode")
     for name in (*plan.tasks, *plan.idle.values()):
-        _task(module, name, plan, names)
+        _task(os_module, name, plan, names)
     for found in plan.events.values():
         for event in found.values():
-            module.container("OsEvent", event).define()
+            os_module.new(event, "OsEvent")
     for unit in plan.units:
-        _counter(module, names.counters[unit], plan)
+        _counter(os_module, names.counters[unit], plan)
     for table in plan.tables:
-        _table(module, table, plan, names)
+        _table(os_module, table, plan, names)
     for number, unit in enumerate(plan.units):
-        _application(module, unit, number, plan, names, release)
+        _application(os_module, unit, number, plan, names, release)
+    write_box(elements, os_module)
 
 
-def _hooks(container: Container, kind: str, prefix: str, hooks: Iterable[str]) -> None:
-    """Append that there are no hooks, each of which generators want to be told."""
-    inside = container.inside(kind, kind)
-    for hook in hooks:
-        inside.flag(f"{prefix}{hook}Hook", value=False)
+def _hooks(box: Box, kind: str, prefix: str, hooks: Iterable[str]) -> None:
+    """Append that there are no hooks, each of which generators need to read."""
+    box.new(kind, kind).fill(**{f"{prefix}{hook}Hook": False for hook in hooks})
 
 
-def _task(module: Module, name: str, plan: Plan, names: OsNames) -> None:
+def _task(os_module: Box, name: str, plan: Plan, names: OsNames) -> None:
     """Append an OsTask; it runs to its end, or to where it is held, as the schedule has it.
 
     With one priority for all, late ones queue. Only an OsTask that is split anywhere is preempted, by those above it.
     """
     layout, work = names.layout, plan.tasks.get(name)
     events = plan.events.get(name, {})
-    container = module.container("OsTask", name)
+    box = os_module.new(name, "OsTask")
     if work is not None:
-        data = special(container.element, "work")
+        data = box.special("work")
         sdx(data, "RUNNABLE-ENTITY", layout.runnable(work.task))
         for version in work.versions:
             sdx(data, "SWC-IMPLEMENTATION", layout.implementation(work.task, version))
@@ -141,12 +136,10 @@ def _task(module: Module, name: str, plan: Plan, names: OsNames) -> None:
             _hold(group(data, "hold"), hold, event, work, names)
         for higher in plan.above.get(name, ()):
             sdx(group(data, "below"), CONTAINER, names.path(higher))
-    container.define()
-    container.integer("OsTaskActivation", 1)
-    container.integer("OsTaskPriority", plan.priorities.get(name, 1))
-    container.choice("OsTaskSchedule", "FULL" if name in plan.above else "NON")
+    box.fill(OsTaskActivation=1, OsTaskPriority=plan.priorities.get(name, 1))
+    box.fill(OsTaskSchedule="FULL" if name in plan.above else "NON")
     for event in events.values():
-        container.refer("OsTaskEventRef", names.path(event))
+        box.refer("OsTaskEventRef", names.path(event))
 
 
 def _hold(data: etree._Element, hold: Hold, event: str, work: Work, names: OsNames) -> None:
@@ -157,83 +150,78 @@ def _hold(data: etree._Element, hold: Hold, event: str, work: Work, names: OsNam
         sdx(data, "SWC-IMPLEMENTATION", names.layout.implementation(work.task, hold.version))
 
 
-def _counter(module: Module, name: str, plan: Plan) -> None:
-    counter = module.container("OsCounter", name)
+def _counter(os_module: Box, name: str, plan: Plan) -> None:
     text, exact = seconds_text(plan.counter.tick)
+    box = os_module.new(name, "OsCounter")
     if not exact:
-        sd(special(counter.element, "counter"), "tick", plan.counter.tick)
-    counter.define()
-    counter.integer("OsCounterMaxAllowedValue", plan.counter.max_value)
-    counter.integer("OsCounterMinCycle", plan.counter.min_cycle)
-    counter.integer("OsCounterTicksPerBase", 1)
-    counter.number("OsSecondsPerTick", text)
-    counter.choice("OsCounterType", "HARDWARE")
+        sd(box.special("counter"), "tick", plan.counter.tick)
+    fill_counter(box, plan.counter.max_value, plan.counter.min_cycle, text)
 
 
-def _application(module: Module, unit: str, number: int, plan: Plan, names: OsNames, release: str) -> None:
-    application = module.container("OsApplication", names.applications[unit])
-    application.define()
+def fill_counter(box: Box, max_value: int, min_cycle: int, tick: str) -> None:
+    """State the parameters of a counter, with its tick in seconds."""
+    box.fill(OsCounterMaxAllowedValue=max_value, OsCounterMinCycle=min_cycle, OsCounterTicksPerBase=1)
+    box.number("OsSecondsPerTick", tick)
+    box.fill(OsCounterType="HARDWARE")
+
+
+def _application(os_module: Box, unit: str, number: int, plan: Plan, names: OsNames, release: str) -> None:
+    box = os_module.new(names.applications[unit], "OsApplication").fill(OsTrusted=False)
     has_cores = is_from(release, "4.2.2")
-    application.flag("OsTrusted", value=False)
     if not has_cores:
-        application.integer("OsApplicationCoreAssignment", number)
+        box.fill(OsApplicationCoreAssignment=number)
     for name, work in plan.tasks.items():
         if work.unit == unit:
-            application.refer("OsAppTaskRef", names.path(name))
+            box.refer("OsAppTaskRef", names.path(name))
     if unit in plan.idle:
-        application.refer("OsAppTaskRef", names.path(plan.idle[unit]))
-    application.refer("OsAppCounterRef", names.path(names.counters[unit]))
+        box.refer("OsAppTaskRef", names.path(plan.idle[unit]))
+    box.refer("OsAppCounterRef", names.path(names.counters[unit]))
     for table in plan.tables:
         if table.unit == unit:
-            application.refer("OsAppScheduleTableRef", names.path(table.name))
+            box.refer("OsAppScheduleTableRef", names.path(table.name))
     if has_cores:
-        application.refer("OsApplicationCoreRef", names.core(unit), definition=_SYMBOLIC)
-    _hooks(application, "OsApplicationHooks", "OsApp", _HOOKS)
+        box.refer("OsApplicationCoreRef", names.core(unit), definition=_SYMBOLIC)
+    _hooks(box, "OsApplicationHooks", "OsApp", _HOOKS)
 
 
 # ------------------------------------------------------------------------------------------------------ tables
 
 
-def _table(module: Module, table: Table, plan: Plan, names: OsNames) -> None:
-    container = module.container("OsScheduleTable", table.name)
-    _succession(container, table, plan, names)
-    container.define()
-    container.integer("OsScheduleTableDuration", table.duration)
-    container.flag("OsScheduleTableRepeating", value=table.is_repeating)
-    container.refer("OsScheduleTableCounterRef", names.path(names.counters[table.unit]))
-    container.refer("OsSchTblAccessingApplication", names.path(names.applications[table.unit]))
-    if table.is_repeating:
-        _autostart(container, table, plan, names)
+def _table(os_module: Box, table: Table, plan: Plan, names: OsNames) -> None:
+    box = os_module.new(table.name, "OsScheduleTable")
+    _succession(box, table, plan, names)
+    box.fill(OsScheduleTableDuration=table.duration, OsScheduleTableRepeating=table.is_repeating)
+    box.refer("OsScheduleTableCounterRef", names.path(names.counters[table.unit]))
+    box.refer("OsSchTblAccessingApplication", names.path(names.applications[table.unit]))
+    if table.is_repeating:  # the first mode begins by itself, another one where StartOS names it
+        first = [DEFAULT_START] if table.mode == next(iter(names.starts)) else []
+        autostart(box, plan.counter.min_cycle, [names.path(mode) for mode in (*first, names.starts[table.mode])])
     for point in table.points:
-        at = container.inside(_POINT, point_name(point.offset))
-        at.integer("OsScheduleTblExpPointOffset", point.offset)
+        at = box.new(point_name(point.offset), _POINT).fill(OsScheduleTblExpPointOffset=point.offset)
         for task, version in zip(point.tasks, point.versions, strict=True):
-            action = at.inside("OsScheduleTableTaskActivation", task, defined=False)
+            action = at.new(task, "OsScheduleTableTaskActivation")
             work = plan.tasks.get(task)
             if work is not None and len(work.versions) > 1:
-                data = special(action.element, "activation")
+                data = action.special("activation")
                 sdx(data, "SWC-IMPLEMENTATION", names.layout.implementation(work.task, version))
-            action.define()
             action.refer("OsScheduleTableActivateTaskRef", names.path(task))
         for task, event in point.events:
-            action = at.inside("OsScheduleTableEventSetting", event)
+            action = at.new(event, "OsScheduleTableEventSetting")
             action.refer("OsScheduleTableSetEventRef", names.path(event))
             action.refer("OsScheduleTableSetEventTaskRef", names.path(task))
 
 
-def _autostart(container: Container, table: Table, plan: Plan, names: OsNames) -> None:
-    """Autostart the first mode, or another one where StartOS names it; never at 0, which means now."""
-    start = container.inside("OsScheduleTableAutostart", "OsScheduleTableAutostart")
-    start.choice("OsScheduleTableAutostartType", "ABSOLUTE")
-    start.integer("OsScheduleTableStartValue", plan.counter.min_cycle)
-    if table.mode == next(iter(names.starts)):
-        start.refer("OsScheduleTableAppModeRef", names.path(DEFAULT_START))
-    start.refer("OsScheduleTableAppModeRef", names.path(names.starts[table.mode]))
+def autostart(table: Box, value: int, modes: Iterable[str]) -> None:
+    """Start a table by itself in some application modes (paths), never at 0, which means now."""
+    box = table.new("OsScheduleTableAutostart", "OsScheduleTableAutostart")
+    box.fill(OsScheduleTableAutostartType="ABSOLUTE", OsScheduleTableStartValue=value)
+    for mode in modes:
+        box.refer("OsScheduleTableAppModeRef", mode)
 
 
-def _succession(container: Container, table: Table, plan: Plan, names: OsNames) -> None:
+def _succession(box: Box, table: Table, plan: Plan, names: OsNames) -> None:
     """Append what a table is of, and what NextScheduleTable lets follow it, for which AUTOSAR has no parameter."""
-    data = special(container.element, "table")
+    data = box.special("table")
     sd(data, "mode", table.mode)
     sd(data, "target", table.target or None)
     targets = [table.target] if table.target else [target for source, target in plan.switches if source == table.mode]
@@ -244,6 +232,9 @@ def _succession(container: Container, table: Table, plan: Plan, names: OsNames) 
             inner = group(data, "next")
             sdx(inner, CONTAINER, names.path(follower.name))
             sd(inner, "target", target)
+
+
+# --------------------------------------------------------------------------------------------------------- Rte
 
 
 def write_rte(
@@ -258,46 +249,36 @@ def write_rte(
     os_tasks: dict[str, list[str]] = {}
     for name, work in plan.tasks.items():
         os_tasks.setdefault(work.task, []).append(name)
-    module = Module(elements, "Rte", prefix, layout.path(PACKAGE))
-    _write_general(module, release)
+    rte = module("Rte", prefix, layout.path(PACKAGE))
+    _fill_general(rte, release)
     for task in model.tasks:
         if task.period is None or task.name not in os_tasks:
             continue
-        instance = module.container("RteSwComponentInstance", layout.tasks[task.name])
-        instance.define()
-        instance.refer_outside("RteSoftwareComponentInstanceRef", layout.prototype(task.name), "SW-COMPONENT-PROTOTYPE")
+        box, prototype = rte.new(layout.tasks[task.name], "RteSwComponentInstance"), layout.prototype(task.name)
+        _foreign(box, "RteSoftwareComponentInstanceRef", prototype, "SW-COMPONENT-PROTOTYPE")
         for name in os_tasks[task.name]:
-            _mapping(instance, task, name, points[name], layout, names)
+            mapping = box.new(name, "RteEventToTaskMapping").fill(RtePositionInTask=1, RteImmediateRestart=False)
+            _foreign(mapping, "RteEventRef", layout.event(task.name), "TIMING-EVENT")
+            mapping.refer("RteMappedToTaskRef", names.path(name))
+            mapping.refer("RteUsedOsSchTblExpiryPointRef", points[name])
+    write_box(elements, rte)
 
 
-def _mapping(instance: Container, task: Task, name: str, point: str, layout: Layout, names: OsNames) -> None:
-    mapping = instance.inside("RteEventToTaskMapping", name)
-    mapping.integer("RtePositionInTask", 1)
-    mapping.flag("RteImmediateRestart", value=False)
-    mapping.refer_outside("RteEventRef", layout.event(task.name), "TIMING-EVENT")
-    mapping.refer("RteMappedToTaskRef", names.path(name))
-    mapping.refer("RteUsedOsSchTblExpiryPointRef", point)
+def _foreign(box: Box, name: str, path: str, dest: str) -> None:
+    """Append a reference to an element of the system."""
+    box.refer(name, path, definition="ECUC-FOREIGN-REFERENCE-DEF", dest=dest)
 
 
-def _write_general(module: Module, release: str) -> None:
+def _fill_general(rte: Box, release: str) -> None:
     """Append what every configuration of the Rte has to state, and nothing here depends on."""
-    general = module.container("RteBswGeneral", "RteBswGeneral")
-    general.define()
-    for name in ("RteSchMVersionInfoApi", "RteUseComShadowSignalApi"):
-        general.flag(name, value=False)
-    generation = module.container("RteGeneration", "RteGeneration")
-    generation.define()
-    generation.choice("RteCalibrationSupport", "NONE")
-    generation.integer("RteCodeVendorId", 0)
-    for name in ("DevErrorDetect", "DevErrorDetectUninit", "MeasurementSupport", "ValueRangeCheckEnabled"):
-        generation.flag(f"Rte{name}", value=False)
-    generation.flag("RteVfbTraceEnabled", value=False)
-    generation.choice("RteGenerationMode", "COMPATIBILITY_MODE")
-    generation.choice("RteOptimizationMode", "RUNTIME")
+    rte.new("RteBswGeneral", "RteBswGeneral").fill(RteSchMVersionInfoApi=False, RteUseComShadowSignalApi=False)
+    generation = rte.new("RteGeneration", "RteGeneration").fill(RteCalibrationSupport="NONE", RteCodeVendorId=0)
+    checks = ("DevErrorDetect", "DevErrorDetectUninit", "MeasurementSupport", "ValueRangeCheckEnabled")
+    generation.fill(**{f"Rte{name}": False for name in checks}, RteVfbTraceEnabled=False)
+    generation.fill(RteGenerationMode="COMPATIBILITY_MODE", RteOptimizationMode="RUNTIME")
     if is_from(release, "4.2.2"):
-        generation.choice("RteIocInteractionReturnValue", "RTE_IOC")
-    start = module.container("RteInitializationBehavior", "RteInitializationBehavior")
-    start.define()
-    start.choice("RteInitializationStrategy", "RTE_INITIALIZATION_STRATEGY_AT_DATA_DECLARATION")
+        generation.fill(RteIocInteractionReturnValue="RTE_IOC")
+    start = rte.new("RteInitializationBehavior", "RteInitializationBehavior")
+    start.fill(RteInitializationStrategy="RTE_INITIALIZATION_STRATEGY_AT_DATA_DECLARATION")
     start.text("RteSectionInitializationPolicy", "INIT")
-    module.container("RteOsInteraction", "RteOsInteraction").define()
+    rte.new("RteOsInteraction", "RteOsInteraction")

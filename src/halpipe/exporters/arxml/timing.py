@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO
-from halpipe.exporters.arxml.codes import NO_LATENCY
+from halpipe.exporters.arxml.codes import NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.document import add, add_time, named, package, ref
 from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.common.timeline import delays_of
-from halpipe.models import Anchor
+from halpipe.models import Anchor, Match
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.arxml.software import Layout
     from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel
 
+_WEAKER = ("a window after any job", "an order")
 DEMANDS = "Requirements"
 _EVENT = "TD-EVENT-SWC-INTERNAL-BEHAVIOR"
 _CHAIN = "TIMING-DESCRIPTION-EVENT-CHAIN"
@@ -108,7 +109,8 @@ def write_demands(packages: etree._Element, model: TaskModel, layout: Layout) ->
             _deadline(demands, task, task.deadline, known)
     for task in model.tasks:
         for precedence in common_windows(task):
-            _window(demands, task, precedence, known)
+            if precedence.anchor is not Anchor.POINT:
+                _window(demands, task, precedence, known)
     _order(demands, model, known)
     known.chains |= {chain.name: known.task_chain(chain) for chain in model.chains}
     tasks = {task.name: task for task in model.tasks}
@@ -140,7 +142,7 @@ def longest_wait(task: Task) -> Duration:
 
 
 def unstated(model: TaskModel) -> list[Diagnostic]:
-    """Return the limits of chains that standard elements cannot state; they are in the native model."""
+    """Return the limits and windows that standard elements cannot state; they are in the native model."""
     tasks = {task.name: task for task in model.tasks}
     found = []
     for chain in model.chains:
@@ -149,6 +151,14 @@ def unstated(model: TaskModel) -> list[Diagnostic]:
             message = f"limits its reaction time to {chain.max_reaction}, but its first task may start {wait} apart"
             help = "limit its latency instead, which is what AUTOSAR's REACTION means between runnables"
             found.append(NO_LATENCY(message, path=about(chain=chain.name), help=help))
+    for task in model.tasks:
+        for precedence in common_windows(task):
+            if precedence.anchor is Anchor.POINT or precedence.match is Match.CYCLE:
+                message = (
+                    f"is to run {precedence.words}, which is written as {_WEAKER[precedence.anchor is Anchor.POINT]}"
+                )
+                help = "import the file as it was written, so that the native model counts"
+                found.append(WEAKER_WINDOW(message, path=about(task=task.name), help=help))
     return found
 
 
@@ -183,11 +193,11 @@ def common_windows(task: Task) -> list[Precedence]:
     """
     if len(task.versions) == 1:
         return list(task.versions[0].precedences)
-    found: dict[tuple[str, Anchor], list[Precedence]] = {}
+    found: dict[object, list[Precedence]] = {}
     for version in task.versions:
         for precedence in version.precedences:
-            found.setdefault((precedence.task, precedence.anchor), []).append(precedence)
-    keys = [{(p.task, p.anchor) for p in version.precedences} for version in task.versions]
+            found.setdefault(_ends(precedence), []).append(precedence)
+    keys = [set(map(_ends, version.precedences)) for version in task.versions]
     return [
         replace(windows[0], min=min(p.min for p in windows), max=max(p.max for p in windows))
         for key, windows in found.items()
@@ -195,10 +205,14 @@ def common_windows(task: Task) -> list[Precedence]:
     ]
 
 
+def _ends(precedence: Precedence) -> object:
+    """Return what a window lies between."""
+    return precedence.task, precedence.anchor, precedence.point, precedence.to, precedence.match
+
+
 def _window(demands: etree._Element, task: Task, precedence: Precedence, known: Descriptions) -> None:
-    """Append the least and the most time from an instant of the predecessor to the start of a task."""
-    kind = _STARTED if precedence.anchor is Anchor.START else _TERMINATED
-    ends = known.event(precedence.task, kind), known.event(task.name)
+    """Append the least and the most time from an instant of the predecessor to one of a task."""
+    ends = known.event(precedence.task, _KINDS[precedence.anchor]), known.event(task.name, _KINDS[precedence.to])
     tasks = known.layout.tasks
     name = known.names(tasks[precedence.task], "before", tasks[task.name])
     element = named(demands, "OFFSET-TIMING-CONSTRAINT", name)

@@ -7,7 +7,7 @@ calculation of the tool leaves it. A container that is taken away is disabled, a
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import escape, quoteattr
@@ -19,7 +19,7 @@ from halpipe.exporters.arxml.codes import CANNOT_EDIT
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.exporters.arxml.onto.delta import Box
+    from halpipe.exporters.arxml.document import Box
 
 _TAG = re.compile(rb"<(?:[^>'\"]|'[^']*'|\"[^\"]*\")*>")
 _ENCODING = re.compile(rb"<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)")
@@ -41,13 +41,63 @@ class Edit:
 
 @dataclass(slots=True)
 class _Element:
+    """An element of a file: its bytes, those between its tags, and what is known of it so far.
+
+    In ARXML that is its short name, text and definition, and of a reference the bytes of its value; in project data its
+    attributes, the path of its container, and where it states whether it is enabled.
+    """
+
     tag: str
     start: int
+    opened: int
+    closed: int = 0
+    end: int = 0
     name: str = ""
+    type: str = ""
     text: str = ""
     definition: str = ""
-    value: tuple[int, int, int, int, str] | None = None
-    inner: int = 0
+    value: _Element | None = None
+    container: str = ""
+    enable: tuple[int, int] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it is one tag, without content."""
+        return self.closed == self.end
+
+
+class _Walker:
+    """Walks the elements of a file, each with its bytes, in the order in which they end."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._stack: list[_Element] = []
+        self._parser = expat.ParserCreate(namespace_separator=" ")
+        self._parser.StartElementHandler = self._begin
+        self._parser.EndElementHandler = self._end
+        self._parser.CharacterDataHandler = self._text
+        self._parser.buffer_text = True
+
+    def _begin(self, tag: str, attributes: dict[str, str]) -> None:
+        at = self._parser.CurrentByteIndex
+        element = _Element(tag.rpartition(" ")[2], at, tag_end(self._data, at))
+        self.enter(element, attributes, self._stack[-1] if self._stack else None)
+        self._stack.append(element)
+
+    def _text(self, text: str) -> None:
+        self._stack[-1].text += text
+
+    def _end(self, _: str) -> None:
+        element, at = self._stack.pop(), self._parser.CurrentByteIndex
+        has_end = self._data.startswith(b"</", at)  # after <a/> the parser is at its end
+        element.closed, element.end = (at, tag_end(self._data, at)) if has_end else (element.opened, element.opened)
+        self.leave(element, self._stack[-1] if self._stack else None)
+
+    def enter(self, element: _Element, attributes: dict[str, str], holder: _Element | None) -> None:
+        """Note what the begin of an element states."""
+
+    def leave(self, element: _Element, holder: _Element | None) -> None:
+        """Note a complete element."""
 
 
 def apply_edits(data: bytes, file: str, edits: Sequence[Edit]) -> bytes:
@@ -74,37 +124,21 @@ def _cannot(file: str, message: str) -> HalpipeError:
     return HalpipeError(CANNOT_EDIT(message, at=Location(file), help=help))
 
 
-class _Finder:
-    """Walks a file and notes the bytes of what is to be changed."""
+class _Finder(_Walker):
+    """Finds the bytes of what is to be changed in ARXML."""
 
     def __init__(self, data: bytes, edits: Sequence[Edit]) -> None:
-        self._data = data
-        self._stack: list[_Element] = []
+        super().__init__(data)
         self._path: list[str] = []
         self._wanted: dict[tuple[str, str, str], Edit] = {(e.path, e.name, e.old): e for e in edits}
         self._found: dict[Edit, tuple[int, int]] = {}
-        self._parser = expat.ParserCreate(namespace_separator=" ")
-        self._parser.StartElementHandler = self._begin
-        self._parser.EndElementHandler = self._end
-        self._parser.CharacterDataHandler = self._text
-        self._parser.buffer_text = True
 
     def spans(self) -> dict[Edit, tuple[int, int]]:
         """Return the span of bytes of every change that was found."""
         self._parser.Parse(self._data, True)
         return self._found
 
-    def _begin(self, tag: str, _: object) -> None:
-        self._stack.append(_Element(tag.rpartition(" ")[2], self._parser.CurrentByteIndex))
-
-    def _text(self, text: str) -> None:
-        self._stack[-1].text += text
-
-    def _end(self, _: str) -> None:
-        element = self._stack.pop()
-        at = self._parser.CurrentByteIndex
-        stop = tag_end(self._data, at) if self._data.startswith(b"</", at) else at  # after <a/> it is at its end
-        holder = self._stack[-1] if self._stack else None
+    def leave(self, element: _Element, holder: _Element | None) -> None:
         text = "".join(element.text.split())
         if element.tag == "SHORT-NAME" and holder is not None and not holder.name:
             holder.name = text
@@ -112,22 +146,17 @@ class _Finder:
         elif element.tag == "DEFINITION-REF" and holder is not None:
             holder.definition = text.rpartition("/")[2]
         elif element.tag == "VALUE-REF" and holder is not None:
-            opened = tag_end(self._data, element.start)
-            holder.value = (element.start, stop, opened, at, text)
-        elif element.tag == "ECUC-REFERENCE-VALUE" and element.value is not None:
-            self._note_value(element)
+            holder.value = element
+        elif element.tag == "ECUC-REFERENCE-VALUE" and (value := element.value) is not None:
+            edit = self._wanted.get(("/" + "/".join(self._path), element.definition, "".join(value.text.split())))
+            if edit is not None:
+                span = (value.start, value.end) if edit.new is None else (value.opened, value.closed)
+                self._found.setdefault(edit, span)
         if element.name:
             edit = self._wanted.get(("/" + "/".join(self._path), "", ""))
             if edit is not None and element.tag == "ECUC-CONTAINER-VALUE":
-                self._found.setdefault(edit, (element.start, stop))
+                self._found.setdefault(edit, (element.start, element.end))
             self._path.pop()
-
-    def _note_value(self, element: _Element) -> None:
-        assert element.value is not None
-        start, stop, opened, closed, text = element.value
-        edit = self._wanted.get(("/" + "/".join(self._path), element.definition, text))
-        if edit is not None:
-            self._found.setdefault(edit, (start, stop) if edit.new is None else (opened, closed))
 
 
 def tag_end(data: bytes, start: int) -> int:
@@ -138,42 +167,47 @@ def tag_end(data: bytes, start: int) -> int:
 
 
 _SEVERAL = ("OsSchTblAccessingApplication", "OsScheduleTableAppModeRef")
-_TYPES = {"INTEGER": "INTEGER", "FLOAT": "FLOAT", "BOOLEAN": "BOOLEAN", "ENUMERATION": "ENUMERATION"}
 _ENABLED = '<a:a name="ENABLE" value="{}"/>'
 
 
-@dataclass(slots=True)
-class _XdmElement:
-    """An element of the file: its bytes, those between its tags, and where it says whether it is enabled."""
+class _Index(_Walker):
+    """The elements of project data: containers by path, lists and values by the path of their container and name."""
 
-    tag: str
-    name: str
-    type: str
-    start: int
-    opened: int = 0
-    closed: int = 0
-    end: int = 0
-    container: str = ""
-    enable: tuple[int, int] | None = None
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.containers: dict[str, _Element] = {}
+        self.lists: dict[tuple[str, str], _Element] = {}
+        self.values: dict[tuple[str, str], _Element] = {}
+        self._parser.Parse(data, True)
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether it is one tag, without content."""
-        return self.closed == self.end
+    def enter(self, element: _Element, attributes: dict[str, str], holder: _Element | None) -> None:
+        element.name, element.type = attributes.get("name", ""), attributes.get("type", "")
+        if holder is not None:
+            element.container = _path_of(element, holder)
+            if element.tag == "a" and element.name == "ENABLE":
+                holder.enable = (element.start, element.opened)
+
+    def leave(self, element: _Element, holder: _Element | None) -> None:
+        if element.tag in ("ctr", "chc"):
+            self.containers[element.container] = element
+        elif element.tag == "lst" and element.name:
+            self.lists[element.container, element.name] = element
+        elif element.tag in ("var", "ref") and element.name and holder is not None and holder.tag != "lst":
+            self.values[element.container, element.name] = element
 
 
-@dataclass(slots=True)
-class _Index:
-    """The elements of a file: containers by path, lists and values by the path of their container and their name."""
-
-    containers: dict[str, _XdmElement] = field(default_factory=dict)
-    lists: dict[tuple[str, str], _XdmElement] = field(default_factory=dict)
-    values: dict[tuple[str, str], _XdmElement] = field(default_factory=dict)
+def _path_of(element: _Element, holder: _Element) -> str:
+    """Return the path of the container that an element is, or in which it is."""
+    if element.type == "AR-PACKAGE":
+        return f"/{element.name}"
+    if element.type == "AR-ELEMENT" or (element.tag in ("ctr", "chc") and element.type != "MODULE-CONFIGURATION"):
+        return f"{holder.container}/{element.name}" if element.name else holder.container
+    return holder.container
 
 
 def apply_to_xdm(data: bytes, file: str, module: Box | None, edits: Sequence[Edit]) -> bytes:
     """Return the file of a module with what a delta adds to it, and with every change."""
-    index = _Reader(data).index
+    index = _Index(data)
     changes: list[tuple[int, int, str]] = []
     if module is not None:
         changes += _additions(index, module, data)
@@ -181,7 +215,7 @@ def apply_to_xdm(data: bytes, file: str, module: Box | None, edits: Sequence[Edi
         changes.append(_change(index, edit, data, file))
     result, end = bytearray(), 0
     for start, stop, text in _joined(changes):
-        result += data[end:start] + text.encode()
+        result += data[end:start] + text.encode("ascii", "xmlcharrefreplace")  # right in any encoding
         end = stop
     return bytes(result + data[end:])
 
@@ -213,7 +247,7 @@ def _additions(index: _Index, box: Box, data: bytes) -> Iterator[tuple[int, int,
         else:
             yield _inside(found, "".join(texts), data)
     several: dict[str, list[str]] = {}
-    for name, path in box.refs:
+    for name, path, *_ in box.refs:
         if (box.path, name) in index.lists:
             several.setdefault(name, []).append(f'<d:ref type="REFERENCE" value={_path(path)}/>')
             continue
@@ -224,7 +258,7 @@ def _additions(index: _Index, box: Box, data: bytes) -> Iterator[tuple[int, int,
         yield _inside(index.lists[box.path, name], "".join(texts), data)
 
 
-def _inside(element: _XdmElement, text: str, data: bytes) -> tuple[int, int, str]:
+def _inside(element: _Element, text: str, data: bytes) -> tuple[int, int, str]:
     """Return the change that puts text at the end of an element, which may be one tag so far."""
     if not element.is_empty:
         return element.closed, element.closed, text
@@ -244,17 +278,15 @@ def _reference(name: str, path: str | None) -> str:
 
 def _container(box: Box) -> str:
     parts = [f'<d:ctr name="{box.path.rpartition("/")[2]}" type="IDENTIFIABLE">']
-    if box.is_marked:
+    if box.stopped is not None:
         stopped = ";".join(f"{alarm.path},{alarm.cycle},{alarm.start}" for alarm in box.stopped)
         parts.append(f'<a:a name="IMPORTER_INFO" value={quoteattr(f"halpipe({stopped})")}/>')
     elif box.definition.endswith("/OsScheduleTableAutostart"):
         parts.append(_ENABLED.format("true"))
     for _, kind, name, text in box.values:
-        parts.append(
-            f'<d:var name="{name}" type="{_TYPES[kind]}" value={quoteattr(text)}>{_ENABLED.format("true")}</d:var>'
-        )
+        parts.append(f'<d:var name="{name}" type="{kind}" value={quoteattr(text)}>{_ENABLED.format("true")}</d:var>')
     several: dict[str, list[str]] = {}
-    for name, path in box.refs:
+    for name, path, *_ in box.refs:
         if name in _SEVERAL:
             several.setdefault(name, []).append(f'<d:ref type="REFERENCE" value={_path(path)}/>')
         else:
@@ -288,52 +320,3 @@ def _change(index: _Index, edit: Edit, data: bytes, file: str) -> tuple[int, int
         message = f"has no {edit.name or 'container'} in {edit.path}"
         raise HalpipeError(CANNOT_EDIT(message, at=Location(file), help=help))
     return value.start, value.end, _reference(edit.name, edit.new)
-
-
-# -------------------------------------------------------------------------------------------------------- reading
-
-
-class _Reader:
-    """Finds the elements of a file with their bytes."""
-
-    def __init__(self, data: bytes) -> None:
-        self.index = _Index()
-        self._data = data
-        self._stack: list[_XdmElement] = []
-        self._parser = expat.ParserCreate()
-        self._parser.StartElementHandler = self._begin
-        self._parser.EndElementHandler = self._end
-        self._parser.Parse(data, True)
-
-    def _begin(self, tag: str, attributes: dict[str, str]) -> None:
-        at = self._parser.CurrentByteIndex
-        tag = tag.rpartition(":")[2]
-        holder = self._stack[-1] if self._stack else None
-        element = _XdmElement(tag, attributes.get("name", ""), attributes.get("type", ""), at, tag_end(self._data, at))
-        if holder is not None:
-            element.container = self._path(element, holder)
-            if tag == "a" and attributes.get("name") == "ENABLE":
-                holder.enable = (at, element.opened)
-        self._stack.append(element)
-
-    def _path(self, element: _XdmElement, holder: _XdmElement) -> str:
-        """Return the path of the container that an element is, or in which it is."""
-        if element.type == "AR-PACKAGE":
-            return f"/{element.name}"
-        if element.type == "AR-ELEMENT" or (element.tag in ("ctr", "chc") and element.type != "MODULE-CONFIGURATION"):
-            return f"{holder.container}/{element.name}" if element.name else holder.container
-        return holder.container
-
-    def _end(self, _: str) -> None:
-        element = self._stack.pop()
-        at = self._parser.CurrentByteIndex
-        has_end = self._data.startswith(b"</", at)
-        element.closed = at if has_end else element.opened
-        element.end = tag_end(self._data, at) if has_end else element.opened
-        holder = self._stack[-1] if self._stack else None
-        if element.tag in ("ctr", "chc"):
-            self.index.containers[element.container] = element
-        elif element.tag == "lst" and element.name:
-            self.index.lists[element.container, element.name] = element
-        elif element.tag in ("var", "ref") and element.name and holder is not None and holder.tag != "lst":
-            self.index.values[element.container, element.name] = element

@@ -15,15 +15,15 @@ from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import DOUBLE_START, IN_THE_WAY, NEVER_STARTED, STARTS_ONCE
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
-from halpipe.exporters.arxml.onto.delta import Delta
+from halpipe.exporters.arxml.onto.delta import Delta, mark
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits, apply_to_xdm
 from halpipe.exporters.arxml.onto.plan import make_onto_plan
-from halpipe.exporters.arxml.osconfig import point_name
+from halpipe.exporters.arxml.osconfig import autostart, fill_counter, point_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from halpipe.exporters.arxml.onto.delta import Box
+    from halpipe.exporters.arxml.document import Box
     from halpipe.exporters.arxml.onto.plan import OntoPlan, Placed
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.project import Call, Deed, Project, ProjectCounter, Starter
@@ -204,11 +204,8 @@ class _Writer:
     def _counter(self, counter: ProjectCounter) -> None:
         assert counter.tick is not None
         box = self._os.new(counter.path.rpartition("/")[2], "OsCounter")
-        box.integer("OsCounterMaxAllowedValue", counter.max_value)
-        box.integer("OsCounterMinCycle", counter.min_cycle)
-        box.integer("OsCounterTicksPerBase", 1)
-        box.number("OsSecondsPerTick", seconds_text(counter.tick)[0])
-        box.choice("OsCounterType", "HARDWARE")
+        mark(box, ())
+        fill_counter(box, counter.max_value, counter.min_cycle, seconds_text(counter.tick)[0])
         application = self._application(counter.unit)
         if application:
             self.delta.box(application).refer("OsAppCounterRef", counter.path)
@@ -222,27 +219,19 @@ class _Writer:
     def _table(self, placed: Placed, stopped: tuple[Starter, ...]) -> None:
         table = placed.table
         box = self._os.new(table.name, "OsScheduleTable")
-        box.stopped = stopped
-        box.integer("OsScheduleTableDuration", table.duration)
-        box.flag("OsScheduleTableRepeating", value=table.is_repeating)
+        mark(box, stopped)
+        box.fill(OsScheduleTableDuration=table.duration, OsScheduleTableRepeating=table.is_repeating)
         box.refer("OsScheduleTableCounterRef", placed.counter.path)
         application = self._application(table.unit)
         if application:
             box.refer("OsSchTblAccessingApplication", application)
             self.delta.box(application).refer("OsAppScheduleTableRef", box.path)
         if table.is_repeating and table.mode == self._schedule.modes[0].name and self._project.app_modes:
-            self._autostart(box, placed.counter)
+            autostart(box, placed.counter.min_cycle, self._project.app_modes[:1])
         for point in table.points:
-            at = box.new(point_name(point.offset), _POINT)
-            at.integer("OsScheduleTblExpPointOffset", point.offset)
+            at = box.new(point_name(point.offset), _POINT).fill(OsScheduleTblExpPointOffset=point.offset)
             for number, key in enumerate(point.tasks):
                 self._action(at, number, key, application)
-
-    def _autostart(self, box: Box, counter: ProjectCounter) -> None:
-        start = box.new("OsScheduleTableAutostart", "OsScheduleTableAutostart")
-        start.choice("OsScheduleTableAutostartType", "ABSOLUTE")
-        start.integer("OsScheduleTableStartValue", counter.min_cycle)
-        start.refer("OsScheduleTableAppModeRef", self._project.app_modes[0])
 
     def _action(self, at: Box, number: int, key: str, application: str) -> None:
         action = self._plan.actions[key]
