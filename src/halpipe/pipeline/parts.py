@@ -6,6 +6,7 @@ MODEL 8.2. The functions take times of one kind, exact durations or whole ticks,
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from halpipe.core.durations import ZERO, Duration
@@ -154,3 +155,15 @@ def _held(
         if part.executed_from < access.end <= part.executed_to:
             end = part.start + reserved_length(lost + access.end, service)
     return begin, end
+
+
+def latest_phase(offsets: Sequence[T], circle: T) -> T:
+    """Return the phase that leaves all jobs the least delay: where the widest gap of the circle ends.
+
+    Of two jobs half a circle apart, the first: for every checker there is one answer. `offsets` are sorted.
+    """
+    if len(offsets) == 2 and (offsets[1] - offsets[0]) * 2 == circle:
+        return offsets[0]
+    gaps = [(later - earlier, later) for earlier, later in pairwise(offsets)]
+    gaps.append((offsets[0] + circle - offsets[-1], offsets[0]))
+    return max(gaps)[1] if len(offsets) > 1 else offsets[0]

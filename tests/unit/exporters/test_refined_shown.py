@@ -8,7 +8,6 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.common.codes import KEEPS_NO_LET
 from halpipe.exporters.common.timeline import links
 from halpipe.exporters.graph.dot import _window
-from halpipe.exporters.linux import LinuxExporter, LinuxOptions
 from halpipe.exporters.ros import RosExporter, RosOptions
 from halpipe.models import Anchor, Match, Precedence
 from support import job, model, ms, schedule, task, version
@@ -17,11 +16,11 @@ LET = replace(task("a", 20, version("v", 4, "u1"), offset=0), let=ms(10))
 REFINED = Precedence(task="a", anchor=Anchor.RELEASE, to=Anchor.END, match=Match.CYCLE, max=ms(15))
 
 
-@pytest.mark.parametrize(("exporter", "options"), [(LinuxExporter(), LinuxOptions()), (RosExporter(), RosOptions())])
-def test_targets_that_copy_no_data_refuse_a_logical_execution_time(exporter, options):
+@pytest.mark.parametrize("options", [RosOptions(), RosOptions(package=True)])
+def test_targets_that_copy_no_data_refuse_a_logical_execution_time(options):
     system = model(LET)
     with pytest.raises(HalpipeError) as refused:
-        exporter.write(system, schedule(system, 20, job(system, "a", 0, 0, "u1")), options)
+        RosExporter().write(system, schedule(system, 20, job(system, "a", 0, 0, "u1")), options)
     assert KEEPS_NO_LET.id in {d.code for d in refused.value.diagnostics}
 
 

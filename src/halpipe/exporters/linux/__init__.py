@@ -54,6 +54,7 @@ class LinuxExporter(PlainExporter):
     extent = Extent(
         {
             "units": "CPUs, in the model's order or as stated",
+            "timing": "data of a LET are copied at the release and at release + LET",
             "versions": "a shared object each, loaded by the dispatcher",
             "split": "a function for each piece between split points; anywhere: by priorities",
             "transfers": "between buffers and variables of the program, at the start and the end of a job",
@@ -76,11 +77,10 @@ class LinuxExporter(PlainExporter):
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.common.base.Exporter`."""
-        from halpipe.exporters.common.selection import refuse_let, select
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.linux.bundle import build
 
         chosen = select(model, schedule, options.mode, self.name)
-        refuse_let(model, chosen, "the dispatcher")
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = model.alone(options.mode)
         return build(model, chosen, specific(LinuxOptions, options))

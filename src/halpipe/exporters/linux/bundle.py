@@ -16,6 +16,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
+from halpipe.exporters.linux.copies import copies_of
 from halpipe.exporters.linux.priorities import thread_levels
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.linux.unrealised import sentences
@@ -25,11 +26,12 @@ from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.exporters.linux import LinuxOptions
+    from halpipe.exporters.linux.copies import Copy
     from halpipe.exporters.linux.tables import Tables
-    from halpipe.models import Job, Schedule, TaskModel, Version
+    from halpipe.models import Job, Schedule, Task, TaskModel, Version
 
 FOLDER = Path(__file__).parent
 _TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
@@ -50,7 +52,11 @@ class Move:
 
 @record
 class Program:
-    """A version as a shared object: compiled from `files`, or, `is_ready`, one that is there already."""
+    """A version as a shared object: compiled from `files`, or, `is_ready`, one that is there already.
+
+    With a logical execution time its moves are between variables and buffers of its own; `read` and `written` are the
+    copies from and to those of the model: source, target and size.
+    """
 
     name: str
     target: str
@@ -60,6 +66,13 @@ class Program:
     moved_in: tuple[Move, ...]
     moved_out: tuple[Move, ...]
     is_ready: bool = False
+    read: tuple[tuple[int, int, int], ...] = ()
+    written: tuple[tuple[int, int, int], ...] = ()
+
+    @property
+    def is_made_up(self) -> bool:
+        """Whether it stands for a program that does not exist yet."""
+        return self.files in ((_DUMMY,), (_PIECES,))
 
     @property
     def library(self) -> str:
@@ -78,12 +91,13 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
     cpus = cpus_for(model, schedule, options, findings)
     buffers = _buffers(model)
-    programs, numbers = _programs(model, schedule, list(buffers), options, tree)
+    programs, numbers = _programs(model, schedule, buffers, options, tree)
     check_texts(model, schedule, buffers, findings)
     findings.stop_on_errors()
     levels = thread_levels(model, schedule, options.priority)
     functions = {key: len(programs[number].entries) for key, number in numbers.items()}
     tables = tables_of(model, schedule, cpus, levels, numbers, functions, findings)
+    copies = copies_of(model, schedule, programs, numbers, findings)
     findings.stop_on_errors()
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
     used = sorted({worker.cpu for worker in tables.workers})
@@ -98,7 +112,7 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     }
     files = {
         **paired(model, schedule),
-        "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels),
+        "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels, copies),
         **_rendered(values, programs, options),
         **tree.files,
     }
@@ -119,6 +133,7 @@ def rendered_tables(
     programs: list[Program],
     buffers: Mapping[str, int],
     levels: Mapping[str, int],
+    copies: Sequence[Sequence[Copy]] = (),
 ) -> bytes:
     """Return the tables as C."""
     values = {
@@ -126,6 +141,7 @@ def rendered_tables(
         "programs": programs,
         "buffers": [{"name": key, "size": size} for key, size in buffers.items()],
         "tables": tables.tables,
+        "copies": [*copies, *([()] * (len(tables.tables) - len(copies)))],
         "switches": tables.switches,
         "workers": tables.workers,
         "all_parts": tables.all_parts,
@@ -199,7 +215,7 @@ def _buffers(model: TaskModel) -> dict[str, int]:
 
 
 def _programs(
-    model: TaskModel, schedule: Schedule, buffers: list[str], options: LinuxOptions, tree: SourceTree
+    model: TaskModel, schedule: Schedule, buffers: dict[str, int], options: LinuxOptions, tree: SourceTree
 ) -> tuple[list[Program], dict[tuple[str, str], int]]:
     used = {(job.task, job.version) for job in jobs_of(schedule)}
     programs: list[Program] = []
@@ -208,17 +224,17 @@ def _programs(
         for version in task.versions:
             if (task.name, version.name) in used:
                 numbers[task.name, version.name] = len(programs)
-                programs.append(_program(task.name, version, len(programs), buffers, options, tree))
+                programs.append(_program(task, version, len(programs), buffers, options, tree))
     return programs, numbers
 
 
 def _program(
-    task: str, version: Version, number: int, buffers: list[str], options: LinuxOptions, tree: SourceTree
+    task: Task, version: Version, number: int, buffers: dict[str, int], options: LinuxOptions, tree: SourceTree
 ) -> Program:
-    name, target = f"{task}/{version.name}", f"program_{number}"
+    name, target = f"{task.name}/{version.name}", f"program_{number}"
     if version.source is None and options.busy:
         return _made_up(name, target, version, options.busy)
-    path = version_of(task, version.name)
+    path = version_of(task.name, version.name)
     source = version.source
     if source is None:
         help = 'name them: <source files="task.c" entry="step"/>, or let --busy 50 stand in for programs'
@@ -226,14 +242,23 @@ def _program(
         return Program(name, target, (), (), (), (), ())
     ready = any(file.endswith(".so") for file in source.files)
     compiled = tree.add(version, path)
+    places = {buffer: place for place, buffer in enumerate(buffers)}
     moves: Mapping[bool, list[Move]] = {True: [], False: []}
+    copies: Mapping[bool, list[tuple[int, int, int]]] = {True: [], False: []}
     for access in version.accesses:
+        is_written = access.kind is AccessKind.WRITE
         for transfer in access.transfers:
-            move = Move(transfer.symbol, buffers.index(transfer.buffer), transfer.size)
-            moves[access.kind is AccessKind.WRITE].append(move)
+            place, size = places[transfer.buffer], transfer.size
+            if task.let is not None:
+                own = len(buffers)
+                buffers[f"{target}~{own}~{transfer.symbol}"] = size
+                copies[is_written].append((own, place, size) if is_written else (place, own, size))
+                place = own
+            moves[is_written].append(Move(transfer.symbol, place, size))
     files = tuple(f"src/{file}" for file in source.files) if ready else tuple(compiled)
     entries = tuple(source.entry.split())
-    return Program(name, target, entries, files, source.defines, tuple(moves[False]), tuple(moves[True]), ready)
+    moved, copied = (tuple(moves[False]), tuple(moves[True])), (tuple(copies[False]), tuple(copies[True]))
+    return Program(name, target, entries, files, source.defines, *moved, ready, *copied)
 
 
 def _made_up(name: str, target: str, version: Version, percent: int) -> Program:

@@ -1,4 +1,4 @@
-"""The diagnostics of the Linux export: HAL0811 to HAL0815, HAL0818 and HAL1303."""
+"""The diagnostics of the Linux export: HAL0811 to HAL0815, HAL0818, HAL1303 and HAL1452."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -42,4 +42,11 @@ TOO_LARGE = error(
     "Schedule does not fit the tables of the dispatcher",
     "Numbers of jobs, tables, programs and parts have 16 bits there, times in nanoseconds 64, and a Linux system has "
     "at most 1024 CPUs.",
+)
+NO_COPIES = error(
+    "HAL1452",
+    "Dispatcher cannot keep a logical execution time",
+    "The dispatcher copies the data of a job from buffers at its release and back at release + LET. So the data must "
+    "be stated as transfers, a job starts in the cycle of its release, and the next job of the task is released when "
+    "the data of the one before are written.",
 )

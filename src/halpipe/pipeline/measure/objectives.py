@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
-from halpipe.pipeline.measure.placement import Placement, latest_phase
+from halpipe.pipeline.measure.placement import Placement
+from halpipe.pipeline.parts import latest_phase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
@@ -16,7 +15,7 @@ from halpipe.core.records import record
 from halpipe.models import Anchor, Part
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.circle import Interval, sweep
-from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
+from halpipe.pipeline.parts import latest_phase, parts_of, phase_instants, reserved_length, service_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -175,18 +174,6 @@ class Placement:
                 height = access.bound.numerator * (self.quanta // access.bound.denominator)
                 phases.setdefault(access.resource, []).append(Interval(job.start + begin, end - begin, height))
         return {name: sweep(intervals, self.hyperperiod) for name, intervals in phases.items()}
-
-
-def latest_phase(offsets: list[int], circle: int) -> int:
-    """Return the phase that leaves all jobs the least delay: where the widest gap of the circle ends.
-
-    Of two jobs half a circle apart, the first: for every checker there is one answer.
-    """
-    if len(offsets) == 2 and 2 * (offsets[1] - offsets[0]) == circle:
-        return offsets[0]
-    gaps = [(later - earlier, later) for earlier, later in pairwise(offsets)]
-    gaps.append((offsets[0] + circle - offsets[-1], offsets[0]))
-    return max(gaps)[1] if len(offsets) > 1 else offsets[0]
 
 
 def grid_of(expansion: Expansion, jobs: Iterable[Job]) -> Duration:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.models import Binding
-from halpipe.pipeline.measure.placement import latest_phase, reserved
+from halpipe.pipeline.measure.placement import reserved
+from halpipe.pipeline.parts import latest_phase
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,6 +20,7 @@
 #define SWITCHES 4096     /* that are measured */
 #define YIELDS 100        /* how often a late thread lets others begin that should have begun before */
 #define PATIENCE 20000    /* and how often in all, which is about a second */
+#define OPEN 64           /* tables of which copies are due at once: those whose last copies lie behind their ends */
 
 typedef struct {          /* a table that is played */
   uint64_t cycle;
@@ -55,8 +56,11 @@ static dispatch_switch switches[SWITCHES];
 static size_t n_switches;
 static _Atomic uint64_t refused, left_out;
 static int64_t origin, offset;        /* offset: of the clock of the origin to CLOCK_MONOTONIC */
-static pthread_t conductor;
+static pthread_t conductor, copier;
 static int (*hook)(const dispatch_job *job, int64_t at);
+static void (*hook_copy)(const dispatch_copy *copy);
+static _Atomic int64_t copies_from = INT64_MAX, latest_copy;   /* all copies before the first instant are made */
+static _Atomic uint64_t n_copied;
 static _Thread_local int here = -1;
 
 int dispatch_fail(int error, const char *what, const char *which) {
@@ -106,6 +110,7 @@ static void check_clock(void) {
 /* --------------------------------------------------------------------------------------------- workers */
 
 static int is_ahead(const worker_state *self, int64_t at) {
+  if (atomic_load_explicit(&copies_from, memory_order_acquire) <= at) return 1;
   for (int i = 0; i < self->n_peers; i++)
     if (atomic_load_explicit(&workers[self->peers[i]].next, memory_order_relaxed) < at) return 1;
   return 0;
@@ -190,18 +195,20 @@ static void play(worker_state *self, const dispatch_job *job, const turn *turn) 
   keep(self, &event);
 }
 
-/* Wait for a turn; one that lags by more than the ring continues with the oldest that is still known. */
-static turn turn_of(uint64_t *number, worker_state *self) {
+/* Wait for a turn; who lags by more than the ring continues with the oldest that is still known. */
+static turn turn_of(uint64_t *number, _Atomic uint64_t *lost) {
   pthread_mutex_lock(&gate);
   while (published <= *number) pthread_cond_wait(&opened, &gate);
   if (published - *number > RING) {
-    atomic_fetch_add(&self->lost_tables, published - RING - *number);
+    atomic_fetch_add(lost, published - RING - *number);
     *number = published - RING;
   }
   const turn found = ring[*number % RING];
   pthread_mutex_unlock(&gate);
   return found;
 }
+
+static int create(pthread_t *thread, void *(*body)(void *), void *argument, const char *name, int cpu, int priority);
 
 static void prefault(void) {
   volatile char page[TOUCHED];
@@ -216,7 +223,7 @@ static void *work(void *argument) {
   prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);   /* counts where SCHED_FIFO was refused */
   prefault();
   for (uint64_t number = 0;; number++) {
-    const turn turn = turn_of(&number, self);
+    const turn turn = turn_of(&number, &self->lost_tables);
     if (turn.table < 0) break;
     const dispatch_rows *rows = &plan.workers[index].tables[turn.table];
     for (int i = 0; i < rows->n_jobs; i++) play(self, &rows->jobs[i], &turn);
@@ -225,6 +232,60 @@ static void *work(void *argument) {
   atomic_store(&self->next, INT64_MAX);
   atomic_store(&self->is_done, 1);
   return NULL;
+}
+
+/* ---------------------------------------------------------------------------------------------- copies */
+
+static void copy_at(const dispatch_copy *copy, int64_t at) {
+  sleep_until(at);
+  hook_copy(copy);
+  const int64_t late = time_now() - at;
+  if (late > atomic_load(&latest_copy)) atomic_store(&latest_copy, late);
+  atomic_fetch_add(&n_copied, 1);
+}
+
+/* The copies of all tables in the order of their instants. Those of one may lie behind its end, among those of the next. */
+static void *copy_in_time(void *unused) {
+  (void)unused;
+  prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);
+  prefault();
+  static _Atomic uint64_t lost;
+  turn open[OPEN];
+  int next[OPEN], n = 0, first;
+  uint64_t number = 0;
+  for (int64_t known = INT64_MIN;;) {   /* what is due before is known: the next table begins there */
+    int64_t at = known;
+    first = -1;
+    for (int i = 0; i < n; i++) {
+      const int64_t due = open[i].at + plan.tables[open[i].table].copies[next[i]].at;
+      if (due < at) first = i, at = due;
+    }
+    atomic_store_explicit(&copies_from, at, memory_order_release);
+    if (first >= 0) {
+      const dispatch_table *table = &plan.tables[open[first].table];
+      copy_at(&table->copies[next[first]++], at);
+      if (next[first] < table->n_copies) continue;
+      for (int i = first + 1; i < n; i++) open[i - 1] = open[i], next[i - 1] = next[i];
+      n--;
+    } else if (known == INT64_MAX) return NULL;
+    else {
+      const turn turn = turn_of(&number, &lost);
+      number++;
+      known = turn.table < 0 ? INT64_MAX : turn.at + plan.tables[turn.table].length;
+      if (turn.table >= 0 && plan.tables[turn.table].n_copies && n < OPEN) open[n] = turn, next[n++] = 0;
+    }
+  }
+}
+
+static int make_copier(void) {
+  int n = 0;
+  for (int i = 0; i < plan.n_tables; i++) n += plan.tables[i].n_copies;
+  if (!n) return 0;
+  atomic_store(&copies_from, INT64_MIN);
+  const int error = create(&copier, copy_in_time, NULL, "copier", -1, now_.priority ? now_.priority + plan.levels : 0);
+  if (error) return dispatch_fail(error, "the thread of the copies cannot be started", NULL);
+  pthread_detach(copier);
+  return 0;
 }
 
 /* -------------------------------------------------------------------------------------------- conductor */
@@ -414,6 +475,7 @@ int dispatch_start(const dispatch_options *options) {
     if (error) return dispatch_fail(error, "a thread cannot be started for task", w->task);
   }
   if (!error) error = dispatch_recorder_begin();
+  if (!error) error = make_copier();
   if (error) return error;
   offset = offset_of(now_.clock);
   origin = now_.origin ? now_.origin - offset : ((time_now() + offset) / SECOND + 2) * SECOND - offset;
@@ -435,7 +497,16 @@ int dispatch_wait(int64_t seconds) {
   return error;
 }
 
-void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at)) { hook = run; }
+void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at), void (*copy)(const dispatch_copy *copy)) {
+  hook = run;
+  hook_copy = copy;
+}
+
+uint64_t dispatch_copied(int64_t *latest) {
+  *latest = atomic_load(&latest_copy);
+  return atomic_load(&n_copied);
+}
+
 void dispatch_request(int mode) {
   if (atomic_load(&wanted) != mode) atomic_store(&requested, time_now());
   atomic_store(&wanted, mode);

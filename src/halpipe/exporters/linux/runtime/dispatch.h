@@ -52,11 +52,18 @@ typedef struct {
   uint32_t size;
 } dispatch_buffer;
 
+typedef struct {          /* of a job with a logical execution time, between its own buffer and that of the model */
+  int64_t at;             /* ns after the beginning of the table; may lie behind its end */
+  uint32_t from, to, size;
+} dispatch_copy;
+
 typedef struct {          /* a mode, or a table between two modes */
   const char *name;
   int64_t length;         /* ns, and `rest` / `parts` of one more */
   int64_t rest;
   int from, to;           /* modes; equal for the table of a mode */
+  const dispatch_copy *copies;   /* in the order of their instants */
+  int n_copies;
 } dispatch_table;
 
 typedef struct {
@@ -120,6 +127,7 @@ int64_t dispatch_origin(void);                /* on CLOCK_MONOTONIC */
 int64_t dispatch_stepped(unsigned *times);    /* ns by which the clock of the origin was set since */
 uint64_t dispatch_left_out(void);             /* tables, since the machine was away for longer than one */
 uint64_t dispatch_refused(void);              /* requests without a table between the modes */
+uint64_t dispatch_copied(int64_t *latest);    /* copies at releases and releases + LET, and the most that one was late by */
 uint64_t dispatch_torn(void);                 /* copies out of a buffer during which its writers never paused */
 const dispatch_switch *dispatch_switches(size_t *n);   /* the first ones, as many as there is room for */
 dispatch_counts dispatch_counted(int worker);
@@ -139,7 +147,7 @@ int dispatch_recorder_begin(void);
 void dispatch_enter(void);                    /* by each thread that runs foreign code */
 
 /* The function that runs the program of a job in the table that begins at `at`; dispatch_load sets its own. */
-void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at));
+void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at), void (*copy)(const dispatch_copy *copy));
 void dispatch_until(int64_t at);
 #ifdef __cplusplus
 }

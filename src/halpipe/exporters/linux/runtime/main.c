@@ -364,6 +364,9 @@ static void summarise(void) {
          (unsigned long long)(all.lost_tables + dispatch_left_out()),
          (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
   summarise_switches();
+  int64_t latest;
+  const uint64_t copied = dispatch_copied(&latest);
+  if (copied) printf("%llu copies at releases and at releases + LET, at most %.1f us late\n", (unsigned long long)copied, latest / 1e3);
   const int64_t step = dispatch_stepped(&steps);
   if (steps) printf("the clock was set %u times, by %.3f ms in all\n", steps, step / 1e6);
 }

@@ -24,13 +24,18 @@ typedef struct {          /* before each buffer: odd while it is written */
 
 static loaded_program *programs;
 static buffer_head **buffers;
+static void *between;     /* has room for the largest buffer */
 static _Atomic uint64_t torn;
 
 static size_t room_of(uint32_t size) { return (sizeof(buffer_head) + size + 63) / 64 * 64; }
 
 static int map_buffers(const char *memory) {
-  size_t total = 64;
-  for (int i = 0; i < plan.n_buffers; i++) total += room_of(plan.buffers[i].size);
+  size_t total = 64, largest = 0;
+  for (int i = 0; i < plan.n_buffers; i++) {
+    const size_t room = room_of(plan.buffers[i].size);
+    total += room;
+    if (room > largest) largest = room;
+  }
   int file = -1;
   if (memory) {
     file = open(memory, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
@@ -40,7 +45,8 @@ static int map_buffers(const char *memory) {
   if (file >= 0) close(file);
   if (base == MAP_FAILED) return dispatch_fail(errno, "the buffers cannot be mapped", memory);
   buffers = calloc((size_t)plan.n_buffers + 1, sizeof *buffers);
-  if (!buffers) return dispatch_fail(ENOMEM, "no memory for the buffers", NULL);
+  between = calloc(1, largest + 1);
+  if (!buffers || !between) return dispatch_fail(ENOMEM, "no memory for the buffers", NULL);
   for (int i = 0; i < plan.n_buffers; i++) {
     buffers[i] = (buffer_head *)base;
     buffers[i]->size = plan.buffers[i].size;
@@ -93,39 +99,45 @@ static void copy_to(buffer_head *into, const void *from, size_t size) {
 }
 
 /* A copy out of a buffer is whole: it is repeated after a write meanwhile; one that is not in the end is counted. */
-static void take(const dispatch_move *move, void *into) {
-  const buffer_head *from = buffers[move->buffer];
+static void take(uint32_t buffer, size_t size, void *into) {
+  const buffer_head *from = buffers[buffer];
   for (int attempt = 0; attempt < 100; attempt++) {
     const uint32_t before = atomic_load_explicit(&from->sequence, memory_order_acquire);
-    copy_from(into, from, move->size);
+    copy_from(into, from, size);
     atomic_thread_fence(memory_order_acquire);
     if (!(before & 1) && before == atomic_load_explicit(&from->sequence, memory_order_relaxed)) return;
   }
   atomic_fetch_add(&torn, 1);
 }
 
-static void give(const dispatch_move *move, const void *from) {
-  buffer_head *into = buffers[move->buffer];
+static void give(uint32_t buffer, size_t size, const void *from) {
+  buffer_head *into = buffers[buffer];
   atomic_fetch_add_explicit(&into->sequence, 1, memory_order_acquire);
   atomic_thread_fence(memory_order_release);
-  copy_to(into, from, move->size);
+  copy_to(into, from, size);
   atomic_fetch_add_explicit(&into->sequence, 1, memory_order_release);
+}
+
+/* Of the one thread that copies: a whole buffer is read before it is written to another one. */
+static void copy(const dispatch_copy *copy) {
+  take(copy->from, copy->size, between);
+  give(copy->to, copy->size, between);
 }
 
 static int run(const dispatch_job *job, int64_t at) {
   const dispatch_program *program = &plan.programs[job->program];
   const loaded_program *loaded = &programs[job->program];
-  for (int i = 0; i < program->n_in; i++) take(&program->in[i], loaded->in[i]);
+  for (int i = 0; i < program->n_in; i++) take(program->in[i].buffer, program->in[i].size, loaded->in[i]);
   for (int k = 0; k < job->n_parts; k++) {
     if (k > 0) dispatch_until(at + job->parts[k].start);
     for (int i = job->parts[k].first; i < job->parts[k].last; i++) loaded->entries[i]();
   }
-  for (int i = 0; i < program->n_out; i++) give(&program->out[i], loaded->out[i]);
+  for (int i = 0; i < program->n_out; i++) give(program->out[i].buffer, program->out[i].size, loaded->out[i]);
   return DISPATCH_RAN;
 }
 
 int dispatch_load(const char *folder, const char *memory) {
-  dispatch_hook(run);
+  dispatch_hook(run, copy);
   int error = map_buffers(memory);
   programs = calloc((size_t)plan.n_programs, sizeof *programs);
   if (!error && !programs) error = dispatch_fail(ENOMEM, "no memory for the programs", NULL);

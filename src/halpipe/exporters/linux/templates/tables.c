@@ -52,9 +52,15 @@ static const dispatch_worker workers[] = {
 {% endfor %}
 };
 
+{% for rows in copies %}
+{% if rows %}
+static const dispatch_copy copies_{{ loop.index0 }}[] = { {% for c in rows %}{ {{- c.at }}, {{ c.source }}, {{ c.target }}, {{ c.size }}}, {% endfor %}};
+{% endif %}
+{% endfor %}
 static const dispatch_table tables[] = {
 {% for table in tables %}
-  {.name = "{{ table.name }}", .length = {{ table.length }}, .rest = {{ table.rest }}, .from = {{ table.source }}, .to = {{ table.target }}},
+{% set rows = copies[loop.index0] %}
+  {.name = "{{ table.name }}", .length = {{ table.length }}, .rest = {{ table.rest }}, .from = {{ table.source }}, .to = {{ table.target }}{% if rows %}, .copies = copies_{{ loop.index0 }}, .n_copies = {{ rows | length }}{% endif %}},
 {% endfor %}
 };
 

@@ -176,7 +176,7 @@ private:
       RCLCPP_WARN(get_logger(), "no row, so it runs in the background lane: %s", one.c_str());
     }
     options_.cpus = cpus_.data();
-    dispatch_hook(run);
+    dispatch_hook(run, nullptr);
     if (locks_memory_ && dispatch_lock()) {RCLCPP_WARN(get_logger(), "memory is not locked (RLIMIT_MEMLOCK)");}
     const uint64_t limit = static_cast<uint64_t>(record_mib_) << 20;
     const int error = !record_.empty() && !is_recording_ ? dispatch_record(record_.c_str(), limit) : 0;
