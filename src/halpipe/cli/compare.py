@@ -34,7 +34,8 @@ def compare(
     trace: Annotated[
         str,
         typer.Argument(
-            metavar="TRACE", help="CSV, BTF or Trace Event JSON; of regulators a CSV of bytes. - is standard input."
+            metavar="TRACE",
+            help="CSV, BTF, Trace Event JSON, Perfetto, ftrace, trace.dat, MDF, CTF; of regulators a CSV of bytes.",
         ),
     ],
     options: Values,

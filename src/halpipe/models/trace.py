@@ -9,6 +9,8 @@ from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from halpipe.core.durations import Duration
 
 
@@ -40,7 +42,11 @@ class Execution:
 
 @record(kw_only=True)
 class Trace:
-    """The executions on one line of time, by start; `name` tells the lines of one recording apart."""
+    """The executions on one line of time, by start; `name` tells the lines of one recording apart.
+
+    `is_shared`: it shows all programs of a computer, of which the schedule has some.
+    """
 
     name: str
-    executions: tuple[Execution, ...]
+    executions: Sequence[Execution]
+    is_shared: bool = False

@@ -389,3 +389,29 @@ def test_cost_grows_with_the_trace_and_not_with_its_square():
         compared(counted, mode="race")
         counts.append(reads)
     assert counts[1] < counts[0] * 2.5
+
+
+def shared(seen, schedule=PLAN):
+    return compare(schedule, Trace(name="", executions=tuple(seen), is_shared=True), CompareOptions(origin=ZERO))
+
+
+def test_other_programs_of_a_computer_are_no_deviation():
+    others = [Execution(task="kworker/0:1", units=("cpu0",), start=ms(1), end=ms(2))]
+    (only,) = shared([*play(), *others]).diagnostics
+    assert (only.code, only.severity) == (codes.UNSCHEDULED.id, Severity.NOTE)
+    assert "kworker/0:1" in only.message
+    foreign = compare(PLAN, Trace(name="", executions=tuple(others), is_shared=True), CompareOptions(mode="race"))
+    assert codes.UNKNOWN_TASK.id in {d.code for d in foreign.diagnostics}
+
+
+def test_cpus_of_a_computer_count_where_the_schedule_has_their_names():
+    on_cpus = [replace(e, units=("cpu0",)) for e in play()]
+    assert shared(on_cpus).diagnostics == ()
+    assert codes.WRONG_UNIT.id in {d.code for d in shared([replace(play()[0], units=("c2",)), *play()[1:]]).diagnostics}
+
+
+def test_linux_keeps_the_first_characters_of_the_name_of_a_thread():
+    name = "a_task_with_a_long_name"
+    one = Schedule(model="m", model_sha256="", generator="t", modes=(table("run", ms(10), job(name, 0, ms(0), ms(1))),))
+    seen = [Execution(task=name[:15], units=("cpu0",), start=ms(0), end=ms(1))]
+    assert shared(seen, one).diagnostics == ()

@@ -7,7 +7,8 @@ from halpipe.core.diagnostics import error, note, warning
 UNKNOWN_TRACE = error(
     "HAL1120",
     "File is no trace",
-    "Traces are CSV with a header that has task, start and end; BTF; or JSON in the Trace Event Format.",
+    "Traces are CSV with a header that has task, start and end; BTF; JSON in the Trace Event Format; protobuf of "
+    "Perfetto; text of ftrace; trace.dat of version 6; MDF; or a directory of CTF.",
 )
 BROKEN_ROW = error(
     "HAL1121",
@@ -51,8 +52,8 @@ CUT_OFF = warning(
 LOST_EVENTS = warning(
     "HAL1128",
     "Tracer discarded events",
-    "The buffers were full. Jobs, publishers and maxima of execution times may be missing, so nothing that rests on "
-    "all events being there can be relied on.",
+    "The buffers of the tracer were full. Jobs, publishers and maxima of execution times may be missing, so nothing "
+    "that rests on all events being there can be relied on.",
 )
 RESTARTED = note(
     "HAL1130",

@@ -5,24 +5,30 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 
-from halpipe.core.durations import Duration
-
 _NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,15}|/[0-9]{1,18})?")
 _WHOLE = re.compile(r"-?[0-9]{1,18}")
+
+_SHORT = 30
 
 SCALES_NS: dict[str, int | Fraction] = {"ps": Fraction(1, 1000), "ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 """Units of time by the name that traces give them, in nanoseconds."""
 
 
-def instant(text: str, scale_ns: int | Fraction) -> Duration:
-    """Return an instant stated in units of `scale_ns`; raise ``ValueError`` if `text` is no exact number."""
+def instant(text: str, scale_ns: int | Fraction) -> int | Fraction:
+    """Return nanoseconds of an instant in units of `scale_ns`; raise ``ValueError`` if `text` is no exact number."""
+    if text.isdecimal() and text.isascii() and len(text) <= _SHORT:  # as most are
+        return int(text) if scale_ns == 1 else _plain(int(text) * scale_ns)
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"{text[:40]!r} is no time")
     try:
         value = Fraction(text) if "." in text or "/" in text else int(text)
     except ZeroDivisionError:
         raise ValueError(f"{text[:40]!r} is no time") from None
-    return Duration(value * scale_ns)
+    return _plain(value * scale_ns)
+
+
+def _plain(ns: int | Fraction) -> int | Fraction:
+    return ns.numerator if ns.denominator == 1 else ns
 
 
 def whole(text: str) -> int:

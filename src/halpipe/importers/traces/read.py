@@ -1,35 +1,38 @@
-"""Detection of the form of a trace by its content, and the reading of one into executions."""
+"""Detection of the form of a trace by its content, and the reading of one into executions.
+
+Texts are read line by line and binary traces packet by packet, so that only jobs are kept; JSON is read as a whole.
+"""
 
 from __future__ import annotations
 
+import codecs
+import io
 import re
-from typing import TYPE_CHECKING
+from itertools import chain
+from typing import TYPE_CHECKING, BinaryIO
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.core.files import read_bytes
+from halpipe.core.files import STDIO, TOO_LARGE, open_input, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import folders
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models.trace import Trace
 
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
+_HEAD = 4096
+_CHUNK = 2**20
+_MOST_TEXT = 2**28
 
-
-_OF_TASKS = "write its jobs as CSV with the columns task, start and end"
-_KNOWN_FORMS = (
-    (rb"\x17\x08Dtracing", "a trace.dat of trace-cmd", "print it with `trace-cmd report`, and " + _OF_TASKS),
-    (rb"MDF     |UnFinMF ", "a measurement file (MDF)", "export its events, and " + _OF_TASKS),
-    (rb"\n[^\0]{0,200}\0", "a trace of Perfetto in protobuf", "convert it with `traceconv json`"),
-    (rb"CTF 1|\xc1\x1f\xfc\xc1|\xc1\xfc\x1f\xc1", "a stream of CTF", "name the directory that holds its metadata"),
-    (rb"# tracer: |(#.*\n|\s)*.{1,32}-\d+ +(\(.{7}\) +)?\[\d+\] ", "the text of ftrace", _OF_TASKS),
-    (rb"cpus=\d+\n|version = \d+\nCPU", "the text of ftrace", _OF_TASKS),
-)
-"""Forms that are recognised and not read: how they begin, what they are, and what to do instead."""
+_PERFETTO = re.compile(rb"\n[^\0-\x08\x0e-\x1f]*[\0-\x08\x0e-\x1f]")
+"""A packet; texts have no control characters but those of lines."""
+_TRACE_DAT = b"\x17\x08Dtracing"
+_MDF = (b"MDF     ", b"UnFinMF ")
+_CTF = (b"CTF 1", b"\xc1\x1f\xfc\xc1", b"\xc1\xfc\x1f\xc1")
 
 
 @record
@@ -43,41 +46,109 @@ class Recording:
 def read_traces(path: str) -> Recording:
     """Read the trace `path`, a file or a directory of CTF; raise `HalpipeError` with every row that cannot be read."""
     if folders(path):
-        from halpipe.importers.traces.callbacks import executions_of
+        from halpipe.importers.traces.ctf_jobs import read_folder
 
         findings = Findings()
-        return Recording((executions_of(path, findings),), tuple(findings.items))
-    return parse_traces(read_bytes(path), path)
+        return Recording((read_folder(path, findings),), tuple(findings.items))
+    if path == STDIO:
+        return parse_traces(read_bytes(path), path)
+    with open_input(path) as stream:
+        return _read(stream, path)
 
 
 def parse_traces(data: bytes, file: str) -> Recording:
     """Read a trace from bytes; `file` names it in diagnostics."""
-    for begin, what, help in _KNOWN_FORMS:
-        if re.match(begin, data[:4096]):
-            message = f"this is {what}, which is not read"
-            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=help))
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as failure:
-        line = data[: failure.start].count(b"\n") + 1
-        message = f"byte {failure.start} is no UTF-8"
-        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, line), help=FORMS)) from None
+    return _read(io.BytesIO(data), file)
+
+
+def _read(stream: BinaryIO, file: str) -> Recording:
     findings = Findings()
-    traces = _reader(text, file)(text, file, findings)
+    head = stream.read(_HEAD)
+    stream.seek(0)
+    traces = _of_form(head, stream, file, findings)
     findings.stop_on_errors()
-    if not any(trace.executions for trace in traces):
+    if not any(len(trace.executions) for trace in traces):
         help = "record the start and the end of every job"
         raise HalpipeError(*findings.items, codes.NO_EXECUTIONS("no task runs in it", at=Location(file), help=help))
-    return Recording(tuple(trace for trace in traces if trace.executions), tuple(findings.items))
+    return Recording(tuple(trace for trace in traces if len(trace.executions)), tuple(findings.items))
 
 
-def _reader(text: str, file: str) -> Callable[[str, str, Findings], list[Trace]]:
-    """Return the function that reads what `text` begins like."""
-    from halpipe.importers.traces import btf, events, table
+def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
+    """Read a trace in the form that it begins like."""
+    if head.startswith(_TRACE_DAT):
+        from halpipe.importers.traces import tracedat
 
-    first = next((line.strip() for line in text.splitlines() if line.strip()), "")
+        return tracedat.read(stream, file, findings)
+    if head.startswith(_MDF):
+        from halpipe.importers.traces import mdf
+
+        return mdf.read(stream, file, findings)
+    if head.startswith(_CTF):
+        help = "name the directory that holds its metadata"
+        raise HalpipeError(codes.UNKNOWN_TRACE("this is a stream of CTF", at=Location(file, 1), help=help))
+    if _PERFETTO.match(head):
+        from halpipe.importers.traces import perfetto
+
+        return perfetto.read(stream, file, findings)
+    lines = _lines(stream, file)
+    begin: list[str] = []
+    for line in lines:
+        begin.append(line)
+        if line.strip():
+            break
+    return _reader(begin[-1].strip() if begin else "", head, file)(chain(begin, lines), file, findings)
+
+
+def _lines(stream: BinaryIO, file: str) -> Iterator[str]:
+    """Yield the lines of a text with their ends, never more than a piece of it at once."""
+    decoder = codecs.getincrementaldecoder("utf-8-sig")()
+    rest, number = "", 0
+    while data := stream.read(_CHUNK):
+        try:
+            pieces = (rest + decoder.decode(data)).splitlines(keepends=True)
+        except UnicodeDecodeError:
+            raise _no_text(file, number) from None
+        rest = pieces.pop() if pieces else ""
+        if len(rest) > _MOST_TEXT:
+            raise HalpipeError(TOO_LARGE("has too long a line", at=Location(file, number + 1), help="split the file"))
+        number += len(pieces)
+        yield from pieces
+    try:
+        decoder.decode(b"", final=True)
+    except UnicodeDecodeError:
+        raise _no_text(file, number) from None
+    if rest:
+        yield rest
+
+
+def _no_text(file: str, number: int) -> HalpipeError:
+    message = f"after line {number} it is no text in UTF-8"
+    return HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, number + 1), help=FORMS))
+
+
+def _json(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
+    from halpipe.importers.traces import slices
+
+    pieces, size = [], 0
+    for line in lines:
+        pieces.append(line)
+        size += len(line)
+        if size > _MOST_TEXT:
+            help = "record in the protobuf form of Perfetto, which is read in parts"
+            raise HalpipeError(
+                TOO_LARGE(f"has more than {_MOST_TEXT // 2**20} MiB of JSON", at=Location(file), help=help)
+            )
+    return slices.read("".join(pieces), file, findings)
+
+
+def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str, Findings], list[Trace]]:
+    """Return the function that reads a text whose first line is `first`."""
+    from halpipe.importers.traces import btf, ftrace, table
+
     if first.startswith(("{", "[")):
-        return events.read
+        return _json
+    if ftrace.BEGIN.match(head):
+        return ftrace.read
     if first.startswith("#") or btf.is_event(first):
         return btf.read
     if table.is_header(first):

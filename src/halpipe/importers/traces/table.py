@@ -10,19 +10,19 @@ Columns are separated by commas, semicolons or tabulators; where no comma separa
 from __future__ import annotations
 
 import csv
-import io
+import itertools
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Location
+from halpipe.core.durations import Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
 from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
 
 T = TypeVar("T")
 
@@ -67,9 +67,9 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
     return found
 
 
-def read(text: str, file: str, findings: Findings) -> list[Trace]:
+def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
-    executions = _executions(text, file, findings)
+    executions = _executions(lines, file, findings)
     executions.sort(key=lambda execution: execution.start.ns)
     unfinished = sum(execution.end is None for execution in executions)
     if unfinished:
@@ -77,9 +77,11 @@ def read(text: str, file: str, findings: Findings) -> list[Trace]:
     return [Trace(name="", executions=tuple(executions))]
 
 
-def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
-    separator = separator_of(next((line for line in text.splitlines() if line.strip()), ""))
-    rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+def _executions(lines: Iterable[str], file: str, findings: Findings) -> list[Execution]:
+    rest = iter(lines)
+    before = list(_up_to_header(rest))
+    separator = separator_of(before[-1] if before else "")
+    rows = csv.reader(itertools.chain(before, rest), delimiter=separator)
     filled = (cells for cells in rows if any(cell.strip() for cell in cells))
     executions: list[Execution] = []
     is_complete, absent = False, 0
@@ -106,6 +108,14 @@ def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
     return executions if is_complete else list(dict.fromkeys(executions))
 
 
+def _up_to_header(lines: Iterator[str]) -> Iterator[str]:
+    """Yield lines up to the first that is not blank."""
+    for line in lines:
+        yield line
+        if line.strip():
+            return
+
+
 def _recorded(
     records: dict[str, tuple[int, int]], cells: list[str], numbers: DecimalSign, at: Location
 ) -> list[Execution]:
@@ -115,8 +125,8 @@ def _recorded(
         start, end = (cells[place].strip() if place < len(cells) else "" for place in places)
         if start.lower() in _ABSENT:
             continue
-        began = instant(numbers.point(start), 1)
-        ended = None if end.lower() in _ABSENT else instant(numbers.point(end), 1)
+        began = Duration(instant(numbers.point(start), 1))
+        ended = None if end.lower() in _ABSENT else Duration(instant(numbers.point(end), 1))
         if ended is not None and ended < began:
             raise ValueError(f"{name} ends at {end}, before it starts")
         found.append(Execution(task=name, start=began, end=ended, at=at))
@@ -166,7 +176,7 @@ class _Row:
         if name not in self.columns:
             return None
         scale = SCALES_NS[self.columns[name][1]]
-        return self._optional(cells, name, lambda text: instant(self.numbers.point(text), scale))
+        return self._optional(cells, name, lambda text: Duration(instant(self.numbers.point(text), scale)))
 
     def _optional(self, cells: list[str], name: str, read: Callable[[str], T]) -> T | None:
         text = self._cell(cells, name)

@@ -19,7 +19,7 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
 from halpipe.pipeline.compare.chains import measured_chains
-from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, Kind
+from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNSCHEDULED, Kind
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge, Scope
 from halpipe.pipeline.compare.matching import (
@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
+
+COMM = 15
+"""Characters that Linux keeps of the name of a thread."""
 
 
 def _origin(text: str) -> Duration | None:
@@ -123,7 +126,7 @@ def compare(
     findings = Findings()
     prefix = f"{trace.name}, " if trace.name else ""
     judge = Judge(options.tolerance, prefix, scope)
-    executions = _known(trace.executions, schedule, judge)
+    executions = _known(trace, schedule, judge, findings)
     unknown_tables(executions, tables, judge)
     if executions and all(execution.cycle is not None and execution.table for execution in executions):
         names = {execution.table for execution in executions if execution.table in tables}
@@ -216,27 +219,35 @@ def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareO
     return names[0]
 
 
-def _known(executions: Sequence[Execution], schedule: Schedule, judge: Judge) -> list[Execution]:
-    """Return the executions of scheduled tasks, by the names of the schedule; report the others once per name."""
+def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -> list[Execution]:
+    """Return the executions of scheduled tasks, by the names of the schedule; report the others once per name.
+
+    In a trace of a whole computer, others are no deviation, and units count only where it has those of the schedule.
+    """
     jobs = [job for mode in schedule.modes for job in mode.jobs]
     jobs += [job for switch in schedule.transitions for job in switch.jobs]
     tasks = {job.task for job in jobs}
     units = {unit for job in jobs for unit in job.units}
-    plain_task, plain_unit = _names(tasks, _nodes(executions, tasks)), _names(units, {})
+    plain_task, plain_unit = _names(tasks, _nodes(trace.executions, tasks)), _names(units, {})
     found: list[Execution] = []
     unknown: dict[str, list[Execution]] = defaultdict(list)
-    for execution in executions:
+    for execution in trace.executions:
         task = plain_task(execution.task)
         if task not in tasks:
             unknown[task].append(execution)
             continue
         on = tuple(map(plain_unit, execution.units))
+        if trace.is_shared and not units.issuperset(on):
+            on = ()
         same = task == execution.task and on == execution.units
         found.append(execution if same else replace(execution, task=task, units=on))
-    for task, lost in sorted(unknown.items()):
+    for task, lost in sorted(unknown.items()) if not (trace.is_shared and found) else ():
         help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
         message = f"ran {len(lost)} times and is not in the schedule"
         judge.add(Kind.UNKNOWN_TASK, about(task=task), ZERO, message, lost[0].at, help)
+    if unknown and trace.is_shared and found:
+        message = f"{len(unknown)} programs are not in the schedule: {', '.join(sorted(unknown)[:5])}"
+        findings.add(UNSCHEDULED(message, path=trace.name, help="schedule those that take the time of tasks"))
     return found
 
 
@@ -253,10 +264,15 @@ def _nodes(executions: Sequence[Execution], tasks: Collection[str]) -> dict[str,
 def _names(known: Collection[str], others: Mapping[str, str]) -> Callable[[str], str]:
     """Return what gives a name as the schedule has it: one of `others`, or without the prefix of a viewer."""
 
+    short = Counter(name[:COMM] for name in known)
+    long = {name[:COMM]: name for name in known if len(name) > COMM and short[name[:COMM]] == 1}
+
     @cache
     def plain(name: str) -> str:
         if name in known:
             return name
+        if name in long:
+            return long[name]
         if name in others:
             return others[name]
         bare = (name.removeprefix(prefix) for prefix in PREFIXES if name.startswith(prefix))

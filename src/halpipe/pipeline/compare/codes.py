@@ -107,6 +107,12 @@ NOT_MEASURED = note(
     "Its figures count from or to releases, by a logical execution time or by an event; a recording has only starts "
     "and ends.",
 )
+UNSCHEDULED = note(
+    "HAL1440",
+    "Programs of the computer are not in the schedule",
+    "A recording of the kernel has the threads of all programs. Those without a task in the schedule are no deviation, "
+    "but take time on the same CPUs.",
+)
 OTHER_MODEL = error(
     "HAL1119",
     "Model is not that of the schedule",

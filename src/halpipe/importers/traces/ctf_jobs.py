@@ -1,0 +1,60 @@
+"""Jobs of a directory of CTF: the callbacks of ROS nodes, by the names of an import of the trace, or threads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.durations import Duration
+from halpipe.importers.ros.traced import short_names_of
+from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+from halpipe.importers.traces.ftrace import Switches
+from halpipe.importers.traces.ros2 import read_ros_trace
+from halpipe.models.trace import Execution, Trace
+
+if TYPE_CHECKING:
+    from halpipe.core.diagnostics import Findings
+
+
+def read_folder(root: str, findings: Findings) -> Trace:
+    """Return the jobs of all callbacks but services and plumbing, or of all threads where no node is traced.
+
+    Raise `HalpipeError` if it is no trace of either.
+    """
+    try:
+        trace = read_ros_trace(root, findings)
+    except HalpipeError:
+        threads = _threads(root, findings)
+        if threads is None:
+            raise
+        return threads
+    names, at = short_names_of(trace), Location(root)
+    found = [
+        Execution(
+            task=names[key],
+            start=Duration(job.start),
+            end=Duration(job.end),
+            busy=Duration(job.busy) if trace.has_switches else None,
+            at=at,
+        )
+        for key, jobs in trace.jobs.items()
+        if key in names
+        for job in jobs
+    ]
+    return Trace(name="", executions=tuple(sorted(found, key=lambda execution: execution.start.ns)))
+
+
+def _threads(root: str, findings: Findings) -> Trace | None:
+    """Return the jobs of threads by the switches of the kernel; None where there are none."""
+    switches, damage = Switches(root, findings), Damage()
+    try:
+        for event in events(folders(root), damage):
+            fields = event.fields
+            if event.name == "sched_switch" and {"prev_tid", "prev_state", "next_tid", "next_comm"} <= fields.keys():
+                name = str(fields["next_comm"])
+                goes_on = not int(fields["prev_state"])  # 0 is TASK_RUNNING, which a preempted thread keeps
+                switches.switch(event.cpu, event.time, fields["prev_tid"], goes_on, fields["next_tid"], name, 0)
+    except (CtfError, OSError, TypeError, ValueError):
+        return None
+    found = switches.trace(damage.discarded)
+    return found if len(found.executions) else None

@@ -1,0 +1,74 @@
+"""Measurement files (MDF 3 and 4) by the library asammdf: tables of jobs, and signals that are 1 while a task runs.
+
+A group with the channels task, start and end is a table of jobs, with the columns of the CSV reader. Any other channel
+of whole numbers that is 0 or 1 only is the state of a task of its name. Times of MDF are seconds as binary fractions;
+they are rounded to nanoseconds.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.importers.traces import codes, table
+from halpipe.importers.traces.jobs import Job, Jobs
+from halpipe.models.trace import Trace
+
+if TYPE_CHECKING:
+    from halpipe.core.diagnostics import Findings
+
+_INSTALL = "install the library that reads MDF: pip install 'halpipe[mdf]'"
+
+
+def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
+    """Return the tables of jobs, and a line of time of all signals."""
+    try:
+        from asammdf import MDF
+    except ImportError:
+        message = "this is a measurement file (MDF), which needs the library asammdf"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=_INSTALL)) from None
+    try:
+        opened: Any = stream
+        with MDF(opened) as measured:
+            groups = [measured.get_group(index, time_from_zero=False) for index in range(len(measured.groups))]
+    except Exception as failure:  # noqa: BLE001 whatever the library raises on a damaged file
+        message = f"the library asammdf cannot read it: {failure}"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="save it again")) from None
+    found: list[Trace] = []
+    jobs = Jobs(file, findings)
+    for group in groups:
+        names = [str(name) for name in group.columns]
+        if table.is_header(",".join(names)):
+            found += table.read(_rows(group, names), file, findings)
+            continue
+        for name in names:
+            _state(jobs, name, group[name])
+    return [*found, Trace(name="", executions=jobs.result(), is_shared=True)]
+
+
+def _rows(group: Any, names: list[str]) -> list[str]:
+    rows = [",".join(names)]
+    for values in group.itertuples(index=False):
+        rows.append(",".join(map(_cell, values)))
+    return [row + "\n" for row in rows]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    if isinstance(value, str):
+        return '"' + value.strip("\0 ").replace('"', "") + '"'
+    number = float(value)
+    return str(int(number)) if number.is_integer() else f"{number:.9f}"
+
+
+def _state(jobs: Jobs, name: str, signal: Any) -> None:
+    """Take a signal as the state of a task, if it is one."""
+    if signal.dtype.kind not in "bui" or not set(signal.unique().tolist()) <= {0, 1}:
+        return
+    for seconds, value in zip(signal.index.tolist(), signal.tolist(), strict=True):
+        at = round(seconds * 10**9)
+        if value and name not in jobs.running:
+            jobs.running[name] = Job(name, "", at, 0)
+        elif not value:
+            jobs.end(name, at)

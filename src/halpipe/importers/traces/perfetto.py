@@ -1,0 +1,271 @@
+"""Perfetto's protobuf traces: slices of track events, and switches of threads from ftrace.
+
+The wire format is read here, in 40 lines, since generated classes of Perfetto's 200 messages would be more code than
+that, and their package fetches a program from the network. Numbers of fields are those of Perfetto's ``trace_packet``,
+``track_event``, ``track_descriptor``, ``ftrace_event_bundle`` and ``sched`` definitions.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import MAX_INPUT_BYTES
+from halpipe.importers.traces import codes
+from halpipe.importers.traces.ftrace import Switches
+from halpipe.importers.traces.slices import traces_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.core.diagnostics import Findings
+    from halpipe.models.trace import Trace
+
+Fields = dict[int, list[Any]]
+"""The values of a message by the number of their field: integers, and bytes of texts and messages."""
+
+_PHASES = {1: "B", 2: "E", 3: "i", 4: "C", 5: "state"}
+_CLEARED = 1
+_MALFORMED = (ValueError, IndexError, TypeError, AttributeError)
+_BOOTTIME = 6
+_NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
+_PREEMPTED_MASK = 0xFF
+"""Bits of the states in which a thread waits; that of a preempted one is above them."""
+
+
+def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
+    """Return a line of time for each process with slices, and one for the threads of the kernel."""
+    reader, count = _Reader(file, findings), 0
+    try:
+        for count, packet in enumerate(_packets(stream), 1):  # noqa: B007 counted up to the damage
+            reader.packet(fields_of(packet))
+    except _MALFORMED as failure:
+        if count and (traces := reader.traces()):
+            message = f"packet {count + 1} cannot be read: {failure}; what comes after packet {count} is not used"
+            findings.add(codes.CUT_OFF(message, at=Location(file), help="stop the session before copying the trace"))
+            return traces
+        message = f"this trace of Perfetto in protobuf cannot be read: {failure}"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="record it again")) from None
+    return reader.traces()
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """Return a number and the place behind it."""
+    value = shift = 0
+    while True:
+        byte = data[at]
+        at += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value & (2**64 - 1), at
+        shift += 7
+        if shift > 63:
+            raise ValueError("a number has more than 64 bits")
+
+
+def fields_of(data: bytes) -> Fields:
+    """Return the fields of a message."""
+    found: Fields = {}
+    at = 0
+    while at < len(data):
+        key, at = _varint(data, at)
+        kind = key & 7
+        value: Any
+        if kind == 0:
+            value, at = _varint(data, at)
+        elif kind in (1, 5):
+            size = 8 if kind == 1 else 4
+            value, at = int.from_bytes(data[at : at + size], "little"), at + size
+        elif kind == 2:
+            size, at = _varint(data, at)
+            value, at = data[at : at + size], at + size
+        else:
+            raise ValueError(f"a field has the wire type {kind}")
+        if at > len(data):
+            raise ValueError("a field is longer than its message")
+        found.setdefault(key >> 3, []).append(value)
+    return found
+
+
+def _packets(stream: BinaryIO) -> Iterator[bytes]:
+    """Yield the packets of a trace: field 1 of it, over and over."""
+    while head := stream.read(16):
+        key, at = _varint(head, 0)
+        size, at = _varint(head, at)
+        if key != (1 << 3 | 2) or size > MAX_INPUT_BYTES:
+            raise ValueError("it is no list of packets")
+        begin = head[at : at + size]
+        if len(begin) < len(head) - at:
+            stream.seek(len(begin) + at - len(head), 1)
+        packet = begin + stream.read(size - len(begin))
+        if len(packet) < size:
+            raise ValueError("the last packet is cut off")
+        yield packet
+
+
+def _one(fields: Fields, number: int, default: Any = None) -> Any:
+    return fields[number][-1] if number in fields else default
+
+
+def _text(fields: Fields, number: int) -> str:
+    value = _one(fields, number, b"")
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else ""
+
+
+def _signed(value: int) -> int:
+    return value - 2**64 if value >= 2**63 else value
+
+
+def _messages(fields: Fields, number: int) -> Iterator[Fields]:
+    return (fields_of(value) for value in fields.get(number, ()) if isinstance(value, bytes))
+
+
+class _Sequence:
+    """What the packets of one writer refer to: names by number, and defaults."""
+
+    def __init__(self) -> None:
+        self.names: dict[int, str] = {}
+        self.keys: dict[int, str] = {}
+        self.clock = _BOOTTIME
+        self.track = 0
+
+
+class _Reader:
+    def __init__(self, file: str, findings: Findings) -> None:
+        self.file = file
+        self.findings = findings
+        self.sequences: dict[int, _Sequence] = {}
+        self.tracks: dict[int, tuple[int, int, str]] = {}
+        """Process, parent and name of each track."""
+        self.processes: dict[int, str] = {}
+        self.threads: dict[int, str] = {}
+        self.events: list[dict[str, Any]] = []
+        self.switches: list[tuple[int, int, int, bool, int, str]] = []
+        self.others: Counter[str] = Counter()
+        self.has_lost = False
+
+    def packet(self, fields: Fields) -> None:
+        """Take one packet."""
+        sequence = self.sequences.setdefault(_one(fields, 10, 0), _Sequence())
+        if _one(fields, 13, 0) & _CLEARED or _one(fields, 41, 0):
+            sequence.__init__()  # type: ignore[misc]
+        self.has_lost = self.has_lost or bool(_one(fields, 42, 0))
+        for interned in _messages(fields, 12):
+            for number, names in ((2, sequence.names), (3, sequence.keys)):
+                names.update({_one(name, 1, 0): _text(name, 2) for name in _messages(interned, number)})
+        for defaults in _messages(fields, 59):
+            sequence.clock = _one(defaults, 58, sequence.clock)
+            for track in _messages(defaults, 11):
+                sequence.track = _one(track, 11, sequence.track)
+        for descriptor in _messages(fields, 60):
+            self._descriptor(descriptor)
+        for tree in _messages(fields, 2):
+            for thread in _messages(tree, 2):
+                self.threads[_one(thread, 1, 0)] = _text(thread, 2)
+        for event in _messages(fields, 11):
+            self._event(event, sequence, fields)
+        for bundle in _messages(fields, 1):
+            self._bundle(bundle)
+        if 50 in fields:
+            self.others["compressed packets"] += len(fields[50])
+
+    def _descriptor(self, fields: Fields) -> None:
+        process = name = None
+        for found in _messages(fields, 3):
+            process, name = _one(found, 1, 0), _text(found, 6)
+            self.processes[process] = name or str(process)
+        for found in _messages(fields, 4):
+            process, name = _one(found, 1, 0), _text(found, 5) or str(_one(found, 2, 0))
+        stated = _text(fields, 2) or _text(fields, 10)
+        self.tracks[_one(fields, 1, 0)] = (process or 0, _one(fields, 5, 0), stated or name or "")
+
+    def _event(self, event: Fields, sequence: _Sequence, packet: Fields) -> None:
+        clock = _one(packet, 58, sequence.clock)
+        if clock not in _NANOSECOND_CLOCKS:
+            self.others[f"events on the clock {clock}"] += 1
+            return
+        phase = _PHASES.get(_one(event, 9, 0), "0")
+        name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "")
+        arguments = {}
+        for noted in _messages(event, 4):
+            key = _text(noted, 10) or sequence.keys.get(_one(noted, 1, 0), "")
+            number = _one(noted, 3, _one(noted, 4))
+            arguments[key] = _text(noted, 6) if number is None else _signed(number)
+        track = _one(event, 11, sequence.track)
+        self.events.append({"ph": phase, "ns": _one(packet, 8, 0), "tid": track, "name": name, "args": arguments})
+
+    def _bundle(self, bundle: Fields) -> None:
+        cpu = _one(bundle, 1, 0)
+        self.has_lost = self.has_lost or bool(_one(bundle, 3, 0))
+        for event in _messages(bundle, 2):
+            for switch in _messages(event, 4):
+                goes_on = not _signed(_one(switch, 4, 0)) & _PREEMPTED_MASK
+                place = (_one(event, 1, 0), cpu, _one(switch, 2, 0), goes_on, _one(switch, 6, 0), _text(switch, 5))
+                self.switches.append(place)
+        for compact in _messages(bundle, 4):
+            self._compact(cpu, compact)
+
+    def _compact(self, cpu: int, fields: Fields) -> None:
+        """Take switches in columns; each leaves the thread that the one before it entered."""
+        names = [value.decode("utf-8", "replace") for value in fields.get(5, ())]
+        columns = [list(_packed(fields, number)) for number in (1, 2, 3, 6)]
+        at, left = 0, None
+        for delta, state, entered, name in zip(*columns, strict=True):
+            at += delta
+            goes_on = not _signed(state) & _PREEMPTED_MASK
+            self.switches.append((at, cpu, -1 - cpu if left is None else left, goes_on, entered, names[name]))
+            left = entered
+
+    def _process_of(self, track: int) -> int:
+        """Return the process of a track, or of the ones above it."""
+        seen: set[int] = set()
+        while track in self.tracks and track not in seen:
+            seen.add(track)
+            process, parent, _ = self.tracks[track]
+            if process or not parent:
+                return process
+            track = parent
+        return 0
+
+    def traces(self) -> list[Trace]:
+        """Return the lines of all processes with slices, and of the kernel."""
+        found: list[Trace] = []
+        names: list[dict[str, Any]] = []
+        for event in self.events:
+            event["pid"] = self._process_of(event["tid"])
+        for track, (_, _, name) in self.tracks.items():
+            place = {"ph": "M", "pid": self._process_of(track), "tid": track}
+            names.append(place | {"name": "thread_name", "args": {"name": name or str(track)}})
+        for process, name in self.processes.items():
+            names.append({"ph": "M", "pid": process, "name": "process_name", "args": {"name": name}})
+        if self.events:
+            found += traces_of([*names, *self.events], self.file, self.findings)
+        if self.switches:
+            switches = Switches(self.file, self.findings)
+            last: dict[int, int] = {}
+            for at, cpu, left, goes_on, entered, name in sorted(self.switches, key=lambda switch: switch[:2]):
+                before = last.get(cpu, 0) if left < 0 else left
+                switches.switch(cpu, at, before, goes_on, entered, name or self.threads.get(entered, str(entered)), 0)
+                last[cpu] = entered
+            found.append(switches.trace())
+        if self.has_lost:
+            help = "record again with larger buffers"
+            text = "packets or events were discarded while tracing, so jobs may be missing or joined"
+            self.findings.add(codes.LOST_EVENTS(text, at=Location(self.file), help=help))
+        if self.others:
+            kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(self.others.items()))
+            self.findings.add(codes.LEFT_OUT(f"not used: {kinds}", at=Location(self.file)))
+        return found
+
+
+def _packed(fields: Fields, number: int) -> Iterator[int]:
+    """Yield the numbers of a packed field, or of one that is repeated."""
+    for value in fields.get(number, ()):
+        if isinstance(value, int):
+            yield value
+            continue
+        at = 0
+        while at < len(value):
+            single, at = _varint(value, at)
+            yield single

@@ -1,0 +1,151 @@
+"""Binary traces and texts of the kernel: the same run has the same jobs in each form, and damage has a code."""
+
+import pytest
+import trace_forms as forms
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.importers.traces import codes
+from halpipe.importers.traces.read import parse_traces
+
+WRITERS = {
+    "ftrace": forms.ftrace,
+    "trace-cmd report": lambda: forms.ftrace(is_short=True),
+    "trace.dat": forms.trace_dat,
+    "trace.dat, big-endian": lambda: forms.trace_dat(order=">"),
+    "perfetto": forms.perfetto_switches,
+    "perfetto in columns": lambda: forms.perfetto_switches(is_compact=True),
+    "btf": forms.btf,
+    "events": forms.events_json,
+}
+
+
+def seen(found):
+    """Return what the jobs of a line of time are, in nanoseconds."""
+    return [
+        (
+            e.task.removeprefix("TASK_"),
+            e.start.ns,
+            None if e.end is None else e.end.ns,
+            (e.end - e.start if e.busy is None else e.busy).ns,
+            tuple((a.ns, b.ns) for a, b in e.stretches),
+        )
+        for e in found.executions
+    ]
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_the_same_run_has_the_same_jobs_in_each_form(form):
+    (found,) = parse_traces(WRITERS[form](), "t").traces
+    assert seen(found) == forms.JOBS
+
+
+@pytest.mark.parametrize("form", [form for form in WRITERS if form not in ("btf", "events")])
+def test_threads_of_a_computer_run_on_its_cpus(form):
+    (found,) = parse_traces(WRITERS[form](), "t").traces
+    assert found.is_shared
+    assert [e.units for e in found.executions] == [("cpu0",), ("cpu0",), ("cpu0",), ("cpu1",)]
+
+
+def test_slices_of_perfetto_are_those_of_the_json_form():
+    (found,) = parse_traces(forms.perfetto_slices(), "t").traces
+    assert found.name == "run"
+    assert [(e.task, e.units, e.start.ns, e.end.ns) for e in found.executions] == [
+        ("A", ("c0",), 1000, 3000),
+        ("A", ("c0",), 4000, 5000),
+        ("C", ("c1",), 6000, 9000),
+    ]
+
+
+def test_perfetto_forgets_interned_names_when_the_writer_starts_again():
+    name = forms.message((12, forms.message((2, forms.message((1, 1), (2, "A"))))), (13, 1), (10, 1))
+    begin = forms.message((8, 5), (11, forms.message((9, 1), (11, 1), (10, 1))), (10, 1))
+    cleared = forms.message((13, 1), (10, 1))
+    end = forms.message((8, 9), (11, forms.message((9, 2), (11, 1))), (10, 1))
+    (found,) = parse_traces(forms.trace(name, begin, end), "t").traces
+    assert [e.task for e in found.executions] == ["A"]
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(forms.trace(name, cleared, begin, end), "t")
+    assert refused.value.diagnostics[0].code == codes.BROKEN_ROW.id
+
+
+def test_a_thread_that_a_trace_begins_in_has_no_job():
+    text = forms.ftrace().replace(b"# tracer: nop\n", b"").split(b"\n")
+    rest = b"# tracer: nop\n" + b"\n".join(line for line in text if b" 0.000001:" not in line)
+    (found,) = parse_traces(rest, "t").traces
+    assert [row[0] for row in seen(found)] == ["B", "A", "C"]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (forms.ftrace() + b"CPU:1 [LOST 12 EVENTS]\n", "12 events"),
+        (forms.trace_dat(missed=1), "2 events"),
+        (forms.trace(forms.message((42, 1))) + forms.perfetto_slices(), "packets"),
+    ],
+)
+def test_lost_events_are_reported(data, said):
+    found = [d for d in parse_traces(data, "t").diagnostics if d.code == codes.LOST_EVENTS.id]
+    assert [said in d.message for d in found] == [True]
+
+
+@pytest.mark.parametrize(
+    ("data", "code", "said"),
+    [
+        (forms.trace_dat(version=b"7"), codes.UNKNOWN_TRACE, "version 7"),
+        (forms.trace_dat(clock="local [counter]"), codes.UNKNOWN_TRACE, "counter"),
+        (forms.trace_dat()[:500], codes.UNKNOWN_TRACE, "trace.dat"),
+        (forms.perfetto_slices()[:20], codes.UNKNOWN_TRACE, "cut off"),
+        (b"# tracer: nop\n  A-1 [000] d..2. 12345: sched_switch: x\n", codes.BROKEN_ROW, "time"),
+        (b"MDF     4.10    damaged", codes.UNKNOWN_TRACE, "MDF"),
+    ],
+)
+def test_damage_and_unread_variants_have_a_code(data, code, said):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(data, "t")
+    found = [d for d in refused.value.diagnostics if d.is_error]
+    assert [d.code for d in found] == [code.id]
+    assert said in found[0].message
+    assert found[0].help
+
+
+@pytest.mark.parametrize(("data", "jobs"), [(forms.trace_dat()[:8300], 4), (forms.perfetto_slices()[:-3], 3)])
+def test_what_stands_before_the_cut_counts(data, jobs):
+    found = parse_traces(data, "t")
+    assert [d.code for d in found.diagnostics if d.severity.value == "warning"] == [codes.CUT_OFF.id]
+    assert sum(len(trace.executions) for trace in found.traces) == jobs
+
+
+SEEDS = [WRITERS[form]() for form in ("trace.dat", "perfetto", "perfetto in columns", "ftrace")]
+
+
+@given(
+    st.sampled_from(SEEDS), st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), max_size=4), st.floats(0, 1)
+)
+def test_damaged_traces_are_read_or_refused_with_a_code(seed, changes, length):
+    data = bytearray(seed)
+    for place, value in changes:
+        data[int(place * len(data))] = value
+    try:
+        parse_traces(bytes(data[: int(length * len(data)) or len(data)]), "t")
+    except HalpipeError:
+        return  # with codes; anything else would escape
+
+
+def test_measurement_files_have_tables_of_jobs_and_states_of_tasks(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    numpy = pytest.importorskip("numpy")
+    with asammdf.MDF(version="4.10") as file:
+        stamps = numpy.array([1e-6, 3e-6, 4e-6, 5e-6])
+        states = numpy.array([1, 0, 1, 0], dtype="uint8")
+        file.append([asammdf.Signal(states, stamps, name="A")])
+        file.append([asammdf.Signal(numpy.array([1, 5, 9, 2], dtype="uint8"), stamps, name="speed")])
+        names = numpy.array([b"C", b"C"])
+        begins, ends = (numpy.array(times, dtype="uint64") for times in ([6000, 20000], [9000, 21000]))
+        columns = [("task", names), ("start", begins), ("end", ends)]
+        file.append([asammdf.Signal(c, numpy.arange(2.0), name=n, encoding="utf-8") for n, c in columns])
+        file.save(tmp_path / "t.mf4")
+    rows, states = parse_traces((tmp_path / "t.mf4").read_bytes(), "t").traces
+    assert seen(states) == [("A", 1000, 3000, 2000, ()), ("A", 4000, 5000, 1000, ())]
+    assert seen(rows) == [("C", 6000, 9000, 3000, ()), ("C", 20000, 21000, 1000, ())]
