@@ -16,7 +16,7 @@ from halpipe.core.durations import ZERO
 from halpipe.models import Job, ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.exactunits import alike
-from halpipe.pipeline.solve.kernel.arc_colouring import Arc, assign_units
+from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
 from halpipe.pipeline.verify import verify
 
 if TYPE_CHECKING:

@@ -89,11 +89,11 @@ def test_a_search_stopped_on_a_cluster_goes_on_to_the_same_bytes(tmp_path, monke
 @pytest.mark.parametrize("aim", [("cost", "chains"), ("margin",), tuple(AIMS)])
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
-    from halpipe.pipeline.solve import goals
+    from halpipe.pipeline.solve import optimise
     from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
-    monkeypatch.setattr(goals, "POLISH_BUDGET", 30)
+    monkeypatch.setattr(optimise, "POLISH_BUDGET", 30)
     system = parse_model(format_model(loose_model()), "m.xml")
     options = SearchOptions(seed=1, optimise=tuple(map(Objective, aim)))
     straight = schedule_model(system, options, lambda *progress: True)

@@ -18,14 +18,12 @@ from halpipe.pipeline.checked import validate_model, verify_schedule
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.objectives import Judge, Objective
 from halpipe.pipeline.parts import has_whole_jobs
-from halpipe.pipeline.solve import exact_chains, goals, one_mode
+from halpipe.pipeline.solve import exact_goals, one_mode, optimise
 from halpipe.pipeline.solve import schedule as search
-from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.exact import Effort
-from halpipe.pipeline.solve.kernel.naming import named_jobs
-from halpipe.pipeline.solve.kernel.taking_over import taken_over
+from halpipe.pipeline.solve.kernel.warmstart import named_jobs, taken_over
 from halpipe.pipeline.solve.limits import stated_problem
-from halpipe.pipeline.solve.optimise import value_text
+from halpipe.pipeline.solve.optimise import lower_bound, value_text
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from profiles import examples
@@ -65,9 +63,9 @@ def found(system, **options):
 def solved(system, **options):
     """Search with small budgets; what is called valid verifies."""
     with (
-        mock.patch.object(goals, "POLISH_BUDGET", 30),
+        mock.patch.object(optimise, "POLISH_BUDGET", 30),
         mock.patch.object(one_mode, "POLISH_TABLES", 4),
-        mock.patch.object(exact_chains, "WORK", 0.05),
+        mock.patch.object(exact_goals, "CHAINS_WORK", 0.05),
     ):
         scheduled = search.schedule_model(system, SearchOptions(budget=300, **options), lambda *_: True)
     if scheduled.is_complete:
@@ -266,21 +264,21 @@ def test_the_bound_of_a_pair_of_chains_is_what_trying_all_phases_finds():
     system = four_tasks()
     expansion = expand(system, system.modes[0])
     least = dict.fromkeys(system.chains, Fraction(0))
-    [(pair, bound)] = exact_chains._pairs(system, expansion, least, Effort()).items()
+    [(pair, bound)] = exact_goals._pairs(system, expansion, least, Effort()).items()
     assert pair == system.chains
     assert bound == expected * Fraction(milliseconds(1).ns)
 
 
 def test_each_chain_counts_in_one_pair_at_most():
     one, two, three, four = least = dict.fromkeys([chain(name, "a b") for name in "pqrs"], Fraction(10))
-    assert exact_chains._best_gain({}, least) == 0
+    assert exact_goals._best_gain({}, least) == 0
     pairs = {
         (one, two): Fraction(25),
         (two, three): Fraction(29),
         (three, four): Fraction(27),
         (one, four): Fraction(21),
     }
-    assert exact_chains._best_gain(pairs, least) == 9 + 1
+    assert exact_goals._best_gain(pairs, least) == 9 + 1
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -322,6 +320,6 @@ def test_goals_name_what_they_weigh():
     """Every stage may look only at objectives that are judged."""
     for count in (1, 2, 3):
         for objectives in permutations(Objective, count):
-            wanted = goals.Goals.of(objectives)
+            wanted = optimise.Goals.of(objectives)
             assert wanted.stages
             assert all(leading <= len(wanted.objectives) for _, leading in wanted.stages)

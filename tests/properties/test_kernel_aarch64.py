@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from scheduler_systems import random_problem
 
 from halpipe.pipeline.solve.integers import Table
-from halpipe.pipeline.solve.kernel.kernel import anneal
-from halpipe.pipeline.solve.kernel.library import COUNTED, values
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import COUNTED, anneal, gumbel_table, values
 from halpipe.pipeline.solve.kernel.state import new_state
 from profiles import examples
 

@@ -17,6 +17,7 @@ from halpipe.pipeline.solve.integers import Table, filled, ints
 from halpipe.pipeline.solve.kernel.assign_units import deal_anyhow
 from halpipe.pipeline.solve.kernel.kernel import (
     anneal,
+    gumbel_table,
     load,
     luby,
     move,
@@ -25,9 +26,8 @@ from halpipe.pipeline.solve.kernel.kernel import (
     restart,
     total_cost,
 )
-from halpipe.pipeline.solve.kernel.naming import named_jobs
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import BEST, COST, CYCLE_LEFT, INSERTED, new_state
+from halpipe.pipeline.solve.kernel.warmstart import named_jobs
 from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples
 from support import after, chain, model, task, version

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, about, note
 from halpipe.core.durations import ZERO
 from halpipe.pipeline.parts import reserved_length, service_of
-from halpipe.pipeline.solve.exact_near import is_same, place
+from halpipe.pipeline.solve.exact_goals import is_same, place
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -90,7 +90,7 @@ def _fewest(
     """Ask the exact engine for fewer moves; return the better schedule, and what is proven to be the least of modes."""
     from halpipe.pipeline.jobs import expand
     from halpipe.pipeline.solve.exact import Effort
-    from halpipe.pipeline.solve.exact_near import WORK, Fewest, fewest_moved
+    from halpipe.pipeline.solve.exact_goals import MOVED_WORK, Fewest, fewest_moved
 
     least: dict[str, int] = {}
     better = []
@@ -98,7 +98,7 @@ def _fewest(
         answer = Fewest()
         if moved:
             expansion = expand(model, model.mode(mode.name))
-            effort = Effort(work=WORK, seed=options.seed % 2**31)
+            effort = Effort(work=MOVED_WORK, seed=options.seed % 2**31)
             before, held = _jobs_of(earlier, mode.name), _jobs_of(options.shipped, mode.name)
             answer = fewest_moved(model, expansion, before, held, mode.jobs, effort)
         least[mode.name] = answer.bound

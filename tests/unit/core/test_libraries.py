@@ -8,7 +8,7 @@ import pytest
 from halpipe.core import libraries
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.libraries import NOT_BUILT, SUFFIX, fingerprint, library
-from halpipe.pipeline.solve.kernel.library import SOURCES
+from halpipe.pipeline.solve.kernel.kernel import SOURCES
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_a_command_says_so_without_a_traceback(halpipe_without_kernel):
 def halpipe_without_kernel(tmp_path, monkeypatch):
     from command_line import run_here
     from halpipe.exporters.native import format_model
-    from halpipe.pipeline.solve.kernel import library as border
+    from halpipe.pipeline.solve.kernel import kernel as border
     from support import model, task, version
 
     (tmp_path / "model.xml").write_bytes(format_model(model(task("t", 10, version("v", 1)))))

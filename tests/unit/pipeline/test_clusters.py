@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.kernel import anneal, gather_cluster, move_cluster, total_cost
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import anneal, gather_cluster, gumbel_table, move_cluster, total_cost
 from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, CLUSTER, COST, FROZEN_HINT, INSERTED, Part, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples

@@ -16,9 +16,9 @@ from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve import schedule as solve
-from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.edf.resources import Claim
 from halpipe.pipeline.solve.edf.works import works_of
+from halpipe.pipeline.solve.integers import Draws
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, model, task, version

@@ -11,7 +11,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
 from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
 from halpipe.pipeline.solve.exactunits import Groups, Line, Units, forms_of
-from halpipe.pipeline.solve.kernel.arc_colouring import Arc
+from halpipe.pipeline.solve.kernel.assign_units import Arc
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, small_model, task, version
 
@@ -270,7 +270,7 @@ def test_engine_of_the_search(monkeypatch):
 @pytest.mark.parametrize(("stopped", "code", "exit"), [(True, codes.INTERRUPTED, 130), (False, codes.NOT_FOUND, 3)])
 def test_an_unknown_answer_is_not_called_infeasible(monkeypatch, stopped, code, exit):
     monkeypatch.setattr(
-        "halpipe.pipeline.solve.exact_member.solve_exact", lambda *_, **__: ExactResult(Answer.UNKNOWN, stopped=stopped)
+        "halpipe.pipeline.solve.relay.solve_exact", lambda *_, **__: ExactResult(Answer.UNKNOWN, stopped=stopped)
     )
     with pytest.raises(HalpipeError) as failure:
         schedule_model(hard(), SearchOptions(engine="exact"), lambda *_: True)

@@ -4,7 +4,7 @@ import pytest
 
 from halpipe.models import Status
 from halpipe.pipeline.checked import schedule_model
-from halpipe.pipeline.solve import codes, exact_member, relay, schedule
+from halpipe.pipeline.solve import codes, relay, schedule
 from halpipe.pipeline.solve.exact import Answer, ExactResult
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -59,7 +59,7 @@ def test_only_the_modes_that_need_it_are_its_own(few_moves):
 
 
 def test_a_budget_that_is_stated_is_all_there_is(few_moves, monkeypatch):
-    monkeypatch.setattr(exact_member, "solve_after", lambda *arguments: pytest.fail("is asked"))
+    monkeypatch.setattr(relay, "solve_after", lambda *arguments: pytest.fail("is asked"))
     assert not schedule_model(perfect_fit(), SearchOptions(budget=1), go_on).is_complete
 
 
@@ -70,7 +70,7 @@ def test_any_number_of_workers_gives_the_same(few_moves, workers):
 
 
 def test_turns_grow_to_the_budget():
-    turns = [(turn.number, turn.moves, turn.work) for turn in relay.turns(1600, 5000)]
+    turns = [(turn.number, turn.moves, turn.work) for turn in relay.turns(1600, 5000, 50)]
     assert turns == [(0, 25, 0), (1, 100, 1), (2, 400, 4), (3, 1600, 16), (4, 5000, 64)]
     assert [turn.moves for turn in relay.turns(1600, 1600)] == [25, 100, 400, 1600]
 
@@ -79,7 +79,7 @@ def test_a_search_in_turns_is_that_in_one_go(monkeypatch):
     """The annealer goes on where its last turn ended, as if nobody had been asked in between."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 16_000)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
-    monkeypatch.setattr(exact_member, "solve_exact", lambda *_: ExactResult(Answer.UNKNOWN))
+    monkeypatch.setattr(relay, "solve_exact", lambda *_: ExactResult(Answer.UNKNOWN))
     in_turns = schedule_model(fuller(), SearchOptions(), go_on)
     monkeypatch.setattr("halpipe.pipeline.solve.exact.is_installed", lambda: False)
     at_once = schedule_model(fuller(), SearchOptions(), go_on)
@@ -111,7 +111,7 @@ def test_what_has_no_schedule_is_not_called_infeasible_on_its_word(few_moves):
 
 def test_with_the_clock_as_the_limit_both_go_on(few_moves, monkeypatch):
     asked = []
-    monkeypatch.setattr(exact_member, "solve_after", lambda *arguments: asked.append(arguments[2].work))
+    monkeypatch.setattr(relay, "solve_after", lambda *arguments: asked.append(arguments[2].work))
     monkeypatch.setattr(schedule, "UNBOUNDED", 10)
     found = schedule_model(perfect_fit(), SearchOptions(budget=10), go_on)
     assert found.is_complete or found.moves == 10 * len(LENGTHS)

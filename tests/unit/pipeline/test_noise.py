@@ -3,7 +3,7 @@
 from decimal import Decimal, localcontext
 from itertools import pairwise
 
-from halpipe.pipeline.solve.kernel.noise import SIZE, gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import SIZE, gumbel_table
 
 
 def test_the_table_is_that_of_decimal_arithmetic():

@@ -6,8 +6,7 @@ import pytest
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.integers import filled
-from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, total_cost
 from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, COST, MOVES, Part, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from support import access, after, chain, model, task, version

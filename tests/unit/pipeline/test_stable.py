@@ -127,7 +127,7 @@ def test_a_longer_task_stays_where_it_was_if_it_has_room():
 
 
 def test_without_the_exact_engine_tasks_are_put_back(monkeypatch):
-    monkeypatch.setattr("halpipe.pipeline.solve.exact_near.is_installed", lambda: False)
+    monkeypatch.setattr("halpipe.pipeline.solve.exact_goals.is_installed", lambda: False)
     owner = generate(SetParameters(tasks=30, units=4), 3)
     first = scheduled(owner).schedule
     found = scheduled(with_longer(owner, owner.tasks[7].name, Fraction(11, 10)), near=first)

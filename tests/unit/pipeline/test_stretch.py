@@ -9,9 +9,8 @@ import pytest
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective, least_margin
 from halpipe.pipeline.measure.placement import Placement
-from halpipe.pipeline.solve.bounds import lower_bound
+from halpipe.pipeline.solve.optimise import lower_bound, stretched
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
-from halpipe.pipeline.solve.stretch import stretched
 from halpipe.pipeline.verify import verify
 from support import after, job, model, schedule, task, version
 

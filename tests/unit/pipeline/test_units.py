@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from halpipe.pipeline.solve.kernel.arc_colouring import Arc, assign_units
+from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
 
 
 def cells(arc, hyperperiod):

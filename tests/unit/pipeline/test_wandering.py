@@ -7,8 +7,7 @@ import pytest
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel import search as driver
-from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost, wander
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, total_cost, wander
 from halpipe.pipeline.solve.kernel.state import BEST, MOVES, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from support import model, task, version

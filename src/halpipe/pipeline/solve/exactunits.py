@@ -15,7 +15,7 @@ from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
-from halpipe.pipeline.solve.kernel.arc_colouring import Arc, assign_units
+from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

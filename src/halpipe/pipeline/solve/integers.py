@@ -1,7 +1,4 @@
-"""Integers in one piece of memory, as the kernel sees them: arrays of 64 bits each, and tables of them.
-
-The standard library has all that is needed of it; a larger one for arrays takes longer to load than most searches.
-"""
+"""Arrays and tables of 64-bit integers, and pseudo-random numbers of the searches written in Python."""
 
 from __future__ import annotations
 
@@ -9,9 +6,9 @@ from array import array
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    Ints = array[int]
     from collections.abc import Iterable, Iterator, Sequence
 
-    Ints = array[int]
 
 Row = tuple[int, ...]
 
@@ -68,3 +65,23 @@ class Table:
     def __setitem__(self, place: tuple[int, int], value: int) -> None:
         row, column = place
         self.flat[row * self.width + column] = value
+
+
+class Draws:
+    """Pseudo-random numbers, the same everywhere (splitmix64)."""
+
+    def __init__(self, seed: int) -> None:
+        self._state = seed % 2**64
+
+    @property
+    def state(self) -> int:
+        """All that the next numbers depend on."""
+        return self._state
+
+    def below(self, limit: int) -> int:
+        """Return a number in [0, limit)."""
+        self._state = (self._state + 0x9E3779B97F4A7C15) % 2**64
+        word = self._state
+        word = (word ^ (word >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
+        word = (word ^ (word >> 27)) * 0x94D049BB133111EB % 2**64
+        return (word ^ (word >> 31)) % limit

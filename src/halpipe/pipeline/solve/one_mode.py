@@ -15,8 +15,8 @@ from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
-from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
+from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, Goals, polish_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,11 +25,10 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
-    from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper, Kept
     from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
-    from halpipe.pipeline.solve.optimise import Reached
+    from halpipe.pipeline.solve.optimise import Polish, Reached
     from halpipe.pipeline.solve.problem import Problem
     from halpipe.pipeline.solve.relay import Turn
     from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
@@ -207,7 +206,7 @@ class _Exact(_Search):
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.exact import Effort
-        from halpipe.pipeline.solve.exact_member import solve_alone
+        from halpipe.pipeline.solve.relay import solve_alone
 
         if self.options.shipped is not None or self.options.like is not None:
             mode, help = self.expansion.mode, "use --engine anneal, or omit --freeze and --near"
@@ -388,7 +387,7 @@ class _WholeJobs(_Search):
     def _solve(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
         """Run the exact engine in one of its turns."""
         from halpipe.pipeline.solve.exact import Effort
-        from halpipe.pipeline.solve.exact_member import solve_after
+        from halpipe.pipeline.solve.relay import solve_after
 
         workers, go_on = self.options.workers.count, self._go_on(outcome)
         seed = (self.seed + turn.number * TURN_SEED) % 2**31

@@ -1,25 +1,113 @@
-"""The last step of optimising: the exact engine where it helps, and how far what was reached is from the best."""
+"""Objectives after the first valid schedule: their order, lower bounds, and the last step of the improvement.
+
+Bounds come from arithmetic alone. Along a chain the WCETs add up, and the first task's period for a stimulus that it
+just missed. Whatever the phases, a task k of the chain starts at instants that lie, seen from the jobs of the first
+task, in D_k / g different places of its period, g = gcd(D_1, D_k); if all latencies are at least M, the greatest is at
+least M + D_k - g, less what the slacks of both may take back. The same holds for data age seen from the jobs of the
+last task.
+
+Margins grow between the ticks of the search: on each unit the order of jobs stays, whole tasks move. The margin of a
+cycle of orders is a ratio of sums of times, and that of the schedule is the least of them: from above, one cycle after
+the other is found that allows no more (Bellman-Ford).
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import field, replace
 from fractions import Fraction
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import Duration
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.pipeline.measure.objectives import Objective
-from halpipe.pipeline.solve.bounds import lower_bound
+from halpipe.models import Status
+from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Judge, Objective
 from halpipe.pipeline.solve.exact import Effort, violations
-from halpipe.pipeline.solve.goals import Finished
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Mapping
 
-    from halpipe.models import Job
+    from halpipe.models import Chain, Job, TaskModel
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.measure.objectives import Worth
-    from halpipe.pipeline.solve.goals import Goals, Polish
+
+
+DELAYS, UNITS = "delays", "units"
+"""Stages of the cost F: less delay of all jobs, and fewer units."""
+
+POLISH_BUDGET = 300
+"""Moves per task for one step of improving a valid schedule."""
+
+
+@record
+class Goals:
+    """Objectives and the stages of their improvement.
+
+    - `objectives` come one before the other; none gets worse than in the first valid schedule.
+    - `stages` are the kinds of tightening in their order. Each comes with the number of leading objectives in which its
+      results may not be worse than the best so far.
+    """
+
+    objectives: tuple[Objective, ...]
+    stages: tuple[tuple[str, int], ...]
+
+    @classmethod
+    def of(cls, objectives: tuple[Objective, ...]) -> Goals:
+        """Return the goals of the objectives named."""
+        ranked = enumerate(objectives, 1)
+        return cls(objectives, tuple((stage, rank) for rank, goal in ranked for stage in STAGES.get(goal, (goal,))))
+
+
+STAGES: dict[Objective, tuple[str, ...]] = {Objective.COST: (DELAYS, UNITS, DELAYS)}
+"""Stages of objectives that have several: the bonuses of F are for punctual jobs and for idle units."""
+
+
+@record
+class Polish:
+    """The goals, the judge of schedules, the moves per task and step, the seed, and the end of the improvement.
+
+    `on_better` receives the worth of each better schedule.
+    """
+
+    goals: Goals
+    judge: Judge
+    budget: int
+    seed: int
+    is_enough: Callable[[tuple[Job, ...]], bool]
+    on_better: Callable[[Worth], None]
+    first: list[Worth] = field(default_factory=list)
+    """What the first valid schedule was worth, once there is one."""
+
+
+@record
+class Finished:
+    """The jobs of a mode at the end, what was reached, and whether the caller stopped it before."""
+
+    jobs: tuple[Job, ...]
+    reached: tuple[Reached, ...] = ()
+    stopped: bool = False
+
+
+def polish_of(
+    model: TaskModel,
+    expansion: Expansion,
+    goals: Goals,
+    target: Fraction | None,
+    seed: int,
+    on_better: Callable[[Worth], None] = lambda worth: None,
+) -> Polish:
+    """Return the improvement of the first valid schedule of a mode, which ends once its cost F is at most `target`."""
+
+    def is_enough(jobs: tuple[Job, ...]) -> bool:
+        if target is None:
+            return False
+        report = mode_report(model, expansion, jobs, Status.VALID)
+        return report.cost is not None and report.cost.total <= target
+
+    judge = Judge(model, expansion, goals.objectives)
+    return Polish(goals, judge, POLISH_BUDGET, seed, is_enough, on_better)
 
 
 @record
@@ -99,19 +187,17 @@ def finish(polish: Polish, jobs: tuple[Job, ...], seed: int, go_on: Callable[[],
     worth, is_stopped = judge.worth(jobs), False
     bounds = [lower_bound(objective, judge.model, judge.expansion) for objective in judge.objectives]
     if judge.objectives[0] is Objective.CHAINS and is_free and bounds[0] != worth.values[0]:
-        from halpipe.pipeline.solve.exact_chains import shortest_chains
+        from halpipe.pipeline.solve.exact_goals import shortest_chains
 
-        shortest = shortest_chains(
-            judge.model, judge.expansion, jobs, worth.values[0], replace(Effort(), seed=seed % 2**31, go_on=go_on)
-        )
+        least = {chain: sum(times, Fraction(0)) for chain, times in chain_bounds(judge.model, judge.expansion)}
+        effort = replace(Effort(), seed=seed % 2**31, go_on=go_on)
+        shortest = shortest_chains(judge.model, judge.expansion, jobs, worth.values[0], least, effort)
         bounds[0], is_stopped = shortest.bound, shortest.stopped
         if shortest.jobs:
             found = judge.worth(shortest.jobs)
             if found.values < worth.values and judge.keeps(first, found):
                 jobs, worth = shortest.jobs, found
     if judge.objectives[0] is Objective.MARGIN and bounds[0] is not None and bounds[0] < worth.values[0]:
-        from halpipe.pipeline.solve.stretch import stretched
-
         wider = stretched(judge.model, judge.expansion, jobs, -bounds[0])
         found = judge.worth(wider)
         is_better = found.values < worth.values and judge.keeps(first, found)
@@ -119,3 +205,204 @@ def finish(polish: Polish, jobs: tuple[Job, ...], seed: int, go_on: Callable[[],
             jobs, worth = wider, found
     rows = zip(judge.objectives, first.values, worth.values, bounds, strict=True)
     return Finished(jobs, tuple(Reached(judge.expansion.mode.name, *row) for row in rows), is_stopped)
+
+
+def lower_bound(objective: Objective, model: TaskModel, expansion: Expansion) -> Fraction | None:
+    """Return what no valid schedule of a mode falls below; None where nothing is known."""
+    match objective:
+        case Objective.CHAINS:
+            return sum((chain.weight * sum(bounds) for chain, bounds in chain_bounds(model, expansion)), Fraction(0))
+        case Objective.JITTER | Objective.PREEMPTIONS:
+            return Fraction(0)
+        case Objective.MARGIN:
+            return -_largest_margin(expansion)
+        case _:
+            return None
+
+
+def chain_bounds(model: TaskModel, expansion: Expansion) -> list[tuple[Chain, tuple[Fraction, Fraction]]]:
+    """Return the least reaction time and data age, in nanoseconds, of every chain whose tasks all run."""
+    found = []
+    for chain in model.chains:
+        if expansion.by_name.keys() >= set(chain.tasks):
+            members = [expansion.by_name[name] for name in chain.tasks]
+            found.append((chain, (Fraction(_reaction(members).ns), Fraction(_age(members).ns))))
+    return found
+
+
+def _reaction(members: list[ActiveTask]) -> Duration:
+    first = members[0]
+    work = sum((_least(member) for member in members), ZERO)
+    if first.task.period is None:
+        return work
+    period = first.task.period
+    spread = max((_spread(first, member) for member in members[1:]), default=ZERO)
+    return max(work + period, work + period - _late(first) + spread)
+
+
+def _age(members: list[ActiveTask]) -> Duration:
+    last = members[-1]
+    work = sum((_least(member) for member in members), ZERO)
+    return work + max((_spread(last, member) for member in members[:-1]), default=ZERO)
+
+
+def _spread(seen_from: ActiveTask, member: ActiveTask) -> Duration:
+    """Return by how much the latencies of the jobs of one task differ at least, because another has its own period."""
+    one, other = seen_from.task.period, member.task.period
+    if one is None or other is None:
+        return ZERO
+    gained = other - greatest_common_divisor([one, other]) - _late(member) - _late(seen_from)
+    return max(ZERO, gained)
+
+
+def _least(active: ActiveTask) -> Duration:
+    return min((version.wcet for version in active.versions if version.wcet is not None), default=ZERO)
+
+
+def _late(active: ActiveTask) -> Duration:
+    """Return how far the jobs of a task may be from strictly periodic."""
+    period = active.task.period
+    return ZERO if period is None or active.jobs < 2 else period * active.task.slack
+
+
+def _largest_margin(expansion: Expansion) -> Fraction:
+    """Return by what share all WCETs could grow before the units were too few for the work, or a job for its circle."""
+    units = {name for active in expansion.tasks for version in active.versions for name in version.units}
+    work = Fraction(0)
+    least = LARGEST_MARGIN
+    for active in expansion.tasks:
+        if active.task.period is None or not active.jobs:
+            continue
+        times = [v.wcet.fraction * v.gang for v in active.versions if v.wcet]
+        work += active.jobs * min(times, default=Fraction(0))
+        shortest = min((v.wcet.fraction for v in active.versions if v.wcet), default=Fraction(0))
+        if shortest:
+            least = min(least, expansion.hyperperiod.fraction / shortest - 1)
+    if work:
+        least = min(least, len(units) * expansion.hyperperiod.fraction / work - 1)
+    return min([least, *_margins_of_units(expansion)])
+
+
+def _margins_of_units(expansion: Expansion) -> Iterator[Fraction]:
+    """Yield by what share WCETs could grow before a unit had too much of what runs there alone, or two jobs met."""
+    by_unit: dict[str, list[ActiveTask]] = {}
+    for active in expansion.tasks:
+        sets = {(frozenset(version.units), version.gang) for version in active.versions}
+        if active.task.period is not None and _least(active) and len(sets) == 1:
+            units, gang = sets.pop()
+            for unit in units if gang == len(units) else ():
+                by_unit.setdefault(unit, []).append(active)
+    for own in by_unit.values():
+        yield 1 / sum((_least(each).fraction / _period(each).fraction for each in own), Fraction(0)) - 1
+        longest: dict[Duration, list[Duration]] = {}
+        for each in own:
+            if not each.task.slack and not any(version.split.is_allowed for version in each.versions):
+                longest.setdefault(_period(each), []).append(_least(each))
+        tops = [(period, wcet) for period, wcets in longest.items() for wcet in sorted(wcets, reverse=True)[:2]]
+        for (period, wcet), (other, its) in combinations(tops, 2):
+            yield greatest_common_divisor([period, other]).fraction / (wcet + its).fraction - 1
+
+
+def _period(active: ActiveTask) -> Duration:
+    assert active.task.period is not None, "it was asked for"
+    return active.task.period
+
+
+MOST_WORK = 300_000
+"""Movable tasks times pairs of neighbours up to which an order is stretched."""
+
+
+@record
+class _Edge:
+    """A stay on a unit of a job of task `before`, and how long after its start the next one begins, of task `after`."""
+
+    before: int
+    after: int
+    length: Fraction
+    distance: Fraction
+
+
+def stretched(model: TaskModel, expansion: Expansion, jobs: tuple[Job, ...], most: Fraction) -> tuple[Job, ...]:
+    """Return the jobs in the same order on all units, with the largest margin up to `most` that the order allows.
+
+    Tasks with offsets, and those that windows, resources or chains bind to others, stay where they are.
+    """
+    nodes = _nodes(model, expansion)
+    edges = _edges(expansion, jobs, nodes)
+    movable = max(nodes.values(), default=0)
+    if not movable or movable * len(edges) > MOST_WORK or any(job.parts for job in jobs):
+        return jobs
+    margin = min([most, *(edge.distance / edge.length - 1 for edge in edges if edge.before == edge.after)])
+    while True:
+        shifts, cycle = _shifts(edges, movable + 1, margin)
+        if not cycle:
+            break
+        distance = sum((edge.distance for edge in cycle), Fraction(0))
+        margin = distance / sum((edge.length for edge in cycle), Fraction(0)) - 1
+    return tuple(_moved(job, shifts[nodes[job.task]] - shifts[0], expansion.hyperperiod) for job in jobs)
+
+
+def _nodes(model: TaskModel, expansion: Expansion) -> dict[str, int]:
+    """Number the tasks that may move from 1 on; all others are 0."""
+    named = {row.task for active in expansion.tasks for v in active.versions for row in v.precedences}
+    chained = {name for chain in model.chains for name in chain.tasks}
+    nodes: dict[str, int] = {}
+    count = 0
+    for active in expansion.tasks:
+        task = active.task
+        is_bound = any(version.precedences or version.accesses for version in active.versions)
+        is_free = task.period is not None and task.offset is None and task.let is None
+        is_free = is_free and not is_bound and active.name not in named | chained
+        count += is_free
+        nodes[active.name] = count if is_free else 0
+    return nodes
+
+
+def _edges(expansion: Expansion, jobs: tuple[Job, ...], nodes: Mapping[str, int]) -> list[_Edge]:
+    by_unit: dict[str, list[Job]] = {}
+    for job in jobs:
+        for unit in job.units:
+            by_unit.setdefault(unit, []).append(job)
+    edges = []
+    for own in by_unit.values():
+        own.sort(key=lambda job: job.start)
+        again = replace(own[0], start=own[0].start + expansion.hyperperiod)
+        for job, following in pairwise([*own, again]):
+            length, distance = Fraction((job.end - job.start).ns), Fraction((following.start - job.start).ns)
+            edges.append(_Edge(nodes[job.task], nodes[following.task], length, distance))
+    return edges
+
+
+def _shifts(edges: list[_Edge], count: int, margin: Fraction) -> tuple[list[Fraction], list[_Edge]]:
+    """Return by how much the tasks move so that all stays have the margin; or a cycle of edges that forbids it."""
+    shifts = [Fraction(0)] * count
+    came: list[_Edge | None] = [None] * count
+    last = 0
+    for _ in range(count):
+        is_settled = True
+        for edge in edges:
+            least = shifts[edge.before] + edge.length * (1 + margin) - edge.distance
+            if edge.before != edge.after and least > shifts[edge.after]:
+                shifts[edge.after], came[edge.after], last, is_settled = least, edge, edge.after, False
+        if is_settled:
+            return shifts, []
+    for _ in range(count):  # whatever was moved in the last round leads back into a cycle
+        last = _before(came, last)
+    cycle: list[_Edge] = []
+    at = last
+    while not cycle or at != last:
+        edge_before = came[at]
+        assert edge_before is not None, "all tasks of a cycle were moved"
+        cycle.append(edge_before)
+        at = edge_before.before
+    return shifts, cycle
+
+
+def _before(came: list[_Edge | None], task: int) -> int:
+    edge = came[task]
+    return task if edge is None else edge.before
+
+
+def _moved(job: Job, shift: Fraction, hyperperiod: Duration) -> Job:
+    start = Duration(job.start.ns + shift) % hyperperiod
+    return replace(job, start=start, end=start + (job.end - job.start))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.moves import Moves
     from halpipe.pipeline.solve.edf.trials import Trials, Try
     from halpipe.pipeline.solve.edf.works import Way
-    from halpipe.pipeline.solve.goals import Polish
+    from halpipe.pipeline.solve.optimise import Polish
 
 STEPS = 50
 """Tables that are tried by their chains alone before what they led to is judged."""

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.models import Chain
-    from halpipe.pipeline.solve.draws import Draws
     from halpipe.pipeline.solve.edf.jobs import Plan
     from halpipe.pipeline.solve.edf.works import Mode, Way
+    from halpipe.pipeline.solve.integers import Draws
 
 
 class Moves:

@@ -10,13 +10,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.edf.improving import Climb
 from halpipe.pipeline.solve.edf.keeping import Memory, State
 from halpipe.pipeline.solve.edf.moves import Moves
 from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan, fits, together
 from halpipe.pipeline.solve.edf.tables import followed
 from halpipe.pipeline.solve.edf.trials import Effort, Trials, Try
+from halpipe.pipeline.solve.integers import Draws
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.solve.edf.jobs import Plan
     from halpipe.pipeline.solve.edf.works import Mode
-    from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
+    from halpipe.pipeline.solve.optimise import Polish
 
 TRIES = 20
 """Draws of a plan that differs and overloads no unit, before any is taken."""

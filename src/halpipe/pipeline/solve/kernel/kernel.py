@@ -1,11 +1,20 @@
-"""The annealing kernel, as Python calls it. What it does is written in C: see `native/kernel.c`."""
+"""The annealing kernel, as Python calls it. What it does is written in C: see `native/kernel.c`.
+
+The kernel sees `Arrays` and `State` as structs of addresses and integers, field by field; a test compares both sides.
+It allocates nothing, and is called without the interpreter's lock.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import struct
+from array import array
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from halpipe.core.libraries import INTEGER
-from halpipe.pipeline.solve.kernel.library import ask, bound, function, tell
+from halpipe.core import libraries
+from halpipe.core.libraries import INTEGER, POINTER, address, words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,3 +105,59 @@ def move_swap(arrays: Arrays, state: State, noise: Ints, entry: int) -> bool:
 def luby(number: int) -> int:
     """Return the number-th term, from 1 on, of Luby's sequence 1, 1, 2, 1, 1, 2, 4, ..."""
     return int(function("luby")(INTEGER(number)))
+
+
+SOURCES = Path(__file__).parent / "native"
+
+COUNTED = {
+    "lanes": "lane_capacity", "jobs": "job_task", "entries": "entry_offset", "rows": "row", "chains": "chain_limit",
+}  # fmt: skip
+"""Lengths that follow the fields of `Arrays`, and the arrays whose they are."""
+
+
+def bound(name: str, arrays: Arrays, state: State) -> Callable[..., int]:
+    """Return a function that takes a problem, a state and integers, for many calls that differ by the integers."""
+    native, pointers = function(name), _structs(arrays, state)
+    return lambda *numbers: int(native(*pointers, *map(INTEGER, numbers)))
+
+
+def _structs(arrays: Arrays, state: State) -> list[Any]:
+    lengths = [len(getattr(arrays, array)) for array in COUNTED.values()]
+    return [words([*values(arrays), *lengths]), words(values(state))]
+
+
+def values(record: Arrays | State) -> list[Any]:
+    """Return the values of a record in the order of its fields."""
+    return [getattr(record, field.name) for field in fields(record)]
+
+
+def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> int:
+    """Call a function that takes a problem, a state, the table of noise if it is given, and integers."""
+    pointers = _structs(arrays, state)
+    if noise is not None:
+        pointers.append(POINTER(address(noise)))
+    return int(function(name)(*pointers, *map(INTEGER, numbers)))
+
+
+def tell(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> None:
+    """Do the same with a function that returns nothing."""
+    ask(name, arrays, state, *numbers, noise=noise)
+
+
+def function(name: str) -> Any:
+    """Return a function of the library."""
+    return libraries.function(SOURCES, "kernel", f"halpipe_{name}")
+
+
+SIZE = 4096
+
+
+@cache
+def gumbel_table() -> Ints:
+    """Return round(1024 * -ln(-ln((i + 1/2) / 4096))) for i in 0..4095.
+
+    The table is a file and not computed here, because logarithms differ in the last digit between maths
+    libraries; a test recomputes it with decimal arithmetic.
+    """
+    data = Path(__file__).with_name("gumbel.i16").read_bytes()
+    return array("q", struct.unpack(f"<{SIZE}h", data))

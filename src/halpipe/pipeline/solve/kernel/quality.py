@@ -20,20 +20,20 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.records import record
 from halpipe.pipeline.measure import objectives
 from halpipe.pipeline.measure.objectives import Objective
-from halpipe.pipeline.solve import goals
-from halpipe.pipeline.solve.bounds import chain_bounds
+from halpipe.pipeline.solve import optimise
 from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
 from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, FROZEN_HINT, MOVES, NEVER, State, new_state
+from halpipe.pipeline.solve.optimise import chain_bounds
 from halpipe.pipeline.solve.problem import NO_TICK
 
 if TYPE_CHECKING:
     from halpipe.models import Job
     from halpipe.pipeline.measure.objectives import Worth
-    from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.optimise import Polish
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
 CHAIN_STEPS = (8, 64)
@@ -233,9 +233,9 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
         margin = -best.worth.values[judge.objectives.index(Objective.MARGIN)]
         best.tighten(rect=_reserved(plain, best.problem, margin))
     match stage:
-        case goals.UNITS:
+        case optimise.UNITS:
             yield from _fewer_units(best)
-        case goals.DELAYS:
+        case optimise.DELAYS:
             yield from _less_slack(best)
         case Objective.CHAINS:
             least = [

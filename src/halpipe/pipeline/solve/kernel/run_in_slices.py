@@ -7,8 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, total_cost
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, State
 
 if TYPE_CHECKING:

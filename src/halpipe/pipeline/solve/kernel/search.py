@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
-from halpipe.pipeline.solve.kernel.freezing import freeze
-from halpipe.pipeline.solve.kernel.kernel import load, wander
-from halpipe.pipeline.solve.kernel.naming import named_jobs
-from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import gumbel_table, load, wander
 from halpipe.pipeline.solve.kernel.portfolio import race
 from halpipe.pipeline.solve.kernel.run_in_slices import Advance, Kept, OnSlice, here, run, slice_of
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, NEVER, State, new_state
-from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
+from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers
 
@@ -23,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from halpipe.models import Job
-    from halpipe.pipeline.solve.goals import Polish
+    from halpipe.pipeline.solve.optimise import Polish
     from halpipe.pipeline.solve.problem import Problem
 
 NOTHING = Earlier()
@@ -153,7 +150,7 @@ def improved(
     The problem counts the chains that the wishes are about, and its tick divides all starts.
     """
     from halpipe.pipeline.solve.kernel.quality import improve
-    from halpipe.pipeline.solve.kernel.taking_over import taken_over
+    from halpipe.pipeline.solve.kernel.warmstart import taken_over
 
     taken = taken_over(problem, jobs, polish.seed)
     if taken is None:

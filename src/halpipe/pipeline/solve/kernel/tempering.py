@@ -12,7 +12,7 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
-from halpipe.pipeline.solve.kernel.noise import SIZE, gumbel_table
+from halpipe.pipeline.solve.kernel.kernel import SIZE, gumbel_table
 from halpipe.pipeline.solve.kernel.state import COST, CYCLE, CYCLE_LEFT, CYCLE_LENGTH, HEAT, MOVES
 
 if TYPE_CHECKING:
