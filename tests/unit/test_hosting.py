@@ -1,5 +1,9 @@
-"""Files for code hosting: the workflow that tests every Python of the package, and the hook for pre-commit."""
+"""Files for code hosting: workflows, the action, the hook for pre-commit, containers and forms.
 
+Their commands run here; the hosting services and docker themselves do not.
+"""
+
+import json
 import os
 import re
 import shlex
@@ -8,6 +12,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 import yaml
 
 from halpipe.starters import first_model
@@ -27,20 +32,84 @@ def test_the_workflow_tests_every_python_that_the_package_names():
     assert project["requires-python"] == f">={named[0]}"
 
 
-def test_the_workflow_runs_targets_of_the_makefile():
-    document = parsed(".github/workflows/test.yml")
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def workflow_commands(document):
+    return [step["run"] for job in document["jobs"].values() for step in job["steps"] if "run" in step]
+
+
+@pytest.mark.parametrize(("name", "target"), [("test", "test-fast"), ("release", "wheels")])
+def test_workflows_run_targets_of_the_makefile(name, target):
+    document = parsed(f".github/workflows/{name}.yml")
     assert document["permissions"] == {"contents": "read"}
-    commands = [step["run"] for step in document["jobs"]["test"]["steps"] if "run" in step]
-    (make,) = (shlex.split(command) for command in commands if command.startswith("make "))
+    (make,) = (shlex.split(command) for command in workflow_commands(document) if command.startswith("make "))
     targets = [word for word in make[1:] if "=" not in word]
-    rules = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
-    assert "test-fast" in targets
-    assert set(targets) <= set(rules)
+    assert target in targets
+    assert set(targets) <= set(re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE))
     variables = [word.partition("=")[0] for word in make[1:] if "=" in word]
-    assert all(re.search(rf"\$\({name}\)", (ROOT / "Makefile").read_text(encoding="utf-8")) for name in variables)
+    assert all(re.search(rf"\$\({name}\)", MAKEFILE) or f"{name} ?=" in MAKEFILE for name in variables)
 
 
-def test_the_hook_validates_every_model_of_a_commit(tmp_path):
+def test_a_release_publishes_what_the_build_attested():
+    jobs = parsed(".github/workflows/release.yml")["jobs"]
+    used = [step.get("uses", "").partition("@")[0] for step in jobs["build"]["steps"]]
+    assert used.index("actions/attest-build-provenance") < used.index("actions/upload-artifact")
+    assert jobs["publish"]["needs"] == "build"
+    assert jobs["publish"]["permissions"] == {"id-token": "write"}  # trusted publishing, without a stored password
+    assert "--evidence" in " ".join(workflow_commands(parsed(".github/workflows/release.yml")))
+
+
+@pytest.fixture
+def shell(tmp_path):
+    program = tmp_path / "bin" / "halpipe"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m halpipe "$@"\n')
+    program.chmod(0o755)
+
+    def run(command, **variables):
+        environment = os.environ | {"PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}"} | variables
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+
+    return run
+
+
+def test_the_action_reports_findings_and_fails_with_them(shell, tmp_path):
+    action = parsed("action.yml")
+    _, check = action["runs"]["steps"]
+    given = dict(zip(check["env"], ("model.xml", "", "found.sarif"), strict=True))
+    assert {f"${{{{ inputs.{name} }}}}" for name in action["inputs"]} == set(check["env"].values())
+    right = first_model()["model.xml"]
+    for content, code in ((right, 0), (right.replace(b'wcet="6ms"', b'wcet="66ms"'), 1)):
+        (tmp_path / "model.xml").write_bytes(content)
+        done = shell(["bash", "-e", "-c", check["run"]], **given)
+        assert done.returncode == code, done.stderr
+        results = json.loads((tmp_path / "found.sarif").read_text())["runs"][0]["results"]
+        assert any(result["level"] == "error" for result in results) == bool(code)
+    (tmp_path / "model.xml").write_bytes(right)
+    assert shell(["halpipe", "schedule", "model.xml", "-o", "s.xml", "-q"]).returncode == 0
+    assert shell(["bash", "-e", "-c", check["run"]], **given | {"SCHEDULE": "s.xml"}).returncode == 0
+    (tmp_path / "s.xml").write_bytes((tmp_path / "s.xml").read_bytes().replace(b'end="', b'end="1'))
+    assert shell(["bash", "-e", "-c", check["run"]], **given | {"SCHEDULE": "s.xml"}).returncode == 1
+
+
+def test_containers_install_extras_that_there_are():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (named,) = re.findall(r'"\.\[([a-z,]+)\]"', (ROOT / "Dockerfile").read_text(encoding="utf-8"))
+    assert set(named.split(",")) <= set(extras)
+    command = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text())["onCreateCommand"]
+    target = command.rpartition(" ")[2]
+    assert f"{target.replace('.venv', '$(VENV)')}:" in MAKEFILE
+
+
+def test_forms_ask_for_input_and_judge():
+    for form in sorted((ROOT / ".github" / "ISSUE_TEMPLATE").iterdir()):
+        document = yaml.safe_load(form.read_text(encoding="utf-8"))
+        assert {"name", "description", "body"} <= set(document)
+        assert all(field["attributes"]["label"] for field in document["body"])
+
+
+def test_the_hook_validates_every_model_of_a_commit(shell, tmp_path):
     (hook,) = parsed(".pre-commit-hooks.yaml")
     assert hook["id"] == "halpipe-validate"
     assert [bool(re.search(hook["files"], name)) for name in ("model.xml", "a/model.xml", "mymodel.xml")] == [1, 1, 0]
@@ -48,15 +117,9 @@ def test_the_hook_validates_every_model_of_a_commit(tmp_path):
     names = ("right model.xml", "wrong.xml", "right too.xml")
     for name, content in zip(names, (right, right.replace(b'wcet="6ms"', b'wcet="66ms"'), right), strict=True):
         (tmp_path / name).write_bytes(content)
-    program = tmp_path / "bin" / "halpipe"
-    program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m halpipe "$@"\n')
-    program.chmod(0o755)
-    environment = os.environ | {"PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}"}
 
     def commit(*given):
-        command = [*shlex.split(hook["entry"]), *given]
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        return shell([*shlex.split(hook["entry"]), *given])
 
     mixed = commit(*names)
     assert mixed.returncode == 1

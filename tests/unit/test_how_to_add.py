@@ -1,10 +1,11 @@
-"""The page on how to add an option, executed: its changes are applied to a copy of the package, which then has them."""
+"""The pages on how to add an option and a format, executed: a changed copy of the package, and a package beside it."""
 
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import halpipe
 from halpipe.starters import first_model
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "add-an-option.md"
+FORMAT = PAGE.with_name("add-a-format.md")
 PACKAGE = Path(halpipe.__file__).parent
 
 
@@ -92,3 +94,46 @@ def test_python_has_them(copy):
     done = run(copy, "-c", program)
     assert done.stdout.split() == [done.stdout.split()[0], "True"], done.stderr
     assert done.stdout.split()[0].endswith("-truck")
+
+
+@pytest.fixture(scope="module")
+def plugin(tmp_path_factory):
+    """A folder with the package of the page, installed as pip leaves it: modules, and metadata beside them."""
+    root = tmp_path_factory.mktemp("plugin")
+    blocks = dict.fromkeys(("toml", "python"), "")
+    for language, text in re.findall(r"^```(toml|python)\n(.*?)^```$", FORMAT.read_text(), re.MULTILINE | re.DOTALL):
+        blocks[language] += text + "\n\n"
+    (root / "halpipe_lines.py").write_text(blocks["python"])
+    project = tomllib.loads(blocks["toml"])["project"]
+    metadata = root / f"halpipe_lines-{project['version']}.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
+    groups = (
+        f"[{group}]\n" + "".join(f"{name} = {target}\n" for name, target in points.items())
+        for group, points in project["entry-points"].items()
+    )
+    (metadata / "entry_points.txt").write_text("\n".join(groups))
+    (root / "tasks.txt").write_text("camera 20ms 5ms core0\nplan 40ms 12ms core1\n")
+    return root
+
+
+def test_a_package_adds_an_importer_and_an_exporter(plugin):
+    def halpipe_(*words):
+        done = run(plugin, "-m", "halpipe", *words)
+        assert done.returncode == 0, done.stderr
+        return done
+
+    assert "--unit NAME" in halpipe_("import", "lines", "-h").stdout
+    halpipe_("import", "lines", "tasks.txt", "--unit", "core0", "-o", "model.xml")
+    halpipe_("schedule", "model.xml", "-o", "schedule.xml")
+    halpipe_("export", "starts", "model.xml", "schedule.xml", "-o", "starts.txt")
+    lines = [line.split() for line in (plugin / "starts.txt").read_text().splitlines()]
+    assert sorted((mode, task) for _, mode, task in lines) == [("default", "camera")] * 2 + [("default", "plan")]
+
+
+def test_the_importer_of_the_page_reports_every_fault(plugin):
+    (plugin / "bad.txt").write_text("a 10ms 1ms u more\nb 10ms\nc soon 1ms u\n")
+    done = run(plugin, "-m", "halpipe", "import", "lines", "bad.txt", "-o", "bad.xml")
+    assert (done.returncode, [done.stderr.count(f"LINES00{n}") for n in (1, 2)]) == (1, [2, 1]), done.stderr
+    (plugin / "odd.txt").write_text("a 10ms 1ms u more\n")
+    assert run(plugin, "-m", "halpipe", "import", "lines", "odd.txt", "-o", "o.xml", "--strict").returncode == 5
