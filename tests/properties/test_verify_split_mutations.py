@@ -21,7 +21,7 @@ from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import codes, verify
-from halpipe.pipeline.verify.reserved import Service
+from halpipe.pipeline.verify.ticks import Service
 from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)

@@ -20,7 +20,7 @@ from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate_with_witness
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import RULES, broken_rules
-from halpipe.pipeline.verify.runtime import PRIORITY_RULE
+from halpipe.pipeline.verify.preemption import PRIORITY_RULE
 from halpipe.selftest import second
 from halpipe.selftest.edges import edges
 from halpipe.selftest.mutants import OPERATORS, SCHEDULE, scaled, with_tables

@@ -8,7 +8,7 @@ from verify_helpers import codes_found, errors, only, plan_of, switch, table
 
 from halpipe.models import Anchor, Chain, Edge, Match, Part, Precedence, ResourceKind, Split
 from halpipe.pipeline.verify import codes, verify
-from halpipe.pipeline.verify.chains import age, latency, reaction
+from halpipe.pipeline.verify.chains import measured
 from support import access, job, mode, model, ms, schedule, task, version
 
 CAMERA = task("camera", 20, version("v", 4, "u1"), offset=0, slack=1, deadline=30)
@@ -169,7 +169,7 @@ def figures(system, plan):
     clock, found = reading.make_clock(system, plan), Findings()
     modes = reading.active_modes(system, clock, found)
     (mode_table,) = reading.mode_tables(system, plan, modes, clock, found).values()
-    ticks = [measure(mode_table, system.chains[0]) for measure in (latency, reaction, age)]
+    ticks = list(measured(mode_table, system.chains[0]))
     return [None if t is None else t[0] // clock.ticks(ms(1)) for t in ticks]
 
 

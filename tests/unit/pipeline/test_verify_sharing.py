@@ -11,7 +11,7 @@ from verify_helpers import codes_found, errors, messages, only
 
 from halpipe.core.diagnostics import Location
 from halpipe.pipeline.verify import codes, verify
-from halpipe.pipeline.verify.sweep import excesses_on_circle
+from halpipe.pipeline.verify.sharing import excesses_on_circle
 from halpipe.pipeline.verify.tables import Placed
 from support import access, job, model, schedule, task, version
 

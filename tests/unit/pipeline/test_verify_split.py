@@ -11,7 +11,7 @@ from halpipe.core.durations import Duration
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import Job, Split, UnitLoad
 from halpipe.pipeline.verify import codes, verify
-from halpipe.pipeline.verify.reserved import Effort, Service
+from halpipe.pipeline.verify.ticks import Effort, Service
 from support import access, job, mode, model, ms, schedule, task, version
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "split"

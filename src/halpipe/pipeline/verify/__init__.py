@@ -10,21 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings, sort_diagnostics
 from halpipe.pipeline.verify import codes, reading
-from halpipe.pipeline.verify.assignment import UNIT, VERSION
-from halpipe.pipeline.verify.binding import BINDING, SYSTEM_BINDING, Tables
 from halpipe.pipeline.verify.chains import CHAIN
-from halpipe.pipeline.verify.complete import COMPLETE
-from halpipe.pipeline.verify.edge import EDGE
-from halpipe.pipeline.verify.health import HEALTH, Health
-from halpipe.pipeline.verify.metrics import FIGURES
-from halpipe.pipeline.verify.nesting import NESTED
-from halpipe.pipeline.verify.parts import PARTS
-from halpipe.pipeline.verify.periodic import DEADLINE, PERIODIC
+from halpipe.pipeline.verify.figures import FIGURES, HEALTH, Health
+from halpipe.pipeline.verify.jobs import BINDING, COMPLETE, SYSTEM_BINDING, UNIT, VERSION, Tables
 from halpipe.pipeline.verify.precedence import PRECEDENCE
-from halpipe.pipeline.verify.rules import Rule
-from halpipe.pipeline.verify.runtime import PRIORITY_RULE
+from halpipe.pipeline.verify.preemption import NESTED, PARTS, PRIORITY_RULE
 from halpipe.pipeline.verify.sharing import ACCESS, EXCLUSIVE
-from halpipe.pipeline.verify.tables import MAX_BITS, ModeTable
+from halpipe.pipeline.verify.tables import MAX_BITS, ModeTable, Rule
+from halpipe.pipeline.verify.timing import DEADLINE, EDGE, PERIODIC
 from halpipe.pipeline.verify.transitions import SWITCH_RULES
 
 if TYPE_CHECKING:

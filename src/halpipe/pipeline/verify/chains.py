@@ -10,22 +10,21 @@ the next one that reads later. A chain with a limit through which no data ever a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from halpipe.core.diagnostics import about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.precedence import LineInstants
-from halpipe.pipeline.verify.rules import Rule
-from halpipe.pipeline.verify.tables import READ, WRITE
+from halpipe.pipeline.verify.tables import READ, WRITE, Rule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Chain
-    from halpipe.pipeline.verify.recurrence import Found
     from halpipe.pipeline.verify.tables import Clock, Key, ModeTable, Placed, Switch
+    from halpipe.pipeline.verify.ticks import Found
 
     class Searched(Protocol):
         """Instants of tasks, of which the nearest can be found."""
@@ -39,24 +38,48 @@ if TYPE_CHECKING:
             ...
 
 
+WHAT = ("latency", "reaction time", "data age")
+"""The figures of a chain, in the order in which they are measured and limited."""
+
+Figures: TypeAlias = "tuple[Found, Found, Found]"
+
+
+def limits(chain: Chain) -> tuple[Duration | None, Duration | None, Duration | None]:
+    """Return the limits of the figures of a chain."""
+    return chain.max_latency, chain.max_reaction, chain.max_age
+
+
 def check_chain(table: ModeTable) -> Iterator[Diagnostic]:
     """Compare the worst figures of every chain that runs in the mode with its limits."""
     for chain in table.chains():
-        for what, limit, measure in limits(chain):
-            found = measure(table, chain) if limit is not None else None
-            if limit is not None and (found is None or found[0] > table.clock.ticks(limit)):
-                help = "move its jobs closer together, or raise the limit"
-                path = about(table.path(), chain=chain.name)
-                yield codes.CHAIN_LIMIT(_fault(what, limit, found, table.clock), at=table.at, path=path, help=help)
+        if any(limit is not None for limit in limits(chain)):
+            yield from _too_long(table, chain, measured(table, chain))
 
 
-def limits(chain: Chain) -> tuple[tuple[str, Duration | None, Callable[[ModeTable, Chain], Found]], ...]:
-    """Return the figures of a chain with their limits and what measures them."""
+def measured(table: ModeTable, chain: Chain) -> Figures:
+    """Return latency, reaction time and data age in ticks at their worst, each with its job; None without data."""
+    first, last = (table.by_task.get(task, ()) for task in (chain.tasks[0], chain.tasks[-1]))
+    return _worst_figures(_Path(chain, table.instants), first, last)
+
+
+def _worst_figures(paths: _Path, first: Iterable[Placed], last: Iterable[Placed]) -> Figures:
     return (
-        ("latency", chain.max_latency, latency),
-        ("reaction time", chain.max_reaction, reaction),
-        ("data age", chain.max_age, age),
+        _worst(paths.forward(placed) for placed in first),
+        _worst(paths.forward(placed, placed.read + 1) for placed in first),  # of a stimulus that it just missed
+        _worst(paths.backward(placed) for placed in last),
     )
+
+
+def _too_long(table: ModeTable | Switch, chain: Chain, figures: Figures, where: str = "") -> Iterator[Diagnostic]:
+    """Report the figures beyond their limits; in a mode, no data at all is beyond any."""
+    for what, limit, found in zip(WHAT, limits(chain), figures, strict=True):
+        if limit is None or (found is None and where) or (found and found[0] <= table.clock.ticks(limit)):
+            continue
+        text = _fault(what, limit, found, table.clock) + where
+        help = "start its tasks during the switch" if where else "move its jobs closer together"
+        yield codes.CHAIN_LIMIT(
+            text, at=table.at, path=about(table.path(), chain=chain.name), help=f"{help}, or raise the limit"
+        )
 
 
 def _fault(what: str, limit: Duration, found: Found, clock: Clock) -> str:
@@ -65,24 +88,6 @@ def _fault(what: str, limit: Duration, found: Found, clock: Clock) -> str:
     latency, placed = found
     text = f"{what} {clock.text(latency)} for {placed.label} at {clock.text(placed.start)}, the limit is {limit}"
     return text + f": {clock.text(latency - clock.ticks(limit))} too long"
-
-
-def latency(table: ModeTable, chain: Chain) -> Found:
-    """Return the worst latency in ticks, with its job of the first task; None if no data arrives."""
-    path = _Path(chain, table.instants)
-    return _worst(path.forward(placed) for placed in table.by_task.get(chain.tasks[0], ()))
-
-
-def reaction(table: ModeTable, chain: Chain) -> Found:
-    """Return the worst reaction time in ticks and the job that just missed the stimulus; None if no data arrives."""
-    path = _Path(chain, table.instants)
-    return _worst(path.forward(placed, placed.read + 1) for placed in table.by_task.get(chain.tasks[0], ()))
-
-
-def age(table: ModeTable, chain: Chain) -> Found:
-    """Return the worst data age in ticks, with the job that puts the data out; None if no data arrives."""
-    path = _Path(chain, table.instants)
-    return _worst(path.backward(placed) for placed in table.by_task.get(chain.tasks[-1], ()))
 
 
 def _worst(latencies: Iterator[Found]) -> Found:
@@ -151,33 +156,13 @@ def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
     within = {chain.name for chain in switch.source.chains()}
     line = LineInstants(switch)
     for chain in switch.target.chains():
-        stated = limits(chain)
-        if chain.name not in within or all(limit is None for _, limit, _ in stated):
+        if chain.name not in within or all(limit is None for limit in limits(chain)):
             continue
         paths = _Path(chain, line, lambda first, last: first < switch.length and last >= 0)
-        for what, limit, found in zip(
-            (what for what, _, _ in stated),
-            (limit for _, limit, _ in stated),
-            _on_line(switch, chain, paths),
-            strict=True,
-        ):
-            if limit is not None and found is not None and found[0] > switch.clock.ticks(limit):
-                help = "start its tasks during the switch, or raise the limit"
-                path = about(switch.path(), chain=chain.name)
-                text = _fault(what, limit, found, switch.clock) + " across the switch"
-                yield codes.CHAIN_LIMIT(text, at=switch.table.at, path=path, help=help)
-
-
-def _on_line(switch: Switch, chain: Chain, paths: _Path) -> tuple[Found, Found, Found]:
-    """Return the worst latency, reaction time and data age of the paths that do not lie within one of the modes."""
-    before, after = (_turns(table, chain) for table in (switch.source, switch.target))
-    first = [p for p in (*switch.before(before), *switch.jobs) if p.job.task == chain.tasks[0]]
-    last = [p for p in (*switch.jobs, *switch.after(after)) if p.job.task == chain.tasks[-1]]
-    return (
-        _worst(paths.forward(p) for p in first),
-        _worst(paths.forward(p, p.read + 1) for p in first),
-        _worst(paths.backward(p) for p in last),
-    )
+        before, after = (_turns(table, chain) for table in (switch.source, switch.target))
+        first = [p for p in (*switch.before(before), *switch.jobs) if p.job.task == chain.tasks[0]]
+        last = [p for p in (*switch.jobs, *switch.after(after)) if p.job.task == chain.tasks[-1]]
+        yield from _too_long(switch, chain, _worst_figures(paths, first, last), " across the switch")
 
 
 def _turns(table: ModeTable, chain: Chain) -> int:

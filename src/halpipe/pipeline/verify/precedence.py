@@ -15,17 +15,16 @@ from typing import TYPE_CHECKING, Protocol
 from halpipe.core.diagnostics import Subject
 from halpipe.models import Match
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.recurrence import Future, Listed, Past
-from halpipe.pipeline.verify.rules import Rule
-from halpipe.pipeline.verify.tables import MAX_LINE, key_of, points_of, reached
+from halpipe.pipeline.verify.tables import MAX_LINE, Rule, key_of, points_of, reached
+from halpipe.pipeline.verify.ticks import Future, Listed, Past
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Precedence
-    from halpipe.pipeline.verify.recurrence import Found
     from halpipe.pipeline.verify.tables import Clock, Key, ModeTable, Placed, Switch
+    from halpipe.pipeline.verify.ticks import Found
 
     class Findable(Protocol):
         """Instants among which the nearest one can be found."""

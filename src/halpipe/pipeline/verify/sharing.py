@@ -1,60 +1,157 @@
-"""Rules exclusive and access: what jobs share at the same time (MODEL 3 and 5, rule 1)."""
+"""Rules exclusive and access: one sweep over time for units among jobs and resources among phases (MODEL 3 and 5)."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.modelfaults import is_phase
-from halpipe.pipeline.verify.rules import Rule
-from halpipe.pipeline.verify.sweep import excesses, excesses_on_circle
-from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, common_denominator
+from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, ModeTable, Rule, common_denominator
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Version
-    from halpipe.pipeline.verify.sweep import Claim, Excess
-    from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
+    from halpipe.pipeline.verify.tables import Clock, Placed, Switch
+
+    Claim: TypeAlias = tuple[int, int, int, Placed]
+
+    """Start and end (half-open, start < end), weight, and whose it is."""
 
 
-def check_exclusive(table: ModeTable) -> Iterator[Diagnostic]:
-    """Sweep every unit round the circle; a job longer than the hyperperiod overlaps itself."""
-    for unit, claims in unit_claims(table.jobs).items():
-        for excess in excesses_on_circle(claims, 1, table.period):
+NAMED = 12
+"""How many jobs a message names before it counts the rest."""
+
+
+@dataclass(slots=True)
+class Excess:
+    """A maximal interval [start, end) in which the weights in force sum to more than the limit.
+
+    `members` are the jobs to name, `parts` the parts of the line of all jobs that take part.
+    """
+
+    start: int
+    end: int
+    peak: int
+    members: dict[int, Placed] = field(default_factory=dict)
+    parts: set[str] = field(default_factory=set)
+
+    def add(self, claims: Iterable[Claim]) -> None:
+        """Note who has a part in it; one job beyond those named is enough to know that there are more."""
+        for claim in claims:
+            if len(self.members) > NAMED:
+                break
+            self.members[id(claim[3])] = claim[3]
+
+    def names(self) -> str:
+        """List the jobs that take part."""
+        found = sorted(self.members.values(), key=lambda p: (p.job.task, p.job.index, p.where))
+        more = [] if len(found) <= NAMED else ["others"]
+        labels = [p.label for p in found[:NAMED]] + more
+        return " and ".join([", ".join(labels[:-1]), labels[-1]] if len(labels) > 1 else labels)
+
+
+def wrap(claims: Iterable[Claim], period: int) -> Iterator[Claim]:
+    """Lay claims round a circle of `period`, cut at 0; what is longer than the circle weighs on itself."""
+    for start, end, weight, owner in claims:
+        turns, rest = divmod(end - start, period)
+        start %= period
+        if turns:
+            yield 0, period, weight * turns, owner
+        if not rest:
+            continue
+        if start + rest <= period:
+            yield start, start + rest, weight, owner
+        else:
+            yield start, period, weight, owner
+            yield 0, start + rest - period, weight, owner
+
+
+def excesses(claims: Iterable[Claim], limit: int) -> list[Excess]:
+    """Return every maximal interval of the line in which more than `limit` is claimed, in order of time."""
+    found: list[Excess] = []
+    current: Excess | None = None
+    active: dict[int, Claim] = {}
+    parts: Counter[str] = Counter()
+    total = 0
+    for instant, ending, starting in _events(claims):
+        for key, claim in ending:
+            total -= claim[2]
+            parts[claim[3].where] -= 1
+            del active[key]
+        for key, claim in starting:
+            total += claim[2]
+            parts[claim[3].where] += 1
+            active[key] = claim
+        if total <= limit:
+            if current is not None:
+                current.end = instant
+                found.append(current)
+            current = None
+        elif current is None:
+            current = Excess(instant, instant, total)
+            current.add(active.values())
+            current.parts.update(+parts)
+        else:
+            current.peak = max(current.peak, total)
+            current.add(claim for _, claim in starting)
+            current.parts.update(claim[3].where for _, claim in starting)
+    return found
+
+
+Keyed: TypeAlias = "tuple[int, Claim]"
+
+
+def _events(claims: Iterable[Claim]) -> Iterator[tuple[int, list[Keyed], list[Keyed]]]:
+    """Yield every instant at which something changes, with the claims that end there and those that start there."""
+    changes: dict[int, tuple[list[Keyed], list[Keyed]]] = {}
+    for keyed in enumerate(claims):
+        start, end = keyed[1][:2]
+        changes.setdefault(start, ([], []))[1].append(keyed)
+        changes.setdefault(end, ([], []))[0].append(keyed)
+    for instant in sorted(changes):
+        yield instant, *changes[instant]
+
+
+def excesses_on_circle(claims: Iterable[Claim], limit: int, period: int) -> list[Excess]:
+    """Return the same on a circle; an interval that passes the end of the circle is one, with end > period."""
+    found = excesses(wrap(claims, period), limit)
+    if len(found) > 1 and found[0].start == 0 and found[-1].end == period:
+        first, last = found[0], found.pop()
+        found[0] = Excess(last.start, period + first.end, max(first.peak, last.peak), last.members)
+        found[0].members.update(first.members)
+    return found
+
+
+def check_exclusive(table: ModeTable | Switch) -> Iterator[Diagnostic]:
+    """Sweep every unit; a job longer than the hyperperiod overlaps itself."""
+    for unit, claims in unit_claims(table.meeting()).items():
+        for excess in _excesses_of(table, claims, 1):
             yield _overlap(unit, excess, table.clock, table.path())
 
 
-def check_access(table: ModeTable) -> Iterator[Diagnostic]:
-    """Sweep every resource round the circle."""
-    for resource, shared in resource_claims(table.jobs, table.clock, table.mode.locks).items():
+def check_access(table: ModeTable | Switch) -> Iterator[Diagnostic]:
+    """Sweep every resource."""
+    for resource, shared in resource_claims(table.meeting(), table.clock, table.mode.locks).items():
         if shared.scale is None:
             yield _too_fine(resource, table.path(), table.at)
             continue
-        for excess in excesses_on_circle(shared.claims, shared.scale, table.period):
+        for excess in _excesses_of(table, shared.claims, shared.scale):
             yield _overload(resource, excess, shared.scale, table.clock, table.path())
 
 
-def check_exclusive_on_line(switch: Switch) -> Iterator[Diagnostic]:
-    """Sweep every unit along the line of a switch."""
-    for unit, claims in unit_claims(switch.meeting()).items():
-        for excess in _across(excesses(claims, 1)):
-            yield _overlap(unit, excess, switch.clock, switch.path())
-
-
-def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
-    """Sweep every resource along the line of a switch."""
-    for resource, shared in resource_claims(switch.meeting(), switch.clock, switch.target.mode.locks).items():
-        if shared.scale is None:
-            yield _too_fine(resource, switch.path(), switch.table.at)
-            continue
-        for excess in _across(excesses(shared.claims, shared.scale)):
-            yield _overload(resource, excess, shared.scale, switch.clock, switch.path())
+def _excesses_of(table: ModeTable | Switch, claims: list[Claim], limit: int) -> list[Excess]:
+    """Sweep the circle of a mode, or the line of a switch; what lies within one mode is for the rule of that mode."""
+    if isinstance(table, ModeTable):
+        return excesses_on_circle(claims, limit, table.period)
+    return [excess for excess in excesses(claims, limit) if len(excess.parts) > 1 or TABLE in excess.parts]
 
 
 # ------------------------------------------------------------------------------------------------ claims
@@ -137,13 +234,6 @@ def _held(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int]
             last = begin + (placed.service.length(work) or work)
         lost = placed.resume
     return None if first is None or last <= first else (first, last)
-
-
-def _across(found: Iterable[Excess]) -> Iterator[Excess]:
-    """Leave out what lies within one mode: the rule of that mode reports it."""
-    for excess in found:
-        if len(excess.parts) > 1 or TABLE in excess.parts:
-            yield excess
 
 
 # ------------------------------------------------------------------------------------------------ findings

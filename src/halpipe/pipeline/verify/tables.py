@@ -10,22 +10,32 @@ import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from halpipe.core.diagnostics import Path, Subject, about
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.models import Anchor
-from halpipe.pipeline.verify.recurrence import Recurring
-from halpipe.pipeline.verify.reserved import UNDISTURBED, Service
+from halpipe.pipeline.verify.ticks import UNDISTURBED, Recurring, Service
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
-    from halpipe.core.diagnostics import Location
+    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.models import Chain, Job, ModeSchedule, Precedence, Task, TaskModel, TransitionTable, Version
-    from halpipe.pipeline.verify.recurrence import Found
-    from halpipe.pipeline.verify.reserved import Platform
+    from halpipe.pipeline.verify.ticks import Found, Platform
+
+Checked = TypeVar("Checked", contravariant=True)
+
+
+@record
+class Rule(Generic[Checked]):
+    """`check` yields one diagnostic for every violation it finds in its subject."""
+
+    name: str
+    sentence: str
+    check: Callable[[Checked], Iterable[Diagnostic]]
+
 
 MAX_BITS = 4096
 
@@ -283,6 +293,10 @@ class ModeTable:
             return about(mode=self.name)
         return about(mode=self.name, task=placed.job.task, job=placed.job.index)
 
+    def meeting(self) -> list[Placed]:
+        """Return the jobs that can meet one another: all."""
+        return self.jobs
+
     def chains(self) -> list[Chain]:
         """Return the chains all of whose tasks run in this mode; the others say nothing about it (D)."""
         return [c for c in self.model.chains if c.tasks and all(t in self.mode.tasks for t in c.tasks)]
@@ -303,6 +317,21 @@ class Switch:
     def clock(self) -> Clock:
         """The clock shared with both modes."""
         return self.source.clock
+
+    @property
+    def mode(self) -> ActiveMode:
+        """The mode to come, whose tasks and versions the table has."""
+        return self.target.mode
+
+    @property
+    def model(self) -> TaskModel:
+        """The model of both modes."""
+        return self.target.model
+
+    @property
+    def at(self) -> Location:
+        """The place of the table in the schedule file."""
+        return self.table.at
 
     def before(self, turns: int) -> list[Placed]:
         """Return the jobs of the last `turns` cycles of mode n, in order of cycle."""

@@ -11,16 +11,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.assignment import check_unit_on_line, check_version_on_line
-from halpipe.pipeline.verify.binding import check_binding_on_line
 from halpipe.pipeline.verify.chains import check_chain_on_line
-from halpipe.pipeline.verify.nesting import check_nested_on_line
-from halpipe.pipeline.verify.parts import check_parts_on_line
-from halpipe.pipeline.verify.periodic import late_for_arrivals
+from halpipe.pipeline.verify.jobs import check_binding_on_line, check_unit, check_version
 from halpipe.pipeline.verify.precedence import check_precedence_on_line
-from halpipe.pipeline.verify.rules import Rule
-from halpipe.pipeline.verify.sharing import check_access_on_line, check_exclusive_on_line
-from halpipe.pipeline.verify.tables import TABLE, key_of, reached
+from halpipe.pipeline.verify.preemption import check_nested_on_line, check_parts
+from halpipe.pipeline.verify.sharing import check_access, check_exclusive
+from halpipe.pipeline.verify.tables import TABLE, Rule, key_of, reached
+from halpipe.pipeline.verify.timing import late_for_arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -193,22 +190,22 @@ SWITCH_RULES: tuple[Rule[Switch], ...] = (
     Rule(
         "transition version",
         "Every job of the table uses a version of its task that is available in the mode to come.",
-        check_version_on_line,
+        check_version,
     ),
     Rule(
         "transition unit",
         "Every job of the table occupies exactly as many distinct units as the gang size of its version, all valid.",
-        check_unit_on_line,
+        check_unit,
     ),
     Rule(
         "transition parts",
         "The parts of every job of the table make up the job, with gaps where it may be interrupted.",
-        check_parts_on_line,
+        check_parts,
     ),
     Rule(
         "transition exclusive",
         "On every unit, the parts of jobs of the mode before, the table and the mode to come do not overlap.",
-        check_exclusive_on_line,
+        check_exclusive,
     ),
     Rule(
         "transition nested",
@@ -219,7 +216,7 @@ SWITCH_RULES: tuple[Rule[Switch], ...] = (
     Rule(
         "transition access",
         "At every instant of the switch, the bounds of all access phases in force on a resource sum to at most 1.",
-        check_access_on_line,
+        check_access,
     ),
     Rule(
         "transition binding",

@@ -1,4 +1,4 @@
-"""Rules periodic and deadline: one phase s for all jobs of a task, and each job in time after its release (MODEL 3)."""
+"""Rules periodic, deadline and edge: each job in time after its release, at one phase for each task (MODEL 3)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about
 from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.tables import Rule
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -226,3 +226,16 @@ DEADLINE = Rule(
     "every job starts within the distance and ends within the deadline after the start of the job before it.",
     check_deadline,
 )
+
+
+def check_edge(table: ModeTable) -> Iterator[Diagnostic]:
+    """Compare the ends of all jobs with the hyperperiod; access phases lie within their jobs."""
+    for placed in table.jobs if table.mode.is_closed else ():
+        if placed.end > table.period:
+            text = f"ends at {table.clock.text(placed.end)}, after the end of the table at "
+            text += table.clock.text(table.period)
+            help = "start it earlier, or open the edge of the mode"
+            yield codes.OVER_THE_EDGE(text, at=placed.job.at, path=table.path(placed), help=help)
+
+
+EDGE = Rule("edge", "In a mode with a closed edge every job ends within the table.", check_edge)

@@ -1,28 +1,30 @@
-"""Rule figures: what the schedule reports about itself must follow from its jobs."""
+"""Figures and reactions that a schedule reports: each must follow from its jobs and from the rules of the model."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Path, about
+from halpipe.core.diagnostics import NOWHERE, Path, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
+from halpipe.models import HealthAction, Reaction, Status
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.chains import age, latency, reaction
-from halpipe.pipeline.verify.rules import Rule
-from halpipe.pipeline.verify.sharing import Shared, resource_claims, unit_claims
-from halpipe.pipeline.verify.sweep import excesses, wrap
-from halpipe.pipeline.verify.tables import common_denominator
+from halpipe.pipeline.verify.chains import measured
+from halpipe.pipeline.verify.sharing import Shared, excesses, resource_claims, unit_claims, wrap
+from halpipe.pipeline.verify.tables import Rule, common_denominator
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import CostTerms
-    from halpipe.pipeline.verify.recurrence import Found
-    from halpipe.pipeline.verify.sweep import Claim
+    from halpipe.models import CostTerms, HealthRule, ModeSchedule, Schedule, TaskModel
+    from halpipe.pipeline.verify.sharing import Claim
     from halpipe.pipeline.verify.tables import Clock, ModeTable
+    from halpipe.pipeline.verify.ticks import Found
 
 
 def check_figures(table: ModeTable) -> Iterator[Diagnostic]:
@@ -139,17 +141,12 @@ def _chain_latencies(table: ModeTable) -> Iterator[Diagnostic]:
         if chain is None:
             yield _wrong(table, element, "the mode has no such chain")
             continue
-        figures = (
-            ("latency", given.latency, latency),
-            ("reaction", given.reaction, reaction),
-            ("age", given.age, age),
-        )
-        for what, reported, measure in figures:
+        reports = ("latency", given.latency), ("reaction", given.reaction), ("age", given.age)
+        for (what, reported), found in zip(reports, measured(table, chain), strict=True):
             if what == "latency" and reported is None:
                 continue  # it is reported where the model refers to it
-            found = measure(table, chain)
             if not _same(reported, found, table.clock):
-                text = f"{what} {_time(reported)}, the jobs make {table.clock.text(found[0]) if found else 'none'}"
+                text = f"{what} {_told(reported)}, the jobs make {table.clock.text(found[0]) if found else 'none'}"
                 yield _wrong(table, element, text)
 
 
@@ -159,7 +156,7 @@ def _same(reported: Duration | None, found: Found, clock: Clock) -> bool:
     return reported * clock.scale == Duration(found[0])
 
 
-def _time(reported: Duration | None) -> str:
+def _told(reported: Duration | None) -> str:
     return "none" if reported is None else str(reported or ZERO)
 
 
@@ -172,4 +169,70 @@ FIGURES = Rule(
     "Every cost, load and latency that the schedule reports follows from its jobs; the cost is at most 0 if and only "
     "if no rule is broken.",
     check_figures,
+)
+
+
+@record
+class Health:
+    """A model and its schedule, for the rules that are about both as a whole."""
+
+    model: TaskModel
+    schedule: Schedule
+
+
+def check_health(health: Health) -> Iterator[Diagnostic]:
+    """Check that every rule has its reaction in every mode where it holds, and that there are no others."""
+    stated = Counter(replace(given, at=NOWHERE) for given in health.schedule.reactions)
+    running = {mode.name: {run.task for run in mode.runs if run.versions} for mode in health.model.modes}
+    for mode in {mode.name: mode for mode in reversed(health.schedule.modes)}.values():
+        for rule in health.model.health:
+            if rule.mode == mode.name or rule.task not in running.get(mode.name, ()):
+                continue
+            path = about(mode=mode.name, health_rule_of_task=rule.task)
+            within = _longest(health.schedule, mode, rule)
+            if within is None and rule.action is not HealthAction.RESTART:
+                text, help = f'there is no table to "{rule.mode}"', "schedule the transition, or change the rule"
+                yield codes.REACTION_MISSING(text, at=mode.at, path=path, help=help)
+                continue
+            wanted = Reaction(
+                mode=mode.name,
+                task=rule.task,
+                event=rule.event,
+                count=rule.count,
+                cycles=rule.cycles,
+                action=rule.action,
+                target=rule.mode,
+                within=within,
+            )
+            if stated[wanted]:
+                stated[wanted] -= 1
+                continue
+            took = "" if within is None else f" within {within}"
+            text, help = f"its reaction, {rule.action}{took}, is not stated", "schedule the model again"
+            yield codes.REACTION_MISSING(text, at=mode.at, path=path, help=help)
+    places = {replace(given, at=NOWHERE): given.at for given in health.schedule.reactions}
+    for given in stated.elements():
+        path = about(mode=given.mode, reaction_to_task=given.task)
+        after = f"{given.action} after {given.count} times {given.event} in {given.cycles} tables"
+        to = f' to "{given.target}"' if given.target else ""
+        took = "" if given.within is None else f" within {given.within}"
+        text, help = f"{after}{to}{took} follows from no rule of the model", "schedule the model again"
+        yield codes.WRONG_REACTION(text, at=places[given], path=path, help=help)
+
+
+def _longest(schedule: Schedule, mode: ModeSchedule, rule: HealthRule) -> Duration | None:
+    """Return how long a rule takes at most: an event just after an end of the hyperperiod waits for the next one."""
+    if rule.action is HealthAction.STOP:
+        return mode.hyperperiod
+    for table in schedule.transitions:
+        if (table.source, table.target) == (mode.name, rule.mode) and table.status is Status.VALID:
+            return mode.hyperperiod + table.length
+    return None
+
+
+HEALTH: Rule[Health] = Rule(
+    "health",
+    "In every mode where a health rule of the model holds, the schedule states its reaction and the longest time that "
+    "it takes, and has the table that it needs; it states no other reactions.",
+    check_health,
 )
