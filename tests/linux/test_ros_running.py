@@ -18,7 +18,7 @@ from halpipe.models import Status, TransitionTable
 from support import ms
 
 SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
-NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random")
+NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random", "simulated")
 pytestmark = [
     pytest.mark.slow,  # a program of C++ is built, and the tables begin at a whole second
     pytest.mark.skipif(not shutil.which("g++") or not shutil.which("cc"), reason="the scenarios are built with g++"),
@@ -132,6 +132,13 @@ def test_a_callback_that_never_returns_is_named_and_does_not_hold_up_the_end(pla
     assert (hung.status, hung.out) == (1, "stuck\n")
     assert "task /sink still runs" in hung.err
     assert [row["end"] for row in hung.rows if row["task"] == "/sink"].count("") == 1
+
+
+def test_simulated_time_is_refused_by_name(played):
+    simulated = played["simulated"]
+    assert numbers(simulated.out)["sent"] == 0
+    assert "use_sim_time: the tables have the rate of the machine's clock" in simulated.err
+    assert "the tables are not played" in simulated.err
 
 
 def test_equal_timers_run_their_own_rows_or_are_refused(played):

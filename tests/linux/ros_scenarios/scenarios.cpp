@@ -194,6 +194,15 @@ int waiting() {
   return status;
 }
 
+// Tables have the rate of the clock of the machine; a simulator may run faster, slower, or pause.
+int simulated() {
+  rclcpp::stub_parameters::is_simulated = true;
+  Pipe pipe;
+  const int status = pipe.play(3000);
+  pipe.print();
+  return status;
+}
+
 // Nodes with equal timers in random groups: each row runs its own one, or is refused.
 int random_nodes() {
   std::mt19937 random(1);
@@ -248,6 +257,7 @@ int main(int argc, char ** argv) {
   if (name == "throwing") {return throwing();}
   if (name == "hanging") {return hanging();}
   if (name == "waiting") {return waiting();}
+  if (name == "simulated") {return simulated();}
   if (name == "random") {return random_nodes();}
   return 2;
 }

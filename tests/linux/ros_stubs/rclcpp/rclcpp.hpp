@@ -303,6 +303,7 @@ public:
 namespace stub_parameters {
 inline std::string record;
 inline int64_t priority = 0;
+inline bool is_simulated = false;
 }
 
 class Node {
@@ -314,6 +315,11 @@ public:
   const char * get_name() const {return name_.c_str();}
   long now() const {return stub::now();}
   node_interfaces::NodeBaseInterface::SharedPtr get_node_base_interface() {return base_;}
+  template<typename T>
+  bool get_parameter(const std::string & name, T & value) const {   // use_sim_time is declared by the node's TimeSource
+    if constexpr (std::is_same_v<T, bool>) {value = name == "use_sim_time" && stub_parameters::is_simulated;}
+    return true;
+  }
   template<typename T>
   auto declare_parameter(const std::string & name, const T & default_value) -> T {
     if constexpr (std::is_same_v<T, std::string>) {

@@ -194,7 +194,7 @@ static void take_option(const char *name, char *value) {
 }
 
 static void take_options(int argc, char **argv) {
-  for (int i = 1; i < argc; i++) {
+  for (int i = 1; i < argc; i += 2) {
     if (strcmp(argv[i], "--help") == 0) {
       fputs(usage, stdout);
       exit(0);
@@ -202,7 +202,6 @@ static void take_options(int argc, char **argv) {
     if (strcmp(argv[i], "--list") == 0) list();
     if (i + 1 == argc) die(2, "unknown option, or its value is missing; see --help", argv[i]);
     take_option(argv[i], argv[i + 1]);
-    i++;
   }
 }
 

@@ -46,7 +46,12 @@ public:
     record_ = declare_parameter<std::string>("record", "");
     record_mib_ = declare_parameter<int64_t>("record_mib", 1024);
     locks_memory_ = declare_parameter<bool>("lock_memory", true);
-    are_stated_ = take_overrun(declare_parameter<std::string>("overrun", "")) &&
+    bool is_simulated = false;
+    get_parameter("use_sim_time", is_simulated);
+    if (is_simulated) {
+      RCLCPP_ERROR(get_logger(), "use_sim_time: the tables have the rate of the machine's clock, simulated time has another");
+    }
+    are_stated_ = !is_simulated && take_overrun(declare_parameter<std::string>("overrun", "")) &&
       take_cpus(declare_parameter<std::string>("cpus", ""));
     for (int i = 0; i < plan.n_modes; i++) {
       const auto ask = [i](
