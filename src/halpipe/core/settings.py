@@ -85,6 +85,10 @@ class Fields:
         self._data = data
         self.allow(keys, inside)
 
+    def is_mapping(self, key: str) -> bool:
+        """Whether a mapping stands under a key that may also have one value."""
+        return isinstance(self._data.get(key), YamlMap)
+
     def allow(self, keys: tuple[str, ...], inside: Mapping[str, tuple[str, ...]] | None = None) -> None:
         """Report the keys of the mapping that are not among `keys`; none given: whatever it has is allowed.
 

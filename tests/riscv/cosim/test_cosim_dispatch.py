@@ -11,15 +11,24 @@ from halpipe.deploy.riscv.judge import check, figures
 from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv.profile import FOLDER
 
+MULTIPLYING = """#include <stdint.h>
+uint64_t smooth[8], command;
+void act(void) {
+    uint64_t value = smooth[0] | 1u;
+    for (int i = 0; i < 100; i++) __asm__ volatile("mul %0, %0, %0\\n divu %0, %0, %0" : "+r"(value));
+    command = value;
+}
+"""
 
-def with_profile(export, tmp_path_factory, *changes):
+
+def with_profile(export, tmp_path_factory, *changes, **options):
     text = FOLDER.joinpath("vcu118.yaml").read_text()
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     path = tmp_path_factory.mktemp("profile") / "own.yaml"
     path.write_text(text)
-    return export(profile=str(path))
+    return export(profile=str(path), **options)
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +61,48 @@ def test_cycles_of_an_instruction_are_the_profiles(export, tmp_path_factory, wor
     assert found.run.site.cpi == Fraction(3, 2)
     assert worst.worst * Fraction(7, 5) < found.dispatch.worst < worst.worst * Fraction(8, 5)
     assert [d for d in found.findings if d.is_error] == []
+
+
+def cycles_of(run, execution):
+    return Fraction((execution.left - execution.entered) * run.site.clock, run.rate)
+
+
+EACH = "bandwidth: {ispm: 100MB/s, dspm: 200MB/s, main: 50MB/s}, bus: 400MB/s"
+
+
+def test_each_direction_has_its_bandwidth(export, tmp_path_factory):
+    target = with_profile(export, tmp_path_factory, ("bandwidth: 400MB/s, bus: 800MB/s", EACH))
+    found = check.simulate(target, tours(target.schedule, 2)[0])
+    assert [d for d in found.findings if d.is_error] == []
+    run = found.run
+    memories = {
+        "ispm": [u.ispm for u in run.site.units],
+        "dspm": [u.dspm for u in run.site.units],
+        "main": [run.site.main],
+    }
+    lasted = {
+        (memory, transfer.size, run.length(transfer.end - transfer.begin) - run.site.dma.latency)
+        for transfer in run.recorder.transfers
+        for memory, areas in memories.items()
+        if any(area.base <= transfer.target < area.end for area in areas)
+    }
+    nanoseconds = {"ispm": 10, "dspm": 5, "main": 20}  # a byte
+    assert {memory for memory, _, _ in lasted} == set(nanoseconds)
+    assert all(time.fraction == nanoseconds[memory] * size for memory, size, time in lasted)
+
+
+def test_roles_have_their_own_cycles(export, tmp_path_factory, worst):
+    change = ("service: 6500ns", "cpi: {jobs: 1, management: 2, multiply: 11}\nservice: 13us")
+    sources = {"act.c": MULTIPLYING}
+    target = with_profile(export, tmp_path_factory, change, sources=sources)
+    plain = with_profile(export, tmp_path_factory, sources=sources)
+    tour = tours(target.schedule, 2)[0]
+    outcomes = check.simulate(target, tour), check.simulate(plain, tour)
+    assert [d for d in outcomes[0].findings if d.is_error] == []
+    assert worst.worst * Fraction(9, 5) < outcomes[0].dispatch.worst < worst.worst * Fraction(11, 5)
+    for task, more in {"act": 2 * 100 * 10, "filter": 0, "sense": 0}.items():  # ten for each of 200 instructions
+        cycles = [{cycles_of(o.run, e) for e in o.run.executions if e.image.site.task == task} for o in outcomes]
+        assert {one - more for one in cycles[0]} == cycles[1]
 
 
 def test_a_slow_memory_makes_the_management_core_slower_alone(export, tmp_path_factory, worst):

@@ -22,6 +22,7 @@ NAME = "target.json"
 MAX_MEMORY = 1 << 31
 MAX_UNITS = 64
 CONTROL_SIZE = 18 * 8
+MEMORIES = ("ispm", "dspm", "main")
 
 
 @record
@@ -54,7 +55,7 @@ class UnitSite:
 
 @record
 class DmaSite:
-    """The DMA engine; `bandwidth` in bytes per second, `latency` before the first byte arrives.
+    """The DMA engine; `bandwidth` into each memory in bytes per second, `latency` before the first byte arrives.
 
     `bus` is what all channels move together at most, None where they do not stand in each other's way.
     Kind ``copy`` is none: the management core copies.
@@ -64,7 +65,7 @@ class DmaSite:
     base: int
     stride: int
     channels: int
-    bandwidth: int
+    bandwidth: dict[str, int]
     latency: Duration
     bus: int | None = None
 
@@ -105,7 +106,8 @@ class ImageSite:
 class Site:
     """All of it; `clock` and `timebase` (ticks of mtime) in Hz.
 
-    `service` is reserved for each operation of the management core; `cpi` are the cycles of an instruction, and
+    `service` is reserved for each operation of the management core. `cpi` are the cycles of an instruction of a job, or
+    of the management core; a job's multiplication or division takes `multiply`, and
     `latency` is what each access of the management core takes beyond that.
     """
 
@@ -130,6 +132,8 @@ class Site:
     qemu: tuple[str, ...]
     service: Duration = ZERO
     cpi: Fraction = Fraction(1)
+    management_cpi: Fraction = Fraction(1)
+    multiply: Fraction = Fraction(1)
     latency: Duration = ZERO
 
     @property
@@ -272,6 +276,9 @@ class _Reader:
     def as_area(self, base: str) -> Area:
         return Area(self.address(base), self.number("size", 0, MAX_MEMORY))
 
+    def is_object(self, key: str) -> bool:
+        return isinstance(self._data.get(key), dict)
+
     def has(self, key: str) -> bool:
         return key in self._data
 
@@ -282,7 +289,7 @@ def _shown(value: Any) -> str:
 
 def _site(top: _Reader) -> Site:
     top.number("halpipe-target", 2, 2)
-    dma = top.object("dma")
+    dma, cpi = top.object("dma"), _cpi(top)
     return Site(
         profile=top.text("profile"),
         clock=top.number("clock", 1, 10**12),
@@ -304,25 +311,44 @@ def _site(top: _Reader) -> Site:
         images=tuple(_image(image) for image in top.objects("images")),
         qemu=top.texts("qemu"),
         service=top.duration("service"),
-        cpi=top.share("cpi"),
+        cpi=cpi["jobs"],
+        management_cpi=cpi["management"],
+        multiply=cpi["multiply"],
         latency=top.duration("latency"),
     )
 
 
+def _cpi(top: _Reader) -> dict[str, Fraction]:
+    """Read one number for every instruction, or one for each kind."""
+    kinds = ("jobs", "management", "multiply")
+    if not top.is_object("cpi"):
+        return dict.fromkeys(kinds, top.share("cpi"))
+    each = top.object("cpi")
+    return {kind: each.share(kind) for kind in kinds}
+
+
 def _dma(dma: _Reader) -> DmaSite:
-    kind = dma.text("kind")
+    kind, bandwidth = dma.text("kind"), _bandwidth(dma)
     latency = dma.duration("latency" if dma.has("latency") else "setup")
     if kind == "copy":
-        return DmaSite(kind, 0, 0, 0, dma.number("bandwidth", 1), latency)
+        return DmaSite(kind, 0, 0, 0, bandwidth, latency)
     return DmaSite(
         kind,
         dma.address("base"),
         dma.number("stride", 0x20, 1 << 20),
         dma.number("channels", 1, 16),
-        dma.number("bandwidth", 1),
+        bandwidth,
         latency,
         dma.number("bus", 1) if dma.has("bus") else None,
     )
+
+
+def _bandwidth(dma: _Reader) -> dict[str, int]:
+    """Read one number for all memories, or one for each."""
+    if not dma.is_object("bandwidth"):
+        return dict.fromkeys(MEMORIES, dma.number("bandwidth", 1))
+    each = dma.object("bandwidth")
+    return {memory: each.number(memory, 1) for memory in MEMORIES}
 
 
 def _unit(unit: _Reader) -> UnitSite:

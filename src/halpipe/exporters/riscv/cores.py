@@ -50,6 +50,10 @@ class Core:
         """The hart id of the core."""
         return self.index + 1
 
+    def memory_at(self, address: int) -> str:
+        """Return which of its scratchpads holds an address."""
+        return "ispm" if self.ispm.base <= address < self.ispm.end else "dspm"
+
     @property
     def job_end(self) -> int:
         """The first address of the data scratchpad that jobs must not touch."""

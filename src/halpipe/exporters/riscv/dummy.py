@@ -125,6 +125,6 @@ def _fitting(access: Access, clock: Clock) -> int:
 
 
 def _count(time: Duration, profile: Profile) -> int:
-    """Return up to what to count in a time, at one instruction a cycle."""
+    """Return up to what to count in a time."""
     cycles = SHARE * time.in_unit("s") * profile.clock
-    return max(int(cycles / INSTRUCTIONS), 1)
+    return max(int(cycles / profile.cpi / INSTRUCTIONS), 1)

@@ -12,7 +12,7 @@ from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT
 from halpipe.exporters.riscv.drivers import NONE, Drivers
-from halpipe.exporters.riscv.phases import Clock, disorder, executions, functions_of, phases_of, shares
+from halpipe.exporters.riscv.phases import Clock, disorder, executions, functions_of, memory_of, phases_of, shares
 from halpipe.exporters.riscv.render import DECISION
 from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
@@ -168,8 +168,9 @@ class Operations:
         transfers = list(self._transfers(access, images))
         drivers = list(self._drivers(access, images[0]))
         yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
-        rest = sum(self.clock.transfer(access.resource, size) for _, _, size, _, _ in transfers)
-        for source, target, size, unit, what in transfers:
+        times = [self.clock.transfer(access.resource, size, memory) for _, _, size, _, _, memory in transfers]
+        rest = sum(times)
+        for (source, target, size, unit, what, _), taken in zip(transfers, times, strict=True):
             yield Operation(
                 at=at,
                 kind=COPY,
@@ -183,7 +184,6 @@ class Operations:
                 access=access,
                 needs=rest,
             )
-            taken = self.clock.transfer(access.resource, size)
             at, rest = at + taken, rest - taken
         unit = images[0].core.index
         yield Operation(at=max(at, end), kind=DONE, unit=unit, channel=channel, what=str(access.kind))
@@ -204,18 +204,18 @@ class Operations:
                 time=driver.time,
             )
 
-    def _transfers(self, access: Access, images: list[Image]) -> Iterable[tuple[int, int, int, int, str]]:
-        """Yield (from, to, bytes, core, what). Each member of a gang reads all, and writes its part."""
+    def _transfers(self, access: Access, images: list[Image]) -> Iterable[tuple[int, int, int, int, str, str]]:
+        """Yield (from, to, bytes, core, what, memory). Each member of a gang reads all, and writes its part."""
         if access.kind is AccessKind.LOAD:
             for image in images:
                 for s in image.segments:
-                    yield s.source, s.target, s.size, image.core.index, "image"
+                    yield s.source, s.target, s.size, image.core.index, "image", image.core.memory_at(s.target)
         for transfer in access.transfers:
             for member, offset, size in shares(access, transfer.size, len(images)):
                 buffer = self.memory.buffers[transfer.buffer].base + offset
                 symbol = images[member].elf.symbols[transfer.symbol].address + offset
                 ends = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
-                yield *ends, size, images[member].core.index, transfer.buffer
+                yield *ends, size, images[member].core.index, transfer.buffer, memory_of(access)
 
 
 def check_version(part: Part, clock: Clock, findings: Findings) -> None:

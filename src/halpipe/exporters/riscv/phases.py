@@ -7,6 +7,7 @@ several such stretches. Everything is exact; boundaries of phases are rounded in
 from __future__ import annotations
 
 import math
+from dataclasses import field
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -33,15 +34,16 @@ if TYPE_CHECKING:
 
 @record
 class Clock:
-    """The ticks of the timer, and how long transfers take on each resource."""
+    """The ticks of the timer, and how long transfers take on each resource: at least, and `into` each memory."""
 
     tick: Duration
     setup: Duration
     bandwidths: dict[str, int]
+    into: dict[tuple[str, str], int] = field(default_factory=dict)
 
-    def transfer(self, resource: str, size: int) -> int:
-        """Return the ticks that one transfer of `size` bytes has to itself."""
-        moving = seconds(Fraction(size, self.bandwidths[resource]))
+    def transfer(self, resource: str, size: int, memory: str = "") -> int:
+        """Return the ticks that one transfer of `size` bytes into a memory has to itself."""
+        moving = seconds(Fraction(size, self.into.get((resource, memory), self.bandwidths[resource])))
         return math.ceil((self.setup + moving) / self.tick)
 
     def up(self, instant: Duration) -> int:
@@ -58,12 +60,17 @@ def clock_of(model: TaskModel, profile: Profile) -> Clock:
 
     Every resource has a channel. What each is sure of is the share of the bus that it has when all of them move.
     """
-    rate = profile.dma.bandwidth
-    bandwidths = {r.name: min(rate, r.bandwidth) if r.bandwidth else rate for r in model.resources}
+    fastest = max(profile.dma.into.values())
+    most = {r.name: min(fastest, r.bandwidth or fastest) for r in model.resources}
     moving = {a.resource for task in model.tasks for v in task.versions for a in v.accesses if moves_data(a)}
-    share = _share([bandwidths[name] for name in moving], profile.dma.bus)
-    sure = {name: min(own, share) if name in moving else own for name, own in bandwidths.items()}
-    return Clock(profile.tick, profile.dma.setup, sure)
+    into = {}
+    for name, limit in most.items():
+        others = [most[other] for other in moving if other != name]
+        for memory, rate in profile.dma.into.items():
+            own = min(rate, limit)
+            into[name, memory] = min(own, _share([own, *others], profile.dma.bus)) if name in moving else own
+    sure = {name: min(into[name, memory] for memory in profile.dma.into) for name in most}
+    return Clock(profile.tick, profile.dma.setup, sure, into)
 
 
 def _share(rates: list[int], bus: int) -> int:
@@ -141,6 +148,11 @@ def written_alone(versions: Iterable[tuple[str, Version]]) -> Iterable[Diagnosti
             message = f"of its {version.gang} members the first alone writes {', '.join(names)}"
             help = "nothing, if all members compute the same; otherwise give each member a part of a larger variable"
             yield FIRST_ALONE(message, at=version.at, path=path, help=help)
+
+
+def memory_of(access: Access) -> str:
+    """Return the memory into which the transfers of a read or write phase lead."""
+    return "main" if access.kind is AccessKind.WRITE else "dspm"
 
 
 def shares(access: Access, size: int, members: int) -> list[tuple[int, int, int]]:

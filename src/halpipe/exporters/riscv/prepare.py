@@ -17,7 +17,7 @@ from halpipe.exporters.riscv.cores import Core
 from halpipe.exporters.riscv.drivers import read_drivers
 from halpipe.exporters.riscv.dummy import FILE, with_dummies
 from halpipe.exporters.riscv.images import Part, compile_parts, measure
-from halpipe.exporters.riscv.phases import clock_of, load_of, moves_data, shares
+from halpipe.exporters.riscv.phases import clock_of, load_of, memory_of, moves_data, shares
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 def grow(
     version: Version,
-    sizes: Sequence[int],
+    sizes: Sequence[tuple[int, str]],
     resource: str,
     clock: Clock,
     patience: int,
@@ -46,13 +46,13 @@ def grow(
 ) -> Version:
     """Return a version whose phases hold its transfers, each `patience` ticks more than they take.
 
-    `sizes` are those of the parts of its image; a load phase that it lacks is made on `resource`. `driving` tells how
-    long drivers take in a phase before its transfers begin.
+    `sizes` are those of the parts of its image, with their memories; a load phase that it lacks is made on `resource`.
+    `driving` tells how long drivers take in a phase before its transfers begin.
     """
     assert version.wcet is not None, "models without WCET do not validate"
     load = load_of(version)
     first = load or Access(resource=resource, start=ZERO, end=ZERO, kind=AccessKind.LOAD)
-    loading = patience + version.gang * sum(clock.transfer(first.resource, size) for size in sizes)
+    loading = patience + version.gang * sum(clock.transfer(first.resource, *size) for size in sizes)
     loaded = _with_end(first, first.start, first.end, loading, clock)
     # From an instant on, everything is later by a growth.
     growths = [(first.end, loaded.end - first.end)]
@@ -79,7 +79,7 @@ def _needs(access: Access, gang: int, clock: Clock, patience: int) -> int:
     if not access.transfers:
         return 0
     sizes = [size for transfer in access.transfers for _, _, size in shares(access, transfer.size, gang)]
-    return patience + sum(clock.transfer(access.resource, size) for size in sizes)
+    return patience + sum(clock.transfer(access.resource, size, memory_of(access)) for size in sizes)
 
 
 def _with_end(access: Access, start: Duration, end: Duration, needed: int, clock: Clock) -> Access:
@@ -160,14 +160,15 @@ def _grow(part: Part, elf: Elf, model: TaskModel, profile: Profile, drivers: Dri
     old = part.version
     load = load_of(old)
     resource = load.resource if load else _resource_of(old, model)
-    sizes = [segment.size for segment in elf.segments]
+    sizes = [(segment.size, part.cores[0].memory_at(segment.target)) for segment in elf.segments]
     clock = clock_of(model, profile)
     # Each other core may have a driver called at the same instant.
     patience = profile.patience + clock.up(drivers.longest * (len(model.units) - 1))
     new = grow(old, sizes, resource, clock, patience, partial(drivers.time, part.task))
     if new != old:
         before, after = load.end if load else ZERO, new.accesses[0].end
-        message = f"the image has {sum(sizes)} bytes: load phase {before} -> {after}, WCET {old.wcet} -> {new.wcet}"
+        total = sum(size for size, _ in sizes)
+        message = f"the image has {total} bytes: load phase {before} -> {after}, WCET {old.wcet} -> {new.wcet}"
         findings.add(GREW(message, at=old.at, path=part.path))
     return new
 

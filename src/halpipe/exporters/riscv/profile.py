@@ -41,6 +41,9 @@ RESERVED = 4096
 PAGE = 4096
 """Bytes that the registers of a device take at least."""
 
+MEMORIES = ("ispm", "dspm", "main")
+"""Where a transfer may lead: an engine has another bandwidth into each."""
+
 CLINT_SIZE = 0x10000
 """Bytes of the CLINT, which one entry of the memory protection keeps from jobs."""
 
@@ -100,7 +103,8 @@ class Scratchpads:
 class Dma:
     """The DMA engine; `setup` is the longest time from the instant of a transfer until its bytes flow.
 
-    A channel moves `bandwidth` bytes per second, and all of them together `bus`, by default as many times as much.
+    A channel moves `into` a memory (ispm, dspm, main) so many bytes per second, and all of them together move `bus`, by
+    default as many times the slowest of these.
     `kind` is ``pdma`` (SiFive's engine) or ``copy`` (none: the management core copies).
     """
 
@@ -108,17 +112,23 @@ class Dma:
     base: int
     stride: int
     channels: int
-    bandwidth: int
+    into: dict[str, int]
     bus: int
     setup: Duration
+
+    @property
+    def bandwidth(self) -> int:
+        """What a channel moves at least, wherever to."""
+        return min(self.into.values())
 
 
 @record
 class Profile:
     """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 
-    `service` is the longest time that the management core needs for one operation, `cpi` are the cycles that an
-    instruction takes, and `latency` is what an access of the management core takes beyond that.
+    `service` is the longest time that the management core needs for one operation. `cpi` are the cycles of an
+    instruction of a job, or of the management core; a job's multiplication or division takes `multiply`. `latency` is
+    what an access of the management core takes beyond that.
     """
 
     name: str
@@ -132,6 +142,8 @@ class Profile:
     stack: int
     service: Duration
     cpi: Fraction
+    management_cpi: Fraction
+    multiply: Fraction
     latency: Duration
     clint: int
     uart_kind: str
@@ -196,6 +208,7 @@ def read_profile(name: str) -> Profile:
 def _profile(name: str, f: Fields) -> Profile:
     f.require("cores", "clock", "timebase", "main", "ispm", "dspm", "service", "clint", "uart", "dma")
     main = f.section("main", ("base", "size"), "main")
+    jobs, management, multiply = _cpi(f)
     uart = f.section("uart", ("kind", "base"), "uart")
     if main is not None:
         main.require("base", "size")
@@ -212,7 +225,9 @@ def _profile(name: str, f: Fields) -> Profile:
         dspm=_scratchpads(f, "dspm", "lr-sc"),
         stack=f.value("stack", _size, 8192),
         service=f.value("service", Duration.parse, Duration(0)),
-        cpi=f.value("cpi", _cycles, Fraction(1)),
+        cpi=jobs,
+        management_cpi=management,
+        multiply=multiply,
         latency=f.value("latency", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
         uart_kind=uart.value("kind", Words("sifive", "ns16550"), "") if uart else "",
@@ -221,6 +236,16 @@ def _profile(name: str, f: Fields) -> Profile:
         finisher=f.value("finisher", _address, 0),
         qemu=tuple(stated.value for stated in f.texts("qemu", str)),
     )
+
+
+def _cpi(f: Fields) -> tuple[Fraction, Fraction, Fraction]:
+    """Read the cycles of an instruction: of jobs, of the management core, and of a job's multiplication or division."""
+    each = f.section("cpi", ("jobs", "management", "multiply"), "cpi") if f.is_mapping("cpi") else None
+    if each is None:
+        return (f.value("cpi", _cycles, Fraction(1)),) * 3
+    each.require("jobs")
+    jobs = each.value("jobs", _cycles, Fraction(1))
+    return jobs, each.value("management", _cycles, jobs), each.value("multiply", _cycles, jobs)
 
 
 def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
@@ -239,22 +264,33 @@ def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
 def _dma(f: Fields) -> Dma:
     section = f.section("dma", ("kind", "base", "stride", "channels", "bandwidth", "bus", "setup"), "dma")
     if section is None:
-        return Dma("", 0, 0, 0, 1, 1, Duration(0))
+        return Dma("", 0, 0, 0, dict.fromkeys(MEMORIES, 1), 1, Duration(0))
     section.require("kind", "bandwidth", "setup")
     kind = section.value("kind", Words("pdma", "copy"), "")
     if kind == "pdma":
         section.require("base")
     channels = section.value("channels", whole(1, 64), 1)
-    bandwidth = section.value("bandwidth", _bandwidth, 1)
+    into = _into(section)
     return Dma(
         kind=kind,
         base=section.value("base", _address, 0),
         stride=section.value("stride", _address, 4096),
         channels=channels,
-        bandwidth=bandwidth,
-        bus=section.value("bus", _bandwidth, channels * bandwidth),
+        into=into,
+        bus=section.value("bus", _bandwidth, channels * min(into.values())),
         setup=section.value("setup", Duration.parse, Duration(0)),
     )
+
+
+def _into(dma: Fields) -> dict[str, int]:
+    """Read a bandwidth for each memory that bytes are moved into, or one for all."""
+    if not dma.is_mapping("bandwidth"):
+        return dict.fromkeys(MEMORIES, dma.value("bandwidth", _bandwidth, 1))
+    each = dma.section("bandwidth", MEMORIES, "bandwidth")
+    if each is None:
+        return dict.fromkeys(MEMORIES, 1)
+    each.require(*MEMORIES)
+    return {memory: each.value(memory, _bandwidth, 1) for memory in MEMORIES}
 
 
 def _faults(p: Profile) -> Iterator[str]:

@@ -119,9 +119,8 @@ PER_SLOT = 5
 
 def slower(profile: Profile, slots: Slots) -> Profile:
     """Return a profile whose management core looks at all slots before each operation."""
-    return replace(
-        profile, service=profile.service + seconds(Fraction(PER_SLOT * len(slots.kept)) * profile.cpi / profile.clock)
-    )
+    looking = Fraction(PER_SLOT * len(slots.kept)) * profile.management_cpi / profile.clock
+    return replace(profile, service=profile.service + seconds(looking))
 
 
 def slots_of(schedule: Schedule, cores: Mapping[str, Core]) -> Slots:

@@ -66,18 +66,25 @@ def _board(profile: Profile) -> dict[str, Any]:
             "base": hex(dma.base),
             "stride": dma.stride,
             "channels": dma.channels,
-            "bandwidth": dma.bandwidth,
+            "bandwidth": dma.into if len({*dma.into.values()}) > 1 else dma.bandwidth,
             "bus": dma.bus,
             "setup": str(dma.setup),
         },
         "service": str(profile.service),
-        "cpi": format_rational(profile.cpi),
+        "cpi": _cpi(profile),
         "latency": str(profile.latency),
         "finisher": hex(profile.finisher) if profile.finisher else "",
         "qemu": list(profile.qemu),
         "decision": DECISION,
         "margin": margin(profile),
     }
+
+
+def _cpi(profile: Profile) -> Any:
+    if profile.cpi == profile.management_cpi == profile.multiply:
+        return format_rational(profile.cpi)
+    each = {"jobs": profile.cpi, "management": profile.management_cpi, "multiply": profile.multiply}
+    return {name: format_rational(cycles) for name, cycles in each.items()}
 
 
 def _unit(core: Core) -> dict[str, Any]:

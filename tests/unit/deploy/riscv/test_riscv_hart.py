@@ -155,6 +155,24 @@ def test_a_core_stops_at_the_first_block_after_its_time_and_goes_on_there(core):
     assert hart.count == 1 + 2 * 1000 + 1
 
 
+def test_a_multiplication_takes_as_long_as_is_stated(core):
+    mul, divuw = (1 << 25 | A0 << 20 | A0 << 15 | f3 << 12 | A0 << 7 | op for f3, op in ((0, 0x33), (5, 0x3B)))
+    add = A0 << 20 | A0 << 15 | A0 << 7 | 0x33
+    for words, cycles in (((add,), 2), ((mul,), 2 + 10), ((mul, add, divuw), 4 + 2 * 10)):
+        hart, _ = core(*words, WFI)
+        hart.weigh(multiply=10)
+        hart.run(NEVER)
+        assert hart.now == cycles * CYCLE
+
+
+def test_what_a_trap_cuts_off_is_not_counted(core):
+    mul = 1 << 25 | A0 << 20 | A0 << 15 | A0 << 7 | 0x33
+    hart, _ = core(*handler(), lui(A0, 0x50000000), ld(A1, A0), mul, mul, WFI)
+    hart.weigh(multiply=10)
+    hart.run(NEVER)
+    assert hart.now == (len(handler()) + 1 + 1 + 1) * CYCLE
+
+
 def test_changed_code_is_counted_anew(core):
     hart, memory = core(NOP, NOP, WFI)
     hart.run(NEVER)

@@ -79,6 +79,9 @@ def change(path, value):
         (("dma", "kind"), "magic", "neither pdma nor copy"),
         (("dma", "setup"), "soon", "is not a duration"),
         (("dma", "bandwidth"), 0, "no whole number from 1"),
+        (("dma", "bandwidth"), {"ispm": 1, "dspm": 1}, 'lacks "main"'),
+        (("dma", "bandwidth"), {"ispm": 1, "dspm": 1, "main": 0}, "no whole number from 1"),
+        (("cpi",), {"jobs": "2", "management": "3"}, 'lacks "multiply"'),
         (("units",), [], "there is none"),
         (("units",), {}, "no list"),
         (("units", 0, "hart"), 2, "their harts are"),
@@ -102,6 +105,12 @@ def change(path, value):
 )
 def test_what_cannot_be_meant_is_refused(path, value, said):
     assert any(said in d.message for d in refused(change(path, value)))
+
+
+def test_one_figure_is_for_all_memories_and_instructions():
+    site = read_site(bundle(target()))
+    assert site.dma.bandwidth == dict.fromkeys(("ispm", "dspm", "main"), 400_000_000)
+    assert (site.cpi, site.management_cpi, site.multiply) == (1, 1, 1)
 
 
 @pytest.mark.parametrize("key", list(TARGET))

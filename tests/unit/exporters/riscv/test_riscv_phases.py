@@ -8,7 +8,7 @@ from halpipe.core.diagnostics import Findings
 from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.codes import FIRST_ALONE, KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
 from halpipe.exporters.riscv.phases import Clock, check_phases, clock_of, disorder, executions, written_alone
-from halpipe.exporters.riscv.profile import read_profile
+from halpipe.exporters.riscv.profile import FOLDER, read_profile
 from halpipe.models import Resource, Task, TaskModel, Version
 from riscv_models import PHASES, deployed, moving, single
 
@@ -56,6 +56,17 @@ def test_channels_are_sure_of_their_share_of_the_bus_when_all_move(own, sure):
     system = TaskModel(name="m", resources=tuple(resources), tasks=(Task(name="t", versions=(version,)),))
     found = clock_of(system, read_profile("vcu118")).bandwidths
     assert list(found.values()) == [rate if rate > 1000 else rate * megabytes for rate in sure]
+
+
+def test_a_transfer_takes_as_long_as_its_direction_does():
+    text = FOLDER.joinpath("rocket-rtl.yaml").read_text()
+    assert "{ispm: 55MB/s, dspm: 100MB/s, main: 150MB/s}, bus: 150MB/s" in text
+    resources = (Resource(name="x"), Resource(name="slow", bandwidth=90_000_000))
+    clock = clock_of(TaskModel(name="m", resources=resources), read_profile("rocket-rtl"))
+    into = {memory: clock.transfer("x", 11_000, memory) for memory in ("ispm", "dspm", "main")}
+    assert into == {"ispm": 18 + 200, "dspm": 18 + 110, "main": 18 + 74}
+    assert clock.transfer("slow", 9_000, "main") == 18 + 100
+    assert clock.transfer("x", 11_000) == 18 + 200  # where the memory is not known, the slowest counts
 
 
 def test_boundaries_round_inwards():

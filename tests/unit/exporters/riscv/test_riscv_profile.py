@@ -42,6 +42,16 @@ def test_a_profile_of_ones_own(tmp_path):
     assert (profile.name, profile.cores, profile.dma.bandwidth) == ("board", 2, 100_000_000)
 
 
+def test_bandwidths_by_memory_and_cycles_by_kind(tmp_path):
+    each = "bandwidth: {ispm: 58MB/s, dspm: 105MB/s, main: 159MB/s}"
+    text = VCU118.replace("bandwidth: 400MB/s, bus: 800MB/s", each) + "cpi: {jobs: 1.5, multiply: 11}\n"
+    (tmp_path / "mine.yaml").write_text(text)
+    profile = read_profile(str(tmp_path / "mine.yaml"))
+    assert profile.dma.into == {"ispm": 58_000_000, "dspm": 105_000_000, "main": 159_000_000}
+    assert (profile.dma.bandwidth, profile.dma.bus) == (58_000_000, 4 * 58_000_000)
+    assert (profile.cpi, profile.management_cpi, profile.multiply) == (Fraction(3, 2), Fraction(3, 2), 11)
+
+
 def test_unknown_profile_names_the_nearest():
     with pytest.raises(HalpipeError) as caught:
         read_profile("vcu119")
@@ -88,6 +98,9 @@ def test_contradictions_are_told(tmp_path, old, new, said):
         ("setup: 2us", "setup: 2"),
         ("clint: 0x02000000\n", ""),
         ("cores: 4", "coers: 4"),
+        ("bandwidth: 400MB/s", "bandwidth: {ispm: 58MB/s, dspm: 105MB/s}"),
+        ("bandwidth: 400MB/s", "bandwidth: {itim: 58MB/s}"),
+        ("cores: 4", "cpi: {multiply: 11}\ncores: 4"),
         ("size: 120KiB", 'size: 120KiB, lr-sc: "no"'),  # jobs do not write to their code
     ],
 )

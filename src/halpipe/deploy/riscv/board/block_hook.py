@@ -52,8 +52,8 @@ class Page(ctypes.Structure):
         ),
         ("full", INTEGER),
         ("stop", ctypes.c_void_p),
-        *((name, INTEGER) for name in ("misaligned", "stores", "weight")),
-        ("unused", INTEGER * 2),
+        *((name, INTEGER) for name in ("misaligned", "stores", "weight", "multiply")),
+        ("unused", INTEGER),
         ("watched", INTEGER * MAX_WATCHED),
         ("region", Region * MAX_REGIONS),
         ("known", Known * KNOWN),
@@ -69,6 +69,11 @@ def is_access(half: int) -> bool:
     if half & 3 == 3:
         return half & 0x7F in (0x03, 0x07, 0x23, 0x27, 0x2F)
     return half & 3 != 1 and half >> 13 & 7 not in (0, 4)
+
+
+def is_multiply(word: int) -> bool:
+    """Whether an instruction multiplies or divides."""
+    return word & 0x77 == 0x33 and word >> 25 == 1
 
 
 @cache

@@ -131,9 +131,9 @@ class Hart:
         if instant > self.now:
             self._origin = instant - self._page.count * self._cycle
 
-    def weigh(self, cycles: int) -> None:
-        """Have every load and store take so many cycles more."""
-        self._page.weight = cycles
+    def weigh(self, access: int = 0, multiply: int = 0) -> None:
+        """Have every load and store, and every multiplication and division, take so many instructions' time more."""
+        self._page.weight, self._page.multiply = access, max(multiply, 0)
 
     def wake(self) -> int:
         """Return when the sleeping hart wakes by what is known now; `NEVER` if nothing would wake it."""
@@ -411,8 +411,11 @@ class Hart:
         at = number = 0
         while code is not None and at < len(code):
             number += 1
-            if page.weight and block_hook.is_access(int.from_bytes(code[at : at + 2], "little")):
+            word = int.from_bytes(code[at : at + 4], "little")
+            if page.weight and block_hook.is_access(word & 0xFFFF):
                 number += page.weight
+            if page.multiply and block_hook.is_multiply(word):
+                number += page.multiply
             at += 4 if code[at] & 3 == 3 else 2
         page.count -= number
         page.block = -1

@@ -38,18 +38,22 @@ _EXIT, _EXIT_STATUS = 0x20, 0x20026
 
 @record
 class Timing:
-    """The machine's unit of time, so that cycles and ticks are whole numbers of it; `rate` is units per second."""
+    """The machine's unit of time, so that instructions and ticks are whole numbers of it; `rate` is units per second.
+
+    An instruction takes `cycle` in a job, and `management` on the management core.
+    """
 
     rate: int
     cycle: int
     tick: int
+    management: int
 
     @staticmethod
-    def of(clock: int, timebase: int, cycles_per_instruction: Fraction | int = 1) -> Timing:
-        """Return the coarsest unit, but at most a nanosecond, for a core clock and a timebase in Hz."""
-        cycles = Fraction(cycles_per_instruction)
-        rate = math.lcm(clock, timebase, 10**9) * cycles.denominator
-        return Timing(rate, int(rate // clock * cycles), rate // timebase)
+    def of(clock: int, timebase: int, jobs: Fraction | int = 1, management: Fraction | int | None = None) -> Timing:
+        """Return the coarsest unit, but at most a nanosecond, for a core clock, a timebase in Hz, and cycles."""
+        job, other = Fraction(jobs), Fraction(jobs if management is None else management)
+        rate = math.lcm(clock, timebase, 10**9) * math.lcm(job.denominator, other.denominator)
+        return Timing(rate, int(rate // clock * job), rate // timebase, int(rate // clock * other))
 
 
 @dataclass(slots=True)
@@ -98,12 +102,13 @@ class Machine(DmaWork):
         program: Program,
         observer: Observer,
         *,
-        bandwidths: Mapping[int, int],
-        cpi: Fraction | int,
+        bandwidths: Mapping[tuple[int, str], int],
+        cpi: Fraction | int | None = None,
         budget: Budget | None = None,
     ) -> None:
         self.site = site
-        self.timing = Timing.of(site.clock, site.timebase, cpi)
+        jobs, management = (site.cpi, site.management_cpi) if cpi is None else (cpi, cpi)
+        self.timing = Timing.of(site.clock, site.timebase, jobs, management)
         self.observer = observer
         self.stopped = False
         self.fate: Callable[[Transfer], tuple[int, bool] | None] = lambda transfer: None
@@ -111,12 +116,12 @@ class Machine(DmaWork):
         self.status: int | None = None
         self.exhausted = ""
         self._budget = replace(budget or Budget())
-        self._bandwidths = bandwidths  # by channel, in bytes per second
+        self._bandwidths = bandwidths  # by channel and memory, in bytes per second
         self._latency = math.ceil(site.dma.latency.in_unit("s") * self.timing.rate)
         regions = [Region("main", site.main.base, site.main.size)]
         for unit in site.units:
-            regions.append(Region(f"{unit.name} ispm", unit.ispm.base, unit.ispm.size, unit.hart))
-            regions.append(Region(f"{unit.name} dspm", unit.dspm.base, unit.dspm.size, unit.hart))
+            regions.append(Region("ispm", unit.ispm.base, unit.ispm.size, unit.hart))
+            regions.append(Region("dspm", unit.dspm.base, unit.dspm.size, unit.hart))
         self.memory = Memory(regions, 1 + len(site.units))
         self._copies = CopyWatcher(self.memory, observer.starts, self._copied)
         self.clint = Clint(site.clint, self.timing.tick, self._raise_software)
@@ -129,15 +134,18 @@ class Machine(DmaWork):
         self._begun: set[int] = set()
         devices = self._devices()
         self.harts = [
-            Hart(n, self.memory, devices, self.timing.cycle, self.timing.tick) for n in range(1 + len(site.units))
+            Hart(n, self.memory, devices, self.timing.cycle if n else self.timing.management, self.timing.tick)
+            for n in range(1 + len(site.units))
         ]
         self.clint.harts = self.harts
         for hart in self.harts:
             hart.allowance = self._budget.instructions.get(hart.number, hart.allowance)
         for hart in self.harts:
             hart.world = self
+            if hart.number:
+                hart.weigh(multiply=math.ceil(site.multiply / Fraction(jobs)) - 1)
             hart.pc = program.entry
-        self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.cycle))
+        self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.management))
         self._power_up()
         self._load(program)
         self._hook_management()
@@ -342,7 +350,6 @@ class Machine(DmaWork):
         """Read the source now, and have the bytes arrive after set-up and the time that bandwidth and gate ask for."""
         source, target, size = channel.next()
         now = hart.now
-        bandwidth = self._bandwidths.get(channel.number, self.site.dma.bandwidth)
         transfer = Transfer(channel.number, source, target, size, now, now)
         self._bring_up(source, size, now)
         self.observer.starts(transfer)
@@ -351,6 +358,9 @@ class Machine(DmaWork):
             channel.finish(error=True)
             self.observer.arrived(transfer)
             return
+        region = self.memory.region(target, size)
+        memory = region.kind if region is not None else ""
+        bandwidth = self._bandwidths.get((channel.number, memory), self.site.dma.bandwidth[memory])
         self._bus.take(transfer, now + self._latency, bandwidth, self._gate_before(transfer))
         fate = self.fate(transfer)
         if fate is not None:

@@ -17,9 +17,9 @@ PAGE = 4096
 
 @record
 class Region:
-    """A memory at `base`; `hart` is the hart whose scratchpad it is, 0 for main memory."""
+    """A memory at `base`: main, or the ispm or dspm of a `hart`."""
 
-    name: str
+    kind: str
     base: int
     size: int
     hart: int = 0

@@ -86,7 +86,7 @@ def tolerance_of(site: Site) -> Duration:
     On top come one tick, by which every instant is known, and the operation itself, whose effect is what is seen. The
     phases of the schedule were held to the stated lateness; it is believed only up to a bound of our own.
     """
-    operation = seconds(OPERATION * site.cpi / site.clock)
+    operation = seconds(OPERATION * site.management_cpi / site.clock)
     stated = max((table.lateness for table in site.tables), default=ZERO)
     allowed = min(stated, operation * (COINCIDING * len(site.units))) + operation + site.tick
     return site.tick * math.ceil(allowed / site.tick)
@@ -142,7 +142,7 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         lines += injected.lines()
         dispatches += injected.dispatches
     findings = tuple(sort_diagnostics([*findings, *figures.slow_dispatch(dispatches)]))
-    lines += figures.dispatch_lines(dispatches, site.cpi)
+    lines += figures.dispatch_lines(dispatches, site.management_cpi)
     if options.margin and sound:
         lines += margin_lines(target)
     if not any(found.is_error for found in findings):
@@ -170,7 +170,7 @@ def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
     size = sum(area.size for area in site.buffers.values())
     spare = budget_of(site, (), ())
     budget = Budget({**spare.instructions, MANAGEMENT: SPARE + size}, spare.traps, spare.calls + size)
-    return cold_start(target, budget, MARGIN + seconds(size * site.cpi / site.clock))
+    return cold_start(target, budget, MARGIN + seconds(size * site.management_cpi / site.clock))
 
 
 def foul_findings(target: Target, totals: Totals, options: CheckOptions) -> Iterator[Diagnostic]:

@@ -143,7 +143,7 @@ def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
     recording = run.recording
     if recording.lost:
         return  # what was overwritten cannot be compared
-    slack = 1 + math.ceil(Fraction(_STEPS * run.rate, run.site.clock * run.tick))
+    slack = 1 + math.ceil(_STEPS * run.site.management_cpi * Fraction(run.rate, run.site.clock * run.tick))
     executions = [(_tick(run, e.begin), _tick(run, e.left)) for e in run.executions if e.outcome is Outcome.RETURNED]
     stops = [(r.begin, r.end) for r in recording.records if r.kind == Kind.STOP and not r.flags]
     yield from _pairs("executions", sorted(executions), sorted(stops), slack)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.judge.figures import Dispatch
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
-    from halpipe.deploy.riscv.run.recording import Abandoned, Recording
+    from halpipe.deploy.riscv.run.recording import Abandoned
     from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site
     from halpipe.models import HealthRule, Schedule, TaskModel
@@ -175,6 +175,8 @@ def prefixed(found: Sequence[Diagnostic]) -> list[Diagnostic]:
 RULE_AT_FAULT = "the runtime is at fault: on the board this rule of the model would not do what it says"
 OVERRUNS = (Kind.SPIN, Kind.LATE_DMA)
 MOST_SWITCHES = 64
+_TICKS = 8
+"""Between an event and the instant that is recorded for its rule, at one cycle an instruction."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -338,7 +340,7 @@ def failing(
 
 def rules_recorded(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Iterator[Diagnostic]:
     """Yield where the runtime's record of rules that fired, or what cores did after them, is not what has to follow."""
-    yield from fired_as_recorded(run.recording, model, firings)
+    yield from _fired(run, model, firings)
     restarts = any(model.health[f.rule].action is HealthAction.RESTART for f in firings)
     seen = sum(run.recorder.restarts.values())
     if bool(seen) != restarts and not run.recording.lost:
@@ -348,8 +350,8 @@ def rules_recorded(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Ite
         yield codes.WRONG_HEALTH(message, path="health", help=RULE_AT_FAULT)
 
 
-def fired_as_recorded(recording: Recording, model: TaskModel, firings: Sequence[Firing]) -> Iterator[Diagnostic]:
-    """Yield where the runtime's record of rules that fired is not what has to follow from the events."""
+def _fired(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Iterator[Diagnostic]:
+    recording = run.recording
     if recording.lost:
         return
     order = sorted(range(len(model.health)), key=lambda i: model.health[i].task)  # as the runtime numbers them
@@ -357,11 +359,11 @@ def fired_as_recorded(recording: Recording, model: TaskModel, firings: Sequence[
     seen = Counter((order[r.begin], r.time) for r in records if r.begin < len(order))
     wanted = Counter((f.rule, f.tick) for f in firings)
     # The runtime looks at the clock when it comes to it, so its instant may be some ticks later.
-    slack = 8
+    slack = math.ceil(_TICKS * run.site.management_cpi)
     for (rule, tick), number in sorted(wanted.items()):
         near = [key for key in seen if key[0] == rule and tick <= key[1] <= tick + slack]
         if sum(seen[key] for key in near) < number:
-            yield _wrong(model, rule, f"has to fire at tick {tick}; the runtime rules_recorded nothing of it")
+            yield _wrong(model, rule, f"has to fire at tick {tick}; the runtime recorded nothing of it")
     more = sum(seen.values()) - sum(wanted.values())
     if more > 0 or len(records) > sum(seen.values()):
         message = f"{len(records)} rules fired by the runtime's record, {sum(wanted.values())} have to"

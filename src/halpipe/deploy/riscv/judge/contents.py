@@ -31,6 +31,7 @@ OWN_PROFILE = "profile.yaml"
 FLAT = "bundle.bin"
 AGAIN = "export the bundle again; edit the model or its sources, not the bundle"
 MAILBOX, RESERVED = 256, 4096
+MEMORIES = ("ispm", "dspm", "main")
 _DEFAULTS = {"stack": "8KiB", "finisher": "0", "qemu": [], "cpi": "1", "latency": "0ns"}
 
 
@@ -86,6 +87,10 @@ def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
     """Return what target.json has to say of the machine."""
     dma = profile["dma"]
     text = {**_DEFAULTS, **profile}
+    stated = dma["bandwidth"]
+    each = stated if isinstance(stated, dict) else dict.fromkeys(MEMORIES, stated)
+    into = {memory: parse_bandwidth(each[memory]) for memory in MEMORIES}
+    bandwidth = into if len({*into.values()}) > 1 else into["main"]
     return {
         "clock": int(profile["clock"]),
         "timebase": int(profile["timebase"]),
@@ -97,14 +102,12 @@ def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
             "base": _address(dma.get("base", "0")),
             "stride": _address(dma.get("stride", "4096")),
             "channels": int(dma.get("channels", "1")),
-            "bandwidth": parse_bandwidth(dma["bandwidth"]),
-            "bus": parse_bandwidth(dma["bus"])
-            if "bus" in dma
-            else int(dma.get("channels", "1")) * parse_bandwidth(dma["bandwidth"]),
+            "bandwidth": bandwidth,
+            "bus": parse_bandwidth(dma["bus"]) if "bus" in dma else int(dma.get("channels", "1")) * min(into.values()),
             "setup": Duration.parse(dma["setup"]),
         },
         "service": Duration.parse(profile["service"]),
-        "cpi": format_rational(parse_rational(str(text["cpi"]))),
+        "cpi": _cycles(text["cpi"]),
         "latency": Duration.parse(text["latency"]),
         "stack": parse_size(text["stack"]),
         "finisher": _address(text["finisher"]) or "",
@@ -112,6 +115,14 @@ def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
         "decision": 2,
         "margin": -(-2 * int(profile["timebase"]) // 1_000_000),
     }
+
+
+def _cycles(stated: Any) -> Any:
+    """Return the cycles of an instruction: one number, or one for each kind where these differ."""
+    each = stated if isinstance(stated, dict) else {"jobs": stated}
+    read = {kind: format_rational(parse_rational(str(value))) for kind, value in each.items()}
+    read = {kind: read.get(kind, read["jobs"]) for kind in ("jobs", "management", "multiply")}
+    return read if len({*read.values()}) > 1 else read["jobs"]
 
 
 def _cores(target: Any, profile: Mapping[str, Any], at: Any, name: str) -> Iterator[Diagnostic]:

@@ -185,7 +185,7 @@ def measured(run: Run, program: Program, model: TaskModel, played: Sequence[Play
     """Return the worst operation of a run; zero if records were overwritten, or the run was not over in order."""
     tables = Tables(program, model)
     reserved = run.site.service + seconds(
-        Fraction(PER_SLOT * tables.further_slots(run.site)) * run.site.cpi / run.site.clock
+        Fraction(PER_SLOT * tables.further_slots(run.site)) * run.site.management_cpi / run.site.clock
     )
     records, seen = run.recording.records, run.recorder.traced
     if run.recording.lost or len(records) != len(seen) or run.zero is None:

@@ -150,8 +150,7 @@ class CoSimulation:
         self._first = first or self._modes[0]
         self._execution = execution
         self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
-        cpi = self.site.cpi if cpi is None else cpi
-        self._refuse_nonsense(cpi)
+        self._refuse_nonsense(1 if cpi is None else cpi)
         program = load_program(target.bundle, self.site)
         self.program = program
         self._recorder = Recorder(self.site, list(self.images.values()), self._told)
@@ -194,11 +193,14 @@ class CoSimulation:
             self._recorder.watch_drivers(known)
             self._recorder.drives = self._drives
 
-    def _bandwidths(self, stated: int | None) -> dict[int, int]:
+    def _bandwidths(self, stated: int | None) -> dict[tuple[int, str], int]:
         """Return the bandwidth of every channel: as asked for, else that of the engine, or of a slower resource."""
-        most = self.site.dma.bandwidth
-        rates = {r.name: min(r.bandwidth or most, most) for r in self._target.model.resources}
-        return {channel: stated or rates.get(name, most) for name, channel in self.site.channels.items()}
+        limits = {r.name: r.bandwidth for r in self._target.model.resources}
+        return {
+            (channel, memory): stated or min(limits.get(name) or most, most)
+            for name, channel in self.site.channels.items()
+            for memory, most in self.site.dma.bandwidth.items()
+        }
 
     def _refuse_nonsense(self, cpi: Fraction | int) -> None:
         findings = Findings()

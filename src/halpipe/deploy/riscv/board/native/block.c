@@ -31,7 +31,8 @@ typedef struct {
     int64_t misaligned; /* the address of an access that is not aligned, -1 for none */
     int64_t stores;     /* 1 if that is a store */
     int64_t weight;     /* what a load or store counts beyond one */
-    int64_t unused[2];
+    int64_t multiply;   /* what a multiplication or division counts beyond one */
+    int64_t unused;
     int64_t watched[MAX_WATCHED];
     struct { int64_t base, end, offset; } region[MAX_REGIONS]; /* offset from the page */
     struct { int64_t address; uint32_t instructions, size; } known[KNOWN]; /* blocks counted before, by address */
@@ -45,12 +46,18 @@ static int is_access(uint32_t half) {
     return quadrant != 1 && kind != 0 && kind != 4;
 }
 
+/* Whether four bytes are an instruction that multiplies or divides: of opcode 0x33, or 0x3b for words. */
+static int is_multiply(const uint8_t *code) { return (code[0] & 0x77) == 0x33 && code[3] >> 1 == 1; }
+
 /* The number of instructions in [position, end): of two bytes, or four where the two lowest bits are set. */
-static int64_t instructions(const uint8_t *memory, int64_t position, int64_t end, int64_t weight) {
+static int64_t instructions(const uint8_t *memory, int64_t position, int64_t end, const Page *page) {
+    int64_t weight = page->weight;
     int64_t number = 0;
     for (; position < end; number++) {
         if (weight && position + 1 < end && is_access(memory[position] | (uint32_t)memory[position + 1] << 8))
             number += weight;
+        if (page->multiply && position + 3 < end && is_multiply(memory + position))
+            number += page->multiply;
         position += (memory[position] & 3) == 3 ? 4 : 2;
     }
     return number;
@@ -85,7 +92,7 @@ EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size
         if (page->region[i].base <= at && at < page->region[i].end) {
             int64_t position = page->region[i].offset + at - page->region[i].base;
             int64_t end = position + size < page->span ? position + size : page->span;
-            int64_t number = instructions(data, position, end, page->weight);
+            int64_t number = instructions(data, position, end, page);
             page->count += number;
             page->known[place].address = at;
             page->known[place].size = size;
