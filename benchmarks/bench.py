@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
-from halpipe.cli.processors import processor_count
+from halpipe.cli.searching import processor_count
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import refuse_foreign, write_outputs
 from halpipe.pipeline.solve.run import map_tasks

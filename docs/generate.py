@@ -259,9 +259,8 @@ def exit_codes_page() -> str:
 
 def cli_page() -> str:
     """Every verb with its arguments and options, from the signatures that typer makes the command line of."""
-    from halpipe.cli import import_
+    from halpipe.cli import export, import_
     from halpipe.cli.app import VERBS, build
-    from halpipe.cli.export import command as export
     from halpipe.cli.output import SHOWN_PER_CODE
     from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
 

@@ -298,10 +298,10 @@ def test_nothing_is_printed_past_the_seam():
     assert found == {
         ("__init__.py", "os.write"),  # when there is no memory for more
         ("app.py", "typer.echo"),
-        ("bugs.py", "stream.write"),
+        ("failures.py", "stream.write"),
         ("import_.py", "Console"),  # a bar without a name
+        ("output.py", "_open(sys.stderr).write"),
+        ("output.py", "_open(sys.stdout).write"),
         ("searching.py", "Console"),
         ("searching.py", "checkpoint.write"),
-        ("streams.py", "_open(sys.stderr).write"),
-        ("streams.py", "_open(sys.stdout).write"),
     }

@@ -1,4 +1,4 @@
-"""The command line: one file per verb. It parses and renders; it decides nothing."""
+"""The command line: it parses and renders, and decides nothing."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def main() -> NoReturn:
 def _run() -> int:
     import gc
 
-    from halpipe.cli import streams
+    from halpipe.cli import output
 
     gc.set_threshold(*RARELY)
-    streams.prepare()
+    output.prepare()
     return invoke(sys.argv[1:])
 
 
@@ -117,9 +117,9 @@ def _is_interrupt(failure: BaseException) -> bool:
 
 
 def _flush() -> None:
-    from halpipe.cli import streams
+    from halpipe.cli import output
 
-    streams.flush_results()
+    output.flush_results()
 
 
 def _say(text: str) -> None:
@@ -130,9 +130,9 @@ def _say(text: str) -> None:
 
 def _ended_by_reader() -> int:
     """The reader of our output has closed it: that is no failure."""
-    from halpipe.cli import streams
+    from halpipe.cli import output
 
-    streams.silence(sys.stdout)
+    output.silence(sys.stdout)
     return 0
 
 

@@ -1,28 +1,67 @@
-"""The commands and what they have in common.
-
-A command line is built with the verb that it is asked for and no other: to describe all of them takes longer than most
-of them do.
-"""
+"""Groups of commands: their help has whole sentences, and formats that are installed are commands."""
 
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from halpipe import __version__
-from halpipe.cli.groups import Group
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-VERBS = (
-    "new", "import", "validate", "schedule", "serve", "verify", "explain", "size", "sensitivity", "show", "diff",
-    "export", "compare", "deploy", "run", "generate", "selftest", "doctor",
-)  # fmt: skip
-"""In the order of the help; each has a module of its name."""
+
+class Group(TyperGroup):
+    """A group whose help cuts no sentence.
+
+    The types of contexts and formatters are click's or typer's own, depending on the version of typer.
+    """
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands with the first paragraph of their help."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, _sentence(command.help)) for name, command in commands if command])
+
+
+def _sentence(help: str | None) -> str:
+    return " ".join((help or "").partition("\n\n")[0].split())
+
+
+class FormatGroup(Group):
+    """One command for each installed format of a `registry`, made on request."""
+
+    registry = ""
+
+    @abstractmethod
+    def command_of(self, name: str) -> Callable[..., int]:
+        """Return the function that typer makes the command of a format from."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all formats."""
+        from halpipe.flow.formats import formats
+
+        return formats(self.registry)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of a format; the error for an unknown one lists those that there are."""
+        single = typer.Typer(rich_markup_mode=None, add_completion=False)
+        single.command(cmd_name)(self.command_of(cmd_name))
+        return typer.main.get_command(single)
+
+
+VERBS = {
+    "new": "tools", "import": "import_", "validate": "checks", "schedule": "schedule", "serve": "serve",
+    "verify": "checks", "explain": "checks", "size": "whatif", "sensitivity": "whatif", "show": "show", "diff": "show",
+    "export": "export", "compare": "compare", "deploy": "deploy", "run": "schedule", "generate": "tools",
+    "selftest": "tools", "doctor": "tools",
+}  # fmt: skip
+"""In the order of the help, each with its module."""
 
 HELP = ("-h", "--help")
 
@@ -59,14 +98,13 @@ def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
     )
     app.callback()(_options)
     for verb in verbs:
-        name = f"{verb}_" if verb == "import" else verb  # a word that Python keeps for itself
-        module = import_module(f"halpipe.cli.{name}")
+        module = import_module(f"halpipe.cli.{VERBS[verb]}")
         if overview:
-            app.command(verb)(_described(module.app.info.help if verb in GROUPS else getattr(module, name).__doc__))
+            app.command(verb)(_described(module.app.info.help if verb in GROUPS else getattr(module, verb).__doc__))
         elif verb in GROUPS:
             app.add_typer(module.app, name=verb)
         else:
-            function = getattr(module, name)
+            function = getattr(module, verb)
             app.command(verb)(function.made() if hasattr(function, "made") else function)
     return app
 

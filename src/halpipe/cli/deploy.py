@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.groups import Group
-from halpipe.cli.options import takes
-from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Verbose
+from halpipe.cli.app import Group
+from halpipe.cli.options import DiagnosticFormat, ModelFile, Output, Quiet, Verbose, takes
 from halpipe.core.diagnostics import Exit
 from halpipe.core.options import DRIVERS, SOURCES, Values
 from halpipe.deploy.base import CheckOptions

@@ -1,12 +1,33 @@
-"""Exit codes of failed commands: findings, wrong usage, lack of memory, internal errors."""
+"""Internal errors: the traceback goes to a file, the user sees where it is."""
 
 from __future__ import annotations
 
 import errno
 import io
+import platform
+import sys
+import tempfile
+import traceback
 
+from halpipe import __version__
 from halpipe.cli import output
 from halpipe.core.diagnostics import Exit, HalpipeError, error
+
+
+def save_report(failure: Exception) -> str:
+    """Write version, command and traceback to a new temporary file and return its name."""
+    lines = [
+        f"halpipe {__version__}, Python {platform.python_version()}, {platform.platform()}",
+        f"command: {sys.argv[1:]}",
+        "",
+        "".join(traceback.format_exception(failure)),
+    ]
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="halpipe-bug-", suffix=".txt", delete=False, encoding="utf-8", errors="backslashreplace"
+    ) as stream:
+        stream.write("\n".join(lines))
+    return stream.name
+
 
 OUT_OF_MEMORY = error(
     "HAL0007",
@@ -27,7 +48,7 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 def told(failure: Exception) -> int:
     """Report why the command ended, and return its exit code."""
     if isinstance(failure, HalpipeError):
-        from halpipe.cli.verify import gathered
+        from halpipe.cli.checks import gathered
 
         output.report(gathered(failure.diagnostics) if output.is_brief() else failure.diagnostics)
         return int(failure.exit)
@@ -70,7 +91,7 @@ def _is_want_of_memory(failure: Exception) -> bool:
 
 
 def _tell_bug(failure: Exception) -> int:
-    from halpipe.cli.bugs import save_report
+    from halpipe.cli.failures import save_report
 
     output.say(f"internal error: {type(failure).__name__}: {failure}")
     try:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from halpipe.cli import output, streams
-from halpipe.cli.groups import FormatGroup
-from halpipe.cli.options import command, parameter
-from halpipe.cli.parameters import Output
+from halpipe.cli import output
+from halpipe.cli.app import FormatGroup
+from halpipe.cli.options import Output, command, parameter
 from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
@@ -85,7 +84,7 @@ def _read(importer: Importer, paths: list[str], options: Values, target: str, re
 @contextmanager
 def _progress() -> Iterator[Callable[[int, int], None] | None]:
     """Show how many bytes of a large input have been read, to people who look."""
-    if output.Settings.quiet or not streams.is_terminal(sys.stderr):
+    if output.Settings.quiet or not output.is_terminal(sys.stderr):
         yield None
         return
     from rich.console import Console

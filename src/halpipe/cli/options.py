@@ -1,20 +1,170 @@
-"""Commands made from options that formats and verbs state once (`halpipe.core.options`)."""
+"""Parameters of commands: those that verbs share, their completion, and those that formats and verbs state once."""
 
 from __future__ import annotations
 
 import inspect
+import json
+import re
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from halpipe.cli import completing, output
-from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
-from halpipe.core.options import Form, Option, OptionError, Values, from_command, options_of
+from halpipe.cli import output
+from halpipe.cli.output import Format
+from halpipe.core.options import Form, Option, OptionError, Values, from_command, options_of, positive_duration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+    from fractions import Fraction
+
+    from halpipe.core.durations import Duration
 
     Run = Callable[..., int]
+
+
+ModelFile = Annotated[str, typer.Argument(metavar="MODEL", help="Task model XML; - is standard input.")]
+ScheduleFile = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule XML; - is standard input.")]
+Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where to write; - is standard output.")]
+Seed = Annotated[int, typer.Option(min=0, help="Same model, options and seed: same bytes.")]
+DiagnosticFormat = Annotated[
+    Format | None, typer.Option("--format", help="Form of the diagnostics.", show_default="text")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show errors only.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show every diagnostic, notes too.")]
+WorkerCount = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        min=1,
+        help="Threads and processes; the result is the same for any number.",
+        show_default="one per processor",
+    ),
+]
+
+
+def words(known: Sequence[str]) -> Callable[[str], list[str]]:
+    """Return the completion of one of some words, or of the last word of a list with commas."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [before + comma + word for word in known if word.startswith(last)]
+
+    return complete
+
+
+def examples(incomplete: str) -> list[str]:
+    """Return the examples that begin so."""
+    from halpipe.starters import EXAMPLES
+
+    return [name for name in EXAMPLES if name.startswith(incomplete)]
+
+
+def codes(incomplete: str) -> list[str]:
+    """Return the codes that begin so; files are completed by the shell."""
+    if not incomplete.upper().startswith("HAL"):
+        return []
+    from halpipe.core.diagnostics import REGISTER
+
+    load_codes()
+    return sorted(code for code in REGISTER if code.startswith(incomplete.upper()))
+
+
+def load_codes() -> None:
+    """Load every module that declares codes: those of the kernel and of the command line have none, and load slowly."""
+    import importlib
+    import pkgutil
+
+    import halpipe
+
+    for module in pkgutil.walk_packages(halpipe.__path__, "halpipe."):
+        if not re.search(r"__main__|\.kernel\.|\.cli(\.|$)", module.name):
+            importlib.import_module(module.name)
+
+
+def modes(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the modes of the model or schedule that stands on the command line; none while it cannot be read."""
+    for file in _files(context):
+        found = [name for name in _modes_of(file) if name.startswith(incomplete)]
+        if found:
+            return found
+    return []
+
+
+def _files(context: typer.Context) -> Iterator[str]:
+    """Yield the XML files on the line; while an option lacks its value, arguments are not yet told apart."""
+    for value in (context.args, *context.params.values()):
+        yield from (each for each in (value if isinstance(value, list | tuple) else [value]) if _is_xml(each))
+
+
+def _is_xml(value: object) -> bool:
+    return isinstance(value, str) and value.endswith(".xml")
+
+
+def _modes_of(file: str) -> list[str]:
+    from halpipe.core.diagnostics import HalpipeError
+    from halpipe.core.files import parse_xml, read_bytes
+
+    try:
+        root = parse_xml(read_bytes(file), file)
+    except HalpipeError:
+        return []
+    return list(dict.fromkeys(name for name in root.xpath("//*[local-name() = 'mode']/@name") if isinstance(name, str)))
+
+
+class AnswerFormat(StrEnum):
+    """The forms of an answer; diagnostics take the same."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+Answers = Annotated[AnswerFormat, typer.Option("--format", help="Form of the answer and of the diagnostics.")]
+Budget = Annotated[int, typer.Option(min=1, help="Moves per task before one search gives up.")]
+Step = Annotated[str, typer.Option(help="Grid of shares and factors.")]
+
+BUDGET = 2_000
+"""A tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
+
+
+def choose(format: AnswerFormat, *, quiet: bool, verbose: bool) -> None:
+    """Take over the options."""
+    output.choose(output.Format(format.value), quiet=quiet, verbose=verbose)
+
+
+def print_json(value: Any) -> None:
+    """Print an answer as JSON."""
+    output.text(json.dumps(value, indent=2, ensure_ascii=True))
+
+
+def duration_of(option: str, text: str) -> Duration | None:
+    """Read a duration above zero; None where nothing is stated."""
+    try:
+        return positive_duration(text) if text else None
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint=option) from None
+
+
+def parse_step(text: str) -> Fraction:
+    """Read the grid of an answer: a share above 0 and up to 1."""
+    from halpipe.core.quantities import parse_share
+
+    try:
+        step = parse_share(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--step") from None
+    if not 0 < step <= 1:
+        raise typer.BadParameter("must be above 0 and at most 1", param_hint="--step")
+    return step
+
+
+def check_name(name: str, known: Collection[str], kind: str, option: str) -> None:
+    """Refuse a name that the model does not have."""
+    from halpipe.core.suggest import did_you_mean
+
+    if name not in known:
+        hint = did_you_mean(name, known, f"the model has: {', '.join(sorted(known)) or 'none'}")
+        raise typer.BadParameter(f'the model has no {kind} "{name}"; {hint}', param_hint=option)
 
 
 def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
@@ -86,7 +236,7 @@ def _parameter(each: Option) -> inspect.Parameter:
     if each.otherwise:
         stated["show_default"] = each.otherwise
     if each.words or each.completes:
-        stated["autocompletion"] = completing.words(each.words) if each.words else getattr(completing, each.completes)
+        stated["autocompletion"] = words(each.words) if each.words else globals()[each.completes]
     metavar = each.metavar or "|".join(each.words)
     option = typer.Option(f"--{each.name}", metavar=metavar if len(metavar) <= LONGEST else None, **stated)
     if each.form is Form.LIST and not each.splits:

@@ -1,23 +1,106 @@
 """Output of commands: results on standard output, all else on standard error, colour only on terminals.
 
-Whatever is printed passes `printable` here, line by line: names and messages may come from anybody's files.
+Whatever is printed passes `printable` here, line by line: names and messages may come from anybody's files. The shell
+may leave the streams closed, full, or without a reader: a remark on standard error never stops the work. A result that
+cannot be printed does, unless its reader has had enough.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections import Counter
 from enum import StrEnum
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
-from halpipe.cli import streams
-from halpipe.core.diagnostics import Severity, printable, render_json, render_sarif, render_text
+from halpipe.core.diagnostics import HalpipeError, Severity, printable, render_json, render_sarif, render_text
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
+
+
+def prepare() -> None:
+    """Make closed streams harmless: else the next file that is opened would take their place, and their output."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # what an encoding lacks is escaped
+            stream.reconfigure(errors="backslashreplace")
+
+
+def write_result(text: str) -> None:
+    """Print to standard output; raise `BrokenPipeError` if its reader has gone, `HalpipeError` if it takes no more."""
+    with _refusals_told():
+        _open(sys.stdout).write(text)
+
+
+def flush_results() -> None:
+    """Have results reach their reader, or raise as `write_result` does."""
+    if sys.stdout is not None:
+        with _refusals_told():
+            sys.stdout.flush()
+
+
+def can_print(text: str) -> bool:
+    """Return whether standard output has these characters, so that they need not be escaped."""
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def write_remark(text: str) -> None:
+    """Print to standard error, if that is possible."""
+    try:
+        _open(sys.stderr).write(text)
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        silence(sys.stderr)
+
+
+def silence(stream: TextIO | None) -> None:
+    """Let a stream go nowhere from now on, so that Python itself does not complain of it in the end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        target = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(target, stream.fileno())  # type: ignore[union-attr]
+        os.close(target)
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Return whether people read a stream."""
+    try:
+        return stream is not None and stream.isatty()
+    except ValueError:
+        return False
+
+
+def _open(stream: TextIO | None) -> Any:
+    if stream is None:
+        import errno
+
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+    return stream
+
+
+@contextlib.contextmanager
+def _refusals_told() -> Any:
+    from halpipe.core.files.writing import cannot_write
+
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except (OSError, ValueError) as failure:
+        silence(sys.stdout)
+        raise HalpipeError(*cannot_write("-", failure).diagnostics) from None
+
 
 SHOWN_PER_CODE = {Severity.ERROR: 20, Severity.WARNING: 4, Severity.NOTE: 0}
 """Diagnostics of one code shown in text before the rest is only counted; JSON, SARIF and --verbose have all."""
@@ -63,7 +146,7 @@ def is_quiet() -> bool:
 
 def say(text: str) -> None:
     """Tell the user something in one line that is not the result."""
-    streams.write_remark(printable(text) + "\n")
+    write_remark(printable(text) + "\n")
 
 
 def inform(text: str) -> None:
@@ -74,7 +157,7 @@ def inform(text: str) -> None:
 
 def result(text: str = "") -> None:
     """Print a line of the result."""
-    streams.write_result(printable(text) + "\n")
+    write_result(printable(text) + "\n")
 
 
 def text(block: str) -> None:
@@ -123,9 +206,9 @@ def report(diagnostics: Sequence[Diagnostic], *, as_result: bool = False) -> Non
     else:
         shown = "\n".join(_text(diagnostics, _wants_colour(sys.stdout if as_result else sys.stderr)))
     if shown and as_result:
-        streams.write_result(shown + "\n")
+        write_result(shown + "\n")
     elif shown:
-        streams.write_remark(shown + "\n")
+        write_remark(shown + "\n")
 
 
 def _text(diagnostics: Sequence[Diagnostic], colour: bool) -> list[str]:
@@ -167,4 +250,4 @@ def _coloured(text: str, diagnostic: Diagnostic) -> str:
 
 
 def _wants_colour(stream: TextIO | None) -> bool:
-    return streams.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    return is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

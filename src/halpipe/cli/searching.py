@@ -1,23 +1,26 @@
-"""A search as the user sees it: progress, Ctrl-C, the time limit, and where its result is saved."""
+"""Number of processors of this process: its affinity, within the quota of its container."""
 
 from __future__ import annotations
 
 import itertools
 import os
+import signal
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.cli import output, streams
-from halpipe.cli.stopping import Stop
+from halpipe.cli import output
 from halpipe.core.diagnostics import Exit, HalpipeError, printable
 from halpipe.core.files import STDIO, is_input, read_own, refuse_inputs, refuse_name, write_output
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from rich.progress import Progress
 
     from halpipe.core.durations import Duration
@@ -25,6 +28,98 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.checkpoint import Checkpoint
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
+
+
+GROUPS = Path("/sys/fs/cgroup")
+MEMBERSHIP = Path("/proc/self/cgroup")
+
+
+def processor_count() -> int:
+    """Return the number of processors that are worth a thread each, at least 1."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min([allowed, *quotas()]))
+
+
+def quotas() -> Iterator[int]:
+    """Yield the limits that control groups set on processor time, in processors, rounded up.
+
+    A group is bounded by those above it too. In a container, the path of the group may be the host's, while the files
+    of the group itself lie at the root; both places are looked at.
+    """
+    for line in _text(MEMBERSHIP).splitlines():
+        number, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
+        if number == "0" and not controllers:
+            yield from filter(None, (_quota_v2(folder) for folder in _folders(GROUPS, path)))
+        elif "cpu" in controllers.split(","):
+            for name in (controllers, "cpu"):
+                yield from filter(None, (_quota_v1(folder) for folder in _folders(GROUPS / name, path)))
+
+
+def _folders(root: Path, path: str) -> Iterator[Path]:
+    """Yield the folder of a group, of those above it, and the root."""
+    inside = PurePosixPath(path.lstrip("/"))
+    if ".." not in inside.parts:
+        yield from (root / part for part in (inside, *inside.parents))
+
+
+def _quota_v2(folder: Path) -> int | None:
+    quota, _, period = _text(folder / "cpu.max").strip().partition(" ")
+    return _processors(quota, period)
+
+
+def _quota_v1(folder: Path) -> int | None:
+    return _processors(_text(folder / "cpu.cfs_quota_us").strip(), _text(folder / "cpu.cfs_period_us").strip())
+
+
+def _processors(quota: str, period: str) -> int | None:
+    """Return a quota in processors; None where there is none: v2 says "max", v1 -1."""
+    if not (quota.isdecimal() and period.isdecimal() and int(period)):
+        return None
+    return -(-int(quota) // int(period))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+
+
+class Stop:
+    """Stop request of the user, named in `words`; a second Ctrl-C ends the command at once.
+
+    A copy in another process, or on a cluster, has the time limit alone.
+    """
+
+    def __init__(self, words: str, time_limit: Duration | None = None) -> None:
+        self.pressed = False
+        self._words = words
+        self._limit = float(time_limit.in_unit("s")) if time_limit else 0
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Take Ctrl-C, the request to end, and the end of the terminal, unless that is ignored (nohup)."""
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        before = [(number, signal.signal(number, self._press)) for number in numbers]
+        try:
+            yield
+        finally:
+            for number, handler in before:
+                signal.signal(number, handler)
+
+    def _press(self, *_: object) -> None:
+        if self.pressed:
+            raise KeyboardInterrupt
+        self.pressed = True
+        output.say(self._words)
+
+    def clock(self) -> Callable[..., bool]:
+        """Return what one search asks whether to go on; its time begins now."""
+        end = time.monotonic() + self._limit if self._limit else None
+        return lambda *_: not self.pressed and (end is None or time.monotonic() < end)
 
 
 NEAR = "HAL0414"
@@ -51,7 +146,7 @@ class Watch:
 
     def on_progress(self, mode: str, moves: int, budget: int, best: int) -> bool:
         """Show how far the search is; return whether it may go on."""
-        if not output.Settings.quiet and streams.is_terminal(sys.stderr):
+        if not output.Settings.quiet and output.is_terminal(sys.stderr):
             with self._lock:
                 self._show(mode, moves, budget, best)
         return self._may_go_on()
@@ -155,7 +250,7 @@ def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
 
 def workers_of(count: int | None) -> Workers:
     """Return as many workers as the user asked for, else as many as there are processors for it."""
-    from halpipe.cli.processors import processor_count
+    from halpipe.cli.searching import processor_count
     from halpipe.pipeline.solve.workers import Workers
 
     return Workers(processor_count() if count is None else count)

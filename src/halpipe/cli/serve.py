@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from halpipe.cli import output, streams
-from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose, WorkerCount
+from halpipe.cli import output
+from halpipe.cli.options import DiagnosticFormat, Quiet, Verbose, WorkerCount
 from halpipe.core.diagnostics import Exit, HalpipeError, error
 from halpipe.core.files.scratch import scratch_folder
 
@@ -47,7 +47,7 @@ def serve(
     except ImportError:
         help = "pip install starlette uvicorn"
         raise HalpipeError(NO_SERVER("starlette and uvicorn are not installed", help=help)) from None
-    from halpipe.cli.processors import processor_count
+    from halpipe.cli.searching import processor_count
     from halpipe.workbench.session import Session
 
     listening = _listen(port)
@@ -56,7 +56,7 @@ def serve(
     number = listening.getsockname()[1]
     address = f"http://127.0.0.1:{number}/?token={token}"
     output.result(address)
-    streams.flush_results()
+    output.flush_results()
     threading.Thread(target=session.begin, daemon=True).start()
     app = application(session, token, number)
     config = uvicorn.Config(

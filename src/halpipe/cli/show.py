@@ -1,23 +1,72 @@
-"""``halpipe show``."""
+"""``halpipe show`` and ``halpipe diff``: schedules as text, with Gantt charts of one letter for each task."""
 
 from __future__ import annotations
 
 import shutil
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from itertools import groupby
+from string import ascii_letters, digits
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from halpipe.cli import output, streams
-from halpipe.cli.completing import modes
-from halpipe.cli.parameters import Quiet, ScheduleFile, Verbose
-from halpipe.core.diagnostics import Exit
+from halpipe.cli import output
+from halpipe.cli.options import AnswerFormat, Answers, Quiet, ScheduleFile, Verbose, choose, modes, print_json
+from halpipe.core.diagnostics import Exit, HalpipeError, Location, printable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from fractions import Fraction
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Job, ModeSchedule, Schedule
+    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel, TransitionTable
+    from halpipe.pipeline.diff import Change, JobChange, ScheduleDiff, TaskSummary
+
+
+LETTERS = ascii_letters[26:] + ascii_letters[:26] + digits
+IDLE, SEVERAL = "·", "#"
+LEAST_WIDTH = 20
+
+
+def gantt(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], width: int, *, wraps: bool) -> list[str]:
+    """Return a scale over [0, length) and a line for each unit that has jobs; `wraps`: the line is a circle."""
+    rows: dict[str, list[str]] = {}
+    names = sorted({unit for job in jobs for unit in job.units})
+    shown = {name: printable(name) for name in names}
+    margin = max(map(len, shown.values()), default=0) + 2
+    columns = max(LEAST_WIDTH, width - margin)
+    for name in names:
+        rows[name] = [IDLE] * columns
+    for job in jobs:
+        for column in _columns(job, length, columns, wraps=wraps):
+            for unit in job.units:
+                known = rows[unit][column]
+                letter = letters[job.task]
+                rows[unit][column] = letter if known in (IDLE, letter) else SEVERAL
+    end = str(length)
+    scale = "0" + end.rjust(columns - 1)
+    return [" " * margin + scale, *(shown[name].ljust(margin) + "".join(cells) for name, cells in rows.items())]
+
+
+def _columns(job: Job, length: Duration, columns: int, *, wraps: bool) -> list[int]:
+    """Return the columns that a job touches; in an unverified schedule it may be longer than the chart."""
+    found: list[int] = []
+    if not length:
+        return found
+    for start, end in job.occupations():
+        first = int(start.fraction * columns / length.fraction)
+        last = int(-(-end.fraction * columns // length.fraction))
+        inside = range(first, min(max(first + 1, last), first + columns))
+        found += [column % columns for column in inside if wraps or column < columns]
+    return found
+
+
+def letters_of(modes: tuple[ModeSchedule, ...], switches: tuple[TransitionTable, ...]) -> dict[str, str]:
+    """Return a letter for each task, the same in every chart; they start again where there are more tasks."""
+    tasks = dict.fromkeys(job.task for mode in modes for job in mode.jobs)
+    tasks |= dict.fromkeys(job.task for switch in switches for job in switch.jobs)
+    return {task: LETTERS[number % len(LETTERS)] for number, task in enumerate(tasks)}
+
 
 MOST_JOBS = 200
 
@@ -46,8 +95,8 @@ def show(
     verbose: Verbose = False,
 ) -> int:
     """Show a schedule in the terminal: a Gantt chart, jobs, loads and chain latencies of every mode, and switches."""
-    from halpipe.cli.answers import check_name
-    from halpipe.cli.gantt import letters_of
+    from halpipe.cli.options import check_name
+    from halpipe.cli.show import letters_of
     from halpipe.importers.native import read_schedule
 
     output.choose(output.Format.JSON if format is Form.JSON else None, quiet=quiet, verbose=verbose)
@@ -82,9 +131,9 @@ def _width() -> int:
 
 def _show_chart(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], *, wraps: bool) -> None:
     """Print a Gantt chart; under an ASCII terminal with full stops where nothing runs."""
-    from halpipe.cli.gantt import IDLE, gantt
+    from halpipe.cli.show import IDLE, gantt
 
-    idle = IDLE if streams.can_print(IDLE) else "."
+    idle = IDLE if output.can_print(IDLE) else "."
     for line in gantt(jobs, length, letters, _width() - 2, wraps=wraps):
         output.result(f"  {line.replace(IDLE, idle)}")
 
@@ -136,3 +185,172 @@ def _percent(share: Fraction) -> str:
     """Return a share in per cent with one decimal, rounded half to even, without a float."""
     tenths = round(share * 1000)
     return f"{tenths // 10}.{tenths % 10} %"
+
+
+JOBS_SHOWN = 5
+"""Jobs of a task whose changes are listed before the rest is only counted."""
+
+VALUES_SHOWN = 40
+
+
+def diff(
+    before: Annotated[str, typer.Argument(metavar="BEFORE", help="Schedule or task model XML.")],
+    after: Annotated[str, typer.Argument(metavar="AFTER", help="The same kind of file; - is standard input.")],
+    format: Answers = AnswerFormat.TEXT,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Compare two schedules, or two task models, by names: exit code 0 if they say the same, 1 if not.
+
+    A schedule's seed, solver and grid are shown, but are no difference; nor is where a model was imported from.
+    """
+    from halpipe.models import Schedule, TaskModel
+    from halpipe.pipeline.diff import diff_models, diff_schedules
+
+    choose(format, quiet=quiet, verbose=verbose)
+    one, other = _read(before), _read(after)
+    if isinstance(one, Schedule) and isinstance(other, Schedule):
+        return _report_schedules(diff_schedules(one, other), as_json=format is AnswerFormat.JSON)
+    if isinstance(one, TaskModel) and isinstance(other, TaskModel):
+        return _report_models(diff_models(one, other), as_json=format is AnswerFormat.JSON)
+    raise HalpipeError(_unlike(before, one, after, other))
+
+
+def _read(path: str) -> Schedule | TaskModel:
+    """Read a file of either kind, by its root element."""
+    from halpipe.core.files import parse_xml, read_bytes
+    from halpipe.importers.native import parse_model, parse_schedule
+    from halpipe.schemas import SCHEDULE, namespace
+
+    data = read_bytes(path)
+    if parse_xml(data, path).tag == f"{{{namespace(SCHEDULE)}}}schedule":
+        return parse_schedule(data, path)
+    return parse_model(data, path)
+
+
+def _unlike(before: str, one: object, after: str, other: object) -> Any:
+    from halpipe.models import Schedule
+    from halpipe.pipeline.whatif.codes import NOT_COMPARABLE
+
+    kinds = ["a schedule" if isinstance(read, Schedule) else "a task model" for read in (one, other)]
+    text = f"is {kinds[1]}, but {before} is {kinds[0]}"
+    return NOT_COMPARABLE(text, at=Location(after), help="name two schedules, or two task models")
+
+
+def _report_models(changes: Sequence[Change], *, as_json: bool) -> int:
+    if as_json:
+        print_json({"kind": "task-model", "same": not changes, "changes": [_change(c) for c in changes]})
+    elif changes:
+        _show_values(changes)
+    else:
+        output.result("same")
+    return Exit.FINDINGS if changes else Exit.OK
+
+
+def _report_schedules(found: ScheduleDiff, *, as_json: bool) -> int:
+    if as_json:
+        print_json(_schedules_as_json(found))
+    else:
+        _show_schedules(found)
+    return Exit.OK if found.is_same else Exit.FINDINGS
+
+
+# ------------------------------------------------------------------------------------------------ text
+
+
+def _show_schedules(found: ScheduleDiff) -> None:
+    output.result("same" if found.is_same else f"{len(found.jobs)} jobs of {len(found.tasks)} tasks differ")
+    for table, summaries in groupby(found.tasks, key=lambda summary: summary.table):
+        _show_tasks(table, list(summaries))
+    if found.values:
+        output.result("values that differ:")
+        _show_values(found.values)
+    if found.jobs:
+        output.result("jobs that differ:")
+        _show_changed_jobs(found.jobs)
+    for change in found.about:
+        output.inform(f"made otherwise: {change.what} {change.before or 'none'} -> {change.after or 'none'}")
+
+
+def _show_tasks(table: str, summaries: Sequence[TaskSummary]) -> None:
+    rows = []
+    for summary in summaries:
+        text = ", ".join(f"{count} {kind}" for kind, count in summary.counts)
+        if summary.shift is not None:
+            text += f", all by {summary.shift}"
+        rows.append((summary.task, str(summary.jobs), text))
+    output.table((table, "jobs", "what changed"), rows)
+
+
+def _show_values(changes: Sequence[Change]) -> None:
+    shown = changes if output.Settings.verbose else changes[:VALUES_SHOWN]
+    for change in shown:
+        values = f": {change.before or 'none'} -> {change.after or 'none'}" if change.before or change.after else ""
+        output.result(f"  {change.element}: {change.what}{values}")
+    if len(changes) > len(shown):
+        output.result(f"  {len(changes) - len(shown)} more; --verbose shows all")
+
+
+def _show_changed_jobs(jobs: Sequence[JobChange]) -> None:
+    for (table, task), group in groupby(jobs, key=lambda change: (change.table, change.job.task)):
+        changes = list(group)
+        shown = changes if output.Settings.verbose else changes[:JOBS_SHOWN]
+        for change in shown:
+            kinds = ", ".join(change.kinds)
+            places = " -> ".join(_place(job) for job in (change.before, change.after) if job is not None)
+            output.result(f"  {table} {task} job {change.job.index}: {kinds}: {places}")
+        if len(changes) > len(shown):
+            output.result(f"  {table} {task}: {len(changes) - len(shown)} more; --verbose shows all")
+
+
+def _place(job: Job) -> str:
+    parts = f" in {len(job.parts)} parts" if job.parts else ""
+    return f"{job.start} to {job.end}{parts} {job.version} on {' '.join(job.units)}"
+
+
+# ------------------------------------------------------------------------------------------------ JSON
+
+
+def _schedules_as_json(found: ScheduleDiff) -> dict[str, Any]:
+    return {
+        "kind": "schedule",
+        "same": found.is_same,
+        "about": [_change(c) for c in found.about],
+        "tasks": [
+            {
+                "table": s.table,
+                "task": s.task,
+                "jobs": s.jobs,
+                **dict(s.counts),
+                "shift": None if s.shift is None else str(s.shift),
+            }
+            for s in found.tasks
+        ],
+        "values": [_change(c) for c in found.values],
+        "jobs": [
+            {
+                "table": c.table,
+                "task": c.job.task,
+                "index": c.job.index,
+                "changes": c.kinds,
+                "before": _job(c.before),
+                "after": _job(c.after),
+            }
+            for c in found.jobs
+        ],
+    }
+
+
+def _change(change: Change) -> dict[str, str]:
+    return {"element": change.element, "what": change.what, "before": change.before, "after": change.after}
+
+
+def _job(job: Job | None) -> dict[str, Any] | None:
+    if job is None:
+        return None
+    said = {"start": str(job.start), "end": str(job.end), "version": job.version, "units": list(job.units)}
+    parts = [
+        {"start": str(p.start), "end": str(p.end), "from": str(p.executed_from), "to": str(p.executed_to)}
+        for p in job.parts
+    ]
+    return said | ({"parts": parts} if parts else {})

@@ -2,7 +2,7 @@
 
 import pytest
 
-from halpipe.cli.gantt import IDLE, LETTERS, SEVERAL, gantt, letters_of
+from halpipe.cli.show import IDLE, LETTERS, SEVERAL, gantt, letters_of
 from halpipe.models import Job, ModeSchedule, Status
 from support import ms
 

@@ -4,16 +4,15 @@ import os
 
 import pytest
 
-from halpipe.cli import processors
-from halpipe.cli.processors import processor_count
-from halpipe.cli.searching import workers_of
+from halpipe.cli import searching
+from halpipe.cli.searching import processor_count, workers_of
 
 
 @pytest.fixture
 def system(tmp_path, monkeypatch):
     """Make a system with 8 processors and the given files of control groups."""
-    monkeypatch.setattr(processors, "GROUPS", tmp_path / "cgroup")
-    monkeypatch.setattr(processors, "MEMBERSHIP", tmp_path / "membership")
+    monkeypatch.setattr(searching, "GROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(searching, "MEMBERSHIP", tmp_path / "membership")
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
 
     def make(membership, **files):

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from halpipe.cli.stopping import Stop
+from halpipe.cli.searching import Stop
 from halpipe.core.durations import seconds
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -27,7 +27,7 @@ def test_the_first_stops_politely_and_the_second_at_once(number, capsys):
 
 def test_each_search_has_the_whole_time_limit_also_elsewhere(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("halpipe.cli.stopping.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("halpipe.cli.searching.time.monotonic", lambda: now[0])
     stop = pickle.loads(pickle.dumps(Stop("", seconds(2))))
     first = stop.clock()
     now[0] += 1.5

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from halpipe.cli import output
+from halpipe.cli.app import FormatGroup
+from halpipe.cli.options import ModelFile, Output, ScheduleFile, command, parameter
 from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.options import Values
     from halpipe.exporters.common.base import Exporter, ExportOptions
     from halpipe.flow.formats import Exported
 
@@ -94,3 +99,44 @@ def _show_changes(exported: Exported) -> None:
         output.text(exported.contents[exported.changes].decode().rstrip())
     for line in exported.summary:
         output.inform(line)
+
+
+Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write, as a whole.")]
+
+
+def command_of(exporter: Exporter) -> Callable[..., int]:
+    """Return the function that typer makes the command of a format from."""
+
+    def export(model: str, schedule: str, output_file: str, options: Values) -> int:
+        return export_files(exporter, model, schedule, output_file, exporter.options(**options))
+
+    # Where a model alone is not enough, the exporter says why.
+    tables = parameter("schedule", ScheduleFile, "") if exporter.suffix else parameter("schedule", ScheduleFile)
+    before = [parameter("model", ModelFile), tables, parameter("output_file", Output if exporter.suffix else Folder)]
+    return command(export, before, exporter.options, help=exporter.help or f"Write: {exporter.summary}.")
+
+
+class ExportGroup(FormatGroup):
+    """A command for each exporter."""
+
+    registry = "halpipe.exporters"
+
+    def command_of(self, name: str) -> Callable[..., int]:
+        """Return the function that typer makes the command of a format from."""
+        from halpipe.cli.export import command_of
+        from halpipe.flow.formats import exporter
+
+        return command_of(exporter(name))
+
+
+app = typer.Typer(
+    cls=ExportGroup,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Write reports, diagrams and what targets load. A schedule that does not verify, or is of another model, "
+    "is refused.",
+)
+
+
+@app.callback()
+def _export() -> None: ...

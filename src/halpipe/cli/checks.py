@@ -1,0 +1,180 @@
+"""``halpipe validate``, ``verify`` and ``explain``: findings in models and schedules."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.options import (
+    DiagnosticFormat,
+    ModelFile,
+    Quiet,
+    ScheduleFile,
+    Verbose,
+    codes,
+    duration_of,
+    load_codes,
+    takes,
+)
+from halpipe.core.diagnostics import REGISTER, Exit, sort_diagnostics
+from halpipe.core.options import Values
+from halpipe.core.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.pipeline.explain.explanation import Explanation
+
+
+def validate(
+    model: ModelFile,
+    tick: Annotated[
+        str, typer.Option(metavar="TIME", help="Grid of the start times; too coarse a one is an error.")
+    ] = "",
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Check a task model: form, names, windows, loads, hyperperiods. Every finding is listed, with its line."""
+    from halpipe.importers.native import read_what_is_well_formed
+    from halpipe.pipeline.checked import validate_model
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    system, malformed = read_what_is_well_formed(model)
+    found = sort_diagnostics([*malformed, *validate_model(system, duration_of("--tick", tick))])
+    output.report(found, as_result=True)
+    if any(d.is_error for d in found):
+        return Exit.FINDINGS
+    if output.is_text():
+        output.result(
+            f"{model}: valid; {len(system.tasks)} tasks, {len(system.units)} units, "
+            f"{len(system.resources)} resources, {len(system.modes)} modes"
+        )
+    return Exit.OK
+
+
+_CODES = "HAL03"
+"""The beginning of the codes of verify, and of no others."""
+NAMED = 3
+"""Further findings of a task that are named; --verbose shows all of them."""
+
+
+def verify(
+    model: ModelFile,
+    schedule: ScheduleFile,
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Check a schedule, from any tool, against its model: every violation with job, rule, amount and instant."""
+    from halpipe.importers.native import read_model, read_schedule
+    from halpipe.pipeline.checked import verify_schedule
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    system, tables = read_model(model), read_schedule(schedule)
+    found = verify_schedule(system, tables)
+    output.report(gathered(found) if output.is_brief() else found, as_result=True)
+    if any(d.is_error for d in found):
+        return Exit.FINDINGS
+    if output.is_text():
+        jobs = sum(len(mode.jobs) for mode in tables.modes)
+        output.result(f"{schedule}: valid; {len(tables.modes)} modes, {jobs} jobs, no violation")
+    return Exit.OK
+
+
+def gathered(found: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Gather findings for people: one for all jobs of a task that break one rule, and one for all figures.
+
+    Figures come last where something else is wrong, too: they follow from it. Findings of other origin stay.
+    """
+    if not any(each.code.startswith(_CODES) for each in found):
+        return list(found)
+    from halpipe.pipeline.verify.codes import WRONG_FIGURE
+
+    figures = [each for each in found if each.code == WRONG_FIGURE.id]
+    others = [each for each in found if each.code != WRONG_FIGURE.id]
+    groups: dict[tuple[str, str], list[Diagnostic]] = defaultdict(list)
+    for number, each in enumerate(others):
+        tasks = [subject.name for subject in each.subjects if subject.kind == "task"]
+        task = tasks[0] if tasks and each.code.startswith(_CODES) else f"{number}"
+        groups[each.code, task].append(each)
+    shown = [_as_one(group) for group in groups.values()]
+    if figures and any(each.is_error for each in others):
+        help = "fix the violations of the jobs first: loads, latencies and cost follow from them"
+        return [*shown, replace(_as_one(figures), help=help)]
+    return [*shown, *figures]
+
+
+def _as_one(group: Sequence[Diagnostic]) -> Diagnostic:
+    """Return the first of several findings, with the number and some paths of the others."""
+    first, *rest = group
+    if not rest:
+        return first
+    named = ", ".join(each.path for each in rest[:NAMED]) + (" ..." if len(rest) > NAMED else "")
+    return replace(first, message=f"{first.message}; {len(rest)} more like it: {named}")
+
+
+def _kind() -> type:
+    from halpipe.pipeline.explain.explanation import ExplainOptions
+
+    return ExplainOptions
+
+
+@takes(_kind, shows_all=True)
+def explain(
+    subject: Annotated[
+        str,
+        typer.Argument(metavar="MODEL|CODE", help="Task model XML, or a code such as HAL0231.", autocompletion=codes),
+    ],
+    options: Values,
+) -> int:
+    """Say why a model has no schedule, with a proof where there is one, and what would help; or explain a code.
+
+    Exit code 4 means proven infeasible; 3, that no schedule was found; 0, that there is one.
+    """
+    if re.fullmatch(r"(?i)HAL\d{4}", subject):
+        return _explain_code(subject.upper())
+    from halpipe.cli.searching import Stop
+    from halpipe.flow.searching import explain_options
+    from halpipe.importers.native import read_model
+    from halpipe.pipeline.explain.explanation import explain as explain_model
+
+    chosen = explain_options(options)
+    stop = Stop("stopping; what was found so far follows", chosen.time_limit)
+    with stop.listening():
+        explanation = explain_model(read_model(subject), chosen, stop.clock())
+    output.report(explanation.diagnostics, as_result=True)
+    if output.is_text():
+        _summarise(explanation)
+    return explanation.exit
+
+
+def _summarise(explanation: Explanation) -> None:
+    for name, verdict in explanation.verdicts:
+        output.result(f"mode {name}: {verdict}")
+    for source, target in explanation.switches:
+        output.result(f"switch from {source} to {target}: no table found")
+
+
+def _explain_code(id: str) -> int:
+    """Print the page of a diagnostic code."""
+    load_codes()
+    code = REGISTER.get(id)
+    if code is None:
+        raise typer.BadParameter(f"there is no code {id}; {did_you_mean(id, REGISTER, 'see the reference')}")
+    output.text(f"{code.id} ({code.severity}): {code.title}\n\n{_wrapped(code.explanation)}".rstrip())
+    return Exit.OK
+
+
+def _wrapped(text: str) -> str:
+    """Return a paragraph in lines that the terminal need not break within words."""
+    import shutil
+    import textwrap
+
+    return textwrap.fill(text, min(100, shutil.get_terminal_size().columns), break_on_hyphens=False)

@@ -1,0 +1,289 @@
+"""``halpipe new``, ``doctor``, ``selftest`` and ``generate``."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from halpipe import __version__
+from halpipe.cli import output
+from halpipe.cli.options import (
+    AnswerFormat,
+    Answers,
+    DiagnosticFormat,
+    Output,
+    Quiet,
+    Seed,
+    Verbose,
+    examples,
+    print_json,
+)
+from halpipe.core.diagnostics import Exit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+    from fractions import Fraction
+
+    from halpipe.pipeline.generate import Achieved
+
+
+def new(
+    folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder to make; it must not be there, or be empty.")],
+    example: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="An example instead of a first model: roboracer.",
+            show_default=False,
+            autocompletion=examples,
+        ),
+    ] = "",
+    table: Annotated[bool, typer.Option("--table", help="Tables for a spreadsheet instead of XML.")] = False,
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Make a folder with a first model to read and change, overlay, pipeline and schemas for editors; or an example."""
+    from halpipe.core.files import write_new_folder
+    from halpipe.core.suggest import did_you_mean
+    from halpipe.starters import EXAMPLES, first_model, first_table
+    from halpipe.starters import example as files_of
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    if example and example not in EXAMPLES:
+        hint = did_you_mean(example, EXAMPLES, "there is: " + ", ".join(EXAMPLES))
+        raise typer.BadParameter(f'there is no example "{example}"; {hint}', param_hint="--example")
+    if example and table:
+        raise typer.BadParameter("an example has its own files; omit --table or --example", param_hint="--table")
+    written = files_of(example) if example else first_table() if table else first_model()
+    write_new_folder(folder, written)
+    output.inform(f"{folder}: {len(written)} files; begin with {_first(folder, example, written)}")
+    return Exit.OK
+
+
+def _first(folder: str, example: str, written: Collection[str]) -> str:
+    if example:
+        return f"{folder}/{example}/README.md"
+    tables = [f"{folder}/{name}" for name in written if name.endswith(".csv")]
+    if tables:
+        return f"halpipe import table {' '.join(tables)} -o {folder}/model.xml"
+    return f"halpipe schedule {folder}/model.xml -o {folder}/schedule.xml"
+
+
+PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz", "packaging")
+EXTRAS = {
+    "autosar-data": "halpipe[arxml]",
+    "ortools": "halpipe[exact]",
+    "openpyxl": "halpipe[table]",
+    "matplotlib": "halpipe[plot]",
+    "distributed": "halpipe[cluster]",
+    "starlette": "halpipe[serve]",
+    "uvicorn": "halpipe[serve]",
+    "ziglang": "halpipe[riscv]",
+    "pyelftools": "halpipe[riscv]",
+    "unicorn": "halpipe[riscv]",
+    "numpy": "halpipe[riscv]",
+}
+PROGRAMS = {
+    "dot": "apt-get install graphviz",
+    "verilator": "apt-get install verilator g++ make",
+    "iverilog": "apt-get install iverilog",
+    "qemu-system-riscv64": "apt-get install qemu-system-misc",
+    "riscv64-unknown-elf-gcc": "apt-get install gcc-riscv64-unknown-elf",
+}
+
+
+def doctor(format: Answers = AnswerFormat.TEXT) -> int:
+    """Say what is installed, what is missing, and how to get it."""
+    from halpipe.flow.formats import DEPLOYMENTS, EXPORTERS, IMPORTERS, formats
+
+    if format is AnswerFormat.JSON:
+        packages = {name: _version(name) or None for name in (*PACKAGES, *EXTRAS)}
+        print_json(
+            {
+                "halpipe": __version__,
+                "python": platform.python_version(),
+                "system": f"{platform.system()} {platform.machine()}",
+                "packages": packages,
+                "programs": {name: shutil.which(name) is not None for name in PROGRAMS},
+                "importers": formats(IMPORTERS),
+                "exporters": formats(EXPORTERS),
+                "bundles": formats(DEPLOYMENTS),
+            }
+        )
+        return Exit.OK if all(packages[name] for name in PACKAGES) else Exit.FINDINGS
+    output.result(
+        f"halpipe {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+    )
+    missing = False
+    for name in PACKAGES:
+        found = _version(name)
+        missing = missing or not found
+        output.result(f"  {name} {found or f'MISSING: pip install {name}'}")
+    for name, extra in EXTRAS.items():
+        output.result(f"  {name} {_version(name) or f'not installed (optional): pip install {extra}'}")
+    for name, install in PROGRAMS.items():
+        output.result(f"  {name}: {'found' if shutil.which(name) else f'not found (optional): {install}'}")
+    output.result(f"  importers: {', '.join(formats(IMPORTERS))}")
+    output.result(f"  exporters: {', '.join(formats(EXPORTERS))}")
+    output.result(f"  bundles: {', '.join(formats(DEPLOYMENTS))}")
+    return Exit.FINDINGS if missing else Exit.OK
+
+
+def _version(name: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+_SHOWN = 20
+
+
+def selftest(
+    mutants: Annotated[int, typer.Option(min=1, help="Faulty schedules that both checkers judge.")] = 300,
+    seed: Seed = 1,
+    evidence: Annotated[
+        str, typer.Option(metavar="DIR", help="Write a folder for the argument of a tool's confidence.")
+    ] = "",
+    results: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FILE", help="JUnit XML of a run of the tests, for the evidence; repeatable."),
+    ] = None,
+    quiet: Quiet = False,
+) -> int:
+    """Have two independent checkers judge valid and faulty schedules, and count where they do not agree."""
+    from halpipe.selftest import run
+
+    output.choose(None, quiet=quiet, verbose=False)
+    if results and not evidence:
+        raise typer.BadParameter("results of tests are for the evidence; add --evidence", param_hint="--results")
+    failed = 0
+    if evidence:
+        from halpipe.core.files import write_directory
+        from halpipe.selftest.evidence import folder
+        from halpipe.selftest.requirements import read_results
+
+        found = read_results(results or ())
+        outcome = run(mutants, seed)
+        write_directory(evidence, folder(outcome, mutants, seed, found))
+        failed = sum(int(file["failed"]) for file in found.files)
+    else:
+        outcome = run(mutants, seed)
+    if failed:
+        output.result(f"{failed} case{'s' * (failed > 1)} of the tests failed by the results given")
+    for line in outcome.differing[:_SHOWN]:
+        output.result(line)
+    counts = f"{outcome.valid} valid, {outcome.broken} not valid"
+    for rule in outcome.unseen:
+        output.result(f'no schedule shows that rule "{rule}" of verify is at work')
+    shown = len(outcome.alone) - len(outcome.unseen)
+    output.result(f"{shown} of {len(outcome.alone)} rules of verify each refuse a schedule that no other one refuses")
+    total = outcome.valid + outcome.broken
+    output.result(f"{total} schedules, {counts}; the checkers disagree on {len(outcome.differing)}")
+    return Exit.FINDINGS if outcome.differing or outcome.unseen or failed else Exit.OK
+
+
+_Value = TypeVar("_Value")
+
+_SHARE = "SHARE"
+"""Shares are written as 0.7, 7/10 or 70%."""
+
+
+def generate(
+    output_file: Output,
+    tasks: Annotated[int, typer.Option(help="Number of tasks.")] = 60,
+    units: Annotated[int, typer.Option(help="Number of execution units.")] = 6,
+    unit_types: Annotated[int, typer.Option(help="Number of types of units.")] = 2,
+    resources: Annotated[int, typer.Option(help="Number of shared resources.")] = 2,
+    access_windows: Annotated[int | None, typer.Option(help="Access windows; otherwise one for every task.")] = None,
+    multi_version: Annotated[str, typer.Option(metavar=_SHARE, help="Tasks with an alternative version.")] = "0",
+    precedence: Annotated[str, typer.Option(metavar=_SHARE, help="Tasks with a predecessor.")] = "0",
+    utilisation: Annotated[str, typer.Option(metavar=_SHARE, help="Busy time of the units.")] = "60%",
+    hyperperiod: Annotated[str, typer.Option(metavar="DURATION", help="Time after which all repeats.")] = "120ms",
+    slack: Annotated[str, typer.Option(metavar=_SHARE, help="Slack of every task.")] = "0",
+    fractional: Annotated[bool, typer.Option("--fractional", help="Let windows take parts of a resource.")] = False,
+    resource_fill: Annotated[str, typer.Option(metavar=_SHARE, help="Add windows up to this use of resources.")] = "",
+    gang: Annotated[str, typer.Option(metavar=_SHARE, help="Tasks that take two units at once.")] = "0",
+    unlike_units: Annotated[bool, typer.Option("--unlike-units", help="Make no two units alike.")] = False,
+    period: Annotated[
+        list[str] | None,
+        typer.Option(metavar="DURATION", help="One task of this period; repeatable; replaces --tasks."),
+    ] = None,
+    seed: Seed = 1,
+    witness: Annotated[
+        str, typer.Option(metavar="FILE", help="Also write the schedule that the set was cut from.")
+    ] = "",
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Write a synthetic task set that is schedulable by construction, as in section VI-B of the paper.
+
+    Shares are written as 0.7, 7/10 or 70%.
+    """
+    from halpipe.core.durations import Duration
+    from halpipe.core.files import refuse_inputs, refuse_name, sha256, write_output
+    from halpipe.exporters.native import format_model, format_schedule
+    from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    parameters = SetParameters(
+        tasks=tasks,
+        units=units,
+        unit_types=unit_types,
+        access_windows=access_windows,
+        resources=resources,
+        multi_version=_share("--multi-version", multi_version),
+        precedence=_share("--precedence", precedence),
+        utilisation=_share("--utilisation", utilisation),
+        hyperperiod=_read("--hyperperiod", hyperperiod, Duration.parse),
+        slack=_share("--slack", slack),
+        fractional=fractional,
+        resource_fill=_share("--resource-fill", resource_fill) if resource_fill else None,
+        gang=_share("--gang", gang),
+        unlike_units=unlike_units,
+        periods=tuple(_read("--period", text, Duration.parse) for text in period or ()),
+    )
+    refuse_inputs(*filter(None, (output_file, witness)))
+    for file in (output_file, witness):
+        refuse_name(file, ".xml")
+    model, schedule = generate_with_witness(parameters, seed)
+    document = format_model(model)
+    write_output(output_file, document)
+    if witness:
+        write_output(witness, format_schedule(replace(schedule, model_sha256=sha256(document))))
+    _summarise(output_file, achieved(model), parameters.window_count if not resource_fill else 0)
+    return Exit.OK
+
+
+def _summarise(target: str, made: Achieved, windows: int) -> None:
+    output.inform(
+        f"{target}: {made.jobs} jobs, units {_percent(made.utilisation)} busy, resources "
+        f"{_percent(made.resource_fill)} in use by {made.windows} windows"
+    )
+    if made.windows < windows:
+        output.inform(f"{target}: only {made.windows} of {windows} windows have room")
+
+
+def _percent(share: Fraction) -> str:
+    return f"{int(share * 10000) / 100:g} %"
+
+
+def _share(option: str, text: str) -> Fraction:
+    from halpipe.core.quantities import parse_share
+
+    return _read(option, text, parse_share)
+
+
+def _read(option: str, text: str, reader: Callable[[str], _Value]) -> _Value:
+    try:
+        return reader(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint=option) from None

@@ -1,0 +1,253 @@
+"""``halpipe size`` and ``halpipe sensitivity``: how small a platform can be, and how much a schedule bears."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.options import (
+    BUDGET,
+    AnswerFormat,
+    Answers,
+    Budget,
+    ModelFile,
+    Quiet,
+    ScheduleFile,
+    Seed,
+    Step,
+    Verbose,
+    check_name,
+    choose,
+    duration_of,
+    modes,
+    parse_step,
+    print_json,
+)
+from halpipe.core.diagnostics import Exit, Findings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from fractions import Fraction
+
+    from halpipe.core.durations import Duration
+    from halpipe.models import TaskModel
+    from halpipe.pipeline.whatif.sensitivity import Searched, Sensitivity
+    from halpipe.pipeline.whatif.size import Answer, Question
+
+
+def size(
+    model: ModelFile,
+    units: Annotated[str, typer.Option(metavar="TYPE", help="Ask for the fewest units of this type.")] = "",
+    bandwidth: Annotated[
+        str, typer.Option(metavar="RESOURCE", help="Ask for the lowest share of the bandwidth of this resource.")
+    ] = "",
+    wcet_factor: Annotated[bool, typer.Option("--wcet-factor", help="Ask by how much all WCETs can grow.")] = False,
+    mode: Annotated[
+        str, typer.Option(help="This mode only; otherwise the size is enough for each.", autocompletion=modes)
+    ] = "",
+    switches: Annotated[
+        bool, typer.Option("--switches", help="Require the tables for the switches that the model lists, too.")
+    ] = False,
+    step: Step = "1/100",
+    seed: Seed = 1,
+    budget: Budget = BUDGET,
+    tick: Annotated[str, typer.Option(help="Grid of the start times; otherwise the largest that loses nothing.")] = "",
+    format: Answers = AnswerFormat.TEXT,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Find how small the platform can be, or how slow: the smallest size with a schedule, and what is proven.
+
+    What is found has a schedule that passed the independent check. It is not called the optimum: a longer search may
+    find a smaller size, down to the proven bound. Exit code 4 means that no size is enough, 3 that none was found.
+    """
+    from halpipe.cli.searching import Watch
+    from halpipe.importers.native import read_model
+    from halpipe.pipeline.solve.schedule import SearchOptions
+    from halpipe.pipeline.whatif.size import ask, complaint
+    from halpipe.pipeline.whatif.trial import Search
+
+    choose(format, quiet=quiet, verbose=verbose)
+    grid = parse_step(step)
+    if sum((bool(units), bool(bandwidth), wcet_factor)) != 1:
+        raise typer.BadParameter("ask for one of --units, --bandwidth and --wcet-factor")
+    system = read_model(model)
+    question = _question(system, units, bandwidth, mode, grid)
+    output.report(question.warnings)
+    chosen = SearchOptions(seed=seed, budget=budget, tick=duration_of("--tick", tick))
+    with Watch() as watch:
+        answer = ask(question, Search(chosen, watch.on_progress, switches))
+    wrong = complaint(answer)
+    if wrong is not None:
+        output.report([wrong, *answer.witness])
+    if format is AnswerFormat.JSON:
+        print_json(_size_json(answer))
+    else:
+        _show_size(answer, system, bandwidth)
+    if wrong is not None:
+        return Exit.INFEASIBLE if answer.bound is None else Exit.NOT_FOUND
+    return Exit.OK
+
+
+def _question(system: TaskModel, units: str, bandwidth: str, mode: str, step: Fraction) -> Question:
+    from halpipe.pipeline.whatif.size import fewest_units, largest_factor, lowest_bandwidth, of_modes
+
+    if mode:
+        check_name(mode, [m.name for m in system.modes], "mode", "--mode")
+    if units:
+        check_name(units, {u.type for u in system.units if u.type}, "unit of type", "--units")
+    if bandwidth:
+        check_name(bandwidth, [r.name for r in system.resources], "resource", "--bandwidth")
+    system = of_modes(system, mode)
+    if units:
+        return fewest_units(system, units)
+    return lowest_bandwidth(system, bandwidth, step) if bandwidth else largest_factor(system, step)
+
+
+def _text(value: Fraction | None) -> str | None:
+    from halpipe.core.quantities import format_rational
+
+    return None if value is None else format_rational(value)
+
+
+def _size_json(answer: Answer) -> dict[str, Any]:
+    question = answer.question
+    return {
+        "question": question.what,
+        "now": _text(question.now),
+        "found": _text(answer.found),
+        "proven": _text(answer.bound),
+        "proven-is": "at most" if question.largest else "at least",
+        "witness": [{"code": d.code, "path": d.path, "message": d.message} for d in answer.witness],
+        "failed": [_text(value) for value in answer.failed],
+    }
+
+
+def _show_size(answer: Answer, system: TaskModel, resource: str) -> None:
+    question = answer.question
+    if answer.bound is None:
+        output.result(f"{question.what}: no value is enough, which is proven")
+        return
+    found = "none found" if answer.found is None else f"found {_text(answer.found)}"
+    side = "at most" if question.largest else "at least"
+    output.result(
+        f"{question.what}: {found} (proven: {side} {_text(answer.bound)}); the model has {_text(question.now)}"
+    )
+    peak = next((r.bandwidth for r in system.resources if r.name == resource), None)
+    if answer.found is not None and peak is not None:
+        from halpipe.core.quantities import format_bandwidth
+
+        output.result(f"  that is {format_bandwidth(math.ceil(peak * answer.found))} of {format_bandwidth(peak)}")
+    for witness in answer.witness[:3]:
+        beyond = "more" if question.largest else "less"
+        output.result(f"  {beyond} cannot be: {witness.path}: {witness.message}")
+    if answer.failed:
+        shown = ", ".join(filter(None, map(_text, answer.failed)))
+        output.result(f"  tried without success, which proves nothing: {shown}")
+
+
+def sensitivity(
+    model: ModelFile,
+    schedule: ScheduleFile,
+    task: Annotated[list[str] | None, typer.Option(help="This task only; repeatable.")] = None,
+    search: Annotated[bool, typer.Option("--search", help="Look too for schedules with longer WCETs.")] = False,
+    step: Step = "1/100",
+    seed: Seed = 1,
+    budget: Budget = BUDGET,
+    format: Answers = AnswerFormat.TEXT,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Show for each version how much its WCET can grow before the schedule breaks, and what would break.
+
+    All jobs keep their starts, and access phases stay where they are. With --search, also before no schedule is found
+    for some mode, in steps of a share of the WCET; the switches between modes are then left aside.
+    """
+    from halpipe.importers.native import read_model, read_schedule
+    from halpipe.pipeline.checked import validate_model, verify_schedule
+    from halpipe.pipeline.whatif.sensitivity import sensitivities
+
+    choose(format, quiet=quiet, verbose=verbose)
+    grid = parse_step(step)
+    system, tables = read_model(model), read_schedule(schedule)
+    for name in task or ():
+        check_name(name, [t.name for t in system.tasks], "task", "--task")
+    findings = Findings(validate_model(system))
+    findings.stop_on_errors()
+    findings.extend(verify_schedule(system, tables))
+    findings.stop_on_errors()
+    rows = list(sensitivities(system, tables, frozenset(task or ())))
+    if search:
+        rows = _with_search(system, rows, grid, seed, budget)
+    if format is AnswerFormat.JSON:
+        print_json([_sensitivity_json(row) for row in rows])
+    else:
+        _show_growth(rows, search=search)
+    return Exit.OK
+
+
+def _with_search(
+    system: TaskModel, rows: Sequence[Sensitivity], step: Fraction, seed: int, budget: int
+) -> list[Sensitivity]:
+    from dataclasses import replace
+
+    from halpipe.cli.searching import Watch
+    from halpipe.pipeline.solve.schedule import SearchOptions
+    from halpipe.pipeline.whatif.sensitivity import searched
+    from halpipe.pipeline.whatif.trial import Search
+
+    with Watch() as watch:
+        how = Search(SearchOptions(seed=seed, budget=budget), watch.on_progress)
+        return [replace(row, searched=searched(system, row, how, step)) for row in rows]
+
+
+def _sensitivity_json(row: Sensitivity) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "task": row.task,
+        "version": row.version,
+        "wcet": str(row.wcet),
+        "growth": None if row.growth is None else str(row.growth),
+        "limit": row.reason,
+    }
+    if row.searched is not None:
+        found = row.searched
+        result["found"] = {
+            "wcet": _or_none(found.found),
+            "proven-at-most": _or_none(found.bound),
+            "failed": [str(wcet) for wcet in found.failed],
+        }
+    return result
+
+
+def _or_none(wcet: Duration | None) -> str | None:
+    return None if wcet is None else str(wcet)
+
+
+def _show_growth(rows: Sequence[Sensitivity], *, search: bool) -> None:
+    columns = ["task", "version", "WCET", "can grow by", "share"]
+    columns += ["found up to", "proven at most"] if search else []
+    lines = []
+    for row in rows:
+        if row.growth is None:
+            growth, share, reason = "", "", "not used in this schedule"
+        else:
+            growth, share, reason = str(row.growth), _percent(row.growth / row.wcet), row.reason
+        lines.append((row.task, row.version, str(row.wcet), growth, share, *_found(row.searched), reason))
+    output.table((*columns, "stopped by"), lines)
+    if search:
+        output.inform("found up to: a longer search may find more, up to what is proven")
+
+
+def _found(searched: Searched | None) -> list[str]:
+    if searched is None:
+        return []
+    return [str(wcet) if wcet is not None else "any" for wcet in (searched.found, searched.bound)]
+
+
+def _percent(share: Fraction) -> str:
+    """Print a share in tenths of a percent, rounded down."""
+    tenths = int(share * 1000)
+    return f"{tenths // 10}.{tenths % 10} %"
