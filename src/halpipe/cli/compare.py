@@ -14,16 +14,18 @@ from halpipe.core.options import WITHOUT_EFFECT, Values, refuse_unused
 
 if TYPE_CHECKING:
     from halpipe.core.durations import Duration
+    from halpipe.models import TaskModel
     from halpipe.pipeline.compare import CompareOptions, Comparison
+    from halpipe.pipeline.compare.learning import LearnOptions
 
 COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst", "end: worst", "longest")
 CHAINS = ("chain", "figure", "count", "least", "median", "p99", "worst", "verified", "limit")
 
 
 def _kind() -> type:
-    from halpipe.pipeline.compare import CompareOptions
+    from halpipe.pipeline.compare.learning import LearnOptions
 
-    return CompareOptions
+    return LearnOptions
 
 
 @takes(_kind)
@@ -42,18 +44,29 @@ def compare(
     model: Annotated[
         str, typer.Option(metavar="FILE", help="Model of the schedule, for its WCETs and chains.", show_default=False)
     ] = "",
+    learn: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE",
+            help="Write what the trace shows of WCETs and periods: an overlay, or the corrected model (.xml).",
+            show_default=False,
+        ),
+    ] = "",
 ) -> int:
     """Compare what ran with the schedule: lateness, overruns, order, missing and extra jobs of every task."""
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.importers.traces import read_traces
-    from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.compare import compare as compare_line
+    from halpipe.pipeline.compare.learning import LearnOptions
 
-    chosen = CompareOptions(**options)
+    chosen = LearnOptions(**options)
+    if not learn:
+        refuse_unused(chosen, "compare without --learn", ("quantile", "margin"))
     if os.path.isdir(schedule):
-        if model:
-            help = "omit it: budgets of bytes stand in the bundle"
-            raise HalpipeError(WITHOUT_EFFECT('compare: "model" has no effect here', help=help), exit=Exit.USAGE)
+        for name, value in (("model", model), ("learn", learn)):
+            if value:
+                help = "omit it: budgets of bytes stand in the bundle"
+                raise HalpipeError(WITHOUT_EFFECT(f'compare: "{name}" has no effect here', help=help), exit=Exit.USAGE)
         return _counters(schedule, trace, chosen)
     tables = read_schedule(schedule)
     recording = read_traces(trace)
@@ -63,7 +76,27 @@ def compare(
     if output.is_text():
         _show(lines, has_model=system is not None)
     output.report(found, as_result=True)
+    if learn:
+        _learn(lines, chosen, system, trace, learn)
     return Exit.FINDINGS if any(d.is_error for d in found) else Exit.OK
+
+
+def _learn(lines: list[Comparison], options: LearnOptions, model: TaskModel | None, source: str, target: str) -> None:
+    """Write what a recording teaches: a corrected model where `target` is XML, else an overlay."""
+    from halpipe.core.files import write_output
+    from halpipe.exporters.native import format_model
+    from halpipe.pipeline.compare.learning import described, learn
+
+    learned = learn(lines, options, model)
+    if not target.endswith(".xml"):
+        write_output(target, learned.overlay(described(options, source)))
+    elif model is None:
+        help = "give the model with --model, or name a .yaml file for an overlay"
+        raise HalpipeError(
+            WITHOUT_EFFECT('compare: "learn" writes a corrected model of --model', help=help), exit=Exit.USAGE
+        )
+    else:
+        write_output(target, format_model(learned.corrected(model)))
 
 
 USAGE = ("table", "unit", "direction", "samples", "promised", "granted", "used")

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Execution, Trace
     from halpipe.pipeline.compare.chains import ChainRow
     from halpipe.pipeline.compare.expected import Played
+    from halpipe.pipeline.compare.matching import Match
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
@@ -95,7 +96,8 @@ class TaskRow:
 class Comparison:
     """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations.
 
-    `played` has the tables by cycle, `counts` the deviations by kind, `starts` the sorted lateness of all starts.
+    `played` has the tables by cycle, `counts` the deviations by kind, `starts` the sorted lateness of all starts;
+    `matches` are the executions with their jobs, `others` those of tasks that the schedule does not have.
     """
 
     name: str
@@ -106,6 +108,8 @@ class Comparison:
     played: Mapping[int, str] = field(default_factory=dict)
     counts: Mapping[Kind, int] = field(default_factory=dict)
     starts: tuple[Duration, ...] = ()
+    matches: Sequence[Match] = ()
+    others: Sequence[Execution] = ()
 
 
 def compare(
@@ -126,7 +130,7 @@ def compare(
     findings = Findings()
     prefix = f"{trace.name}, " if trace.name else ""
     judge = Judge(options.tolerance, prefix, scope)
-    executions = _known(trace, schedule, judge, findings)
+    executions, others = _known(trace, schedule, judge, findings)
     unknown_tables(executions, tables, judge)
     if executions and all(execution.cycle is not None and execution.table for execution in executions):
         names = {execution.table for execution in executions if execution.table in tables}
@@ -164,6 +168,8 @@ def compare(
         played=played,
         counts=judge.counts,
         starts=tuple(sorted(lateness(match, origin) for match in matching.matches)),
+        matches=matching.matches,
+        others=others,
     )
 
 
@@ -219,8 +225,10 @@ def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareO
     return names[0]
 
 
-def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -> list[Execution]:
-    """Return the executions of scheduled tasks, by the names of the schedule; report the others once per name.
+def _known(
+    trace: Trace, schedule: Schedule, judge: Judge, findings: Findings
+) -> tuple[list[Execution], list[Execution]]:
+    """Return the executions of scheduled tasks, by the names of the schedule, and others; report these once per name.
 
     In a trace of a whole computer, others are no deviation, and units count only where it has those of the schedule.
     """
@@ -248,7 +256,7 @@ def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -
     if unknown and trace.is_shared and found:
         message = f"{len(unknown)} programs are not in the schedule: {', '.join(sorted(unknown)[:5])}"
         findings.add(UNSCHEDULED(message, path=trace.name, help="schedule those that take the time of tasks"))
-    return found
+    return found, [] if trace.is_shared else [execution for lost in unknown.values() for execution in lost]
 
 
 def _nodes(executions: Sequence[Execution], tasks: Collection[str]) -> dict[str, str]:

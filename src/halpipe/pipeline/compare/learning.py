@@ -1,0 +1,219 @@
+"""Learning from a recording: WCETs by quantile and margin, and the periods and offsets at which tasks ran.
+
+What a recording shows is a lower bound of the truth, so a WCET is only ever raised. A period that contradicts the model
+is learned, too; one that agrees is stated in a comment.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+from statistics import median_low
+from typing import TYPE_CHECKING
+
+from halpipe.core.durations import Duration
+from halpipe.core.options import option
+from halpipe.core.quantities import format_rational, parse_share
+from halpipe.core.records import record
+from halpipe.pipeline.compare import CompareOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from halpipe.models import TaskModel
+    from halpipe.models.trace import Execution
+    from halpipe.pipeline.compare import Comparison
+
+_MICROSECOND = 1000
+_LEAST_STARTS = 4
+_FEW = 30
+"""Jobs below which a comment warns."""
+
+
+@record(kw_only=True)
+class LearnOptions(CompareOptions):
+    """`quantile` of the run times, and the `margin` that is added to it, as shares."""
+
+    quantile: Fraction = option(
+        Fraction(1), "With --learn: the share of the jobs that a learned WCET covers.", parse_share, metavar="SHARE"
+    )
+    margin: Fraction = option(
+        Fraction(1, 5), "With --learn: the share that is added to it.", parse_share, metavar="SHARE"
+    )
+
+
+@record(kw_only=True)
+class LearnedVersion:
+    """Run times of a version: `wcet` is what is learned, `stated` that of the model, `raises` whether it is more."""
+
+    task: str
+    version: str
+    jobs: int
+    longest: Duration
+    wcet: Duration
+    stated: Duration | None
+
+    @property
+    def raises(self) -> bool:
+        """Whether the model states less, or nothing."""
+        return self.stated is None or self.wcet > self.stated
+
+
+@record(kw_only=True)
+class LearnedPeriod:
+    """Starts of a task: `jitter` is how far they vary, `stated` the period of the model."""
+
+    task: str
+    period: Duration
+    offset: Duration
+    jitter: Duration
+    stated: Duration | None
+    is_known: bool
+
+    @property
+    def differs(self) -> bool:
+        """Whether the model states another period."""
+        return self.is_known and self.stated is not None and self.stated != self.period
+
+
+@record(kw_only=True)
+class Learned:
+    """Everything that recordings teach of the tasks of a schedule, and of others that ran."""
+
+    versions: tuple[LearnedVersion, ...]
+    periods: tuple[LearnedPeriod, ...]
+
+    def corrected(self, model: TaskModel) -> TaskModel:
+        """Return a model with the WCETs and periods that are learned."""
+        wcets = {(each.task, each.version): each.wcet for each in self.versions if each.raises}
+        periods = {each.task: each for each in self.periods if each.differs}
+        tasks = []
+        for task in model.tasks:
+            versions = tuple(replace(v, wcet=wcets.get((task.name, v.name), v.wcet)) for v in task.versions)
+            found = periods.get(task.name)
+            task = replace(task, versions=versions)
+            tasks.append(task if found is None else replace(task, period=found.period, offset=found.offset))
+        return replace(model, tasks=tuple(tasks))
+
+    def overlay(self, source: str) -> str:
+        """Return an overlay with what is learned; the rest stands in comments."""
+        lines = ["halpipe-overlay: 1", f"# Learned from {' '.join(source.split())}.", "tasks:"]
+        versions, periods = defaultdict(list), {each.task: each for each in self.periods}
+        for each in self.versions:
+            versions[each.task].append(each)
+        known = [name for name in {**versions, **periods} if name in versions or periods[name].is_known]
+        for name in sorted(known):
+            lines += _entry(name, versions[name], periods.get(name))
+        if not any(not line.lstrip().startswith("#") for line in lines[3:]):
+            lines[2] = "tasks: {}"
+        others = sorted((seen for seen in self.periods if not seen.is_known), key=lambda seen: seen.task)
+        if others:
+            lines.append("# Not in the schedule; uncomment the tasks that the source leaves without a period:")
+        lines += [f"#  {json.dumps(o.task)}: {{period: {o.period}, offset: {o.offset}}}" for o in others]
+        return "\n".join(lines) + "\n"
+
+
+def _entry(name: str, versions: Sequence[LearnedVersion], period: LearnedPeriod | None) -> list[str]:
+    inner = []
+    if period is not None:
+        vary = f"starts vary by {period.jitter}"
+        if period.differs:
+            inner += [f"    period: {period.period}  # {vary}; the model states {period.stated}"]
+            inner += [f"    offset: {period.offset}"]
+        else:
+            inner.append(f"    # runs every {period.period}, from {period.offset} on; {vary}")
+    raised = [each for each in versions if each.raises]
+    if raised:
+        inner.append("    versions:")
+    for each in versions:
+        stated = "no WCET" if each.stated is None else str(each.stated)
+        few = "; few jobs" if each.jobs < _FEW else ""
+        mark = "" if each.raises else "# "
+        note = f"{each.jobs} jobs, longest {each.longest}; the model states {stated}{few}"
+        inner.append(f"      {mark}{json.dumps(each.version)}: {{wcet: {each.wcet}}}  # {note}")
+    states = any(not line.lstrip().startswith("#") for line in inner)
+    return [f"  {'' if states else '# '}{json.dumps(name)}:", *inner]
+
+
+def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskModel | None = None) -> Learned:
+    """Return what the recordings of some comparisons teach, beside what `model` states."""
+    busy: dict[tuple[str, str], list[Duration]] = defaultdict(list)
+    stated = {(t.name, v.name): v.wcet for t in model.tasks for v in t.versions} if model else {}
+    periods: dict[str, LearnedPeriod] = {}
+    for comparison in comparisons:
+        starts: dict[str, list[Duration]] = defaultdict(list)
+        known = {row.task for row in comparison.rows}
+        for match in comparison.matches:
+            starts[match.job.task].append(match.execution.start)
+            if (time := _busy(match.execution)) is not None:
+                busy[match.job.task, match.job.version].append(time)
+        for execution in comparison.others:
+            starts[execution.task].append(execution.start)
+        for task, found in starts.items():
+            cycle = None if model is None or task not in known else model.task(task).period
+            if (seen := _period(task, found, comparison.origin, cycle, task in known)) is not None:
+                periods[task] = seen
+    versions = []
+    for (task, version), times in sorted(busy.items()):
+        times.sort(key=lambda time: time.ns)
+        covered = times[max(0, -int(-len(times) * options.quantile // 1) - 1)]
+        wcet = Duration(-(-covered.fraction * (1 + options.margin) // _MICROSECOND) * _MICROSECOND)
+        versions.append(
+            LearnedVersion(
+                task=task,
+                version=version,
+                jobs=len(times),
+                longest=times[-1],
+                wcet=wcet,
+                stated=stated.get((task, version)),
+            )
+        )
+    return Learned(versions=tuple(versions), periods=tuple(periods.values()))
+
+
+def _busy(execution: Execution) -> Duration | None:
+    if execution.end is None:
+        return None
+    return execution.end - execution.start if execution.busy is None else execution.busy
+
+
+def _period(
+    task: str, starts: list[Duration], origin: Duration, stated: Duration | None, is_known: bool
+) -> LearnedPeriod | None:
+    """Return the roundest period that all starts keep within a quarter of it; None where there is none.
+
+    A job in ten may be missing. The period of the model is preferred, since starts may vary within it.
+    """
+    if len(starts) < _LEAST_STARTS:
+        return None
+    at = sorted(start.fraction for start in starts)
+    typical = median_low([later - earlier for earlier, later in pairwise(at)])
+    candidates = [] if stated is None else [stated.fraction]
+    candidates += [Fraction(round(typical / 10**digits) * 10**digits) for digits in range(10, -1, -1)]
+    for period in candidates:
+        if period <= 0:
+            continue
+        counts = [round((start - at[0]) / period) for start in at]
+        spare = [start - at[0] - count * period for start, count in zip(at, counts, strict=True)]
+        regular = len({*counts}) == len(counts) and counts[-1] + 1 <= len(counts) + len(counts) / 10
+        if regular and max(spare) - min(spare) <= period / 4:
+            offset = (at[0] + min(spare) - origin.fraction) % period
+            jitter = Duration(max(spare) - min(spare))
+            return LearnedPeriod(
+                task=task,
+                period=Duration(period),
+                offset=Duration(offset),
+                jitter=jitter,
+                stated=stated,
+                is_known=is_known,
+            )
+    return None
+
+
+def described(options: LearnOptions, source: str) -> str:
+    """Return the source of an overlay with the rule by which it was learned."""
+    share = "the longest job" if options.quantile == 1 else f"{format_rational(options.quantile * 100)} % of the jobs"
+    return f"{source}; a WCET covers {share} and {format_rational(options.margin * 100)} % more"

@@ -1,0 +1,130 @@
+"""Learning from recordings: what is learned is stated, and what is learned is read back by an import."""
+
+from fractions import Fraction
+
+import pytest
+
+from halpipe.core.durations import ZERO, Duration
+from halpipe.importers.overlay import read_overlays
+from halpipe.models import Job, ModeSchedule, Schedule, Status
+from halpipe.models.trace import Execution, Trace
+from halpipe.pipeline.compare import compare
+from halpipe.pipeline.compare.learning import LearnOptions, learn
+from support import model, ms, task, version
+
+SYSTEM = model(task("a", "10ms", version("v", "2ms", "c1")), task("b", "20ms", version("v", None, "c1")))
+
+
+def job(name, index, start, end):
+    return Job(task=name, index=index, start=ms(start), end=ms(end), version="v", units=("c1",))
+
+
+JOBS = (job("a", 0, 0, 2), job("a", 1, 10, 12), job("b", 0, 5, 8))
+TABLE = ModeSchedule(name="run", hyperperiod=ms(20), status=Status.VALID, jobs=JOBS)
+PLAN = Schedule(model=SYSTEM.name, model_sha256="", modes=(TABLE,))
+
+
+def run(*lengths, others=(), late=0):
+    """A recording in which the jobs of "a" take the given times in turn, those of "b" 3 ms."""
+    seen = []
+    for cycle in range(-(-len(lengths) // 2)):
+        for number, length in enumerate(lengths[2 * cycle : 2 * cycle + 2]):
+            at = ms(20 * cycle + 10 * number) + Duration(late * (cycle % 2))
+            seen.append(Execution(task="a", start=at, end=at + ms(length)))
+        seen.append(Execution(task="b", start=ms(20 * cycle + 5), end=ms(20 * cycle + 8)))
+    seen += [Execution(task=name, start=ms(at), end=ms(at) + ms(1)) for name, at in others]
+    return tuple(sorted(seen, key=lambda execution: execution.start.ns))
+
+
+def learned(seen, system=SYSTEM, **options):
+    chosen = LearnOptions(origin=ZERO, mode="run", **options)
+    found = compare(PLAN, Trace(name="", executions=seen), chosen, None)
+    return learn([found], chosen, system)
+
+
+def wcets(found):
+    return {each.task: (each.wcet, each.raises) for each in found.versions}
+
+
+@pytest.mark.parametrize(
+    ("quantile", "margin", "wcet"),
+    [
+        (1, 0, 4),
+        (1, Fraction(1, 4), 5),
+        (Fraction(3, 4), 0, 3),
+        (Fraction(1, 2), 0, 2),
+        (Fraction(1, 2) + Fraction(1, 1000), 0, 3),
+        (0, 0, 1),
+    ],
+)
+def test_a_wcet_is_a_quantile_and_a_margin(quantile, margin, wcet):
+    found = learned(run(1, 2, 3, 4), quantile=Fraction(quantile), margin=Fraction(margin))
+    assert wcets(found)["a"][0] == ms(wcet)
+
+
+def test_wcets_are_rounded_up_to_microseconds_and_never_lowered():
+    seen = [Execution(task="a", start=ZERO, end=Duration(1_000_001))]
+    found = learned(tuple(seen), margin=Fraction(0))
+    assert wcets(found)["a"] == (Duration(1_001_000), False)
+    assert found.corrected(SYSTEM) == SYSTEM
+    assert '# "v": {wcet: 1.001ms}  # 1 jobs, longest 1.000001ms; the model states 2ms; few jobs' in found.overlay("t")
+
+
+def test_what_is_more_or_not_stated_is_raised():
+    found = learned(run(3, 3, 3, 3), margin=Fraction(0))
+    assert wcets(found) == {"a": (ms(3), True), "b": (ms(3), True)}
+    fixed = found.corrected(SYSTEM)
+    assert [t.versions[0].wcet for t in fixed.tasks] == [ms(3), ms(3)]
+
+
+def test_a_job_without_an_end_teaches_no_time():
+    seen = [Execution(task="a", start=ms(10 * number), end=None) for number in range(5)]
+    found = learned(tuple(seen))
+    assert found.versions == ()
+
+
+def test_the_time_in_which_a_job_ran_counts_not_its_preemptions():
+    seen = [Execution(task="a", start=ZERO, end=ms(9), busy=ms(3))]
+    assert wcets(learned(tuple(seen), margin=Fraction(0)))["a"][0] == ms(3)
+
+
+def test_periods_that_the_recording_confirms_are_comments():
+    found = learned(run(2, 2, 2, 2, 2, 2, late=100_000))
+    (a,) = (each for each in found.periods if each.task == "a")
+    assert (a.period, a.offset, a.jitter, a.differs) == (ms(10), ZERO, Duration(100_000), False)
+    assert "# runs every 10ms, from 0ms on; starts vary by 100us" in found.overlay("t")
+
+
+def test_a_period_that_contradicts_the_model_is_learned():
+    seen = tuple(Execution(task="a", start=ms(20 * number), end=ms(20 * number + 1)) for number in range(10))
+    found = learned(seen)
+    (a,) = found.periods
+    assert (a.period, a.offset, a.differs) == (ms(20), ZERO, True)
+    assert found.corrected(SYSTEM).task("a").period == ms(20)
+    assert "period: 20ms  # starts vary by 0ms; the model states 10ms" in found.overlay("t")
+
+
+def test_starts_without_a_pattern_have_no_period():
+    seen = tuple(Execution(task="z", start=ms(at), end=ms(at + 1)) for at in (0, 3, 19, 22, 60, 61, 95))
+    assert learned(seen).periods == ()
+
+
+def test_a_task_of_no_schedule_is_a_comment_with_its_period():
+    found = learned(run(2, 2, 2, 2, others=[("new", 7 + 50 * number) for number in range(5)]))
+    text = found.overlay("t")
+    assert '#  "new": {period: 50ms, offset: 7ms}' in text
+    assert '\n  "new"' not in text
+
+
+def test_the_overlay_is_one(tmp_path):
+    (tmp_path / "o.yaml").write_text(learned(run(3, 4, 3, 4)).overlay("a: recording\nof two lines"))
+    entries = {entry.pattern: entry for entry in read_overlays([str(tmp_path / "o.yaml")]).tasks}
+    assert {name: entry.versions["v"].value.stated["wcet"].value for name, entry in entries.items()} == {
+        "a": Duration.parse("4.8ms"),
+        "b": Duration.parse("3.6ms"),
+    }
+
+
+def test_an_overlay_without_entries_is_one_too(tmp_path):
+    (tmp_path / "o.yaml").write_text(learned((Execution(task="a", start=ZERO, end=ms(1)),)).overlay("t"))
+    assert read_overlays([str(tmp_path / "o.yaml")]).tasks == ()
