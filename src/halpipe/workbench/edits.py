@@ -24,8 +24,8 @@ BAD_EDIT = error(
 TASK_FIELDS = ("period", "offset", "deadline", "slack", "binding")
 VERSION_FIELDS = ("wcet", "units")
 WINDOW_FIELDS = ("min", "max")
-CHAIN_FIELDS = ("max_reaction", "max_age")
-OPTIONAL = ("offset", "deadline", "max_reaction", "max_age")
+CHAIN_FIELDS = ("max_latency", "max_reaction", "max_age")
+OPTIONAL = ("offset", "deadline", *CHAIN_FIELDS)
 """Attributes that an empty text removes."""
 
 

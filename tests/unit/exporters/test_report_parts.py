@@ -15,12 +15,15 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.exporters.report.account import build_account
-from halpipe.exporters.report.chains import worst_age, worst_reaction
+from halpipe.exporters.report.chains import path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.common.coverage import format_account
-from halpipe.models import Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
+from halpipe.models import Anchor, Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure import latency
+from halpipe.pipeline.measure.placement import Placement
+from profiles import examples
 from stated_options import stated
 from support import model, ms, task, version
 
@@ -101,7 +104,8 @@ def placed(job):
 @given(circles(), st.sampled_from(["abc", "ab", "ca", "a", "cba"]))
 def test_the_ways_are_as_long_as_the_latencies(table, names):
     chain = Chain(name="c", tasks=tuple(names))
-    reaction, age = worst_reaction(chain, table), worst_age(chain, table)
+    system = model(*(task(name, 10, version("v", 1)) for name in "abc"))
+    reaction, age = worst_reaction(system, chain, table), worst_age(system, chain, table)
     members = [[placed(j) for j in table.jobs if j.task == name] for name in names]
     hyperperiod = table.hyperperiod.ns
     assert (reaction[-1].end - reaction[0].start).ns == latency.worst_reaction(members, hyperperiod)
@@ -114,7 +118,46 @@ def test_the_ways_are_as_long_as_the_latencies(table, names):
 def test_a_chain_through_a_task_without_jobs_has_no_way():
     table = ModeSchedule(name="all", hyperperiod=ms(10), status=Status.VALID, jobs=())
     chain = Chain(name="c", tasks=("a",))
-    assert worst_reaction(chain, table) == worst_age(chain, table) == []
+    system = model(task("a", 10, version("v", 1)))
+    assert worst_reaction(system, chain, table) == worst_age(system, chain, table) == []
+
+
+@examples(60)
+@given(st.randoms(use_true_random=False))
+def test_ways_of_logical_execution_times_and_events_are_as_long_as_the_figures(rng):
+    """Two tasks with a LET and two without, whose jobs lie anywhere; figures may count from and to other events."""
+    tasks, jobs = [], []
+    for number, name in enumerate("abcd"):
+        period, let = rng.choice((5, 10)), rng.randint(2, 5)
+        owner = task(name, period, version("v", 2, f"u{number}"), offset=rng.randrange(period), slack=1)
+        tasks.append(replace(owner, let=ms(let)) if number < 2 else owner)
+        for index in range(20 // period):
+            release = owner.offset.ns // 10**6 + index * period
+            late = rng.randint(0, (let if number < 2 else period) - 2)
+            jobs.append(
+                Job(
+                    task=name,
+                    index=index,
+                    version="v",
+                    units=(f"u{number}",),
+                    start=ms((release + late) % 20),
+                    end=ms((release + late) % 20 + 2),
+                )
+            )
+    tasks.append(task("e", 20, version("v", 1, "u0")))  # the hyperperiod
+    jobs.append(Job(task="e", index=0, version="v", units=("u0",), start=ms(0), end=ms(1)))
+    names = rng.sample("abcd", rng.randint(1, 4))
+    anchor = rng.choice((None, None, Anchor.RELEASE, Anchor.START))
+    to = rng.choice((None, None, Anchor.START, Anchor.END)) if len(names) > 1 else None
+    drawn = Chain(name="c", tasks=tuple(names), anchor=anchor, to=to)
+    system = model(*tasks, units="u0 u1 u2 u3", chains=[drawn])
+    table = ModeSchedule(name="all", hyperperiod=ms(20), status=Status.VALID, jobs=tuple(jobs))
+    placement = Placement.of(expand(system, system.modes[0]), table.jobs, system.units)
+    (found,) = latency.chain_latencies(placement, [drawn], complete=True)
+    ways = [worst(system, drawn, table) for worst in (worst_latency, worst_reaction, worst_age)]
+    assert [way[-1].finish - way[0].begin for way in ways] == [found.latency, found.reaction, found.age]
+    for way in ways:
+        assert path_chart(system, "id", "title", way, ms(9), missed=way is ways[1]).bars
 
 
 # ------------------------------------------------------------------------------------------------ account

@@ -7,6 +7,7 @@ schedule states and verify has checked.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
@@ -15,12 +16,13 @@ from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report.axis import Tick, ticks
 from halpipe.exporters.report.numbers import decimal, position
+from halpipe.models import Anchor
 
 if TYPE_CHECKING:
-    from fractions import Fraction
+    from collections.abc import Iterable
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Chain, ChainLatency, Job, ModeSchedule, TaskModel
+    from halpipe.models import Chain, ChainLatency, Job, ModeSchedule, Task, TaskModel
 
 ROW_HEIGHT = 24
 AXIS_HEIGHT = 26
@@ -28,11 +30,20 @@ AXIS_HEIGHT = 26
 
 @record
 class Hop:
-    """A job on the way: of which task, from when to when on the line of the mode."""
+    """A job on the way, on the line of the mode: its run, its reading and writing, and its events (MODEL 10.7)."""
 
     task: str
     start: Duration
     end: Duration
+    read: Duration
+    write: Duration
+    begin: Duration
+    finish: Duration
+
+    def later(self, by: Duration) -> Hop:
+        """Return the same job some cycles later."""
+        times = (self.start, self.end, self.read, self.write, self.begin, self.finish)
+        return Hop(self.task, *(time + by for time in times))
 
 
 @record
@@ -46,6 +57,8 @@ class HopBar:
     width: str
     wait_x: str
     wait_width: str
+    let_x: str
+    let_width: str
     title: str
 
 
@@ -64,111 +77,134 @@ class PathChart:
 class _Ring:
     """The jobs of one task on the circle of the hyperperiod; numbers count them along the line, from 0 on."""
 
-    def __init__(self, jobs: list[Job], hyperperiod: Duration) -> None:
+    def __init__(self, hops: list[Hop], hyperperiod: Duration) -> None:
         self.hyperperiod = hyperperiod
-        self.jobs = sorted(jobs, key=lambda job: job.start.ns)
-        self.starts = [job.start.ns for job in self.jobs]
-        self.ends = sorted(((job.end % hyperperiod).ns, place) for place, job in enumerate(self.jobs))
+        self.hops = sorted(hops, key=lambda hop: hop.read.ns)
+        self.reads = [hop.read.ns for hop in self.hops]
+        # of jobs that write together, the one that read later is the newer
+        order = sorted(((hop.write % hyperperiod).ns, hop.read.ns - hop.write.ns, n) for n, hop in enumerate(self.hops))
+        self.writes = [(instant, number) for instant, _, number in order]
 
     def hop(self, number: int) -> Hop:
-        cycle, place = divmod(number, len(self.jobs))
-        job, shift = self.jobs[place], self.hyperperiod * cycle
-        return Hop(job.task, job.start + shift, job.end + shift)
+        cycle, place = divmod(number, len(self.hops))
+        return self.hops[place].later(self.hyperperiod * cycle)
 
     def next(self, at: Duration) -> Hop:
-        """Return the first job that starts at `at` or after."""
+        """Return the first job that reads at `at` or after."""
         cycle, phase = at // self.hyperperiod, at % self.hyperperiod
-        return self.hop(cycle * len(self.jobs) + bisect_left(self.starts, phase.ns))
+        return self.hop(cycle * len(self.hops) + bisect_left(self.reads, phase.ns))
 
     def latest(self, at: Duration) -> Hop:
-        """Return the latest job that ended at `at` or before."""
-        phase = at % self.hyperperiod
-        rank = bisect_right(self.ends, (phase.ns, len(self.jobs))) - 1
-        place = self.ends[rank % len(self.ends)][1]
-        cycle = at // self.hyperperiod + rank // len(self.ends) - self.jobs[place].end // self.hyperperiod
-        return self.hop(cycle * len(self.jobs) + place)
+        """Return the latest job that wrote at `at` or before."""
+        rank = bisect_right(self.writes, ((at % self.hyperperiod).ns, len(self.hops))) - 1
+        place = self.writes[rank % len(self.writes)][1]
+        cycle = at // self.hyperperiod + rank // len(self.writes) - self.hops[place].write // self.hyperperiod
+        return self.hop(cycle * len(self.hops) + place)
 
 
-def worst_reaction(chain: Chain, table: ModeSchedule) -> list[Hop]:
+def worst_reaction(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[Hop]:
     """Return the way of the stimulus that waits longest: it just misses the first hop, whose job is shown, too.
 
-    Empty where some task of the chain has no job in the mode.
+    Empty where some task of the chain has no job in the mode, or a release that the model does not state.
     """
-    rings = _rings(chain, table)
-    ways = []
-    for number in range(len(rings[0].jobs) if rings else 0):
-        way = [rings[0].hop(number), rings[0].hop(number + 1)]
-        for ring in rings[1:]:
-            way.append(ring.next(way[-1].end))
-        ways.append(way)
-    return max(ways, key=_length, default=[])
+    rings = _rings(model, chain, table)
+    firsts = range(len(rings[0].hops) if rings else 0)
+    return _worst(_forward([rings[0].hop(n), rings[0].hop(n + 1)], rings[1:]) for n in firsts)
 
 
-def worst_latency(chain: Chain, table: ModeSchedule) -> list[Hop]:
+def worst_latency(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[Hop]:
     """Return the way of the data of a job of the first task that takes longest to the last; empty as above."""
-    rings = _rings(chain, table)
-    ways = []
-    for number in range(len(rings[0].jobs) if rings else 0):
-        way = [rings[0].hop(number)]
-        for ring in rings[1:]:
-            way.append(ring.next(way[-1].end))
-        ways.append(way)
-    return max(ways, key=_length, default=[])
+    rings = _rings(model, chain, table)
+    return _worst(_forward([rings[0].hop(n)], rings[1:]) for n in range(len(rings[0].hops) if rings else 0))
 
 
-def latency_of(chain: Chain, table: ModeSchedule, stated: ChainLatency) -> Duration | None:
+def latency_of(model: TaskModel, chain: Chain, table: ModeSchedule, stated: ChainLatency) -> Duration | None:
     """Return the worst latency: as the schedule states it where the model refers to it, else by the jobs."""
     if stated.latency is not None or stated.reaction is None:
         return stated.latency
-    way = worst_latency(chain, table)
-    return way[-1].end - way[0].start if way else None
+    way = worst_latency(model, chain, table)
+    return way[-1].finish - way[0].begin if way else None
 
 
-def worst_age(chain: Chain, table: ModeSchedule) -> list[Hop]:
-    """Return the way of the data that is oldest when the last job ends; empty where some task has no job."""
-    rings = _rings(chain, table)
+def worst_age(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[Hop]:
+    """Return the way of the data that is oldest when the last job ends; empty as above."""
+    rings = _rings(model, chain, table)
     ways = []
-    for number in range(len(rings[-1].jobs) if rings else 0):
+    for number in range(len(rings[-1].hops) if rings else 0):
         way = [rings[-1].hop(number)]
         for ring in reversed(rings[:-1]):
-            way.append(ring.latest(way[-1].start))
+            way.append(ring.latest(way[-1].read))
         ways.append(way[::-1])
-    return max(ways, key=_length, default=[])
+    return _worst(ways)
 
 
-def _rings(chain: Chain, table: ModeSchedule) -> list[_Ring]:
-    found = [[job for job in table.jobs if job.task == name] for name in chain.tasks]
-    return [_Ring(jobs, table.hyperperiod) for jobs in found] if all(found) else []
+def _forward(way: list[Hop], rings: list[_Ring]) -> list[Hop]:
+    for ring in rings:
+        way.append(ring.next(way[-1].write))
+    return way
 
 
-def _length(way: list[Hop]) -> int | Fraction:
-    return (way[-1].end - way[0].start).ns
+def _worst(ways: Iterable[list[Hop]]) -> list[Hop]:
+    return max(ways, key=lambda way: way[-1].finish.ns - way[0].begin.ns, default=[])
+
+
+def _rings(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[_Ring]:
+    tasks = {task.name: task for task in model.tasks}
+    found = []
+    for name in chain.tasks:
+        hops = [_hop(chain, tasks[name], job, table.hyperperiod) for job in table.jobs if job.task == name]
+        known = [hop for hop in hops if hop is not None]
+        if not known or len(known) < len(hops):
+            return []
+        found.append(_Ring(known, table.hyperperiod))
+    return found
+
+
+def _hop(chain: Chain, task: Task, job: Job, hyperperiod: Duration) -> Hop | None:
+    """Return the passage of data through a job; None where it counts from a release that the model does not state."""
+    start, release = job.start, None
+    if task.let is not None or (chain.anchor is Anchor.RELEASE and task.name == chain.tasks[0]):
+        if task.period is None or task.offset is None:
+            return None
+        release = task.offset % task.period + task.period * job.index
+        start = job.start if job.start >= release else job.start + hyperperiod  # over the edge
+    end = start + (job.end - job.start)
+    read, write = start, end
+    if task.let is not None and release is not None:
+        read, write = release, release + task.let
+    instants = {None: read, Anchor.START: start, Anchor.END: end, Anchor.RELEASE: start if release is None else release}
+    finish = {None: write, Anchor.START: start, Anchor.END: end}
+    return Hop(task.name, start, end, read, write, instants[chain.anchor], finish[chain.to])
 
 
 def path_chart(
     model: TaskModel, id: str, title: str, way: list[Hop], limit: Duration | None, *, missed: bool
 ) -> PathChart:
-    """Return the picture of a way, from its beginning; with `missed`, its first job is the one that came too early."""
-    zero, last = way[0].start, way[-1].end
-    length = max(last - zero, limit or ZERO)
-    window = Window(ZERO, length)
+    """Return the picture of a way, from its begin; with `missed`, its first job is the one that came too early."""
+    begin, finish, shown = way[0].begin, way[-1].finish, way[1:] if missed else way
+    zero = min((begin, *(time for hop in shown for time in (hop.read, hop.start))), key=lambda time: time.ns)
+    ends = [finish, *(time for hop in shown for time in (hop.write, hop.end)), *([begin + limit] if limit else [])]
+    window = Window(ZERO, max(ends, key=lambda time: time.ns) - zero)
     tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
-    ready, bars = ZERO, []
-    for number, hop in enumerate(way[1:] if missed else way):
-        start, end = hop.start - zero, hop.end - zero
-        bars.append(_bar(hop.task, start, end, ready, window, tones[hop.task], AXIS_HEIGHT + ROW_HEIGHT * number))
-        ready = end
+    ready, bars = begin, []
+    for number, hop in enumerate(shown):
+        bars.append(_bar(hop, ready, zero, window, tones[hop.task], AXIS_HEIGHT + ROW_HEIGHT * number))
+        ready = hop.write
     height = AXIS_HEIGHT + ROW_HEIGHT * len(bars) + 4
-    shown = "" if limit is None else decimal(_place(limit, window), 4)
-    return PathChart(id, title, tuple(bars), tuple(ticks(window, fine=False)), height, shown)
+    mark = "" if limit is None else decimal(_place(begin + limit - zero, window), 4)
+    return PathChart(id, title, tuple(bars), tuple(ticks(window, fine=False)), height, mark)
 
 
-def _bar(task: str, start: Duration, end: Duration, ready: Duration, window: Window, colour: int, y: int) -> HopBar:
-    low, high, wait = (_place(at, window) for at in (start, end, ready))
-    title = f"{task}: waits {start - ready}, starts at {start}, runs {end - start}"
-    return HopBar(
-        task, colour, y, decimal(low, 4), decimal(high - low, 4), decimal(wait, 4), decimal(low - wait, 4), title
-    )
+def _bar(hop: Hop, ready: Duration, zero: Duration, window: Window, colour: int, y: int) -> HopBar:
+    begin = min(ready, hop.read)
+    instants = (hop.start, hop.end, begin, hop.read, hop.write)
+    low, high, wait, read, write = (_place(at - zero, window) for at in instants)
+    title = f"{hop.task}: waits {hop.read - begin}, starts at {hop.start - zero}, runs {hop.end - hop.start}"
+    let = (hop.read, hop.write) != (hop.start, hop.end)
+    title += f", reads at {hop.read - zero} and writes at {hop.write - zero}" if let else ""
+    places = (low, high - low, wait, read - wait, read, write - read if let else Fraction(0))
+    x, width, wait_x, wait_width, let_x, let_width = (decimal(place, 4) for place in places)
+    return HopBar(hop.task, colour, y, x, width, wait_x, wait_width, let_x, let_width, title)
 
 
 def _place(at: Duration, window: Window) -> Fraction:

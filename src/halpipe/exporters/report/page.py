@@ -15,7 +15,7 @@ from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
 from halpipe.exporters.common.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.exporters.regulator.picture import draw_bounds
 from halpipe.exporters.report.account import build_account
-from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_reaction
+from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.chart import (
     BASE_WIDTH,
     GRID,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.exporters.common.timeline import Link
     from halpipe.exporters.report import ReportOptions
-    from halpipe.exporters.report.chains import PathChart
+    from halpipe.exporters.report.chains import Hop, PathChart
     from halpipe.models import (
         Chain,
         ChainLatency,
@@ -355,22 +355,24 @@ def _chains(model: TaskModel, table: ModeSchedule, id: str) -> tuple[ChainRow, .
 
 def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLatency, id: str) -> ChainRow:
     gauges = (
-        _latency("latency", latency_of(chain, table, found), chain.max_latency),
+        _latency("latency", latency_of(model, chain, table, found), chain.max_latency),
         _latency("reaction time", found.reaction, chain.max_reaction),
         _latency("data age", found.age, chain.max_age),
     )
     ways: list[PathChart] = []
-    tasks = {task.name: task for task in model.tasks}
-    if chain.anchor or chain.to or any(tasks[name].let is not None for name in chain.tasks):
-        return ChainRow(chain.name, " → ".join(chain.tasks), gauges, ())  # paths are drawn from starts to ends
-    if reaction := worst_reaction(chain, table):
-        length = reaction[-1].end - reaction[0].start
-        title = f"A stimulus that comes just too late for one job of {chain.tasks[0]}: answered {length} later"
-        ways.append(path_chart(model, f"{id}-reaction", title, reaction, chain.max_reaction, missed=True))
-    if age := worst_age(chain, table):
-        length = age[-1].end - age[0].start
-        title = f"The oldest data behind a result of {chain.tasks[-1]}: {length} old"
-        ways.append(path_chart(model, f"{id}-age", title, age, chain.max_age, missed=False))
+
+    def draw(kind: str, title: str, way: list[Hop], limit: Duration | None) -> None:
+        if way:
+            text = title.format(way[-1].finish - way[0].begin)
+            ways.append(path_chart(model, f"{id}-{kind}", text, way, limit, missed=kind == "reaction"))
+
+    if found.latency is not None:  # the model refers to it
+        title = f"The data of {chain.tasks[0]} that take longest to {chain.tasks[-1]}: {{}}"
+        draw("latency", title, worst_latency(model, chain, table), chain.max_latency)
+    title = f"A stimulus that comes just too late for one job of {chain.tasks[0]}: answered {{}} later"
+    draw("reaction", title, worst_reaction(model, chain, table), chain.max_reaction)
+    title = f"The oldest data behind a result of {chain.tasks[-1]}: {{}} old"
+    draw("age", title, worst_age(model, chain, table), chain.max_age)
     return ChainRow(chain.name, " → ".join(chain.tasks), gauges, tuple(ways))
 
 

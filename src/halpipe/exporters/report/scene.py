@@ -33,7 +33,7 @@ def scene(model: TaskModel, schedule: Schedule | None, *, is_valid: bool = True,
         "model": model.name,
         "units": [unit.name for unit in model.units],
         "tasks": [_task(task, tone(number), modes, drawn) for number, task in enumerate(model.tasks)],
-        "chains": [_chain(chain, order, schedule) for chain in model.chains],
+        "chains": [_chain(model, chain, order, schedule) for chain in model.chains],
         "modes": [_mode(model, mode, order, is_valid=is_valid) for mode in schedule.modes] if schedule else [],
         "switches": _switches(schedule) if schedule else [],
     }
@@ -55,6 +55,7 @@ def _facts(task: Task, colour: int, modes: Sequence[tuple[Sequence[Job], Duratio
         "offset": _text(task.offset),
         "deadline": _text(task.deadline),
         "slack": str(task.slack),
+        "let": _let(task),
         "binding": str(task.binding),
         "versions": [
             {
@@ -70,6 +71,13 @@ def _facts(task: Task, colour: int, modes: Sequence[tuple[Sequence[Job], Duratio
         ],
         "figures": [figures(task, jobs, length) for jobs, length in modes],
     }
+
+
+def _let(task: Task) -> list[float]:
+    """Return phase, period and logical execution time of a task, in milliseconds; nothing for one without."""
+    if task.let is None or task.period is None or task.offset is None:
+        return []
+    return [_ms(task.offset % task.period), _ms(task.period), _ms(task.let)]
 
 
 def jobs_by_task(mode: ModeSchedule) -> dict[str, list[Job]]:
@@ -115,7 +123,7 @@ def _response_to_arrivals(jobs: Sequence[Job], length: Duration) -> Duration:
     return max(job.end - start for job, start in zip(ordered, before, strict=True))
 
 
-def _chain(chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Plain:
+def _chain(model: TaskModel, chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Plain:
     found = [(mode, row) for mode in (schedule.modes if schedule else ()) for row in mode.chains]
     return {
         "name": chain.name,
@@ -128,7 +136,7 @@ def _chain(chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Pl
                 "mode": mode.name,
                 "reaction": _text(row.reaction),
                 "age": _text(row.age),
-                "latency": _text(latency_of(chain, mode, row)),
+                "latency": _text(latency_of(model, chain, mode, row)),
             }
             for mode, row in found
             if row.name == chain.name

@@ -221,7 +221,8 @@ function compare(key, a, b) {
 function chainTable() {
   const rows = state.chains.flatMap(chain => {
     const found = latencies(chain);
-    return kept(`chain ${chain.name}`, [], [chain.max_reaction, chain.max_age, found.reaction, found.age], chain, chainRows);
+    const limits = [chain.max_latency, chain.max_reaction, chain.max_age];
+    return kept(`chain ${chain.name}`, [], [...limits, found.latency, found.reaction, found.age], chain, chainRows);
   });
   fill($("chains").tBodies[0], rows);
   $("chains").hidden = !rows.length;
@@ -232,7 +233,7 @@ function latencies(chain) { return chain.latencies.find(each => viewer.mode && e
 function chainRows(chain, fields, texts) {
   const row = element("tr"), {name} = chain;
   cell(row, name);
-  for (const [limit, key] of [["max_reaction", "reaction"], ["max_age", "age"]]) {
+  for (const [limit, key] of [["max_latency", "latency"], ["max_reaction", "reaction"], ["max_age", "age"]]) {
     const input = field({kind: "chain", name, field: limit});
     cell(row, input); fields.set(input, now => now[limit]);
     texts.push([cell(row), now => latencies(now)[key]]);

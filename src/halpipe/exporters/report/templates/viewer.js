@@ -206,14 +206,20 @@ class Viewer {
     pen.setLineDash([]);
   }
 
+  // When a job reads and writes: at its start and end, or at its release and a logical execution time after it.
+  data(job) {
+    const [phase, period, length] = this.scene.tasks[job.task].let, release = phase + period * job.index;
+    return length ? {lanes: job.lanes, read: release, write: release + length} : {lanes: job.lanes, read: job.start, write: job.end};
+  }
+
   paintChain(pen, tone) {
     pen.strokeStyle = tone.accent; pen.fillStyle = tone.accent; pen.lineWidth = 1.5;
-    const runs = this.chain.map(task => this.jobs.filter(job => job.task === task).sort((a, b) => a.end - b.end));
+    const runs = this.chain.map(task => this.jobs.filter(job => job.task === task).map(job => this.data(job)));
     for (let stage = 0; stage + 1 < runs.length; stage++) {
       for (const job of runs[stage]) {
-        const next = runs[stage + 1].filter(other => other.start >= job.end).sort((a, b) => a.start - b.start)[0];
+        const next = runs[stage + 1].filter(other => other.read >= job.write - 1e-9).sort((a, b) => a.read - b.read)[0];
         if (!next) continue;
-        const x0 = this.x(job.end), y0 = this.top + (job.lanes[0] + .5) * this.lane, x1 = this.x(next.start), y1 = this.top + (next.lanes[0] + .5) * this.lane;
+        const x0 = this.x(job.write), y0 = this.top + (job.lanes[0] + .5) * this.lane, x1 = this.x(next.read), y1 = this.top + (next.lanes[0] + .5) * this.lane;
         pen.beginPath(); pen.moveTo(x0, y0); pen.lineTo(x1, y1); pen.stroke();
         pen.beginPath(); pen.arc(x1, y1, 3, 0, 7); pen.fill();
       }
