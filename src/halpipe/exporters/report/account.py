@@ -11,7 +11,7 @@ from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import read_bytes
 from halpipe.core.records import record
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
-from halpipe.exporters.report.numbers import percent
+from halpipe.exporters.report.axis import percent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The time axis of a chart: round steps that nest, so that zooming in only adds ticks."""
+"""Time axis and numbers of a chart, exact: round steps that nest, so that zooming in only adds ticks.
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.exporters.report.numbers import position
 
 if TYPE_CHECKING:
     from halpipe.exporters.common.timeline import Window
@@ -81,3 +80,25 @@ def _mark(found: dict[int | Fraction, int], window: Window, step: Fraction, leve
 
 def _text(at: Duration, unit: str) -> str:
     return format_rational(at.in_unit(unit)) + unit
+
+
+def decimal(value: Fraction, digits: int) -> str:
+    """Return `value` rounded to `digits` decimals, without trailing zeros."""
+    scale = 10**digits
+    return format_rational(Fraction(round(value * scale), scale))
+
+
+def approximate(value: Fraction, digits: int = 4) -> str:
+    """Return `value` exactly where `digits` decimals suffice, else rounded and marked ``≈``."""
+    text = decimal(value, digits)
+    return text if Fraction(text) == value else f"≈ {text}"
+
+
+def percent(share: Fraction) -> str:
+    """Return a share as per cent with one decimal."""
+    return decimal(share * 100, 1) + "%"
+
+
+def position(offset: int | Fraction, span: int | Fraction) -> Fraction:
+    """Return the place of `offset` within `span` in per cent, on the grid that charts print (1e-4)."""
+    return Fraction(round(Fraction(offset) * 10**6 / span), 10**4)

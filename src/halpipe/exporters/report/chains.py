@@ -14,8 +14,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.report.axis import Tick, ticks
-from halpipe.exporters.report.numbers import decimal, position
+from halpipe.exporters.report.axis import Tick, decimal, position, ticks
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:

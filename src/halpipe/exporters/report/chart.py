@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import RESOURCES, tone
 from halpipe.exporters.common.timeline import PhaseTimes, resource_steps
-from halpipe.exporters.report.axis import Tick, ticks
-from halpipe.exporters.report.numbers import decimal, percent, position
+from halpipe.exporters.report.axis import Tick, decimal, percent, position, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

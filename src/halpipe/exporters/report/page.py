@@ -6,15 +6,15 @@ from collections import Counter
 from fractions import Fraction
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
 from halpipe.core.quantities import format_rational
-from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
 from halpipe.exporters.common.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.exporters.regulator.picture import draw_bounds
 from halpipe.exporters.report.account import build_account
+from halpipe.exporters.report.axis import approximate, decimal, percent
 from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.chart import (
     BASE_WIDTH,
@@ -24,12 +24,10 @@ from halpipe.exporters.report.chart import (
     REGION_HEIGHT,
     ZOOM_LEVELS,
     Caption,
-    Chart,
     build_chart,
     region,
 )
 from halpipe.exporters.report.modegraph import build_mode_graph
-from halpipe.exporters.report.numbers import approximate, decimal, percent
 from halpipe.exporters.report.scene import embedded, figures, jobs_by_task, scene
 from halpipe.models import Anchor, Status
 
@@ -43,7 +41,6 @@ if TYPE_CHECKING:
     from halpipe.models import (
         Chain,
         ChainLatency,
-        CostTerms,
         ModeSchedule,
         Schedule,
         Split,
@@ -80,121 +77,11 @@ GLOSSARY = (
 )
 
 
+Row = dict[str, Any]
+"""Plain values of one part of the page, by the names that the template uses."""
+
 LARGE = 1500
 """Jobs of all modes beyond which charts are drawn by the viewer and tables are filled as they are looked at."""
-
-
-@record
-class Gauge:
-    """A bar with its text: a load, or a latency against its limit."""
-
-    name: str
-    text: str
-    width: str
-    detail: str = ""
-    over: bool = False
-
-
-@record
-class JobRow:
-    """A line of the table of jobs."""
-
-    tone: int
-    task: str
-    index: int
-    start: str
-    end: str
-    version: str
-    units: str
-    waits: str
-
-
-@record
-class FigureRow:
-    """What a task comes to in a mode; the times as text, and in milliseconds to sort by."""
-
-    tone: int
-    task: str
-    period: str
-    jobs: int
-    gaps: int
-    response: str = ""
-    response_ms: float = 0.0
-    margin: str = ""
-    margin_ms: float = 0.0
-    jitter: str = ""
-    jitter_ms: float = 0.0
-
-
-@record
-class ChainRow:
-    """A chain with its two latencies."""
-
-    name: str
-    path: str
-    gauges: tuple[Gauge, ...]
-    ways: tuple[PathChart, ...]
-
-
-@record(kw_only=True)
-class ModeView:
-    """One mode, ready to be printed."""
-
-    id: str
-    name: str
-    valid: bool
-    hyperperiod: str
-    job_count: int
-    task_count: int
-    unit_count: int
-    cost: str
-    terms: tuple[tuple[str, str, str], ...]
-    chart: Chart | None
-    chains: tuple[ChainRow, ...]
-    unit_loads: tuple[Gauge, ...]
-    resource_loads: tuple[Gauge, ...]
-    jobs: tuple[JobRow, ...]
-    figures: tuple[FigureRow, ...]
-
-
-@record(kw_only=True)
-class TransitionView:
-    """One switch, ready to be printed."""
-
-    id: str
-    source: str
-    target: str
-    valid: bool
-    length: str
-    limit: str
-    worst_latency: str
-    jobs: tuple[JobRow, ...]
-    chart: Chart | None
-
-
-@record
-class VersionRow:
-    """A version of a task in the table of tasks."""
-
-    name: str
-    wcet: str
-    units: str
-    accesses: tuple[str, ...]
-    precedences: tuple[str, ...]
-    used: str
-
-
-@record
-class TaskRow:
-    """A line of the table of tasks."""
-
-    tone: int
-    name: str
-    period: str
-    slack: str
-    offset: str
-    deadline: str
-    versions: tuple[VersionRow, ...]
 
 
 def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) -> str:
@@ -275,85 +162,72 @@ def _size(model: TaskModel) -> str:
 # --------------------------------------------------------------------------------------------------- modes
 
 
-def _mode(model: TaskModel, table: ModeSchedule, id: str, *, is_large: bool) -> ModeView:
+def _mode(model: TaskModel, table: ModeSchedule, id: str, *, is_large: bool) -> Row:
     used = {unit for job in table.jobs for unit in job.units}
     tasks = {job.task for job in table.jobs}
-    loads = {load.unit: load.share for load in table.unit_loads}
     caption = Caption(
         name=id,
         title=f"Gantt chart of mode {table.name}",
         description=f"{len(table.jobs)} jobs of {len(tasks)} tasks on {len(used)} units over one cycle of "
         f"{table.hyperperiod}. The table of jobs below holds the same in text.",
-        loads=loads,
+        loads={load.unit: load.share for load in table.unit_loads},
     )
-    return ModeView(
-        id=id,
-        name=table.name,
-        valid=table.status is Status.VALID,
-        hyperperiod=str(table.hyperperiod),
-        job_count=len(table.jobs),
-        task_count=len(tasks),
-        unit_count=len(used),
-        cost="" if table.cost is None else approximate(table.cost.total),
-        terms=() if table.cost is None else _terms(table.cost),
-        chart=None if is_large else build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
-        chains=_chains(model, table, id),
-        unit_loads=_unit_loads(model, table),
-        resource_loads=_resource_loads(table),
-        jobs=() if is_large else _jobs(model, table),
-        figures=() if is_large else _figures(model, table),
-    )
+    chains = {chain.name: chain for chain in model.chains}
+    cost = table.cost
+    return {
+        "id": id,
+        "name": table.name,
+        "valid": table.status is Status.VALID,
+        "hyperperiod": str(table.hyperperiod),
+        "job_count": len(table.jobs),
+        "task_count": len(tasks),
+        "unit_count": len(used),
+        "cost": "" if cost is None else approximate(cost.total),
+        "terms": [] if cost is None else [(name, approximate(getattr(cost, name)), text) for name, text in _TERMS],
+        "chart": None if is_large else build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
+        "chains": [
+            _chain(model, table, chains[row.name], row, f"{id}-chain-{n}") for n, row in enumerate(table.chains, 1)
+        ],
+        "unit_loads": _unit_loads(model, table),
+        "resource_loads": [
+            _gauge(load.resource, f"peak {percent(load.peak)}", load.peak, f"mean {percent(load.mean)}")
+            for load in table.resource_loads
+            if load.peak is not None and load.mean is not None
+        ],
+        "jobs": [] if is_large else _jobs(model, table),
+        "figures": [] if is_large else _figures(model, table),
+    }
 
 
-def _figures(model: TaskModel, table: ModeSchedule) -> tuple[FigureRow, ...]:
-    by_task = jobs_by_task(table)
-    rows = []
+def _figures(model: TaskModel, table: ModeSchedule) -> list[Row]:
+    """Return what each task comes to in a mode; the times as text, and in milliseconds to sort by."""
+    by_task, rows = jobs_by_task(table), []
+    none = {key: value for name in ("response", "margin", "jitter") for key, value in ((name, ""), (f"{name}_ms", 0.0))}
     for position, task in enumerate(model.tasks):
         found = figures(task, by_task.get(task.name, []), table.hyperperiod)
         if found:
             period = "" if task.period is None else str(task.period)
-            rows.append(FigureRow(tone=tone(position), task=task.name, period=period, **found))
-    return tuple(rows)
+            rows.append({"tone": tone(position), "task": task.name, "period": period} | none | found)
+    return rows
 
 
-def _unit_loads(model: TaskModel, table: ModeSchedule) -> tuple[Gauge, ...]:
+def _gauge(name: str, text: str, share: Fraction | None, detail: str) -> Row:
+    """Return a bar with its text: a load, or a latency against its limit."""
+    width = "0" if share is None else decimal(min(share, Fraction(1)) * 100, 2)
+    return {"name": name, "text": text, "width": width, "detail": detail, "over": share is not None and share > 1}
+
+
+def _unit_loads(model: TaskModel, table: ModeSchedule) -> list[Row]:
     served = {
         unit.name: "".join(f", {i.name} {i.wcet} in {i.distance}" for i in unit.interrupts) for unit in model.units
     }
-    return tuple(
-        Gauge(
-            load.unit, percent(load.share), _width(load.share), f"{load.busy} busy{served[load.unit]}", load.share > 1
-        )
+    return [
+        _gauge(load.unit, percent(load.share), load.share, f"{load.busy} busy{served[load.unit]}")
         for load in table.unit_loads
-    )
+    ]
 
 
-def _resource_loads(table: ModeSchedule) -> tuple[Gauge, ...]:
-    return tuple(
-        Gauge(
-            load.resource, f"peak {percent(load.peak)}", _width(load.peak), f"mean {percent(load.mean)}", load.peak > 1
-        )
-        for load in table.resource_loads
-        if load.peak is not None and load.mean is not None
-    )
-
-
-def _terms(cost: CostTerms) -> tuple[tuple[str, str, str], ...]:
-    return tuple((name, approximate(getattr(cost, name)), meaning) for name, meaning in _TERMS)
-
-
-def _width(share: Fraction) -> str:
-    return decimal(min(share, Fraction(1)) * 100, 2)
-
-
-def _chains(model: TaskModel, table: ModeSchedule, id: str) -> tuple[ChainRow, ...]:
-    chains = {chain.name: chain for chain in model.chains}
-    return tuple(
-        _chain(model, table, chains[found.name], found, f"{id}-chain-{n}") for n, found in enumerate(table.chains, 1)
-    )
-
-
-def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLatency, id: str) -> ChainRow:
+def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLatency, id: str) -> Row:
     gauges = (
         _latency("latency", latency_of(model, chain, table, found), chain.max_latency),
         _latency("reaction time", found.reaction, chain.max_reaction),
@@ -373,19 +247,18 @@ def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLate
     draw("reaction", title, worst_reaction(model, chain, table), chain.max_reaction)
     title = f"The oldest data behind a result of {chain.tasks[-1]}: {{}} old"
     draw("age", title, worst_age(model, chain, table), chain.max_age)
-    return ChainRow(chain.name, " → ".join(chain.tasks), gauges, tuple(ways))
+    return {"name": chain.name, "path": " → ".join(chain.tasks), "gauges": gauges, "ways": ways}
 
 
-def _latency(name: str, value: Duration | None, limit: Duration | None) -> Gauge:
+def _latency(name: str, value: Duration | None, limit: Duration | None) -> Row:
     if value is None:
-        return Gauge(name, "no data arrives", "0", f"limit {limit}" if limit else "no limit", limit is not None)
+        return _gauge(name, "no data arrives", None, f"limit {limit}" if limit else "no limit") | {"over": bool(limit)}
     if not limit:
-        return Gauge(name, str(value), "0", "no limit")
-    share = value / limit
-    return Gauge(name, str(value), _width(share), f"{percent(share)} of the limit {limit}", value > limit)
+        return _gauge(name, str(value), None, "no limit")
+    return _gauge(name, str(value), value / limit, f"{percent(value / limit)} of the limit {limit}")
 
 
-def _jobs(model: TaskModel, table: ModeSchedule) -> tuple[JobRow, ...]:
+def _jobs(model: TaskModel, table: ModeSchedule) -> list[Row]:
     waits: dict[tuple[str, int], list[str]] = {}
     for link in links(model, table):
         waits.setdefault((link.job.task, link.job.index), []).append(_waits(link))
@@ -394,23 +267,22 @@ def _jobs(model: TaskModel, table: ModeSchedule) -> tuple[JobRow, ...]:
 
 def _job_rows(
     model: TaskModel, table: ModeSchedule | TransitionTable, waits: dict[tuple[str, int], list[str]]
-) -> tuple[JobRow, ...]:
-    tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
+) -> list[Row]:
     order = {task.name: number for number, task in enumerate(model.tasks)}
     jobs = sorted(table.jobs, key=lambda job: (job.start.ns, order[job.task], job.index))
-    return tuple(
-        JobRow(
-            tone=tones[job.task],
-            task=job.task,
-            index=job.index,
-            start=str(job.start),
-            end=str(job.end) + _gaps(max(0, len(job.parts) - 1)),
-            version=job.version,
-            units=", ".join(job.units),
-            waits="; ".join(waits.get((job.task, job.index), ())),
-        )
+    return [
+        {
+            "tone": tone(order[job.task]),
+            "task": job.task,
+            "index": job.index,
+            "start": str(job.start),
+            "end": str(job.end) + _gaps(max(0, len(job.parts) - 1)),
+            "version": job.version,
+            "units": ", ".join(job.units),
+            "waits": "; ".join(waits.get((job.task, job.index), ())),
+        }
         for job in jobs
-    )
+    ]
 
 
 def _waits(link: Link) -> str:
@@ -421,7 +293,7 @@ def _waits(link: Link) -> str:
 # --------------------------------------------------------------------------------------------- transitions
 
 
-def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, context: bool) -> TransitionView:
+def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, context: bool) -> Row:
     source, target = schedule.mode(table.source), schedule.mode(table.target)
     window, placements = unroll_switch(table, source, target, context=context)
     limits = {(pair.source, pair.target): pair.max_length for pair in model.transitions}
@@ -441,46 +313,44 @@ def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id
         regions=tuple(regions),
         fine=False,
     )
-    return TransitionView(
-        id=id,
-        source=table.source,
-        target=table.target,
-        valid=table.status is Status.VALID,
-        length=str(table.length),
-        limit="" if limit is None else str(limit),
-        worst_latency=str(table.worst_latency),
-        jobs=_job_rows(model, table, {}),
-        chart=build_chart(model, placements, window, caption) if window.length else None,
-    )
+    return {
+        "id": id,
+        "source": table.source,
+        "target": table.target,
+        "valid": table.status is Status.VALID,
+        "length": str(table.length),
+        "limit": "" if limit is None else str(limit),
+        "worst_latency": str(table.worst_latency),
+        "jobs": _job_rows(model, table, {}),
+        "chart": build_chart(model, placements, window, caption) if window.length else None,
+    }
 
 
 # --------------------------------------------------------------------------------------------------- tasks
 
 
-def _tasks(model: TaskModel, schedule: Schedule) -> list[TaskRow]:
+def _tasks(model: TaskModel, schedule: Schedule) -> list[Row]:
     uses: Counter[tuple[str, str, str]] = Counter()
     gaps: Counter[tuple[str, str, str]] = Counter()
     for table in schedule.modes:
         for job in table.jobs:
             uses[table.name, job.task, job.version] += 1
             gaps[table.name, job.task, job.version] += max(0, len(job.parts) - 1)
-    modes = [table.name for table in schedule.modes]
+
+    def used(task: Task, version: Version) -> str:
+        keys = [(table.name, task.name, version.name) for table in schedule.modes]
+        return ", ".join(f"{key[0]} ({uses[key]}{_gaps(gaps[key])})" for key in keys if uses[key])
+
     return [
-        TaskRow(
-            tone=tone(number),
-            name=task.name,
-            period=_period(task),
-            slack=percent(task.slack),
-            offset="" if task.offset is None else str(task.offset),
-            deadline=_deadline(task),
-            versions=tuple(
-                _version(
-                    version,
-                    [(m, uses[m, task.name, version.name], gaps[m, task.name, version.name]) for m in modes],
-                )
-                for version in task.versions
-            ),
-        )
+        {
+            "tone": tone(number),
+            "name": task.name,
+            "period": _period(task),
+            "slack": percent(task.slack),
+            "offset": "" if task.offset is None else str(task.offset),
+            "deadline": _deadline(task),
+            "versions": [_version(version, used(task, version)) for version in task.versions],
+        }
         for number, task in enumerate(model.tasks)
     ]
 
@@ -499,19 +369,19 @@ def _deadline(task: Task) -> str:
     return "" if task.period is None else "period"
 
 
-def _version(version: Version, uses: list[tuple[str, int, int]]) -> VersionRow:
+def _version(version: Version, used: str) -> Row:
     gang = f"{version.gang} of " if version.gang > 1 else ""
-    return VersionRow(
-        name=version.name,
-        wcet=("not stated" if version.wcet is None else str(version.wcet)) + _split(version.split),
-        units=gang + _some(version.units),
-        accesses=tuple(
+    return {
+        "name": version.name,
+        "wcet": ("not stated" if version.wcet is None else str(version.wcet)) + _split(version.split),
+        "units": gang + _some(version.units),
+        "accesses": [
             f"{a.resource} {a.start} – {a.end}, bound {format_rational(a.bound)}" + (f", {a.kind}" if a.kind else "")
             for a in version.accesses
-        ),
-        precedences=tuple(f"{p.min} – {p.max} {p.words}" for p in version.precedences),
-        used=", ".join(f"{mode} ({count}{_gaps(gaps)})" for mode, count, gaps in uses if count),
-    )
+        ],
+        "precedences": [f"{p.min} – {p.max} {p.words}" for p in version.precedences],
+        "used": used,
+    }
 
 
 def _gaps(count: int) -> str:
