@@ -1,4 +1,4 @@
-"""Time axis and numbers of a chart, exact: round steps that nest, so that zooming in only adds ticks.
+"""Time axis and numbers of a chart, exact: round steps that nest, so that zooming in only adds ticks."""
 
 from __future__ import annotations
 
