@@ -235,18 +235,19 @@ def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLate
     )
     ways: list[PathChart] = []
 
-    def draw(kind: str, title: str, way: list[Hop], limit: Duration | None) -> None:
+    def draw(kind: str, title: str, way: list[Hop], limit: Duration | None, after: str = "") -> None:
         if way:
-            text = title.format(way[-1].finish - way[0].begin)
+            text = f"{title} {way[-1].finish - way[0].begin}{after}"
             ways.append(path_chart(model, f"{id}-{kind}", text, way, limit, missed=kind == "reaction"))
 
+    first, last = chain.tasks[0], chain.tasks[-1]
     if found.latency is not None:  # the model refers to it
-        title = f"The data of {chain.tasks[0]} that take longest to {chain.tasks[-1]}: {{}}"
+        title = f"The data of {first} that take longest to {last}:"
         draw("latency", title, worst_latency(model, chain, table), chain.max_latency)
-    title = f"A stimulus that comes just too late for one job of {chain.tasks[0]}: answered {{}} later"
-    draw("reaction", title, worst_reaction(model, chain, table), chain.max_reaction)
-    title = f"The oldest data behind a result of {chain.tasks[-1]}: {{}} old"
-    draw("age", title, worst_age(model, chain, table), chain.max_age)
+    title = f"A stimulus that comes just too late for one job of {first}: answered"
+    draw("reaction", title, worst_reaction(model, chain, table), chain.max_reaction, " later")
+    title = f"The oldest data behind a result of {last}:"
+    draw("age", title, worst_age(model, chain, table), chain.max_age, " old")
     return {"name": chain.name, "path": " → ".join(chain.tasks), "gauges": gauges, "ways": ways}
 
 
