@@ -14,6 +14,7 @@ WITHOUT_FIXTURE = {
     # an option, an overlay or an export comes into it: test_arxml_ecus, _variants, _onto, _meaning and _embedded
     *(f"HAL{number:04}" for first, last in ((515, 519), (533, 536), (575, 592)) for number in range(first, last + 1)),
     codes.SEVERAL_RATES_OF_TASK.id,
+    *(code.id for code in (codes.SYNCHRONISED, codes.OTHER_START, codes.MAPS_NOTHING)),  # test_arxml_joint
 }
 
 

@@ -31,14 +31,15 @@ class ArxmlFormat:
             "units": "EcucCoreDefinition, OsApplicationCoreAssignment, HW-ELEMENT, PROCESSOR-CORE",
             "resources": "special data of halpipe's own export",
             "tasks": "runnables and BSW entities with their events, or OS tasks; processes",
-            "timing": "offsets of alarms, expiry points and timing events; jitter; latency of one runnable",
+            "timing": "offsets of alarms, expiry points and timing events; jitter; latency of one runnable; LET",
             "versions": "execution times, by HW-ELEMENT; units of the OsApplication; SHALL-RUN-ON; workers",
             "split": "OsTaskSchedule: FULL between runnables (by `--granularity`) and within long ones (`--pieces`)",
             "binding": "core of the OsApplication of an OsTask",
             "interrupts": "OsIsr with its timing protection; sporadic triggerings as polled arrivals",
             "accesses": "special data of halpipe's own export",
             "transfers": "special data of halpipe's own export",
-            "precedence": "EXECUTION-ORDER-CONSTRAINT, OFFSET-TIMING-CONSTRAINT, RtePositionInTask, data that triggers",
+            "precedence": "EXECUTION-ORDER-CONSTRAINT, OFFSET- and SYNCHRONIZATION-TIMING-CONSTRAINT, "
+            "RtePositionInTask, data that triggers",
             "chains": "TIMING-DESCRIPTION-EVENT-CHAIN with LATENCY-TIMING-CONSTRAINT, AGE-CONSTRAINT",
             "modes": "MODE-DECLARATION-GROUP that disables events; function-group states of processes",
             "transitions": "MODE-TRANSITION",
@@ -48,7 +49,7 @@ class ArxmlFormat:
         },
         (
             "Server calls, initialisation runnables and what else has no period are counted as ignored, with a reason.",
-            "Synchronisation constraints, logical execution times and conditions of constraints are reported as lost.",
+            "Synchronisation of event chains and conditions of constraints are reported as lost.",
         ),
     )
 

@@ -34,7 +34,7 @@ from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_in
 from halpipe.importers.arxml.tasks.requirements import find_edges, find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
 from halpipe.importers.common.base import Imported
-from halpipe.models import Binding, Precedence, Task, TaskModel, Version
+from halpipe.models import Anchor, Binding, Match, Precedence, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -110,7 +110,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     report_processes(drafts, findings)
     check_tasks(system, drafts, paths, findings)
     required = find_requirements(system, drafts, dataflow, findings)
-    edges = find_edges(system, drafts, dataflow, required.spacings, findings)
+    edges = find_edges(system, drafts, dataflow, required, findings)
     ledger = Ledger()
     platform = Platform(system)
     variants = make_variants(system, drafts, platform, options, findings)
@@ -184,6 +184,7 @@ def _tasks(
                 slack=slack_of(draft.members[0], findings) or Fraction(0),
                 offset=draft.offset,
                 deadline=required.deadlines.get(draft.name),
+                let=required.lets.get(draft.name),
                 distance=draft.distance,
                 binding=Binding.SYSTEM if platform.is_mapped(draft) else Binding.JOB,
                 versions=tuple(_version(draft, variant, orders, findings) for variant in variants[draft.name]),
@@ -227,6 +228,8 @@ def _precedence(edge: Edge, first: Draft, second: Draft) -> Precedence:
         min=low or ZERO,
         max=(low or ZERO) + period if high is None else high,
         anchor=edge.anchor,
+        to=edge.spacing.to if edge.spacing else Anchor.START,
+        match=edge.spacing.match if edge.spacing else Match.WINDOW,
         origin=edge.cause.origin,
     )
 

@@ -190,8 +190,9 @@ ORDER_LOST = warning(
 TIMING_IGNORED = warning(
     "HAL0547",
     "Timing constraints are not imported",
-    "Synchronisation constraints bound the distance of events without saying which comes first, for which the model "
-    "has no counterpart. State an order and its window in the overlay.",
+    "A synchronisation constraint of event chains bounds the distance of their ends for each stimulus, for which the "
+    "model has no counterpart; one of events needs a tolerance, and two events. State an order and its window in the "
+    "overlay.",
 )
 BAD_EXECUTION_TIME = warning(
     "HAL0548",
@@ -517,4 +518,23 @@ EDITED = warning(
     "Exported ARXML was edited",
     "An exported file holds the native model once, with a hash of the standard elements. Where these were changed "
     "since, they are imported, as of any other tool: what AUTOSAR rounds or lacks is then lost.",
+)
+SYNCHRONISED = warning(
+    "HAL1431",
+    "Synchronised tasks got an order",
+    "SYNCHRONIZATION-TIMING-CONSTRAINT bounds the distance of events, whichever comes first. The model has "
+    "windows after one task, so that the first in the order of the tasks is taken for the first event: the schedule "
+    "keeps the constraint, but a schedule with another order would, too.",
+)
+OTHER_START = warning(
+    "HAL1432",
+    "Started in another application mode",
+    "StartOS begins one application mode, and with it the alarms and schedule tables whose autostart names that mode. "
+    "Those of OSDEFAULTAPPMODE are imported, or else of the mode that the most of them name.",
+)
+MAPS_NOTHING = warning(
+    "HAL1433",
+    "Rte configuration maps no event to an OsTask",
+    "The generated RTE would call no function. As long as no event is mapped, functions with a period are tasks "
+    "without an OsTask, an order or a core.",
 )

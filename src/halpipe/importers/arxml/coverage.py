@@ -13,7 +13,7 @@ from halpipe.importers.arxml.codes import UNUSED_KIND
 from halpipe.importers.arxml.files.tree import place
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.system.components import COMPOSITION, place_of
-from halpipe.importers.arxml.system.timing import CONSTRAINTS, KINDS, NOT_READ, is_guarantee
+from halpipe.importers.arxml.system.timing import CONSTRAINTS, KINDS, SYNCHRONISATION, is_guarantee
 from halpipe.importers.common.base import Coverage
 
 if TYPE_CHECKING:
@@ -273,10 +273,12 @@ def _default(kind: str) -> str:
 
 def note_timing(ledger: Ledger, system: System, tree: Tree) -> None:
     """Note why elements of the timing extension, and execution times, are not used."""
-    for node in tree.tagged(*CONSTRAINTS, *NOT_READ, "EXECUTION-ORDER-CONSTRAINT", "SYNCHRONIZATION-POINT-CONSTRAINT"):
+    for node in tree.tagged(
+        *CONSTRAINTS, SYNCHRONISATION, "EXECUTION-ORDER-CONSTRAINT", "SYNCHRONIZATION-POINT-CONSTRAINT"
+    ):
         if is_guarantee(node):
             ledger.ignored(place_of(node), "guarantee: states what is fulfilled, not what is required")
-        elif node.tag in (*CONSTRAINTS, *NOT_READ):
+        elif node.tag in (*CONSTRAINTS, SYNCHRONISATION):
             ledger.ignored(place_of(node), "timing constraint that has no counterpart, or is about no task")
     for node in tree.tagged(*KINDS):
         ledger.ignored(place_of(node), "a longer or more trustworthy time counts, or its runnable makes no task")

@@ -20,7 +20,7 @@ from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.options import GRANULARITIES
 from halpipe.importers.arxml.system.containers import Containers, standard_modules
-from halpipe.importers.arxml.system.ecuc import Ticks
+from halpipe.importers.arxml.system.ecuc import DEFAULT_MODE, Ticks, started_elsewhere
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.versions import FULL
 from halpipe.models.project import Call, Deed, Item, Project, ProjectCounter, ProjectTask, Starter, Value
@@ -263,7 +263,7 @@ class _Reader:
             app_modes=tuple(
                 sorted(
                     (c.node.path for c in self._containers.of("OsAppMode") if _in(c.node.path, os_module)),
-                    key=lambda path: not path.endswith("/OSDEFAULTAPPMODE"),
+                    key=lambda path: not path.endswith(f"/{DEFAULT_MODE}"),
                 )
             ),
         )
@@ -443,7 +443,10 @@ class _Reader:
             if not _is_generated(start.node.parts[0].element):
                 for ref in start.refs("RteActivationOsAlarmRef", "RteActivationOsSchTblRef"):
                     called.setdefault(ref.path, []).append(start.node.path)
+        elsewhere = started_elsewhere(self._containers)
         for starter in self._containers.of("OsAlarm", "OsScheduleTable"):
+            if starter in elsewhere and starter.node.path not in called:
+                continue  # it starts in another application mode, in which the schedule is not played
             deeds = tuple(self._deeds(starter))
             if not deeds:
                 continue

@@ -4,6 +4,7 @@ Triggers are alarms and expiry points of repeating schedule tables, in ticks of 
 
 from __future__ import annotations
 
+from collections import Counter
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from halpipe.importers.arxml.system.values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.system.containers import Data
@@ -49,6 +50,7 @@ def read_configuration(tree: Tree, modules: frozenset[str] | None = None) -> Con
         instances=tuple(_instances(containers)),
         modules=tuple(sorted(modules or ())),
         routines=tuple(_routines(containers, applications)),
+        spinlocks=tuple(_spinlocks(containers, applications)),
     )
 
 
@@ -117,10 +119,30 @@ def _task(containers: Containers, container: Container, core: str | None) -> OsT
         protection=inside.place if inside else None,
         resources=tuple(
             Place(path, "OsResource", containers.by_path[path].node.at)
-            for path in container.targets("OsTaskResourceRef")
+            for path in dict.fromkeys(_linked(containers, path) for path in container.targets("OsTaskResourceRef"))
             if path in containers.by_path
         ),
     )
+
+
+def _linked(containers: Containers, path: str) -> str:
+    """Return the OsResource that a linked one stands for: both are one lock."""
+    seen: set[str] = set()
+    while path in containers.by_path and path not in seen:
+        seen.add(path)
+        path = containers.by_path[path].target("OsResourceLinkedResourceRef") or path
+    return path
+
+
+def _spinlocks(
+    containers: Containers, applications: Iterable[OsApplication]
+) -> Iterator[tuple[Place, tuple[str, ...]]]:
+    """Yield the spinlocks of which it is clear who takes them: each accessing OsApplication has one OsTask."""
+    inside = {application.place.path: application for application in applications}
+    for container in containers.of("OsSpinlock"):
+        found = [inside[path] for path in container.targets("OsSpinlockAccessingApplication") if path in inside]
+        if found and all(len(application.tasks) == 1 and not application.routines for application in found):
+            yield container.place, tuple(task for application in found for task in application.tasks)
 
 
 def _schedule(container: Container) -> str:
@@ -197,6 +219,7 @@ def _instance(containers: Containers, mapping: Container) -> str | None:
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
 _COUNTER = "OsScheduleTableCounterRef"
+DEFAULT_MODE = "OSDEFAULTAPPMODE"
 _FREQUENCIES = ("OsTickFrequency", "ArcOsTickFrequency")  # of the OsOS of some vendors, in ticks per second
 
 
@@ -209,9 +232,13 @@ def read_triggers(containers: Containers) -> Iterator[Trigger]:
         for data in added.data()
         for group in data.groups("stopped")
     }
+    elsewhere = started_elsewhere(containers)
+    _report_elsewhere(containers, elsewhere)
     for alarm in containers.of("OsAlarm"):
+        if alarm in elsewhere:
+            continue
         yield from _alarm(containers, alarm, ticks, stopped.get(alarm.node.path))
-    for table in _running(containers, stopped):
+    for table in _running(containers, stopped, elsewhere):
         yield from _expiry_points(table, containers, ticks, stopped.get(table.node.path))
 
 
@@ -324,9 +351,40 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data
     )
 
 
-def _running(containers: Containers, stopped: Mapping[str | None, Data]) -> list[Container]:
+def started_elsewhere(containers: Containers) -> list[Container]:
+    """Return the alarms and tables that the OS starts in other application modes than the one to schedule.
+
+    That mode is OSDEFAULTAPPMODE, or else the one that most autostarts name.
+    """
+    modes: dict[str, list[str]] = {}
+    starters = containers.of("OsAlarm", "OsScheduleTable")
+    for starter in starters:
+        own = [m for c in containers.below(starter) for m in c.targets(f"{starter.kind}AppModeRef")]
+        if own:
+            modes[starter.node.path] = own
+    counts = Counter(mode for own in modes.values() for mode in dict.fromkeys(own))
+    chosen = max(counts, key=lambda mode: (mode.endswith(f"/{DEFAULT_MODE}"), counts[mode]), default="")
+    return [starter for starter in starters if chosen not in modes.get(starter.node.path, [chosen])]
+
+
+def _report_elsewhere(containers: Containers, starters: Sequence[Container]) -> None:
+    for starter in starters:
+        containers.tree.findings.add(
+            codes.OTHER_START(
+                "is started in another application mode only, and left out",
+                at=starter.node.at,
+                path=named(starter.kind, starter.node.path),
+                help="schedule each application mode on its own, or state periods in the overlay (sources)",
+            )
+        )
+
+
+def _running(
+    containers: Containers, stopped: Mapping[str | None, Data], elsewhere: Sequence[Container]
+) -> list[Container]:
     """Return the repeating tables that run together: of those in each other's way, the ones that the OS starts."""
-    tables = [table for table in containers.of("OsScheduleTable") if _repeats(containers, table)]
+    own = [table for table in containers.of("OsScheduleTable") if table not in elsewhere]
+    tables = [table for table in own if _repeats(containers, table)]
     started = [t for t in tables if t.node.path in stopped or _autostart(containers, t) is not None]
     running = []
     for table in tables:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError, named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
 from halpipe.importers.arxml.files.tree import Tree, local
@@ -23,9 +23,10 @@ from halpipe.importers.arxml.system.components import (
     read_twins,
     stated,
 )
+from halpipe.importers.arxml.system.containers import standard_modules
 from halpipe.importers.arxml.system.ecuc import read_configuration
 from halpipe.importers.arxml.system.instances import find_instances, keep_own, report_absent, select_ecu
-from halpipe.importers.arxml.system.timing import read_execution_times, read_orders, read_timing, report_not_read
+from halpipe.importers.arxml.system.timing import read_execution_times, read_orders, read_timing
 from halpipe.importers.arxml.system.values import Machine, ModeGroup, Place, Process, System
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from halpipe.importers.arxml.files.tree import Node
     from halpipe.importers.arxml.files.variants import Choice
+    from halpipe.importers.arxml.system.values import Component, Configuration
 
 ADAPTIVE = (
     "ADAPTIVE-APPLICATION-SW-COMPONENT-TYPE",
@@ -207,8 +209,8 @@ def read_system(tree: Tree, ecu: str = "") -> System:
     configuration = read_configuration(tree, selection.modules)
     instances = find_instances(tree, components, compositions, configuration.instances, tree.findings)
     machines, groups = read_machines(tree), read_function_groups(tree)
-    report_not_read(tree)
     report_absent(tree)
+    _report_unmapped(tree, configuration, components)
     system = System(
         place=_place(tree),
         components=components,
@@ -228,6 +230,21 @@ def read_system(tree: Tree, ecu: str = "") -> System:
         processes=read_processes(tree, machines, groups),
     )
     return system if selection.ecu is None else keep_own(tree, system, selection.ecu)
+
+
+def _report_unmapped(tree: Tree, configuration: Configuration, components: Sequence[Component]) -> None:
+    """Report a configuration of the Rte that maps no event to one of the OsTasks that there are."""
+    found = [path for path, module in standard_modules(tree).items() if module == "Rte"]
+    is_timed = any(event.is_timing for component in components for event in component.events)
+    if found and is_timed and configuration.tasks and not any(m.is_called for m in configuration.mappings):
+        tree.findings.add(
+            codes.MAPS_NOTHING(
+                f"none of its {len(configuration.mappings)} event mappings names an OsTask",
+                at=tree.nodes_at(found[0])[0].at,
+                path=named("ECUC-MODULE-CONFIGURATION-VALUES", found[0]),
+                help="map the events in the configurator, or bind the tasks in the overlay (units, precedence)",
+            )
+        )
 
 
 def _check_platform(tree: Tree) -> None:

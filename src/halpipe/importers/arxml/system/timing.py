@@ -17,15 +17,17 @@ from halpipe.importers.arxml.system.values import (
     Distance,
     EventChain,
     ExecutionTime,
+    LetGroup,
     Limit,
     Observable,
     Order,
     Ordered,
+    Synchronisation,
     Timing,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Container, Iterable, Iterator
 
     from halpipe.core.diagnostics import Code
     from halpipe.importers.arxml.files.tree import Node, Tree
@@ -98,8 +100,8 @@ _EVENT = "EOC-EVENT-REF"
 _GROUP = "EOC-EXECUTABLE-ENTITY-REF-GROUP"
 _ELEMENTS = (_ENTITY, _EVENT, _GROUP)
 _SUCCESSORS = ("SUCCESSOR-REFS/SUCCESSOR-REF", "DIRECT-SUCCESSOR-REFS/DIRECT-SUCCESSOR-REF")
-# What a group states beyond an order: logical execution times, and slots of a cycle.
-_NOT_READ = ("LET-DATA-EXCHANGE-PARADIGM", "LET-INTERVAL-REFS", "MAX-CYCLES", "MAX-SLOTS", "MAX-SLOTS-PER-CYCLE")
+# What a group states beyond an order and its LET interval: how data is exchanged, and slots of a cycle.
+_NOT_READ = ("LET-DATA-EXCHANGE-PARADIGM", "MAX-CYCLES", "MAX-SLOTS", "MAX-SLOTS-PER-CYCLE")
 GUARANTEES = "TIMING-GUARANTEES"
 PROTOTYPE = "COMPONENT-IREF/TARGET-COMPONENT-REF"
 
@@ -165,6 +167,15 @@ class _Constraint:
         nested = self._nested.get(element, [])
         return list(dict.fromkeys(leaf for inner in nested for leaf in self.leaves(inner, [*way, element])))
 
+    def lets(self) -> Iterator[LetGroup]:
+        """Yield the groups that execute in a LET interval."""
+        for element in self._elements:
+            for ref in self._tree.refs(element, "LET-INTERVAL-REFS/LET-INTERVAL-REF"):
+                chain = self._tree.find(ref, self._what, (CHAIN,))
+                if chain is not None:
+                    members = ordered_by(self._tree, self.leaves(element, []))
+                    yield LetGroup(place_of(self._node), chain.path, tuple(members))
+
     def _report_lost(self, element: Node) -> None:
         for tag in _NOT_READ:
             for found, file in element.elements(tag):
@@ -222,7 +233,7 @@ _CONCRETE = "CONCRETE-PATTERN-EVENT-TRIGGERING"
 _ARBITRARY = "ARBITRARY-EVENT-TRIGGERING"
 _ARRIVALS = (_PERIODIC, _SPORADIC, _BURST, _CONCRETE, _ARBITRARY)
 CONSTRAINTS = (LATENCY, AGE, OFFSET, *_ARRIVALS)
-NOT_READ = ("SYNCHRONIZATION-TIMING-CONSTRAINT",)
+SYNCHRONISATION = "SYNCHRONIZATION-TIMING-CONSTRAINT"
 _RUNNABLE_EVENTS = {
     "TD-EVENT-SWC-INTERNAL-BEHAVIOR": "RUNNABLE-REF",
     "TD-EVENT-BSW-INTERNAL-BEHAVIOR": "BSW-MODULE-ENTITY-REF",
@@ -233,14 +244,17 @@ _HAPPENINGS = ("activated", "started", "terminated", "sent", "received")
 
 def read_timing(tree: Tree) -> Timing:
     """Read everything of the timing extension that has a counterpart in the model; report the rest."""
-    for node in required(tree, *CONSTRAINTS, *NOT_READ):
-        _report_lost_parts(tree, node)
+    lets = [let for node in required(tree, _EOC) for let in _Constraint(tree, node).lets()]
+    for node in required(tree, *CONSTRAINTS):
+        _report_lost_parts(tree, node, {let.interval for let in lets})
     return Timing(
         observables=_present(_observable(tree, node) for node in tree.tagged(*_RUNNABLE_EVENTS, _DATA_EVENT)),
         chains=tuple(_chain(tree, node) for node in tree.tagged(CHAIN)),
         arrivals=_present(_arrival(tree, node) for node in required(tree, *_ARRIVALS)),
         limits=_present(_limit(tree, node) for node in required(tree, LATENCY, AGE)),
         distances=_present(_distance(tree, node) for node in required(tree, OFFSET)),
+        synchronisations=_present(_synchronisation(tree, node) for node in required(tree, SYNCHRONISATION)),
+        lets=tuple(lets),
     )
 
 
@@ -251,21 +265,6 @@ def _present(found: Iterable[T | None]) -> tuple[T, ...]:
 def required(tree: Tree, *tags: str) -> list[Node]:
     """Return the constraints of the given kinds that are no guarantees."""
     return [node for node in tree.tagged(*tags) if not is_guarantee(node)]
-
-
-def report_not_read(tree: Tree) -> None:
-    """Report the kinds of constraints that have no counterpart in the model, one finding for each kind."""
-    for tag in NOT_READ:
-        found = required(tree, tag)
-        if found:
-            tree.findings.add(
-                codes.TIMING_IGNORED(
-                    f"{len(found)} {tag} elements are not imported",
-                    at=found[0].at,
-                    path=named(tag, found[0].path),
-                    help="state the order and the window in the overlay (precedence)",
-                )
-            )
 
 
 # ------------------------------------------------------------------------------------------------ observables
@@ -376,9 +375,35 @@ def _distance(tree: Tree, node: Node) -> Distance | None:
     return Distance(place=place_of(node), source=source, target=target, minimum=low, maximum=high)
 
 
-def _report_lost_parts(tree: Tree, node: Node) -> None:
-    """Report the parts of a constraint that nothing is made of: lower and nominal limits, conditions."""
+def _synchronisation(tree: Tree, node: Node) -> Synchronisation | None:
+    """Read which events are to occur together; report what has no counterpart in the model."""
+    what = f'{node.tag} "{node.path}"'
+    found = (tree.find(ref, what) for ref in tree.refs(node, "SCOPE-EVENT-REFS/SCOPE-EVENT-REF"))
+    events = tuple(event.path for event in found if event is not None)
+    tolerance = _time(tree, node, "TOLERANCE")
+    if len(events) > 1 and tolerance is not None:
+        return Synchronisation(place_of(node), events, tolerance)
+    why = "it names event chains" if tree.refs(node, "SCOPE-REFS/SCOPE-REF") else "it lacks events or a tolerance"
+    tree.findings.add(
+        codes.TIMING_IGNORED(
+            f"is not imported: {why}",
+            at=node.at,
+            path=named(node.tag, node.path),
+            help="state the order and the window in the overlay (precedence)",
+        )
+    )
+    return None
+
+
+def _report_lost_parts(tree: Tree, node: Node, intervals: Container[str]) -> None:
+    """Report the parts of a constraint that nothing is made of: lower and nominal limits, conditions.
+
+    The length of a LET interval (a path of `intervals`) has the same lower and upper limit.
+    """
     lost = [tag for tag in ("MINIMUM", "NOMINAL") if node.tag in (LATENCY, AGE) and _time(tree, node, tag)]
+    scope = tree.ref(node, "SCOPE-REF")
+    if scope is not None and scope.path in intervals and _time(tree, node, "MINIMUM") == _time(tree, node, "MAXIMUM"):
+        lost = [tag for tag in lost if tag != "MINIMUM"]
     lost += [tag for tag in ("TIMING-CONDITION-REF",) if any(True for _ in node.elements(tag))]
     if lost:
         tree.findings.add(

@@ -277,6 +277,7 @@ class Configuration:
     """The ECU configuration of Os, Rte and EcuC; `instances` are the component instances that Rte names.
 
     `modules` are the module configurations (paths) of the ECU that was chosen, of whatever kind; empty if none was.
+    `spinlocks` are those with the OsTasks (paths) that take them, where it is clear which those are.
     """
 
     cores: tuple[Core, ...] = ()
@@ -287,6 +288,7 @@ class Configuration:
     instances: tuple[RteInstance, ...] = ()
     modules: tuple[str, ...] = ()
     routines: tuple[OsIsr, ...] = ()
+    spinlocks: tuple[tuple[Place, tuple[str, ...]], ...] = ()
 
 
 @record(kw_only=True)
@@ -401,6 +403,24 @@ class Distance:
     maximum: Duration | None
 
 
+@record
+class Synchronisation:
+    """A SYNCHRONIZATION-TIMING-CONSTRAINT: the `events` (paths) occur within `tolerance` of each other."""
+
+    place: Place
+    events: tuple[str, ...]
+    tolerance: Duration
+
+
+@record
+class LetGroup:
+    """What executes in one LET interval: runnables or events, and the event chain (path) that is the interval."""
+
+    place: Place
+    interval: str
+    members: tuple[Ordered, ...]
+
+
 @record(kw_only=True)
 class Timing:
     """What the timing extension states: what can be observed, and what is required of it."""
@@ -410,6 +430,8 @@ class Timing:
     arrivals: tuple[Arrival, ...] = ()
     limits: tuple[Limit, ...] = ()
     distances: tuple[Distance, ...] = ()
+    synchronisations: tuple[Synchronisation, ...] = ()
+    lets: tuple[LetGroup, ...] = ()
 
 
 @record(kw_only=True)

@@ -18,15 +18,25 @@ from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
 from halpipe.importers.arxml.tasks.periods import senders_of
-from halpipe.models import Anchor, Chain
+from halpipe.models import Anchor, Chain, Match
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
-    from halpipe.importers.arxml.system.values import Distance, EventChain, Limit, Observable, Ordered, Place, System
-    from halpipe.importers.arxml.tasks.activation import Draft
+    from halpipe.importers.arxml.system.values import (
+        Distance,
+        EventChain,
+        LetGroup,
+        Limit,
+        Observable,
+        Ordered,
+        Place,
+        Synchronisation,
+        System,
+    )
+    from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
 
 _BEGINNINGS = ("activated", "started")
@@ -51,14 +61,21 @@ class Spacing:
     high: Duration | None
     anchor: Anchor
     cause: Place
+    to: Anchor = Anchor.START
+    match: Match = Match.WINDOW
 
 
 @dataclass(slots=True)
 class Requirements:
-    """What is required of tasks, by name, and the elements that it was read from."""
+    """What is required of tasks, by name, and the elements that it was read from.
+
+    `together` are tasks with the instant of each that are to be within a tolerance of each other.
+    """
 
     deadlines: dict[str, Duration] = field(default_factory=dict)
+    lets: dict[str, Duration] = field(default_factory=dict)
     spacings: list[Spacing] = field(default_factory=list)
+    together: list[tuple[Synchronisation, dict[str, Anchor]]] = field(default_factory=list)
     chains: list[Chain] = field(default_factory=list)
     used: list[Place] = field(default_factory=list)
 
@@ -70,6 +87,11 @@ class _Occurrence:
     observable: Observable
     task: str
     context: tuple[str, ...]
+
+
+def _paths(member: Activation) -> set[str]:
+    """Return the runnable and the event of an activation."""
+    return {member.place.path, *([member.event.place.path] if member.event else [])}
 
 
 def find_requirements(system: System, drafts: Sequence[Draft], dataflow: DataFlow, findings: Findings) -> Requirements:
@@ -86,6 +108,7 @@ class _Finder:
         self._chains = {chain.place.path: chain for chain in system.timing.chains}
         self._tasks: dict[str, list[tuple[str, tuple[str, ...]]]] = {}
         self._by_actor: dict[Actor, list[str]] = {}
+        self._drafts = {draft.name: draft for draft in drafts}
         self._slower: set[tuple[str, str]] = set()
         for draft in drafts:
             for member in draft.members:
@@ -109,6 +132,10 @@ class _Finder:
                 self._chain(chain, limited.get(path, []))
         for distance in self._system.timing.distances:
             self._distance(distance)
+        for synchronisation in self._system.timing.synchronisations:
+            self._together(synchronisation)
+        for let in self._system.timing.lets:
+            self._let(let, limited.get(let.interval, []))
         return self._result
 
     # -------------------------------------------------------------------------------------- occurrences
@@ -271,6 +298,40 @@ class _Finder:
                     )
         self._result.used += [self._observables[path].place for path in (distance.source, distance.target)]
 
+    def _together(self, synchronisation: Synchronisation) -> None:
+        """Note the tasks whose jobs of each cycle are to start, or end, within a tolerance of each other."""
+        found: dict[str, Anchor] = {}
+        for path in synchronisation.events:
+            occurrences = self._occurrences(path)
+            if len(occurrences) != 1 or _BEGIN[occurrences[0].observable.what] is Anchor.RELEASE:
+                self._lost(synchronisation.place, f"{path} is no start or end of just one task")
+                return
+            (one,) = occurrences
+            if found.setdefault(one.task, _BEGIN[one.observable.what]) is not _BEGIN[one.observable.what]:
+                self._lost(synchronisation.place, f'it names the start and the end of "{one.task}"')
+                return
+        if len({self._drafts[task].period for task in found}) > 1:
+            self._lost(synchronisation.place, f"its tasks recur at different periods: {listed(sorted(found))}")
+            return
+        self._result.together.append((synchronisation, found))
+        self._result.used += [synchronisation.place, *(self._observables[p].place for p in synchronisation.events)]
+
+    def _let(self, let: LetGroup, limits: Sequence[Limit]) -> None:
+        """Give the tasks of a group the length of its LET interval as their logical execution time."""
+        lengths = {limit.maximum for limit in limits}
+        paths = {member.path for member in let.members}
+        tasks = [d for d in self._drafts.values() if any(not paths.isdisjoint(_paths(m)) for m in d.members)]
+        partly = [d.name for d in tasks if any(paths.isdisjoint(_paths(member)) for member in d.members)]
+        if len(lengths) != 1 or not tasks or partly:
+            why = "no task executes in it" if not tasks else "the length of its interval is not stated"
+            why = f"{listed(partly)} executes more than what is in it" if partly else why
+            self._lost(let.place, f"its LET interval is not read: {why}")
+            return
+        for draft in tasks:
+            length = next(iter(lengths))
+            self._result.lets[draft.name] = min(length, self._result.lets.get(draft.name, length))
+        self._result.used.append(let.place)
+
     def _lost(self, place: Place, why: str) -> None:
         self._findings.add(
             codes.TIMING_LOST(
@@ -302,11 +363,11 @@ class Edge:
 
 
 def find_edges(
-    system: System, drafts: Sequence[Draft], dataflow: DataFlow, spacings: Sequence[Spacing], findings: Findings
+    system: System, drafts: Sequence[Draft], dataflow: DataFlow, required: Requirements, findings: Findings
 ) -> list[Edge]:
     """Return the precedence between tasks, strongest source first, each pair once, free of cycles."""
     edges = [
-        *(Edge(spacing.first, spacing.second, spacing.cause, spacing) for spacing in spacings),
+        *(Edge(spacing.first, spacing.second, spacing.cause, spacing) for spacing in required.spacings),
         *_from_constraints(system, drafts, findings),
         *_from_positions(drafts, findings),
         *_from_received_data(drafts, dataflow),
@@ -315,8 +376,46 @@ def find_edges(
     for edge in edges:
         if edge.first != edge.second:
             alike.setdefault((edge.first, edge.second), []).append(edge)
-    unique = [e for found in alike.values() for e in _joined(found)]
-    return without_cycles(unique, findings)
+    kept = without_cycles([e for found in alike.values() for e in _joined(found)], findings)
+    return [*kept, *_synchronised(required.together, kept, drafts, findings)]
+
+
+def _synchronised(
+    together: Sequence[tuple[Synchronisation, Mapping[str, Anchor]]],
+    edges: Sequence[Edge],
+    drafts: Sequence[Draft],
+    findings: Findings,
+) -> Iterator[Edge]:
+    """Let all others follow the first of some tasks within the tolerance, in the order that the edges have.
+
+    The constraint does not state who is first; a window does, which demands more than the constraint.
+    """
+    sorter: TopologicalSorter[str] = TopologicalSorter({draft.name: () for draft in drafts})
+    for edge in edges:
+        sorter.add(edge.second, edge.first)
+    rank = {name: number for number, name in enumerate(sorter.static_order())}
+    for cause, instants in together:
+        first, *others = sorted(instants, key=rank.__getitem__)
+        for other in others:
+            window = Spacing(
+                first,
+                other,
+                ZERO,
+                cause.tolerance,
+                instants[first],
+                cause.place,
+                instants[other],
+                Match.CYCLE,
+            )
+            yield Edge(first, other, cause.place, window)
+        findings.add(
+            codes.SYNCHRONISED(
+                f'{listed(others)} follow "{first}" within {cause.tolerance}',
+                at=cause.place.at,
+                path=named(cause.place.kind, cause.place.path),
+                help="state another order in the overlay (precedence), if this one cannot be kept",
+            )
+        )
 
 
 def _joined(alike: list[Edge]) -> Iterator[Edge]:
@@ -335,8 +434,7 @@ def _from_constraints(system: System, drafts: Sequence[Draft], findings: Finding
     by_path: dict[str, list[tuple[Draft, tuple[str, ...]]]] = {}
     for draft in drafts:
         for member in draft.members:
-            paths = [member.place.path, *([member.event.place.path] if member.event else [])]
-            for path in paths:
+            for path in _paths(member):
                 by_path.setdefault(path, []).append((draft, member.context))
     _report_lost(system, by_path.keys(), findings)
     for order in system.orders:

@@ -236,6 +236,10 @@ def find_locks(system: System, drafts: Sequence[Draft]) -> tuple[Lock, ...]:
                 held.setdefault((label, area), {})[draft.name] = None
         for resource in draft.os_task.resources if draft.os_task else ():
             held.setdefault((resource.name, resource), {})[draft.name] = None
+    for place, takers in system.configuration.spinlocks:
+        for draft in drafts:
+            if draft.os_task is not None and draft.os_task.place.path in takers:
+                held.setdefault((place.name, place), {})[draft.name] = None
     return tuple(Lock(legal_name(n), place, tuple(tasks)) for (n, place), tasks in held.items() if len(tasks) > 1)
 
 
