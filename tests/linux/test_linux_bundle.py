@@ -449,7 +449,7 @@ def test_parts_and_gaps_on_this_machine(tmp_path, split):
     assert [d.message for d in checked.diagnostics if d.is_error and d.code != deploy_codes.LATE_JOB.id] == []
     seen = [ran for ran in read_recording(checked.files["trace"]) if ran.task == "long"]
     if split:  # the second function does not run before its part begins
-        assert all(ran.end - ran.planned >= 3_000_000 for ran in seen)
+        assert all(ran.end - ran.planned >= ms(3) for ran in seen)
 
 
 @needs_compiler

@@ -74,7 +74,7 @@ def test_overruns_are_logged_skipped_or_answered_by_a_switch(tmp_path, monkeypat
     ran, seen = played(bundle, "--cycles", "12", "--overrun", policy)
     b = [r for r in seen if r.task == "b"]
     counts = dict(reversed(piece.strip().split(" ", 1)) for piece in ran.stdout.splitlines()[1].split(","))
-    assert all(r.end - r.start >= 12_000_000 for r in b)
+    assert all(r.end - r.start >= ms(12) for r in b)
     assert int(counts["ended late"]) >= 1
     if policy == "log":
         assert [r.cycle for r in b] == list(range(len(b)))  # every one runs, if late
