@@ -7,14 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
-from halpipe.core.durations import ZERO, Duration
+from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate, settled
 from halpipe.importers.ros.calibrate import calibrate
 from halpipe.importers.ros.caret import read_caret
-from halpipe.importers.ros.coverage import Result, account, prune
+from halpipe.importers.ros.coverage import Account, prune
 from halpipe.importers.ros.dataflow import Edge, chains_of, order_by_data, report_unknown_publishers
 from halpipe.importers.ros.design import ModeGraph, ModeModel, merge_modes, read_design
 from halpipe.importers.ros.dot import read_dot
@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.importers.ros.graph import Callback, Group, Rate, RosGraph
+    from halpipe.importers.ros.activation import Activations
+    from halpipe.importers.ros.dataflow import DataFlow
+    from halpipe.importers.ros.graph import Callback, Group
     from halpipe.importers.ros.options import RosImportOptions
-    from halpipe.importers.ros.sniff import Input
-    from halpipe.importers.traces.ros2 import RosTrace
+    from halpipe.importers.ros.sniff import Inputs
 
 UNIT = "core0"
 VERSION = "default"
@@ -44,31 +45,7 @@ MODE = "default"
 
 def import_graph(paths: Sequence[str], options: RosImportOptions) -> Imported:
     """Import one graph or design with the recordings that go with it; raise `HalpipeError` when no task comes out."""
-    inputs = find(paths)
-    findings, coverage = Findings(list(inputs.findings)), Coverage()
-    for name in inputs.skipped:
-        coverage.ignored("file", name, "is no graph and no recording")
-    rates = [r for bag in inputs.bags for r in read_bag(bag.content, bag.name, findings, coverage)]
-    if files := len(inputs.graphs) + len(inputs.bags):
-        coverage.mapped("file", files)
-    trace = read_ros_trace(inputs.traces[0], findings) if inputs.traces else None
-    if trace is not None:
-        coverage.mapped("trace")
-        rates += graph_of(trace, Findings(), Coverage()).rates
-    if inputs.designs:
-        system = _from_design(inputs.designs, rates, options, findings, coverage)
-    elif trace is not None and not inputs.graphs:
-        graph = replace(graph_of(trace, findings, coverage), rates=())
-        system = _from_parsed(graph, rates, options, findings, coverage)
-    elif inputs.graphs[0].kind is FileKind.EXECUTORS:
-        system = _from_executors(inputs.graphs[0], rates, findings, coverage)
-    else:
-        system = _from_graph(inputs.graphs[0], trace, rates, options, findings, coverage)
-    model = replace(system.model, name=options.name or system.model.name)
-    model = calibrate(model, system.tasks_of, system.callbacks, trace, options, findings, coverage)
-    exclusion = Exclusion(system.groups, system.tasks_of, options.groups == RESOURCES, coverage)
-    imported = replace(_finish(model, findings, coverage, options.strict), completion=exclusion.complete)
-    return imported.completed() if options.overlay is None else imported
+    return _Import(find(paths), options).imported()
 
 
 @record
@@ -81,97 +58,114 @@ class _System:
     callbacks: tuple[Callback, ...] = ()
 
 
-def _from_graph(
-    source: Input,
-    trace: RosTrace | None,
-    rates: list[Rate],
-    options: RosImportOptions,
-    findings: Findings,
-    coverage: Coverage,
-) -> _System:
-    if source.kind is FileKind.CARET:
-        graph = read_caret(source.content, source.name, findings, coverage)
-        graph = graph if trace is None or findings.has_errors else confront(graph, trace, findings)
-    else:
-        graph = read_dot(source.content, source.name, findings)
-    return _from_parsed(graph, rates, options, findings, coverage)
+class _Import:
+    """One import: its inputs and options, and what is found and accounted for on the way."""
 
+    def __init__(self, inputs: Inputs, options: RosImportOptions) -> None:
+        self.inputs, self.options = inputs, options
+        self.findings, self.coverage = Findings(list(inputs.findings)), Coverage()
+        self.rates = [r for bag in inputs.bags for r in read_bag(bag.content, bag.name, self.findings, self.coverage)]
+        self.trace = read_ros_trace(inputs.traces[0], self.findings) if inputs.traces else None
 
-def _from_parsed(
-    graph: RosGraph, rates: list[Rate], options: RosImportOptions, findings: Findings, coverage: Coverage
-) -> _System:
-    _stop_on_errors(findings)
-    system = _tasks(ModeGraph(MODE, graph, {}, Location(graph.file)), rates, options, findings, coverage)
-    if system is None:
-        raise _no_tasks("graph", graph.file, findings)
-    return replace(system, model=replace(system.model, name=_stem(graph.file)))
+    def imported(self) -> Imported:
+        """Read the source, fill in WCETs, and leave the groups for when an overlay is on the model."""
+        inputs, options, findings, coverage = self.inputs, self.options, self.findings, self.coverage
+        for name in inputs.skipped:
+            coverage.ignored("file", name, "is no graph and no recording")
+        if files := len(inputs.graphs) + len(inputs.bags):
+            coverage.mapped("file", files)
+        if self.trace is not None:
+            coverage.mapped("trace")
+            self.rates += graph_of(self.trace, Findings(), Coverage()).rates
+        system = self._design() if inputs.designs else self._executors() if self._is_executors() else self._graph()
+        model = replace(system.model, name=options.name or system.model.name)
+        model = calibrate(model, system.tasks_of, system.callbacks, self.trace, options, findings, coverage)
+        found = _unique(findings)
+        if options.strict and any(d.severity is Severity.WARNING for d in found):
+            raised = (replace(d, severity=Severity.ERROR) if d.severity is Severity.WARNING else d for d in found)
+            raise HalpipeError(*raised, exit=Exit.UNSUPPORTED)
+        exclusion = Exclusion(system.groups, system.tasks_of, options.groups == RESOURCES, coverage)
+        result = Imported(model=model, diagnostics=tuple(found), coverage=coverage, completion=exclusion.complete)
+        return result.completed() if options.overlay is None else result
 
+    def _is_executors(self) -> bool:
+        return bool(self.inputs.graphs) and self.inputs.graphs[0].kind is FileKind.EXECUTORS
 
-def _from_executors(source: Input, rates: list[Rate], findings: Findings, coverage: Coverage) -> _System:
-    model = read_executors(source.content, source.name, findings, coverage)
-    _stop_on_errors(findings)
-    for rate in rates:
-        coverage.ignored("bag_topic", rate.topic, "the executors file states every period", rate.at)
-    return _System(model, {})
+    def _graph(self) -> _System:
+        findings, coverage, trace = self.findings, self.coverage, self.trace
+        if trace is not None and not self.inputs.graphs:
+            graph = replace(graph_of(trace, findings, coverage), rates=())
+        elif (source := self.inputs.graphs[0]).kind is FileKind.CARET:
+            graph = read_caret(source.content, source.name, findings, coverage)
+            graph = graph if trace is None or findings.has_errors else confront(graph, trace, findings)
+        else:
+            graph = read_dot(source.content, source.name, findings)
+        self._stop_on_errors()
+        system = self._tasks(ModeGraph(MODE, graph, {}, Location(graph.file)))
+        if system is None:
+            raise self._no_tasks("graph", graph.file)
+        return replace(system, model=replace(system.model, name=_stem(graph.file)))
 
+    def _executors(self) -> _System:
+        source = self.inputs.graphs[0]
+        model = read_executors(source.content, source.name, self.findings, self.coverage)
+        self._stop_on_errors()
+        for rate in self.rates:
+            self.coverage.ignored("bag_topic", rate.topic, "the executors file states every period", rate.at)
+        return _System(model, {})
 
-def _from_design(
-    sources: Sequence[Input], rates: list[Rate], options: RosImportOptions, findings: Findings, coverage: Coverage
-) -> _System:
-    design = read_design([(source.name, source.content) for source in sources], findings, coverage)
-    _stop_on_errors(findings)
-    parts: list[ModeModel] = []
-    tasks_of: dict[str, str] = {}
-    groups: list[Group] = []
-    for mode in design.modes:
-        system = _tasks(mode, rates, options, findings, coverage)
-        if system is not None:
-            parts.append(ModeModel(clean(mode.mode), system.model, mode.at))
-            tasks_of = {**system.tasks_of, **tasks_of}
-            groups += system.groups
-        elif len(design.modes) > 1:
-            text = f'mode "{mode.mode}" is left out: nothing in it has a period'
-            findings.add(codes.NO_PERIOD(text, at=mode.at, help="state periods under sources: in an overlay"))
-    if not parts:
-        raise _no_tasks("design", sources[0].name, findings)
-    model = merge_modes(parts, findings)
-    name = clean(design.name) if design.name else _stem(sources[0].name)
-    return _System(replace(model, name=name), tasks_of, tuple(groups))
+    def _design(self) -> _System:
+        sources = self.inputs.designs
+        design = read_design([(source.name, source.content) for source in sources], self.findings, self.coverage)
+        self._stop_on_errors()
+        parts: list[ModeModel] = []
+        tasks_of: dict[str, str] = {}
+        groups: list[Group] = []
+        for mode in design.modes:
+            system = self._tasks(mode)
+            if system is not None:
+                parts.append(ModeModel(clean(mode.mode), system.model, mode.at))
+                tasks_of = {**system.tasks_of, **tasks_of}
+                groups += system.groups
+            elif len(design.modes) > 1:
+                text = f'mode "{mode.mode}" is left out: nothing in it has a period'
+                self.findings.add(codes.NO_PERIOD(text, at=mode.at, help="state periods under sources: in an overlay"))
+        if not parts:
+            raise self._no_tasks("design", sources[0].name)
+        model = merge_modes(parts, self.findings)
+        name = clean(design.name) if design.name else _stem(sources[0].name)
+        return _System(replace(model, name=name), tasks_of, tuple(groups))
 
+    def _tasks(self, part: ModeGraph) -> _System | None:
+        """Return the model of one graph; None if nothing in it has a period."""
+        findings, coverage, overlay = self.findings, self.coverage, self.options.overlay
+        names = task_names(part.graph, Names(findings))
+        wiring = Wiring.of(prune(part.graph, overlay, names, coverage))
+        activations = activate(wiring, [*self.rates, *part.graph.rates], overlay, names, findings)
+        wiring = settled(wiring, activations)
+        report_unknown_publishers(wiring, findings)
+        flow = order_by_data(wiring, activations, findings)
+        triggers = {callback.name: callback.inputs for callback in part.graph.callbacks}
+        Account(triggers, wiring, activations, flow).write(self.rates, findings, coverage)
+        if not activations.of:
+            return None
+        tasks_of = {callback: names[callback] for callback in wiring.callbacks if callback in activations.of}
+        model = _Model(wiring, activations, flow, tasks_of, findings, coverage).of(part.units)
+        groups = (*wiring.graph.groups, *default_groups(wiring.graph, coverage))
+        return _System(model, {callback: names[callback] for callback in activations.of}, groups, part.graph.callbacks)
 
-def _tasks(
-    part: ModeGraph, rates: list[Rate], options: RosImportOptions, findings: Findings, coverage: Coverage
-) -> _System | None:
-    """Return the model of one graph; None if nothing in it has a period."""
-    names = task_names(part.graph, Names(findings))
-    wiring = Wiring.of(prune(part.graph, options.overlay, names, coverage))
-    activations = activate(wiring, [*rates, *part.graph.rates], options.overlay, names, findings)
-    wiring = settled(wiring, activations)
-    report_unknown_publishers(wiring, findings)
-    flow = order_by_data(wiring, activations, findings)
-    triggers = {callback.name: callback.inputs for callback in part.graph.callbacks}
-    result = Result(triggers, wiring, activations, flow)
-    account(result, rates, findings, coverage)
-    if not activations.of:
-        return None
-    model = _model(result, names, part.units, findings, coverage)
-    groups = (*wiring.graph.groups, *default_groups(wiring.graph, coverage))
-    return _System(model, {callback: names[callback] for callback in activations.of}, groups, part.graph.callbacks)
+    def _no_tasks(self, what: str, file: str) -> HalpipeError:
+        help = "state periods under sources: or tasks: in an overlay, or add a rosbag2 metadata.yaml"
+        self.findings.add(codes.NO_TASKS(f"nothing in the {what} has a period", at=Location(file), help=help))
+        return HalpipeError(*_unique(self.findings))
+
+    def _stop_on_errors(self) -> None:
+        if self.findings.has_errors:
+            raise HalpipeError(*_unique(self.findings))
 
 
 def _stem(file: str) -> str:
     return clean(os.path.basename(os.path.normpath(file)).split(".")[0] or "ros")
-
-
-def _no_tasks(what: str, file: str, findings: Findings) -> HalpipeError:
-    help = "state periods under sources: or tasks: in an overlay, or add a rosbag2 metadata.yaml"
-    findings.add(codes.NO_TASKS(f"nothing in the {what} has a period", at=Location(file), help=help))
-    return HalpipeError(*_unique(findings))
-
-
-def _stop_on_errors(findings: Findings) -> None:
-    if findings.has_errors:
-        raise HalpipeError(*_unique(findings))
 
 
 def _unique(findings: Findings) -> list[Diagnostic]:
@@ -179,103 +173,72 @@ def _unique(findings: Findings) -> list[Diagnostic]:
     return list(dict.fromkeys(sort_diagnostics(findings.items)))
 
 
-def _finish(model: TaskModel, findings: Findings, coverage: Coverage, strict: bool) -> Imported:
-    found = _unique(findings)
-    losses = [d for d in found if d.severity is Severity.WARNING]
-    if strict and losses:
-        raised = (replace(d, severity=Severity.ERROR) if d.severity is Severity.WARNING else d for d in found)
-        raise HalpipeError(*raised, exit=Exit.UNSUPPORTED)
-    return Imported(model=model, diagnostics=tuple(found), coverage=coverage)
+@record
+class _Model:
+    """The model of one mode, still without a name."""
 
+    wiring: Wiring
+    activations: Activations
+    flow: DataFlow
+    tasks_of: Mapping[str, str]
+    findings: Findings
+    coverage: Coverage
 
-# ---------------------------------------------------------------------------------------------------- model
+    def of(self, placed: Mapping[str, str]) -> TaskModel:
+        """Return the model; `placed` is the compute unit of nodes that have one."""
+        callbacks, file = self.wiring.callbacks, self.wiring.graph.file
+        units = {callback: clean(placed.get(callbacks[callback].node, UNIT)) for callback in self.tasks_of}
+        constraints = self._precedences()
+        tasks = tuple(self._task(callback, unit, constraints.get(callback, ())) for callback, unit in units.items())
+        used = list(dict.fromkeys(units.values()))
+        self._report_units(used, len(tasks), Location(file))
+        names = Names(self.findings)
+        chains = chains_of(self.wiring, self.activations, self.tasks_of, names, self.findings, self.coverage)
+        mode = Mode(name=MODE, runs=tuple(Run(task=task.name, versions=(VERSION,)) for task in tasks))
+        stated = {clean(unit) for unit in placed.values()}
+        platform = tuple(Unit(name=unit, origin=Origin(file) if unit in stated else None) for unit in used)
+        return TaskModel(name=MODE, units=platform, tasks=tasks, chains=chains, modes=(mode,), origin=Origin(file))
 
+    def _task(self, callback: str, unit: str, constraints: Sequence[Precedence]) -> Task:
+        name, stated = self.tasks_of[callback], self.wiring.callbacks[callback]
+        activation = self.activations.of[callback]
+        if stated.period is None:
+            self.coverage.defaulted(name, "period", f"{activation.period} from {activation.cause}", stated.at)
+        version = Version(name=VERSION, units=(unit,), precedences=tuple(constraints))
+        origin = Origin(stated.at.file, stated.at.line, callback)
+        return Task(name=name, period=activation.period, versions=(version,), origin=origin)
 
-def _model(
-    result: Result, names: Mapping[str, str], placed: Mapping[str, str], findings: Findings, coverage: Coverage
-) -> TaskModel:
-    """Return the model of one mode, still without a name; `placed` is the compute unit of nodes that have one."""
-    active = result.activations.of
-    tasks_of = {callback: names[callback] for callback in result.wiring.callbacks if callback in active}
-    units = {callback: clean(placed.get(result.wiring.callbacks[callback].node, UNIT)) for callback in tasks_of}
-    file = result.wiring.graph.file
-    constraints = _precedences(result, tasks_of, coverage)
-    tasks = tuple(
-        _task(callback, task, units[callback], result, constraints, coverage) for callback, task in tasks_of.items()
-    )
-    _report_units(list(dict.fromkeys(units.values())), len(tasks), file, findings, coverage)
-    _report_windows(result, file, findings)
-    chains = chains_of(result.wiring, result.activations, tasks_of, Names(findings), findings, coverage)
-    mode = Mode(name=MODE, runs=tuple(Run(task=task.name, versions=(VERSION,)) for task in tasks))
-    stated = {clean(unit) for unit in placed.values()}
-    used = tuple(Unit(name=u, origin=Origin(file) if u in stated else None) for u in dict.fromkeys(units.values()))
-    return TaskModel(name=MODE, units=used, tasks=tasks, chains=chains, modes=(mode,), origin=Origin(file))
+    def _precedences(self) -> dict[str, list[Precedence]]:
+        """Return the constraints of every callback, one per predecessor.
 
+        A window is the longer of both periods: some end of a job that recurs with period D lies within D before any
+        instant. A shorter one can be impossible: a reader faster than its publisher starts up to D after the last end.
+        """
+        first: dict[tuple[str, str], Edge] = {}
+        for edge in self.flow.edges:
+            first.setdefault((edge.reader, edge.publisher), edge)
+        constraints: dict[str, list[Precedence]] = {}
+        for edge in first.values():
+            window = max(self.activations.of[name].period for name in (edge.publisher, edge.reader))
+            at, publisher = self.wiring.callbacks[edge.reader].at, self.tasks_of[edge.publisher]
+            value = f"from the end of {publisher}: {ZERO} to {window}"
+            self.coverage.defaulted(self.tasks_of[edge.reader], "precedence window", value, at)
+            origin = Origin(at.file, at.line, edge.topic)
+            row = Precedence(task=publisher, min=ZERO, max=window, anchor=Anchor.END, origin=origin)
+            constraints.setdefault(edge.reader, []).append(row)
+        if first:
+            text = f"{len(first)} precedence windows: 0 to the longer period after the predecessor's end"
+            help = "state tighter windows under precedence: in an overlay where the data must be fresher"
+            self.findings.add(codes.DEFAULT_WINDOW(text, at=Location(self.wiring.graph.file), help=help))
+        return constraints
 
-def _task(
-    callback: str,
-    task: str,
-    unit: str,
-    result: Result,
-    constraints: Mapping[str, list[Precedence]],
-    coverage: Coverage,
-) -> Task:
-    at = result.wiring.callbacks[callback].at
-    activation = result.activations.of[callback]
-    if result.wiring.callbacks[callback].period is None:
-        coverage.defaulted(task, "period", f"{activation.period} from {activation.cause}", at)
-    version = Version(name=VERSION, units=(unit,), precedences=tuple(constraints.get(callback, ())))
-    return Task(name=task, period=activation.period, versions=(version,), origin=Origin(at.file, at.line, callback))
-
-
-def _precedences(result: Result, tasks_of: Mapping[str, str], coverage: Coverage) -> dict[str, list[Precedence]]:
-    """Return the constraints of every callback, one per predecessor."""
-    first: dict[tuple[str, str], Edge] = {}
-    for edge in result.flow.edges:
-        first.setdefault((edge.reader, edge.publisher), edge)
-    constraints: dict[str, list[Precedence]] = {}
-    for edge in first.values():
-        window = _window(result, edge)
-        reader = result.wiring.callbacks[edge.reader]
-        publisher = tasks_of[edge.publisher]
-        value = f"from the end of {publisher}: {ZERO} to {window}"
-        coverage.defaulted(tasks_of[edge.reader], "precedence window", value, reader.at)
-        constraints.setdefault(edge.reader, []).append(
-            Precedence(
-                task=publisher,
-                min=ZERO,
-                max=window,
-                anchor=Anchor.END,
-                origin=Origin(reader.at.file, reader.at.line, edge.topic),
-            )
-        )
-    return constraints
-
-
-def _window(result: Result, edge: Edge) -> Duration:
-    """Return the longer of both periods: some end of a job that recurs with period D lies within D before any instant.
-
-    A shorter window can be impossible: a reader faster than its publisher starts up to D after the last end.
-    """
-    active = result.activations.of
-    return max(active[edge.publisher].period, active[edge.reader].period)
-
-
-def _report_units(units: list[str], count: int, file: str, findings: Findings, coverage: Coverage) -> None:
-    help = "name the units of the computer under platform: in an overlay"
-    stated = [unit for unit in units if unit != UNIT]
-    if UNIT in units:
-        coverage.defaulted("platform", "units", UNIT)
-        some = f"{count} tasks" if not stated else "tasks without a compute unit"
-        findings.add(codes.DEFAULT_UNIT(f"{some} put on one unit, {UNIT}", at=Location(file), help=help))
-    if stated:
-        text = f"{len(stated)} compute units are one execution unit each: {few(stated)}"
-        findings.add(codes.COMPUTE_UNITS(text, at=Location(file), help=help))
-
-
-def _report_windows(result: Result, file: str, findings: Findings) -> None:
-    edges = {(edge.reader, edge.publisher) for edge in result.flow.edges}
-    if edges:
-        text = f"{len(edges)} precedence windows: 0 to the longer period after the predecessor's end"
-        help = "state tighter windows under precedence: in an overlay where the data must be fresher"
-        findings.add(codes.DEFAULT_WINDOW(text, at=Location(file), help=help))
+    def _report_units(self, units: list[str], count: int, at: Location) -> None:
+        help = "name the units of the computer under platform: in an overlay"
+        stated = [unit for unit in units if unit != UNIT]
+        if UNIT in units:
+            self.coverage.defaulted("platform", "units", UNIT)
+            some = f"{count} tasks" if not stated else "tasks without a compute unit"
+            self.findings.add(codes.DEFAULT_UNIT(f"{some} put on one unit, {UNIT}", at=at, help=help))
+        if stated:
+            text = f"{len(stated)} compute units are one execution unit each: {few(stated)}"
+            self.findings.add(codes.COMPUTE_UNITS(text, at=at, help=help))
