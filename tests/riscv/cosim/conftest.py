@@ -55,7 +55,7 @@ def export(tmp_path_factory):
     from halpipe.importers.native import parse_schedule
     from halpipe.pipeline.health import with_reactions
 
-    def make(sources=None, profile="vcu118", change=lambda text: text, platform="", drivers=""):
+    def make(sources=None, profile="vcu118", change=lambda text: text, platform="", drivers="", inputs=None):
         folder = tmp_path_factory.mktemp("bundle")
         for name in SOURCES:
             folder.joinpath(name).write_text((sources or {}).get(name) or HERE.joinpath(name).read_text())
@@ -72,6 +72,10 @@ def export(tmp_path_factory):
             folder.joinpath("drivers.yaml").write_text(drivers)
             folder.joinpath("board.c").write_text((sources or {})["board.c"])
             options = replace(options, drivers=str(folder / "drivers.yaml"))
+        for name, data in (inputs or {}).items():
+            folder.joinpath("recorded").mkdir(exist_ok=True)
+            folder.joinpath("recorded", name).write_bytes(data)
+            options = replace(options, inputs=str(folder / "recorded"))
         path = folder / "out"
         write_directory(str(path), formats.export("riscv", model, schedule, options))
         return formats.open_target(str(path))

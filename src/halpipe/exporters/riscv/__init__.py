@@ -32,6 +32,7 @@ class RiscvOptions(ExportOptions):
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
       is read. `regulator` is the platform of the regulators whose tables go with the programs (empty: none).
     - `drivers` states functions of the board that fill and empty buffers (empty: none).
+    - `inputs` is a folder with recorded contents of buffers, which a check plays (empty: none).
     """
 
     profile: str = option(
@@ -43,6 +44,9 @@ class RiscvOptions(ExportOptions):
         "", "Regulators of the memory, YAML: their tables go into the bundle.", metavar="FILE", is_path=True
     )
     drivers: str = option("", DRIVERS, metavar="FILE", is_path=True)
+    inputs: str = option(
+        "", "Recorded contents of buffers, BUFFER.bin for each: the check plays them.", metavar="FOLDER", is_path=True
+    )
 
 
 class RiscvExporter(PlainExporter):

@@ -17,7 +17,7 @@ from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
 from halpipe.exporters.riscv.cores import LINE, aligned, buffer_sizes, channels_of, cores_of, jobs_of, main_memory
 from halpipe.exporters.riscv.drivers import FILE as DRIVERS
-from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers
+from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers, read_inputs
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
 from halpipe.exporters.riscv.operations import Backlog, Operations, check_grid, check_version, find_backlog, too_short
 from halpipe.exporters.riscv.phases import check_phases, clock_of
@@ -57,6 +57,7 @@ class Site:
     health: Health
     drivers: Drivers
     driver_sources: tuple[str, ...]
+    inputs: dict[str, bytes]
 
 
 @record
@@ -74,7 +75,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     profile = read_profile(options.profile)
     findings = Findings()
     tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
-    site = _survey(model, schedule, profile, tree, read_drivers(options.drivers))
+    site = _survey(model, schedule, profile, tree, options)
     findings.stop_on_errors()
     toolchain = find_toolchain(options.toolchain)
     render = Renderer(profile)
@@ -107,7 +108,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         plan = Plan(operations.programs, tables, backlog, images)
         elf = _program(shop, render, site, model.name, plan, monitors, drivers)
         files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
-        files |= {DRIVERS: site.drivers.text} if site.drivers else {}
+        files |= ({DRIVERS: site.drivers.text} if site.drivers else {}) | site.inputs
     files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
     facts = {
         "model": model.name,
@@ -118,9 +119,9 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     return seal("riscv", files, facts)
 
 
-def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree, drivers: Drivers) -> Site:
+def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree, options: RiscvOptions) -> Site:
     """Collect what is used and where it will be; findings go where those of the sources go."""
-    findings = tree.findings
+    findings, drivers = tree.findings, read_drivers(options.drivers)
     used: dict[tuple[str, str], set[str]] = {}
     for job in jobs_of(schedule):
         used.setdefault((job.task, job.version), set()).update(job.units)
@@ -142,10 +143,12 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     sizes = buffer_sizes([(part.path, part.version) for part in parts], findings)
     memory = main_memory(profile, sizes, findings)
     check_drivers(drivers, parts, sizes, findings)
+    inputs = read_inputs(options.inputs, parts, sizes, findings)
     sources = tuple(tree.take(drivers.sources, "drivers"))
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
-    return Site(profile, cores, channels, memory, clock, tuple(parts), health_of(model, schedule), drivers, sources)
+    health = health_of(model, schedule)
+    return Site(profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs)
 
 
 def stage_runtime(shop: Workshop) -> None:

@@ -1,4 +1,4 @@
-"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, and HAL0980."""
+"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, and HAL1460."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -159,6 +159,12 @@ IDLE_DRIVER = error(
     "HAL0893",
     "Driver is never called",
     "Drivers of inputs are called in read phases, drivers of outputs in write phases that move their buffer.",
+)
+BAD_INPUT = error(
+    "HAL1460",
+    "Recorded input does not fit the model",
+    "A recording is a file BUFFER.bin with one or more contents of a buffer that tasks read and none writes, each as "
+    "large as the buffer. The check of the bundle puts them there, one for each hyperperiod.",
 )
 BAD_NAME = error(
     "HAL0866",

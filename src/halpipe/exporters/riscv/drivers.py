@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes, read_plain
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Stated
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.riscv.codes import BAD_DRIVERS, IDLE_DRIVER, MISSING_ENTRY
+from halpipe.exporters.riscv.codes import BAD_DRIVERS, BAD_INPUT, IDLE_DRIVER, MISSING_ENTRY
 from halpipe.exporters.riscv.images import compile_sources
 from halpipe.exporters.riscv.toolchain import Compile, read_elf
 from halpipe.models import AccessKind
@@ -191,3 +192,36 @@ def check_drivers(drivers: Drivers, parts: Sequence[Part], sizes: dict[str, int]
 def _is_called(driver: Driver, parts: Iterable[Part]) -> Iterable[bool]:
     one = Drivers((driver,))
     return (bool(one.of(part.task, access)) for part in parts for access in part.version.accesses)
+
+
+INPUTS = "inputs/"
+
+
+def read_inputs(folder: str, parts: Sequence[Part], sizes: dict[str, int], findings: Findings) -> dict[str, bytes]:
+    """Return the files of recorded buffers by their names in the bundle, none without a `folder`; collect errors.
+
+    `sizes` are those of the buffers.
+    """
+    if not folder:
+        return {}
+    accesses = [access for part in parts for access in part.version.accesses]
+    written = {t.buffer for access in accesses if access.kind is AccessKind.WRITE for t in access.transfers}
+    root, found = Path(folder), {}
+    for file in sorted(path for path in root.rglob("*") if path.is_file()):
+        name = file.relative_to(root).as_posix()
+        buffer, at = name.removesuffix(".bin"), Location(str(file))
+        if buffer == name or buffer not in sizes:
+            help = did_you_mean(buffer, sizes, "there are " + (", ".join(sizes) or "none"))
+            findings.add(BAD_INPUT(f'there is no buffer "{buffer}"', at=at, help=f"name a file BUFFER.bin; {help}"))
+        elif buffer in written:
+            help = "record what tasks read and none writes"
+            findings.add(BAD_INPUT("its buffer is written by a task", at=at, help=help))
+        else:
+            found[f"{INPUTS}{name}"] = content = read_plain(str(file))
+            if not content or len(content) % sizes[buffer]:
+                message = f"has {len(content)} bytes, its buffer {sizes[buffer]}"
+                help = f"write one or more contents of {sizes[buffer]} bytes each, one after the other"
+                findings.add(BAD_INPUT(message, at=at, help=help))
+    if not found and not findings.has_errors:
+        findings.add(BAD_INPUT("has no recording", at=Location(folder), help="write a file BUFFER.bin for each buffer"))
+    return found

@@ -23,7 +23,7 @@ from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
 from halpipe.deploy.riscv.judge.regulated import hold_transfers
 from halpipe.deploy.riscv.judge.tables import wrong_operations
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, read_images
-from halpipe.deploy.riscv.run.drivers import REQUEST, read_drivers
+from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import SPACE, Injection, Kind, Saboteur, delays
 from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 
 CYCLES = 2
 """Hyperperiods of every mode, unless told otherwise: the second has what wraps round the end of the first."""
+
+MOST_SAMPLES = 50
+"""Recorded inputs that are played, unless told otherwise."""
 
 OPERATION = 200
 """Instructions that the management core may need for one operation."""
@@ -121,7 +124,8 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     """Play a bundle in the co-simulation and hold it against its schedule; then let jobs fail on purpose."""
     totals = Totals()
     static = static_findings(target)
-    for tour in tours(target.schedule, options.cycles or CYCLES):
+    cycles = cycles_of(target, options)
+    for tour in tours(target.schedule, cycles):
         totals.outcomes.append(simulate(target, tour, execution=options.execution))
     if any(driver.function == REQUEST for driver in read_drivers(target.bundle)):
         asking = Tour(target.schedule.modes[0].name, (), ASKING)
@@ -152,6 +156,12 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     return Checked(diagnostics=findings, lines=tuple(lines), files=files)
 
 
+def cycles_of(target: Target, options: CheckOptions) -> int:
+    """Return how many hyperperiods of each mode are played: enough for its recorded inputs, unless stated."""
+    samples = recorded_inputs(target.bundle, read_site(target.bundle)).values()
+    return options.cycles or min(max([CYCLES, *map(len, samples)]), MOST_SAMPLES)
+
+
 def static_findings(target: Target) -> list[Diagnostic]:
     """Return what is wrong with a bundle before it is played: files that disagree, tables that are others."""
     site = read_site(target.bundle)
@@ -176,7 +186,7 @@ def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
 def foul_findings(target: Target, totals: Totals, options: CheckOptions) -> Iterator[Diagnostic]:
     """Yield where jobs depend on former contents of scratchpads: a second run of every tour with new versions."""
     known: set[tuple[str, str]] = set()
-    for tour, plain in zip(tours(target.schedule, options.cycles or CYCLES), totals.outcomes, strict=False):
+    for tour, plain in zip(tours(target.schedule, cycles_of(target, options)), totals.outcomes, strict=False):
         versions = {(job.task, job.version) for table in plain.tables for job in table.jobs}
         if versions - known:
             known |= versions
@@ -296,11 +306,12 @@ def simulate(
     injections: Sequence[Injection] = (),
     course: Course | None = None,
     is_foul: bool = False,
+    samples: int = 0,
 ) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
 
     Without a course, no health rule follows from what is injected. What modes tasks ask for is not heard. In a foul
-    run, jobs find other bytes wherever nothing was put for them.
+    run, jobs find other bytes wherever nothing was put for them. Recorded inputs are played, or only so many `samples`.
     """
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
@@ -310,8 +321,10 @@ def simulate(
     images = read_images(target.bundle, site)
     jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
     saboteur = Rubbish(site, images.values()) if is_foul else Saboteur(site, jobs, injections) if injections else None
+    inputs = {name: each[: samples or len(each)] for name, each in recorded_inputs(target.bundle, site).items()}
     simulation = CoSimulation(
         target,
+        plant=Recorded(inputs),
         budget=budget_of(site, jobs, expected),
         requests=[(request.instant, request.mode) for request in tour.requests],
         cycles=tour.tables,
@@ -335,7 +348,12 @@ def hearing(target: Target, tour: Tour, execution: str) -> Outcome:
     every = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
     jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(every)
     simulation = CoSimulation(
-        target, budget=budget_of(site, jobs, every), cycles=tour.tables, first=tour.first, execution=execution
+        target,
+        plant=Recorded(recorded_inputs(target.bundle, site)),
+        budget=budget_of(site, jobs, every),
+        cycles=tour.tables,
+        first=tour.first,
+        execution=execution,
     )
     run = simulation.run(every[-1].start + every[-1].length + MARGIN)
     expected = played_tables(target.schedule, tour.first, run.requests, tour.tables, site.tick)

@@ -12,8 +12,10 @@ from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.tables import PER_SLOT, Tables
+from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.recording import Flag, Kind
 from halpipe.deploy.riscv.run.sequence import DECISION
+from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -60,19 +62,27 @@ def summary_lines(target: Target, outcomes: Sequence[Outcome], tolerance: Durati
         f"{_short(lasted)} of the board's time"
     )
     lines.append(f"starts may be late by {tolerance}, the time that the management core has for its operations")
-    lines += _margins(outcomes)
+    lines += _margins(target, outcomes)
     lines += _calls(outcomes)
     return tuple(lines)
 
 
-def _margins(outcomes: Sequence[Outcome]) -> Iterator[str]:
+def _margins(target: Target, outcomes: Sequence[Outcome]) -> Iterator[str]:
     """Yield how many cycles an instruction may take until executions no longer fit in their time."""
     shares = [(figures.share, name) for name, figures in figures_of(outcomes).items() if figures.share]
     if shares and not any(outcome.run.is_modelled for outcome in outcomes):
         share, name = max(shares)
         most = _rounded(1 / share)
-        yield f'with empty buffers, executions fit up to {most} cycles an instruction ("{name}" is the first);'
-        yield "the bundle carries no recorded inputs: jobs that compute more with data than without are not tried"
+        inputs = recorded_inputs(target.bundle, outcomes[0].run.site)
+        data = f"recorded inputs of {', '.join(inputs)}" if inputs else "empty buffers"
+        yield f'with {data}, executions fit up to {most} cycles an instruction ("{name}" is the first);'
+        accesses = [a for task in target.model.tasks for version in task.versions for a in version.accesses]
+        buffers = {kind: {t.buffer for a in accesses if a.kind is kind for t in a.transfers} for kind in AccessKind}
+        lacking = sorted(buffers[AccessKind.READ] - buffers[AccessKind.WRITE] - set(inputs))
+        if not inputs:
+            yield "the bundle carries no recorded inputs: jobs that compute more with data than without are not tried"
+        elif lacking:
+            yield f"no inputs are recorded for {', '.join(lacking)}, which are empty"
 
 
 def _calls(outcomes: Sequence[Outcome]) -> Iterator[str]:

@@ -23,6 +23,7 @@ from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, 
 from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, prefixed
 from halpipe.deploy.riscv.judge.records import hold
 from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, read_images, silent
+from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, code_of
 from halpipe.deploy.riscv.run.observation import Outcome
@@ -86,9 +87,20 @@ def find_emulator(site: Site) -> str:
 
 
 def play(
-    program: bytes, site: Site, emulator: str, first: int, request: int, tables: int, *, health: bool = True
+    program: bytes,
+    site: Site,
+    emulator: str,
+    first: int,
+    request: int,
+    tables: int,
+    inputs: Mapping[str, Sequence[bytes]],
+    *,
+    health: bool = True,
 ) -> Played:
-    """Run QEMU once, with main memory in a file; without `health` no rule follows from jobs that fail."""
+    """Run QEMU once, with main memory in a file and the first recorded inputs.
+
+    Without `health` no rule follows from jobs that fail.
+    """
     words = [MAGIC, tables, _MODELLED, first, 0, _BY_SEMIHOSTING, max(site.timebase // 1000, 1), not health, request]
     with scratch_folder() as folder:
         place = Path(folder)
@@ -96,6 +108,9 @@ def play(
         place.joinpath("control").write_bytes(struct.pack(f"<{len(words)}Q", *words))
         command = [emulator, *_with_memory(site.qemu, place / "memory"), "-bios", "none", "-kernel"]
         command += [str(place / PROGRAM), *_loader(place / "control", site.control), *_rubbish(place, site)]
+        for number, (buffer, contents) in enumerate(inputs.items()):
+            place.joinpath(f"input{number}").write_bytes(contents[0])
+            command += _loader(place / f"input{number}", site.buffers[buffer].base)
         if _NEEDS_TREE in site.qemu:
             tree = str(place / "tree")
             start([emulator, _MACHINE, f"sifive_u,dumpdtb={tree}", "-smp", "5", "-display", "none"])
@@ -238,7 +253,8 @@ def _run(
         return
     found.kinds += Counter(failing.values())
     found.images |= set(failing)
-    played = play(bytes(program), site, emulator, mode, 0, CYCLES, health=False)
+    inputs = recorded_inputs(target.bundle, site)
+    played = play(bytes(program), site, emulator, mode, 0, CYCLES, inputs, health=False)
     failed = [_fail(job, failing, site) for job in jobs]
     held = hold(site, played.recording, tables, failed, _starved(failed))
     findings = [*is_over(played), *held.findings]
@@ -339,7 +355,8 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     for leg in legs(target, options.cycles or CYCLES):
         index = {mode.name: i for i, mode in enumerate(target.schedule.modes)}
         request = index[leg.to] + 1 if leg.to else 0
-        played = play(silent(target), site, emulator, index[leg.first], request, leg.tables)
+        inputs = recorded_inputs(target.bundle, site)
+        played = play(silent(target), site, emulator, index[leg.first], request, leg.tables, inputs)
         tables = played_tables(target.schedule, leg.first, leg.requests, leg.tables, site.tick)
         expectation = Expectation(target.bundle, target.model, site, images)
         jobs = expectation.jobs(tables)
@@ -395,7 +412,7 @@ def legs(target: Target, cycles: int) -> list[Leg]:
 
 def _data(target: Target, leg: Leg, played: Played) -> Iterator[Diagnostic]:
     """Hold the buffers against those of the co-simulation, whose emulator, DMA engine and clocks are others."""
-    outcome = simulate(target, Tour(leg.first, leg.requests, leg.tables), execution="modelled")
+    outcome = simulate(target, Tour(leg.first, leg.requests, leg.tables), execution="modelled", samples=1)
     if any(found.is_error for found in outcome.findings):
         message = f'data after mode "{leg.first}" was not compared, for the co-simulation itself finds errors'
         yield codes.NOT_JUDGED(message, help="look at them with --engine cosim")

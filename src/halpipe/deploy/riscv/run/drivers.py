@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import ZERO
 from halpipe.core.files import YamlMap, parse_yaml
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.elf import offset_of
@@ -12,11 +13,12 @@ from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.durations import Duration
     from halpipe.deploy.riscv.board.elf import Program
+    from halpipe.deploy.riscv.target import Site
     from halpipe.models import Access
 
 
@@ -54,6 +56,38 @@ class Plant:
 
     def written(self, board: Board, now: Duration, buffer: str) -> None:
         """A write phase has put new bytes into `buffer`."""
+
+
+class Recorded(Plant):
+    """Recorded inputs: the contents of buffers, one for each table that begins, from the first one on again."""
+
+    def __init__(self, samples: Mapping[str, Sequence[bytes]]) -> None:
+        self.samples = samples
+
+    def start(self, board: Board) -> None:
+        """Put the first of each into its buffer."""
+        self.cycle(board, ZERO, 0, "")
+
+    def cycle(self, board: Board, now: Duration, cycle: int, table: str) -> None:
+        """Put the next of each into its buffer."""
+        for buffer, contents in self.samples.items():
+            board.write(buffer, contents[cycle % len(contents)])
+
+
+INPUTS = "inputs/"
+
+
+def recorded_inputs(bundle: Bundle, site: Site) -> dict[str, list[bytes]]:
+    """Return the recorded contents of buffers; raise `HalpipeError` where one does not fit its buffer."""
+    found = {}
+    for name in sorted(name for name in bundle.files if name.startswith(INPUTS)):
+        buffer, data = name.removeprefix(INPUTS).removesuffix(".bin"), bundle.files[name]
+        size = site.buffers[buffer].size if buffer in site.buffers else 0
+        if not size or not data or len(data) % size:
+            message = f'{len(data)} bytes are no contents of a buffer "{buffer}"'
+            raise HalpipeError(BROKEN_TARGET(message, at=bundle.at(name), help=_HELP))
+        found[buffer] = [data[at : at + size] for at in range(0, len(data), size)]
+    return found
 
 
 FILE = "drivers.yaml"
