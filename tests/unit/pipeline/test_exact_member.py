@@ -72,7 +72,7 @@ def test_any_number_of_workers_gives_the_same(few_moves, workers):
 def test_turns_grow_to_the_budget():
     turns = [(turn.number, turn.moves, turn.work) for turn in relay.turns(1600, 5000, 50)]
     assert turns == [(0, 25, 0), (1, 100, 1), (2, 400, 4), (3, 1600, 16), (4, 5000, 64)]
-    assert [turn.moves for turn in relay.turns(1600, 1600)] == [25, 100, 400, 1600]
+    assert [turn.moves for turn in relay.turns(1600, 1600, 50)] == [25, 100, 400, 1600]
 
 
 def test_a_search_in_turns_is_that_in_one_go(monkeypatch):
