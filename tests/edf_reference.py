@@ -13,17 +13,17 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, NamedTuple
 
 from edf_reference_jobs import Job, Resources, Table, may_stop, oldest_part, stops_at
-from halpipe.pipeline.solve.edf.releases import releases_of
-from halpipe.pipeline.solve.edf.resources import Claim
-from halpipe.pipeline.solve.edf.simulate import MOST_CYCLES, Simulator
+from halpipe.pipeline.solve.edf.fixed import Claim
+from halpipe.pipeline.solve.edf.plans import releases_of
+from halpipe.pipeline.solve.edf.trials import MOST_CYCLES, Simulator
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from edf_reference_jobs import Piece
-    from halpipe.pipeline.solve.edf import jobs
     from halpipe.pipeline.solve.edf.fixed import FixedJob, Walls
-    from halpipe.pipeline.solve.edf.jobs import Plan, Span
+    from halpipe.pipeline.solve.edf.plans import Plan, Span
+    from halpipe.pipeline.solve.edf.plans import Table as PlannedTable
     from halpipe.pipeline.solve.edf.works import Mode, Window
 
 
@@ -65,7 +65,7 @@ class Compared(Simulator):
 
     tables = 0
 
-    def table(self, plan: Plan) -> jobs.Table:
+    def table(self, plan: Plan) -> PlannedTable:
         """Return the table that a plan leads to."""
         found, wanted = super().table(plan), simulate(self._mode, plan)
         assert (found.closed, found.late) == (wanted.closed, wanted.late)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.edf.resources import Claim
+from halpipe.pipeline.solve.edf.fixed import Claim
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.pipeline.parts import Service
-    from halpipe.pipeline.solve.edf.jobs import Span
+    from halpipe.pipeline.solve.edf.plans import Span
     from halpipe.pipeline.solve.edf.works import Way, Work
 
 FEW = 64

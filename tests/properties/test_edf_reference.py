@@ -14,10 +14,8 @@ from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.edf import native
 from halpipe.pipeline.solve.edf.fixed import fix
-from halpipe.pipeline.solve.edf.jobs import Plan
-from halpipe.pipeline.solve.edf.latencies import ChainTimes
-from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan
-from halpipe.pipeline.solve.edf.tables import named
+from halpipe.pipeline.solve.edf.plans import Plan, allowed_ways, first_plan
+from halpipe.pipeline.solve.edf.trials import ChainTimes, named
 from halpipe.pipeline.solve.edf.works import works_of
 
 

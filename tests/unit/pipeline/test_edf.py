@@ -16,7 +16,7 @@ from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve import schedule as solve
-from halpipe.pipeline.solve.edf.resources import Claim
+from halpipe.pipeline.solve.edf.fixed import Claim
 from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.integers import Draws
 from halpipe.pipeline.solve.schedule import SearchOptions

@@ -1,26 +1,38 @@
 """Jobs that stay where an earlier schedule has them, on the circle of a mode; the others are placed around them.
 
 Between their parts, what has begun in a gap must end in it, and what began before a job that stays must not go on in
-its gaps (MODEL 8.2, nested).
+its gaps (MODEL 8.2, nested). Their claims are access phases on the line of time.
 """
 
 from __future__ import annotations
 
 from dataclasses import field
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.records import record
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
-from halpipe.pipeline.solve.edf.resources import Claim
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.models import Job, Version
     from halpipe.pipeline.solve.edf.works import Mode, Way
+
+
+class Claim(NamedTuple):
+    """`height` quanta of `resource` on [begin, end)."""
+
+    resource: int
+    begin: int
+    end: int
+    height: int
+
+    def moved(self, by: int) -> Claim:
+        """Return the claim `by` ticks later."""
+        return self._replace(begin=self.begin + by, end=self.end + by)
 
 
 @record

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core import libraries
 from halpipe.core.libraries import INTEGER, words
-from halpipe.pipeline.solve.edf.jobs import Table
-from halpipe.pipeline.solve.edf.releases import releases_of
+from halpipe.pipeline.solve.edf.plans import Table, releases_of
 from halpipe.pipeline.solve.integers import filled, ints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.pipeline.solve.edf.jobs import Plan
-    from halpipe.pipeline.solve.edf.resources import Claim
+    from halpipe.pipeline.solve.edf.fixed import Claim
+    from halpipe.pipeline.solve.edf.plans import Plan
     from halpipe.pipeline.solve.edf.works import Mode, Way
     from halpipe.pipeline.solve.integers import Ints
 

@@ -1,7 +1,8 @@
 """Search over the inputs of earliest deadline first: units, phases and urgencies, until the table is valid.
 
 The first plan is often enough: deadlines propagated back along windows, units by load. Where jobs come too late, the
-plan changes around them: they become more urgent, are released at another phase, or move to other units.
+plan changes around them: they become more urgent, are released at another phase, or move to other units. From a valid
+table the search climbs to others that are worth more; nothing that counts gets worse than in the first.
 """
 
 from __future__ import annotations
@@ -10,22 +11,157 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.edf.improving import Climb
-from halpipe.pipeline.solve.edf.keeping import Memory, State
-from halpipe.pipeline.solve.edf.moves import Moves
-from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan, fits, together
-from halpipe.pipeline.solve.edf.tables import followed
-from halpipe.pipeline.solve.edf.trials import Effort, Trials, Try
-from halpipe.pipeline.solve.integers import Draws
+from halpipe.pipeline.solve.edf.plans import Moves, Plan, allowed_ways, first_plan, fits, together
+from halpipe.pipeline.solve.edf.trials import Effort, Trials, Try, followed
+from halpipe.pipeline.solve.integers import Draws, ints
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.models import Job, TaskModel
-    from halpipe.pipeline.solve.edf.jobs import Plan
-    from halpipe.pipeline.solve.edf.works import Mode
+    from halpipe.pipeline.solve.edf.trials import Latency, Ticks
+    from halpipe.pipeline.solve.edf.works import Mode, Way
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
     from halpipe.pipeline.solve.optimise import Polish
+
+
+@record
+class State:
+    """Jobs placed, the state of the draws, the plan that is changed, the best one; and while a valid table is improved
+    the `first` valid one and the jobs that were placed when it was found."""
+
+    placed: int
+    draws: int
+    current: Plan
+    best: Plan
+    first: tuple[Plan, ...] = ()
+    began: int = 0
+
+
+class Memory:
+    """Keeps states of one search with a keeper, if there is one."""
+
+    def __init__(self, kept: Kept | None, allowed: Sequence[tuple[Way, ...]]) -> None:
+        self._kept = kept
+        self._allowed = allowed
+
+    def keep(self, state: State) -> None:
+        """Save where the search stands."""
+        if self._kept is None:
+            return
+        facts = {"counts": ints([state.placed, state.began, state.draws >> 32, state.draws & 0xFFFFFFFF])}
+        plans = {"current": state.current, "best": state.best, **{f"first{n}": p for n, p in enumerate(state.first)}}
+        self._kept.note(facts | {name: self._written(plan) for name, plan in plans.items()})
+
+    def recalled(self) -> State | None:
+        """Return where an earlier run stood; None if there was none, or what it left does not fit the mode."""
+        facts = self._kept.noted() if self._kept is not None else None
+        if not facts or not {"counts", "current", "best"} <= facts.keys():
+            return None
+        plans = {name: self._read(facts[name]) for name in ("current", "best", "first0") if name in facts}
+        current, best, first = plans["current"], plans["best"], plans.get("first0")
+        if current is None or best is None or len(facts["counts"]) != 4:
+            return None
+        placed, began, high, low = facts["counts"]
+        return State(placed, high << 32 | low, current, best, () if first is None else (first,), began)
+
+    def _written(self, plan: Plan) -> Ints:
+        ways = [ways.index(way) for ways, way in zip(self._allowed, plan.ways, strict=True)]
+        return ints([int(plan.fresh), *ways, *plan.phases, *plan.urgency, *plan.holds])
+
+    def _read(self, numbers: Ints) -> Plan | None:
+        count = len(self._allowed)
+        if len(numbers) != 1 + 4 * count:
+            return None
+        ways, phases, urgency, holds = (tuple(numbers[1 + n * count : 1 + (n + 1) * count]) for n in range(4))
+        if any(not 0 <= way < len(allowed) for way, allowed in zip(ways, self._allowed, strict=True)):
+            return None
+        chosen = tuple(allowed[way] for way, allowed in zip(ways, self._allowed, strict=True))
+        return Plan(chosen, phases, urgency, holds, fresh=bool(numbers[0]))
+
+
+STEPS = 50
+"""Tables that are tried by their chains alone before what they led to is judged."""
+
+JUDGING = 16
+"""To judge a table takes about as long as to try so many."""
+
+
+class Climb:
+    """Goes from one table of a mode to the next."""
+
+    def __init__(
+        self, trials: Trials, moves: Moves, memory: Memory, polish: Polish, allowed: Sequence[tuple[Way, ...]]
+    ) -> None:
+        """Get ready; `allowed` are the ways that each task may take."""
+        self.trials = trials
+        self.moves = moves
+        self.memory = memory
+        self.polish = polish
+        self.allowed = allowed
+        self.weights = polish.judge.chain_weights
+
+    def climbed(self, best: Try, state: State | None) -> Try:
+        """Return the best table that is found from a valid one on, or from where an earlier run stood."""
+        trials, polish, judge = self.trials, self.polish, self.polish.judge
+        first = best if state is None else trials.evaluate(state.first[0])
+        bar = judge.worth(trials.jobs(first))
+        polish.first[:] = [bar]
+        nearer = trials.evaluate(together(trials.mode, first.plan, self.allowed, trials.model.chains))
+        beside = None if nearer.excess else judge.better(trials.jobs(nearer), bar, bar)
+        if beside is not None:
+            bar = beside if judge.keeps(bar, beside) else bar
+            best = nearer if state is None else best
+            polish.on_better(beside)
+        began = trials.placed if state is None else state.began
+        trials.placed = trials.placed if state is None else state.placed
+        jobs = trials.jobs(best)
+        worth = judge.worth(jobs)
+        while trials.placed < began + trials.effort.polish and not trials.stopped and not polish.is_enough(jobs):
+            plans = best.plan, best.plan, (first.plan,)
+            self.memory.keep(State(trials.placed, self.moves.draws.state, *plans, began))
+            moved = self._beside(best)
+            if moved is best:
+                continue
+            trials.placed += JUDGING * len(moved.table)
+            better = judge.better(moved_jobs := trials.jobs(moved), bar, worth)
+            if better is not None:
+                best, worth, jobs = moved, better, moved_jobs
+                polish.on_better(worth)
+        return best
+
+    def _beside(self, best: Try) -> Try:
+        """Return a valid table beside the best one; where chains come first, one to which many steps lead."""
+        if self.weights and self.polish.judge.is_led_by_chains:
+            return self._walked(best)
+        return self._varied(best) or best
+
+    def _walked(self, best: Try) -> Try:
+        """Go to tables whose chains are no longer, all together."""
+        current, least = best, self._sum(self.trials.latencies(best))
+        for _ in range(STEPS):
+            moved = self._varied(current)
+            if moved is not None:
+                total = self._sum(self.trials.latencies(moved))
+                if total <= least:
+                    current, least = moved, total
+            if self.trials.stopped:
+                break
+        return current
+
+    def _sum(self, latencies: Iterable[Latency]) -> Ticks:
+        return sum(weight * sum(both) for weight, both in zip(self.weights, latencies, strict=True))
+
+    def _varied(self, current: Try) -> Try | None:
+        """Try a plan beside that of a table; return None if no valid table comes of it."""
+        plan: Plan = self.moves.varied(current.plan)
+        if plan == current.plan or not fits(self.trials.mode, plan):
+            self.trials.placed += 1
+            return None
+        moved = self.trials.evaluate(plan)
+        return None if moved.excess else moved
+
 
 TRIES = 20
 """Draws of a plan that differs and overloads no unit, before any is taken."""

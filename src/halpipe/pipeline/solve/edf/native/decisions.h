@@ -3,7 +3,7 @@
 #ifndef DECISIONS_H
 #define DECISIONS_H
 
-#include "walls.h"
+#include "queues.h"
 
 /* Whether a job may have all its units: no job runs there, and those begun are less urgent and may stop. */
 static bool is_free_for(const Simulation *s, int64_t task, int64_t now) {

@@ -9,7 +9,6 @@
 
 #include "decisions.h"
 #include "handlers.h"
-#include "latency.h"
 
 #if defined(_WIN32)
 #define EXPORTED __declspec(dllexport)

@@ -171,4 +171,37 @@ typedef enum { AT_START, AT_END, AT_RELEASE, AT_POINT, AT_DATA } Instant;
 #define NOISES 4096
 #define NOISE_SHIFT 20
 
+static inline int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
+
+static inline int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
+
+static inline int64_t quotient(int64_t a, int64_t by) { return a / by - (a % by < 0); }
+
+static inline int64_t modulo(int64_t a, int64_t by) {
+    int64_t rest = a % by;
+    return rest < 0 ? rest + by : rest;
+}
+
+/* A time before twice the hyperperiod, on the circle: a division takes longer than all else in a short loop. */
+static inline int64_t wrapped(const Arrays *p, int64_t time) {
+    return time >= p->hyperperiod ? time - p->hyperperiod : time;
+}
+
+/* A pseudo-random integer in [0, below), from xorshift64. */
+static inline int64_t draw(State *s, int64_t below) {
+    uint64_t x = *s->random;
+    x ^= x << 13;
+    x ^= x >> 7;
+    x ^= x << 17;
+    *s->random = x;
+    if (below < 4294967296)
+        return (int64_t)(((x >> 32) * (uint64_t)below) >> 32);
+    return (int64_t)(x % (uint64_t)below);
+}
+
+/* A pseudo-random cost: the temperature times an entry of the table. */
+static inline int64_t draw_noise(State *s, const int64_t *noise) {
+    return s->registers->temperature * noise[draw(s, NOISES)] >> NOISE_SHIFT;
+}
+
 #endif

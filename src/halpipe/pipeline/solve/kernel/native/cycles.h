@@ -4,7 +4,7 @@
 #define HALPIPE_CYCLES_H
 
 #include "lanes.h"
-#include "side_costs.h"
+#include "rules.h"
 
 enum {
     /* Moves per entry in a cycle, times Luby's sequence. */

@@ -6,7 +6,6 @@
 #ifndef HALPIPE_MOVE_CLUSTER_H
 #define HALPIPE_MOVE_CLUSTER_H
 
-#include "candidates.h"
 #include "conflicts.h"
 
 enum {

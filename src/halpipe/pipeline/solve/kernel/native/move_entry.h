@@ -3,7 +3,6 @@
 #ifndef HALPIPE_MOVE_ENTRY_H
 #define HALPIPE_MOVE_ENTRY_H
 
-#include "candidates.h"
 #include "conflicts.h"
 #include "cycles.h"
 
