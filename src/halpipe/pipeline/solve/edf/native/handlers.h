@@ -1,20 +1,9 @@
-/* What is done when a job is released, a piece ends, or a job that stays comes by. */
-
-#ifndef HANDLERS_H
-#define HANDLERS_H
-
-#include "queues.h"
-
-/* By how much the jobs of a task are late at most, as far as it is counted. */
+/* What is done when a job is released, a piece ends, or a job that stays comes by; and the latencies of a chain. */
 
 #ifndef HALPIPE_HANDLERS_H
 #define HALPIPE_HANDLERS_H
 
-#include "system.h"
-
-#ifndef HANDLERS_H
-#define HANDLERS_H
-
+#include "queues.h"
 
 /* By how much the jobs of a task are late at most, as far as it is counted. */
 #define MOST_LATE ((int64_t)1 << 60)
@@ -93,10 +82,6 @@ static void pass(const Simulation *s, int64_t number, int64_t now) {
     if (starts || ends)
         touch_followers(s, fixed->task);
 }
-
-#ifndef LATENCY_H
-#define LATENCY_H
-
 
 /* A task of a chain: when its jobs start and end, each after the one before it, round the hyperperiod from job `first`
  * on, which starts first in it. */

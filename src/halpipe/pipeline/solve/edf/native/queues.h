@@ -5,10 +5,6 @@
 
 #include "system.h"
 
-#ifndef PIECES_H
-#define PIECES_H
-
-
 /* A part that a job runs, or might: from `start` on it executes what comes after `first`. Before that `lost` goes by,
  * and so many `gaps` lie before it. */
 typedef struct {
@@ -130,9 +126,7 @@ static bool holds_up(const Simulation *s, int64_t task, const Piece *piece, int6
     return end_of(s->system, piece, stop) > latest;
 }
 
-#ifndef CLAIMS_H
-#define CLAIMS_H
-
+/* ---------------------------------------------- Access phases on the line of time: what of each resource is taken. */
 
 /* Claims of a resource that are remembered before any are forgotten. */
 enum { FEW = 64 };
@@ -293,11 +287,9 @@ static bool is_crowded(const Simulation *s) {
     return false;
 }
 
-#ifndef EVENTS_H
-#define EVENTS_H
-
-
 typedef enum { RELEASE, STOP, WAKE, FIXED } Kind;
+
+/* ----------------------------- Events: releases first, then ends, then questions asked again, then jobs that stay. */
 
 /* Events of one instant come by their kind, and of one kind as they were put down. */
 enum { KIND_SHIFT = 60 };
@@ -371,6 +363,8 @@ static void note(const Simulation *s, int64_t task, bool is_end, int64_t now) {
     times[(*count)++] = now;
 }
 
+/* ------------------------------ Jobs that wait for a unit, the most urgent first, and those that have begun on it. */
+
 static void touch(const Simulation *s, int64_t unit) { s->memory->is_touched[unit] = true; }
 
 static void touch_units(const Simulation *s, const Way *way) {
@@ -382,10 +376,6 @@ static void touch_followers(const Simulation *s, int64_t task) {
     for (int64_t n = s->plan->followers_at[task]; n < s->plan->followers_at[task + 1]; n++)
         touch(s, s->plan->followers[n]);
 }
-
-#ifndef QUEUES_H
-#define QUEUES_H
-
 
 /* The deadline of a job that can wait no longer. */
 enum { AT_ONCE = -1 };
@@ -455,10 +445,6 @@ static void hurry(const Simulation *s, int64_t task) {
         enqueue(s, s->system->way_units[n], task);
     }
 }
-
-#ifndef WALLS_H
-#define WALLS_H
-
 
 static bool has_walls(const System *system, int64_t unit) {
     return system->walls_at[unit + 1] > system->walls_at[unit];

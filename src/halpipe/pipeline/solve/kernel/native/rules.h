@@ -67,6 +67,8 @@ static inline Range numbers_near(const Arrays *p, Placing x, int64_t task, int64
     return (Range){nearest - around, nearest + around + 1};
 }
 
+/* ------------------------- Windows (MODEL 3): a job of the named task lies in the window before a start or an end. */
+
 /* How far the time from the job of the same cycle to `job` lies outside the window; NEVER while it is not placed. */
 static int64_t cycle_distance(const Arrays *p, Placing x, const Row *row, int64_t job) {
     int64_t number = number_of(p, job) * p->task_period[p->job_task[job]] / p->task_period[row->task];
@@ -129,6 +131,8 @@ static int64_t job_window_cost(const Arrays *p, Placing x, int64_t job, int64_t 
     return cost * p->unit_weight;
 }
 
+/* ------------------------------------- Demands (MODEL 2): a job without a period runs if its demander asks for it. */
+
 /* The cost of a demand job that runs undemanded, or that is demanded and does not run. */
 static int64_t demand_cost(const Arrays *p, Placing x, int64_t job) {
     int64_t demander = p->demand_job[job];
@@ -143,6 +147,8 @@ static int64_t demand_cost(const Arrays *p, Placing x, int64_t job) {
     bool runs = p->option_present[x.option[job]] == 1;
     return wanted != runs ? p->missing_cost : 0;
 }
+
+/* --------------------------- Chains (MODEL 3): worst reaction time, data age and latency stay within their limits. */
 
 typedef struct { int64_t time, job; } Met;
 
@@ -265,6 +271,8 @@ static int64_t chain_cost(const Arrays *p, Placing x, int64_t chain) {
         cost += lateness(p, worst_forward(p, x, chain, false), p->chain_latency[chain]);
     return cost;
 }
+
+/* ---------------------------------------------------------------------------------------------- Sums of the rules. */
 
 static int64_t window_costs(const Arrays *p, Placing x, int64_t task, int64_t begin, int64_t end) {
     int64_t cost = 0;
