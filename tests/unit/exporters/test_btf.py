@@ -1,6 +1,7 @@
 """BTF: every line keeps the rules that viewers go by, and a comparison with the schedule finds nothing."""
 
 import re
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -14,7 +15,7 @@ from halpipe.exporters.btf.events import tour
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
-from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.models import ModeSchedule, Part, Schedule, Status, TransitionTable
 from halpipe.pipeline.compare import CompareOptions, compare
 from stated_options import stated
 from support import job, model, ms, schedule, task, version
@@ -42,7 +43,7 @@ def violations(text):
         r"#timeScale (ns|us|ms|s)",
     ]
     found += [pattern for pattern in needed if not any(re.fullmatch(pattern, line) for line in header)]
-    last, active = None, {}
+    last, active, entered = None, {}, {}
     for row in rows(text):
         if len(row) not in (7, 8):
             found.append(("columns", row))
@@ -57,6 +58,12 @@ def violations(text):
         last = int(time)
         if kind == "STI":
             found += [] if event == "trigger" else [("stimulus", row)]
+        elif kind == "R":  # a task calls it while it runs on a core
+            found += [] if (source, source_instance) in active else [("called by no running task", row)]
+            expected = {"start": None, "suspend": "in", "resume": "out", "terminate": "in"}
+            key = (source, source_instance, target)
+            found += [] if event in expected and entered.pop(key, None) == expected[event] else [("runnable", row)]
+            entered |= {key: "out" if event == "suspend" else "in"} if event != "terminate" else {}
         elif kind != "T" or event not in TASK_EVENTS:
             found.append(("type or event", row))
         elif event == "activate":
@@ -65,7 +72,10 @@ def violations(text):
             if not source.startswith("Core") or not target.startswith("TASK"):
                 found.append(("not shown", row))
             key = (target, instance)
-            if event == "start":
+            if event in ("preempt", "terminate"):
+                inner = [state for (task, number, _), state in entered.items() if (task, number) == key]
+                found += [] if "in" not in inner else [("leaves within a runnable", row)]
+            if event in ("start", "resume"):
                 if key in active or source in active.values():
                     found.append(("core is busy", row))
                 active[key] = source
@@ -171,7 +181,7 @@ def test_entities_carry_the_letters_of_their_types():
     assert "#typeTable" in header
     assert "#entityType" not in header
     rows_of_types = header[header.index("#entityTypeTable") + 1 :]
-    letter = {"Core_": "C", "TASK_": "T", "STI_": "STI"}
+    letter = {"Core_": "C", "TASK_": "T", "RUN_": "R", "STI_": "STI"}
     assert rows_of_types
     for row in rows_of_types:
         kind, name = row.removeprefix("#-").split(" ")
@@ -181,7 +191,9 @@ def test_entities_carry_the_letters_of_their_types():
 def responses(text):
     """Response times as other tools take them: terminate minus activate of each instance."""
     activated, found = {}, {}
-    for time, _, _, _, target, instance, event in rows(text):
+    for time, _, _, kind, target, instance, event in rows(text):
+        if kind != "T":
+            continue
         if event == "activate":
             activated[target, instance] = int(time)
         elif event == "terminate":
@@ -204,3 +216,27 @@ def test_jobs_are_activated_at_their_release(offset, delays, early):
     }
     assert {instance: time for (_, instance), time in responses(text).items()} == due
     assert ("# 2 releases before the trace begins" in text) == early
+
+
+def test_the_runnable_of_a_job_is_the_code_of_its_version():
+    parts = (Part(ms(1), ms(2)), Part(ms(5), ms(7)))
+    system = model(task("a", "10ms", version("v", "3ms", "u1")))
+    planned = schedule(system, "10ms", replace(job(system, "a", 0, "1ms", "u1"), end=ms(7), parts=parts))
+    text = write(system, planned, cycles=1)
+    assert violations(text) == []
+    found = [(int(row[0]) // 10**6, row[1], row[4], row[6]) for row in rows(text) if row[3] == "R"]
+    assert found == [
+        (1, "TASK_a", "RUN_a.v", "start"),
+        (2, "TASK_a", "RUN_a.v", "suspend"),
+        (5, "TASK_a", "RUN_a.v", "resume"),
+        (7, "TASK_a", "RUN_a.v", "terminate"),
+    ]
+
+
+def test_a_trace_of_runnables_alone_has_their_jobs():
+    text = write(*roboracer())
+    plain = [line for line in text.splitlines() if ",T," not in line]
+    tasks, runnables = (parse_traces(t.encode(), "t").traces[0].executions for t in (text, "\n".join(plain)))
+    times = [sorted((e.start, e.end, e.busy) for e in found) for found in (tasks, runnables)]
+    assert times[0] == times[1]
+    assert {e.task.split("_")[0] for e in runnables} == {"RUN"}

@@ -100,7 +100,7 @@ def test_the_report_joins_parts_by_a_thin_line_and_counts_gaps():
 def test_btf_preempts_and_resumes_between_parts():
     system, planned = split()
     text = BTF.write(system, planned, BtfOptions(cycles=2))[""].decode()
-    slow = [line.split(",") for line in text.splitlines() if ",TASK_slow,0," in line]
+    slow = [line.split(",") for line in text.splitlines() if ",T,TASK_slow,0," in line]
     assert [(int(row[0]), row[6]) for row in slow] == [
         (2_500_000, "activate"),
         (2_500_000, "start"),

@@ -37,6 +37,7 @@ class BtfExporter(PlainExporter):
             "schedule": "activate at the release, start and terminate of every job",
             "tables": "played between the modes",
             "parts": "preempt and resume between the parts of a job",
+            "versions": "one runnable for each, which runs within its jobs",
         },
         (
             "BTF has whole nanoseconds: instants between two are rounded down, and counted in the header.",

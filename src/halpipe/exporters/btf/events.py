@@ -3,6 +3,7 @@
 Trace Compass ties tasks to cores only where a core's name begins with ``Core`` and a task's with ``TASK``. The start of
 each table is marked by a stimulus, so that a comparison needs no guess. A job is activated at its release, from which
 tools count response times; a job of a transition table or of a task on demand has none, and is activated at its start.
+A job runs one runnable, the code of its version: the function that the version states, or ``<task>.<version>``.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ from halpipe.core.records import record
 from halpipe.exporters.common.timeline import delays_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from halpipe.exporters.btf import BtfOptions
     from halpipe.models import Job, Schedule, TaskModel, TransitionTable
 
 CREATED = "1970-01-01T00:00:00Z"
 """The format wants a date; the same schedule gives the same bytes, so it is always this one."""
 
-_TERMINATE, _MARK, _ACTIVATE, _START = range(4)
-"""At one instant: ends and pauses first, then marks, then begins and resumptions."""
+_LEAVE, _TERMINATE, _MARK, _ACTIVATE, _START, _ENTER = range(6)
+"""At one instant: ends and pauses first, then marks, then begins and resumptions; runnables within their tasks."""
 
 
 @record
@@ -38,7 +41,8 @@ class Piece:
 def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str:
     """Return the trace of a run through every mode and switch that can be reached from the first mode."""
     pieces, unreached = tour(schedule, options.cycles)
-    events, rounded, early = _events(pieces, _releases(model, schedule))
+    runnables = _runnables(model)
+    events, rounded, early = _events(pieces, _releases(model, schedule), runnables)
     header = [
         "#version 2.1.5",
         "#creator halpipe",
@@ -49,7 +53,7 @@ def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str
         f"# {rounded} instants rounded down to whole nanoseconds",
         *([f"# {early} releases before the trace begins stand at 0"] if early else []),
         *(f"# not reached from {schedule.modes[0].name}: {name}" for name in unreached),
-        *_entities(pieces),
+        *_entities(pieces, runnables),
     ]
     return "\n".join([*header, *events]) + "\n"
 
@@ -105,13 +109,14 @@ def _nearest_untaken(
     return []
 
 
-def _entities(pieces: list[Piece]) -> list[str]:
+def _entities(pieces: list[Piece], runnables: Mapping[tuple[str, str], str]) -> list[str]:
     """Return the tables of types and entities, which viewers read for their trees."""
     tasks = dict.fromkeys(f"TASK_{job.task}" for piece in pieces for job in piece.jobs)
     cores = dict.fromkeys(f"Core_{unit}" for piece in pieces for job in piece.jobs for unit in job.units)
     marks = dict.fromkeys(f"STI_TABLE_{piece.name}" for piece in pieces)
     stimuli = dict.fromkeys(f"STI_{job.task}" for piece in pieces for job in piece.jobs)
-    types = {"C": sorted(cores), "T": sorted(tasks), "STI": sorted([*marks, *stimuli])}
+    codes = {runnables[job.task, job.version] for piece in pieces for job in piece.jobs}
+    types = {"C": sorted(cores), "T": sorted(tasks), "R": sorted(codes), "STI": sorted([*marks, *stimuli])}
     names = [(kind, name) for kind, found in types.items() for name in found]
     return [
         "#typeTable",
@@ -135,7 +140,20 @@ def _releases(model: TaskModel, schedule: Schedule) -> dict[tuple[str, str, int]
     return found
 
 
-def _events(pieces: list[Piece], delays: dict[tuple[str, str, int], Duration]) -> tuple[list[str], int, int]:
+def _runnables(model: TaskModel) -> dict[tuple[str, str], str]:
+    """Return the name of the runnable of each version."""
+    return {
+        (task.name, version.name): f"RUN_{version.source.entry if version.source else f'{task.name}.{version.name}'}"
+        for task in model.tasks
+        for version in task.versions
+    }
+
+
+def _events(
+    pieces: list[Piece],
+    delays: Mapping[tuple[str, str, int], Duration],
+    runnables: Mapping[tuple[str, str], str],
+) -> tuple[list[str], int, int]:
     """Return the events in the order of time, how many instants are rounded, and how many releases come too early."""
     found: list[tuple[int, int, str]] = []
     instances: Counter[str] = Counter()
@@ -159,11 +177,17 @@ def _events(pieces: list[Piece], delays: dict[tuple[str, str, int], Duration]) -
                 name, instance = job.task, instances[job.task]
                 instances[name] += 1
                 put(max(release, ZERO), _ACTIVATE, f"STI_{name},{instance},T,TASK_{name},{instance},activate")
-                put(start, _START, f"Core_{unit},0,T,TASK_{name},{instance},start")
+                on = f"Core_{unit},0,T,TASK_{name},{instance}"
+                within = f"TASK_{name},{instance},R,{runnables[name, job.version]},{instance}"
+                put(start, _START, f"{on},start")
+                put(start, _ENTER, f"{within},start")
                 for (_, pause), (again, _) in pairwise(stretches):
-                    put(pause, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},preempt")
-                    put(again, _START, f"Core_{unit},0,T,TASK_{name},{instance},resume")
-                put(end, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},terminate")
+                    put(pause, _LEAVE, f"{within},suspend")
+                    put(pause, _TERMINATE, f"{on},preempt")
+                    put(again, _START, f"{on},resume")
+                    put(again, _ENTER, f"{within},resume")
+                put(end, _LEAVE, f"{within},terminate")
+                put(end, _TERMINATE, f"{on},terminate")
     found.sort(key=lambda event: event[:2])
     return [f"{at},{text}" for at, _, text in found], rounded, early
 

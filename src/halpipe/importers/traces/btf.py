@@ -1,9 +1,9 @@
 """Best Trace Format (BTF 2.x): ``time,source,instance,type,target,instance,event[,note]``, one event per line.
 
 Read leniently, as recorders write it: comments anywhere, headers twice, ``#timescale`` in any spelling, types and
-entities by their numbers in the tables of the header. Task and ISR events make the executions. A job runs on each core
-that a run event names, also while it polls. A stimulus ``STI_TABLE_<name>`` marks the start of a table with its
-trigger.
+entities by their numbers in the tables of the header. Task and ISR events make the executions; where there are none,
+those of runnables do. A job runs on each core that a run event names, also while it polls. A stimulus
+``STI_TABLE_<name>`` marks the start of a table with its trigger.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Job, Jobs
+from halpipe.importers.traces.jobs import Executions, Job, Jobs
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
 from halpipe.models.trace import Trace
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.importers.traces.jobs import Executions
 
 TABLE_MARK = "STI_TABLE_"
 _EVENT = re.compile(r"-?[0-9]+,[^,]*,-?[0-9]+,[^,]*,[^,]*,-?[0-9]+,[^,]+(,.*)?")
@@ -65,6 +64,8 @@ class _Reader(Jobs):
         self.marks: list[tuple[int | Fraction, str, int]] = []
         self.others: Counter[str] = Counter()
         self.table = ""
+        self.is_of_runnables = True
+        """Whether no event of a task has come yet; runnables start after their tasks."""
         self.numbered: dict[str, dict[str, str]] = {}
 
     def comment(self, line: str, number: int) -> None:
@@ -105,7 +106,13 @@ class _Reader(Jobs):
                 return
         event = event.lower()
         if kind in _JOBS:
+            if self.is_of_runnables:
+                self.is_of_runnables = False
+                self.running, self.executions = {}, Executions(self.file)
             self._job(target, instance, event, source, at, number)
+        elif kind == "R":
+            if self.is_of_runnables:
+                self._job(target, instance, "preempt" if event == "suspend" else event, source, at, number)
         elif kind == "STI" and target.startswith(TABLE_MARK) and event == "trigger":
             self.marks.append((at, target.removeprefix(TABLE_MARK), int(instance)))
         else:
