@@ -109,8 +109,9 @@ static void check_clock(void) {
 
 /* --------------------------------------------------------------------------------------------- workers */
 
+static int lacks_copies(int64_t at) { return atomic_load_explicit(&copies_from, memory_order_acquire) <= at; }
+
 static int is_ahead(const worker_state *self, int64_t at) {
-  if (atomic_load_explicit(&copies_from, memory_order_acquire) <= at) return 1;
   for (int i = 0; i < self->n_peers; i++)
     if (atomic_load_explicit(&workers[self->peers[i]].next, memory_order_relaxed) < at) return 1;
   return 0;
@@ -120,7 +121,8 @@ static int is_ahead(const worker_state *self, int64_t at) {
 static void wait_in_order(worker_state *self, int64_t at) {
   atomic_store_explicit(&self->next, at, memory_order_relaxed);
   dispatch_until(at);
-  for (int i = 0; i < PATIENCE && is_ahead(self, at); i++) {
+  for (int i = 0; i < 20 * YIELDS && lacks_copies(at); i++) sched_yield();   /* they take some microseconds */
+  for (int i = 0; i < PATIENCE && (lacks_copies(at) || is_ahead(self, at)); i++) {
     const struct timespec moment = {0, 50000};
     if (i < YIELDS) sched_yield();
     else clock_nanosleep(CLOCK_MONOTONIC, 0, &moment, NULL);   /* without SCHED_FIFO, a yield prefers no thread */
