@@ -1,7 +1,7 @@
 """Bandwidth regulators: one statement of each device, read by its exporter and by its check.
 
 A statement has the settings of platform files and how the device takes budgets. Its writer and templates are in
-``exporters/regulator``, its model in ``deploy/regulator``, each in a folder of the device's name.
+``exporters/regulator``, its model in ``deploy/regulator``, both named after the device.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Device:
 
     @property
     def folder(self) -> str:
-        """The name of the folders of writer and model."""
+        """The name of the folder of the writer, and of the module of the model."""
         return self.name.replace("-", "_")
 
     @property

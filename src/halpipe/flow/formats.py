@@ -132,7 +132,7 @@ def burst_grid(platform_file: str) -> BurstGrid:
     """Return the grid of a regulator platform, for `SearchOptions`."""
     from halpipe.exporters.regulator.platform import WRITE, read_platform
     from halpipe.exporters.regulator.tables import reserve_of
-    from halpipe.exporters.regulator.writers import backend
+    from halpipe.exporters.regulator.writing import backend
     from halpipe.pipeline.solve.quantise import BurstGrid
 
     platform = read_platform(platform_file)

@@ -11,7 +11,7 @@ from halpipe.core.durations import Duration, divisors
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.tables import TableBuilder
 from halpipe.exporters.regulator.words import WHOLE
-from halpipe.exporters.regulator.writers import backend
+from halpipe.exporters.regulator.writing import backend
 from halpipe.flow.formats import burst_grid
 from halpipe.flow.plan import read_plan
 from halpipe.models import Anchor, Job

@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Checked, CheckOptions, Target
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.facts import Facts
-    from halpipe.deploy.regulator.reading import Tables
+    from halpipe.deploy.regulator.reading import Facts, Tables
     from halpipe.deploy.regulator.simulate import Played
 
 ARITHMETIC = "arithmetic"
@@ -31,9 +30,8 @@ class RegulatorDeployment:
         from halpipe.core.diagnostics import sort_diagnostics
         from halpipe.deploy.base import Checked
         from halpipe.deploy.regulator.arithmetic import Arithmetic
-        from halpipe.deploy.regulator.facts import compare_facts, read_facts
         from halpipe.deploy.regulator.forms import check_forms
-        from halpipe.deploy.regulator.reading import read_tables
+        from halpipe.deploy.regulator.reading import compare_facts, read_facts, read_tables
 
         _refuse_unknown(options.engine)
         tables, facts = read_tables(target.bundle), read_facts(target.bundle)
@@ -78,7 +76,7 @@ def _execute(
     """Execute what is loaded on a model of the device."""
     from halpipe.core.diagnostics import HalpipeError
     from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
-    from halpipe.deploy.regulator.devices import Case, device
+    from halpipe.deploy.regulator.loading import Case, device
 
     run = device(tables.backend)
     if run is None:
@@ -100,8 +98,7 @@ def _execute(
 def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
     """Play the tables where they are those of the generic unit and a simulator is there."""
     from halpipe.core.caches import why_no_cache
-    from halpipe.deploy.regulator.engines import CACHE
-    from halpipe.deploy.regulator.simulate import choose_engine, simulate
+    from halpipe.deploy.regulator.simulate import CACHE, choose_engine, simulate
 
     if options.engine == ARITHMETIC:
         return [], []

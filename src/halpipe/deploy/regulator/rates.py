@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.devices import Case
+    from halpipe.deploy.regulator.loading import Case
     from halpipe.deploy.regulator.promise import Row
     from halpipe.deploy.regulator.reading import Table
 

@@ -67,7 +67,7 @@ class RegulatorExporter(PlainExporter):
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return a bundle: the tables, what the back-end loads, the report, and the model and schedule themselves."""
         from halpipe.exporters.common.selection import select
-        from halpipe.exporters.regulator.export import export_tables
+        from halpipe.exporters.regulator.writing import export_tables
 
         chosen = select(model, schedule, options.mode, self.name)
         return export_tables(model, chosen, specific(RegulatorOptions, options))

@@ -1,14 +1,25 @@
-"""Writing for a device: protocol of writers, names in C and in file names, order of writes, and templates."""
+"""Writing for a device: the export as a whole, protocol and choice of writers, names in C and files, and templates."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
-from importlib import resources
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from importlib import import_module, resources
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
-from halpipe.core.diagnostics import printable
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import HalpipeError, printable, sort_diagnostics
+from halpipe.core.files import sha256
+from halpipe.core.suggest import did_you_mean
+from halpipe.devices import DEVICES
+from halpipe.exporters.native import paired
+from halpipe.exporters.regulator.codes import NOT_A_PLATFORM, UNKNOWN_BACKEND
 from halpipe.exporters.regulator.frames import MODE
+from halpipe.exporters.regulator.picture import draw
+from halpipe.exporters.regulator.platform import read_platform
+from halpipe.exporters.regulator.report import check_phases, describe_export, describe_tables, format_json, summarise
+from halpipe.exporters.regulator.tables import TableBuilder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -17,8 +28,11 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.devices import Device
+    from halpipe.exporters.regulator import RegulatorOptions
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
+    from halpipe.models import Schedule, TaskModel
+
 
 K = TypeVar("K")
 
@@ -115,3 +129,44 @@ def _environment() -> jinja2.Environment:
 
 def _source(name: str) -> str:
     return resources.files(__package__).joinpath(name).read_text("utf-8")
+
+
+def backend(name: str) -> Backend:
+    """Return the back-end called `name`; raise `HalpipeError` if there is none."""
+    if name not in DEVICES:
+        help = did_you_mean(name, DEVICES, "the back-ends are " + ", ".join(DEVICES))
+        raise HalpipeError(UNKNOWN_BACKEND(f'there is no back-end "{name}"', help=help))
+    module = import_module(f"{__package__}.{DEVICES[name].folder}.writer")
+    return cast("Backend", module.WRITER)
+
+
+def export_tables(model: TaskModel, schedule: Schedule, options: RegulatorOptions) -> dict[str, bytes]:
+    """Return the bundle; raise `HalpipeError` with every finding if one of them is an error."""
+    if not options.platform:
+        help = "name its YAML file, with --platform or as platform: in a pipeline"
+        raise HalpipeError(NOT_A_PLATFORM("the export needs the platform of the regulators", help=help))
+    if options.mode:  # the bundle is about this mode alone
+        model = replace(model, modes=(model.mode(options.mode),), transitions=())
+    platform = read_platform(options.platform)
+    writer = backend(options.backend or platform.backend)
+    builder = TableBuilder(model, schedule, platform, writer)
+    findings = builder.findings
+    tables = builder.build(options.rounding)
+    findings.extend(writer.check(tables))
+    findings.extend(check_phases(model, tables))
+    findings.stop_on_errors()
+    found = sort_diagnostics(findings.items)
+    pair = paired(model, schedule)
+    digest = sha256(pair["schedule.xml"])
+    written = writer.write(tables, digest)
+    files = {
+        **pair,
+        "platform.yaml": platform.source,
+        "tables.json": format_json(describe_tables(tables, digest, sha256(pair["model.xml"]))),
+        "report.json": format_json(describe_export(tables, writer, found, digest)),
+        "report.txt": summarise(tables, writer, digest).encode(),
+        "bandwidth.svg": draw(tables).encode(),
+        **{f"{writer.name}/{name}": content for name, content in written.items()},
+    }
+    facts = {"backend": writer.name, "platform": platform.name, "model": model.name}
+    return seal("regulator", files, facts)

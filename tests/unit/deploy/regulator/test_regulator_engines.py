@@ -8,8 +8,8 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.programs import NOT_STARTED
-from halpipe.deploy.regulator import codes, engines, simulate
-from halpipe.deploy.regulator.engines import Design, Icarus, Player, Verilator
+from halpipe.deploy.regulator import codes, simulate
+from halpipe.deploy.regulator.simulate import Design, Icarus, Player, Verilator
 
 
 def design(**changes):
@@ -88,7 +88,7 @@ def test_a_bench_that_crashes_is_reported(tools, tmp_path):
 
 
 def test_a_bench_that_does_not_end_is_stopped(tools, tmp_path, monkeypatch):
-    monkeypatch.setattr(engines, "RUN_SECONDS", 0.2)
+    monkeypatch.setattr(simulate, "RUN_SECONDS", 0.2)
     tools("vvp", "import time; time.sleep(20)")
     assert "took more than" in failure(lambda: Player(("vvp",)).run(str(tmp_path)))
 

@@ -14,7 +14,7 @@ import resctrl_kernel
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
-from halpipe.deploy.regulator.resctrl.model import FileSystem
+from halpipe.deploy.regulator.resctrl import FileSystem
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator import codes as export_codes
 from halpipe.exporters.regulator.resctrl.writer import Steps

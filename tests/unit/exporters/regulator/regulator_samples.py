@@ -10,7 +10,7 @@ from fractions import Fraction
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.tables import TableBuilder
 from halpipe.exporters.regulator.words import AUTO
-from halpipe.exporters.regulator.writers import backend
+from halpipe.exporters.regulator.writing import backend
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from support import access, job, mode, model, ms, task, version
 

@@ -19,8 +19,7 @@ from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.axi_realm.writer import OPEN
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import BACKENDS
-from halpipe.exporters.regulator.writers import backend
-from halpipe.exporters.regulator.writing import comment, file_names, identifiers
+from halpipe.exporters.regulator.writing import backend, comment, file_names, identifiers
 
 GOLDEN = Path(__file__).parents[3] / "golden" / "exporters"
 

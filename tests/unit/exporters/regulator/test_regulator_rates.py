@@ -23,8 +23,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.platform import read_platform
-from halpipe.exporters.regulator.writers import backend
-from halpipe.exporters.regulator.writing import falls_first
+from halpipe.exporters.regulator.writing import backend, falls_first
 from support import access, job, mode, model, task, version
 
 # ------------------------------------------------------------------------------------------------------ QoS-400

@@ -10,11 +10,17 @@ from regulator_samples import FULL, build, gang, one_mode, switching, two_units
 
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.phases import check_phases, served
 from halpipe.exporters.regulator.picture import COLUMNS, Steps, draw, draw_bounds
-from halpipe.exporters.regulator.report import describe_export, describe_tables, format_json, summarise
+from halpipe.exporters.regulator.report import (
+    check_phases,
+    describe_export,
+    describe_tables,
+    format_json,
+    served,
+    summarise,
+)
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
-from halpipe.exporters.regulator.writers import backend
+from halpipe.exporters.regulator.writing import backend
 from halpipe.models import Resource, Transfer
 from support import access, job, model, task, version
 

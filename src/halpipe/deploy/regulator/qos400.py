@@ -14,16 +14,15 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.facts import setting_frequency
 from halpipe.deploy.regulator.loading import choices, header_number, header_of, scripts_of
 from halpipe.deploy.regulator.promise import rate_steps
+from halpipe.deploy.regulator.reading import setting_frequency
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.loading import Header, Line, Script
+    from halpipe.deploy.regulator.loading import Case, Header, Line, Script
     from halpipe.deploy.regulator.promise import Row
     from halpipe.deploy.regulator.reading import Table
 

@@ -22,8 +22,7 @@ from halpipe.deploy.regulator.loading import scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO
 
 if TYPE_CHECKING:
-    from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.loading import Script
+    from halpipe.deploy.regulator.loading import Case, Script
 
 ROOT, REST = ".", "everything else"
 EIGHTH = 125_000_000

@@ -33,8 +33,7 @@ from halpipe.devices.registers import RegisterFile
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.loading import Header, Script
+    from halpipe.deploy.regulator.loading import Case, Header, Script
     from halpipe.deploy.regulator.reading import Table
 
 HEADER, LOADER = "axi_realm.h", "load.sh"

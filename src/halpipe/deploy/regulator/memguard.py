@@ -23,8 +23,7 @@ from halpipe.deploy.regulator.promise import ZERO, rate_steps
 
 if TYPE_CHECKING:
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.devices import Case
-    from halpipe.deploy.regulator.loading import Line, Script
+    from halpipe.deploy.regulator.loading import Case, Line, Script
     from halpipe.deploy.regulator.reading import Table
 
 PUT = (

@@ -1,1 +1,0 @@
-"""Check for AXI-REALM: model of the device."""

@@ -1,1 +1,0 @@
-"""Check for MemGuard: model of the device."""

@@ -1,1 +1,0 @@
-"""Check for Linux resctrl: model of the device."""
