@@ -39,6 +39,7 @@ USES = (
     Use("import amalthea", "an element is lost, misread or invented", _REVIEW),
     Use("import arxml", "an element is lost, misread or invented", _REVIEW),
     Use("import ros", "a callback, a period or a flow of data is lost, misread or invented", _REVIEW),
+    Use("import table", "a row or a column is lost or misread", _REVIEW),
     Use(
         "import --overlay", "a value is put on the wrong element", "every replaced value is reported; review the report"
     ),
@@ -91,6 +92,7 @@ USES = (
     Use("export riscv", "the bundle plays another table, or protects less", f"`halpipe deploy check`; {_COMPARE}"),
     Use("export ros", "the package starts something else", _COMPARE),
     Use("export trace", "the picture misleads", "pictures are no basis of a release", "TI1"),
+    Use("export xlsx", "the workbook misleads", "verify decides; the workbook is for people", "TI1"),
     Use("deploy check", "a faulty bundle is accepted", _COMPARE),
     Use("run", "a step is left out", "every step is reported; run verify on what was written", "TI2", "TD1"),
 )
