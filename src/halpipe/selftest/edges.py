@@ -16,15 +16,14 @@ EDGES = Path(__file__).with_name("edges.yaml")
 
 @record
 class Edge:
-    """A model, a schedule that keeps every rule, and one that breaks `rule` alone.
+    """A model and a schedule that keep every rule, and a pair that breaks `rule` alone.
 
     `by_second` tells whether the second checker judges the rule.
     """
 
     rule: str
-    model: bytes
-    kept: bytes
-    broken: bytes
+    kept: tuple[bytes, bytes]
+    broken: tuple[bytes, bytes]
     by_second: bool
 
 
@@ -37,31 +36,39 @@ def edges() -> tuple[Edge, ...]:
 
 
 def _edge(stated: dict[str, Any]) -> Edge:
-    kept, broken = (_schedule(stated, values) for values in stated["values"])
-    return Edge(stated["rule"], _model(stated), kept, broken, stated.get("second", True))
+    kept, broken = (_files(stated, values) for values in stated["values"])
+    return Edge(stated["rule"], kept, broken, stated.get("second", True))
 
 
-def _model(stated: dict[str, Any]) -> bytes:
-    runs = "".join(f'<run task="{name}" versions="v"/>' for name in "pq" if f'name="{name}"' in stated["tasks"])
+def _files(stated: dict[str, Any], values: list[str]) -> tuple[bytes, bytes]:
+    """Return model and schedule, each ``{}`` of them replaced by the next of the values."""
+    left = iter(values)
+
+    def filled(text: str) -> str:
+        return "".join(part + next(left) if more else part for part, more in _pieces(text))
+
+    return _model(stated, filled), _schedule(stated, filled)
+
+
+PLATFORM = '<unit name="a"/><unit name="b"/><resource name="r"/><resource name="l" kind="lock"/>'
+
+
+def _model(stated: dict[str, Any], filled: Any) -> bytes:
+    runs = "".join(f'<run task="{name}" versions="v"/>' for name in "pqs" if f'name="{name}"' in stated["tasks"])
     limit = f' max-length="{stated["limit"]}ms"' if "limit" in stated else ""
     parts = {
-        "platform": '<unit name="a"/><unit name="b"/><resource name="r"/><resource name="l" kind="lock"/>',
+        "platform": stated.get("platform", PLATFORM),
         "tasks": stated["tasks"],
         "chains": stated.get("chains", ""),
         "modes": stated.get("modes") or f'<mode name="m">{runs}</mode>',
         "transitions": f'<transition from="m" to="n"{limit}/>' if "length" in stated else "",
         "health": stated.get("health", ""),
     }
-    inside = "".join(f"<{name}>{content}</{name}>" for name, content in parts.items() if content)
+    inside = "".join(f"<{name}>{filled(content)}</{name}>" for name, content in parts.items() if content)
     return f'<task-model xmlns="urn:halpipe:task-model:1" name="m">{inside}</task-model>'.encode()
 
 
-def _schedule(stated: dict[str, Any], values: list[str]) -> bytes:
-    left = iter(values)
-
-    def filled(text: str) -> str:
-        return "".join(part + next(left) if more else part for part, more in _pieces(text))
-
+def _schedule(stated: dict[str, Any], filled: Any) -> bytes:
     cycle = stated.get("cycle", 10)
     figures = stated.get("figures", "")
 

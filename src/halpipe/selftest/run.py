@@ -113,8 +113,8 @@ def cases(mutants: int, seed: int) -> Iterator[Case]:
     from lxml import etree
 
     for edge in edges():
-        for words, content, broken in (("kept", edge.kept, ()), ("broken", edge.broken, (edge.rule,))):
-            yield Case("edge", f"{edge.rule} {words}", edge.model, content, frozenset(broken), edge.by_second)
+        for words, files, broken in (("kept", edge.kept, ()), ("broken", edge.broken, (edge.rule,))):
+            yield Case("edge", f"{edge.rule} {words}", *files, frozenset(broken), edge.by_second)
     known = _texts(seed)
     for number in range(mutants):
         if number % MUTANTS_OF_ONE == 0:
