@@ -3,6 +3,7 @@
 import pytest
 
 from halpipe.api import export, schedule
+from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
 from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.models import Split
@@ -122,18 +123,57 @@ def chained():
     return model(*tasks, units=UNITS, chains=chains, modes=[mode("drive", tasks)])
 
 
-@pytest.mark.parametrize("width", [480, 800, 1000, 1400, 1900])
-@pytest.mark.parametrize("system", [chained, long_names])
-def test_no_text_of_a_report_leaves_its_box(browser, tmp_path, system, width):
-    (tmp_path / "report.html").write_bytes(export("report", system(), schedule(system()))[""])
-    browser.set_window_size(width, 900)
+def modes_in_a_ring():
+    """Three modes with switches both ways, and a chain with a logical execution time: labels beside each other."""
+    tasks = [task(f"t{n}", "20ms", version("v", "2ms", UNITS), offset=n, slack=0) for n in range(3)]
+    tasks[1] = replace(tasks[1], let=Duration.parse("8ms"))
+    chains = [replace(chain("let", "t0 t1 t2"), max_latency="50ms")]
+    return model(*tasks, units=UNITS, chains=chains, modes=[mode(name, tasks) for name in ("drive", "charge", "limp")])
+
+
+OVERLAPS = """
+const boxes = [...document.querySelectorAll("svg.modes text")].map(text => [text, text.getBoundingClientRect()]);
+const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+return boxes.flatMap(([one, a], n) => boxes.slice(n + 1).filter(([_, b]) => meet(a, b)).map(
+  ([other]) => one.textContent + " / " + other.textContent));
+"""
+WIDTHS = {"screen": (360, 480, 800, 1000, 1400, 1900), "print": (1032, 1100, 1200, 1400, 1600, 1900)}
+LOOKS = [("screen", "light"), ("screen", "dark"), ("print", "light")]
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """Reports by the systems they are of, each written once."""
+    folder, written = tmp_path_factory.mktemp("reports"), {}
+
+    def page(system):
+        if system not in written:
+            written[system] = folder / f"{system.__name__}.html"
+            written[system].write_bytes(export("report", system(), schedule(system()))[""])
+        return written[system].as_uri()
+
+    return page
+
+
+@pytest.mark.parametrize(("media", "scheme"), LOOKS)
+@pytest.mark.parametrize("system", [chained, long_names, modes_in_a_ring])
+def test_no_text_of_a_report_leaves_its_box(browser, pages, system, media, scheme):
+    looks = {"media": media, "features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", looks)
     try:
-        browser.get((tmp_path / "report.html").as_uri())
-        assert browser.execute_script(OUTSIDE) == []
-        narrowest = "return Math.min(...[...document.querySelectorAll('.track')].map(bar => bar.clientWidth))"
-        assert browser.execute_script(narrowest) >= 50
+        browser.get(pages(system))
+        browser.execute_script("for (const box of document.querySelectorAll('details')) box.open = true")
+        for width in WIDTHS[media]:
+            metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+            assert browser.execute_script(OUTSIDE) == [], width
+            assert browser.execute_script(OVERLAPS) == [], width
+            assert overhang(browser) <= 0, width
+            narrowest = "return Math.min(...[...document.querySelectorAll('.track')].map(bar => bar.clientWidth))"
+            assert browser.execute_script(narrowest) >= 50, width
     finally:
-        browser.set_window_size(1400, 900)
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
 
 
 def test_lanes_that_come_into_sight_are_painted(browser, tmp_path):

@@ -37,11 +37,11 @@ def written(folder, model, schedule):
     return page
 
 
-def three_modes():
-    """A schedule of 1680 jobs in three modes, with chains."""
-    model, schedule = generate_with_witness(SetParameters(tasks=35, units=6), 5)
+def three_modes(jobs=1680, tasks=35, units=6):
+    """A schedule of so many jobs in three modes."""
+    model, schedule = generate_with_witness(SetParameters(tasks=tasks, units=units), 5)
     (mode,) = schedule.modes
-    copies = -(-560 // len(mode.jobs))
+    copies = -(-jobs // (3 * len(mode.jobs)))
     tables = []
     for name in ("drive", "charge", "limp"):
         jobs = tuple(
@@ -69,6 +69,13 @@ def test_a_report_of_many_jobs_takes_few_sheets(browser, tmp_path):
     after = "return getComputedStyle([...document.querySelectorAll('summary')].at(-1), '::after').content"
     assert "not printed" in browser.execute_script(after)
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+@pytest.mark.parametrize(("jobs", "tasks", "units"), [(10_000, 35, 6), (10_000, 500, 40), (1400, 450, 10)])
+def test_ten_thousand_jobs_take_at_most_ten_sheets(browser, tmp_path, jobs, tasks, units):
+    model, schedule = three_modes(jobs, tasks, units)
+    assert sum(len(mode.jobs) for mode in schedule.modes) >= jobs
+    assert printed(browser, written(tmp_path, model, schedule))[0] <= 10
 
 
 def test_short_tables_are_printed(browser, tmp_path):

@@ -102,3 +102,8 @@ def percent(share: Fraction) -> str:
 def position(offset: int | Fraction, span: int | Fraction) -> Fraction:
     """Return the place of `offset` within `span` in per cent, on the grid that charts print (1e-4)."""
     return Fraction(round(Fraction(offset) * 10**6 / span), 10**4)
+
+
+def elide(name: str, letters: int) -> str:
+    """Return a name cut to so many letters."""
+    return name if len(name) <= letters else name[: max(letters - 1, 1)] + "…"

@@ -14,7 +14,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.report.axis import Tick, decimal, position, ticks
+from halpipe.exporters.report.axis import Tick, decimal, elide, position, ticks
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def _bar(hop: Hop, ready: Duration, zero: Duration, window: Window, colour: int,
     title += f", reads at {hop.read - zero} and writes at {hop.write - zero}" if let else ""
     places = (low, high - low, wait, read - wait, read, write - read if let else Fraction(0))
     x, width, wait_x, wait_width, let_x, let_width = (decimal(place, 4) for place in places)
-    return HopBar(hop.task, colour, y, x, width, wait_x, wait_width, let_x, let_width, title)
+    return HopBar(elide(hop.task, 24), colour, y, x, width, wait_x, wait_width, let_x, let_width, title)
 
 
 def _place(at: Duration, window: Window) -> Fraction:

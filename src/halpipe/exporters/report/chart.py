@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import RESOURCES, tone
 from halpipe.exporters.common.timeline import PhaseTimes, resource_steps
-from halpipe.exporters.report.axis import Tick, decimal, percent, position, ticks
+from halpipe.exporters.report.axis import Tick, decimal, elide, percent, position, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -206,7 +206,7 @@ class _Lanes:
             if self.window.meets(start, end)
         )
         gaps = tuple(gap for placement in placements for gap in self._gaps(placement))
-        return Lane(name, _elide(name, 24 - len(load)), load, y, bars, self._phases(placements), gaps)
+        return Lane(name, elide(name, 24 - len(load)), load, y, bars, self._phases(placements), gaps)
 
     def _gaps(self, placement: Placement) -> Iterator[Gap]:
         for (_, end), (start, _) in pairwise(placement.stretches()):
@@ -259,7 +259,7 @@ def _meter(name: str, steps: Steps, window: Window, number: int, y: int) -> Mete
     scale = Fraction(METER_HEIGHT) / max(peak, Fraction(1)) * Fraction(9, 10)
     return Meter(
         name=name,
-        caption=_elide(name, 16),
+        caption=elide(name, 16),
         peak=percent(peak),
         y=y,
         tone=number % len(RESOURCES),
@@ -312,9 +312,5 @@ def _fit(name: str, room: Fraction) -> tuple[str, int, str]:
     for level in range(ZOOM_LEVELS):
         if len(name) * CHARACTER <= room * 2**level:
             letters = int(room / CHARACTER)
-            return name, level, _elide(name, letters) if level and letters >= 4 else ""
+            return name, level, elide(name, letters) if level and letters >= 4 else ""
     return "", 0, ""
-
-
-def _elide(name: str, letters: int) -> str:
-    return name if len(name) <= letters else name[: max(letters - 1, 1)] + "…"

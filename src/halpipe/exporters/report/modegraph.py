@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
+from halpipe.exporters.report.axis import elide
 from halpipe.models import Status
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ MOST_MODES = 12
 WIDTH, HEIGHT = 760, 330
 NODE_WIDTH, NODE_HEIGHT = 144, 40
 _CHARACTERS = 19
+_ASIDE = 22
 
 # Points of the unit circle in 1/1000, clockwise from the left, for each number of modes; no floating point, so that
 # the same model has the same picture on every machine. Made from cos and sin, rounded.
@@ -65,7 +67,7 @@ def build_mode_graph(model: TaskModel, schedule: Schedule) -> ModeGraph | None:
     at = dict(zip(names, places, strict=True))
     ids = {name: f"mode-{number}" for number, name in enumerate(names, 1)}
     nodes = tuple(
-        Node(*at[mode.name], _short(mode.name), mode.name, ids[mode.name], mode.status is Status.VALID)
+        Node(*at[mode.name], elide(mode.name, _CHARACTERS), mode.name, ids[mode.name], mode.status is Status.VALID)
         for mode in schedule.modes
     )
     tables = {(table.source, table.target): table for table in schedule.transitions}
@@ -108,6 +110,8 @@ def _arrow(
     (ax, ay), (bx, by) = _edge(start, end, 1), _edge(end, start, -1)
     middle_x, middle_y = (ax + bx) // 2 + (by - ay) // 7, (ay + by) // 2 - (bx - ax) // 7
     label_x, label_y = (ax + bx + 2 * middle_x) // 4, (ay + by + 2 * middle_y) // 4 + 4
+    if abs(by - ay) > abs(bx - ax):  # beside a steep arrow, clear of the label of the way back
+        label_x += _ASIDE if by > ay else -_ASIDE
     path = f"M{ax} {ay}Q{middle_x} {middle_y} {bx} {by}"
     if table is None:
         return Arrow(
@@ -126,7 +130,3 @@ def _edge(start: tuple[int, int], end: tuple[int, int], side: int) -> tuple[int,
     if abs(dx) * half_height > abs(dy) * half_width:
         return start[0] + (half_width if dx > 0 else -half_width), start[1] + dy * half_width // abs(dx)
     return start[0] + dx * half_height // max(abs(dy), 1), start[1] + (half_height if dy > 0 else -half_height)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= _CHARACTERS else f"{name[: _CHARACTERS - 1]}…"
