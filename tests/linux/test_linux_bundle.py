@@ -17,8 +17,8 @@ from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import judge, read_recording
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
-from halpipe.exporters.linux.priorities import thread_levels
-from halpipe.exporters.linux.unrealised import unrealised
+from halpipe.exporters.linux.bundle import unrealised
+from halpipe.exporters.linux.tables import thread_levels
 from halpipe.models import (
     HealthAction,
     HealthEvent,

@@ -11,7 +11,7 @@ from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.common.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
-from halpipe.exporters.ros.unrealised import unrealised
+from halpipe.exporters.ros.document import unrealised
 from halpipe.models import Interrupt, Part, Split
 from stated_options import option_of, stated
 from support import access, job, model, ms, schedule, task, version
@@ -130,7 +130,7 @@ def test_wrong_cpus_are_all_named():
 
 
 def test_a_cycle_may_have_as_many_jobs_as_there_may_be_timers_and_no_more(monkeypatch):
-    monkeypatch.setattr("halpipe.exporters.ros.timers.MOST_TIMERS", 30)
+    monkeypatch.setattr("halpipe.exporters.ros.document.MOST_TIMERS", 30)
 
     def system_of(denominator):
         period = f"1/{denominator}ns"

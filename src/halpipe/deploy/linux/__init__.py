@@ -18,7 +18,7 @@ class LinuxDeployment:
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Build, run and judge; see `halpipe.deploy.base.Deployment`."""
-        from halpipe.deploy.linux.check import check
+        from halpipe.deploy.linux.judging import check
 
         return check(target, options)
 

@@ -90,7 +90,7 @@ class LinuxExporter(PlainExporter):
     ) -> list[Diagnostic]:
         """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
-        from halpipe.exporters.linux.unrealised import unrealised
+        from halpipe.exporters.linux.bundle import unrealised
 
         chosen = specific(LinuxOptions, options)
         return unrealised(model, select(model, schedule, options.mode, self.name), chosen)

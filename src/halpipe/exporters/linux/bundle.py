@@ -1,4 +1,4 @@
-"""The bundle: programs, buffers and tables as C, with the runtime and what builds, installs and explains it."""
+"""Bundle for Linux: programs, buffers and tables as C, with the runtime and what builds, installs and explains it."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.cpus import placed
-from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
+from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, UNREALISED
 from halpipe.exporters.linux.copies import copies_of
-from halpipe.exporters.linux.priorities import thread_levels
-from halpipe.exporters.linux.tables import tables_of
-from halpipe.exporters.linux.unrealised import sentences
+from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.linux import LinuxOptions
     from halpipe.exporters.linux.copies import Copy
     from halpipe.exporters.linux.tables import Tables
     from halpipe.models import Job, Schedule, Task, TaskModel, Version
+
 
 FOLDER = Path(__file__).parent
 _TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
@@ -282,3 +282,49 @@ def check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], fi
         if _TEXT.fullmatch(name) is None or "*/" in name:
             help = "rename it to letters, digits and _ . / : ~ + @ $ % -"
             findings.add(BAD_TEXT(f"{name[:60]!r} has other characters", at=at, path=kind, help=help))
+
+
+_MOST_NAMES = 5
+
+
+def unrealised(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> list[Diagnostic]:
+    """Return one warning for each kind of thing that the bundle leaves open."""
+    path = about(model=model.name)
+    return [UNREALISED(text, path=path, help=help) for text, help in sentences(model, schedule, options)]
+
+
+def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> Iterator[tuple[str, str]]:
+    """Yield what is left open, and what to do about it."""
+    jobs = [job for mode in schedule.modes for job in mode.jobs]
+    jobs += [job for table in schedule.transitions for job in table.jobs]
+    versions = {(job.task, job.version): model.task(job.task).version(job.version) for job in jobs}
+    if gangs := dict.fromkeys(job.task for job in jobs if len(job.units) > 1):
+        yield (
+            f"programs run on one CPU, though they occupy several units: {_few(list(gangs))}",
+            "let the program start helping threads on the CPUs of the units that are kept free for it",
+        )
+    if any(version.accesses for version in versions.values()):
+        held = any(unit.interrupts for unit in model.units)
+        held = held or any(version.split.is_allowed for task in model.tasks for version in task.versions)
+        early = "" if held else ", and phases begin when the program comes to them"
+        yield (
+            f"bounds of access phases are not enforced{early}",
+            "export the regulator format (memguard or resctrl) to enforce bounds",
+        )
+    if made_up := [f"{task}/{name}" for (task, name), version in versions.items() if version.source is None]:
+        yield (
+            f"programs that only take {options.busy} % of their WCET stand for: {_few(made_up)}",
+            "name their sources in the model, or in an overlay",
+        )
+    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule)):
+        yield (
+            f"health rules are not followed, but for switches after one overrun: {_few(list(left))}",
+            "a program that faults ends the dispatcher; let its supervisor start it in the mode that is meant",
+        )
+    if options.cpus is None:
+        yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more

@@ -1,16 +1,18 @@
-"""The schedule as the dispatcher knows it: a thread for each task on its units, with its jobs in every table."""
+"""Tables of the dispatcher: a thread for each task on its units, with its priority and its jobs in every table."""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about, version_of
+from halpipe.core.diagnostics import HalpipeError, about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.exporters.common.timeline import PhaseTimes
-from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES, TOO_LARGE
+from halpipe.exporters.linux.codes import EARLY_PHASE, NO_ORDER, NO_PIECES, TOO_LARGE
 from halpipe.models import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
     from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
+
 
 MOST, MOST_CPUS, MOST_NS = 2**16 - 1, 1024, 2**62
 """Limits of the types of dispatch.h, and of a set of CPUs (CPU_SETSIZE)."""
@@ -250,3 +253,28 @@ def _refuge(model: TaskModel, schedule: Schedule, task: str, event: HealthEvent)
         if rule.task == task and is_followed(rule, catches_faults=True) and rule.event in (event, HealthEvent.ANY)
     )
     return next((modes.index(rule.mode) for rule in rules if rule.mode in modes), -1)
+
+
+HIGHEST = 99
+"""The highest priority of Linux (sched(7)); the conductor has the one above those of the threads."""
+
+
+def thread_levels(model: TaskModel, schedule: Schedule, priority: int) -> dict[str, int]:
+    """Return the level of each task, 0 for `priority`; raise `HalpipeError` if there are none, or too many.
+
+    A thread has one priority wherever it runs, so the relations of all units count together.
+    """
+    everywhere: dict[str, set[str]] = defaultdict(set)
+    for above in relation_of(model, schedule).values():
+        for low, highs in above.items():
+            everywhere[low] |= highs
+    related = levels_of({"": everywhere})[""]
+    levels = {task.name: related.get(task.name, 0) for task in model.tasks}
+    count = max(levels.values(), default=0) + 1
+    if priority + count > HIGHEST:
+        text = f"{count} levels from {priority} on and the conductor need priorities up to {priority + count}"
+        help = (
+            f"state --priority {HIGHEST - count} or lower" if count < HIGHEST else "let fewer tasks preempt each other"
+        )
+        raise HalpipeError(NO_ORDER(f"{text}; the highest is {HIGHEST}", at=model.at, help=help))
+    return levels

@@ -132,7 +132,7 @@ class RosExporter(PlainExporter):
     ) -> list[Diagnostic]:
         """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
-        from halpipe.exporters.ros.unrealised import package_remarks, unrealised
+        from halpipe.exporters.ros.document import package_remarks, unrealised
 
         chosen = specific(RosOptions, options)
         if chosen.package:

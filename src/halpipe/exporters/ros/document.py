@@ -1,19 +1,28 @@
-"""The document: what the model says, then for each mode the executors with their callback groups and timers."""
+"""Document of the ROS export: the model, and for each mode the executors with their callback groups and timers.
+
+A ROS timer has a period in whole nanoseconds. Where the hyperperiod is none, as 100/3 ms, the timers repeat with the
+smallest multiple of it that is, so that nothing drifts however long the system runs.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.diagnostics import HalpipeError, about
+from halpipe.core.records import record
 from halpipe.exporters.common.cpus import placed
-from halpipe.exporters.ros.timers import Timer, cycle_of, timers_of
-from halpipe.exporters.ros.unrealised import unrealised
+from halpipe.exporters.ros.codes import TOO_FINE, UNREALISED
 from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.exporters.ros import RosOptions
-    from halpipe.models import Chain, Mode, ModeSchedule, Schedule, Task, TaskModel, Version
+    from halpipe.models import Chain, Job, Mode, ModeSchedule, Schedule, Task, TaskModel, Version
+
 
 _HEADER = """\
 # Executors, callback groups and timers that realise a schedule with ROS 2 on Linux, written by halpipe.
@@ -105,7 +114,7 @@ def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> l
                     "name": f"{task}@{unit.name}",
                     "type": "mutually_exclusive",
                     "task": task,
-                    "timers": [_timer(timer) for timer in timers],
+                    "timers": [_timer_row(timer) for timer in timers],
                 }
                 for task, timers in groups[unit.name].items()
             ],
@@ -115,7 +124,7 @@ def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> l
     ]
 
 
-def _timer(timer: Timer) -> dict[str, Any]:
+def _timer_row(timer: Timer) -> dict[str, Any]:
     return _stated(
         version=timer.version,
         job=timer.job,
@@ -124,3 +133,165 @@ def _timer(timer: Timer) -> dict[str, Any]:
         budget_ns=timer.budget,
         keeps_free=list(timer.units[1:]) or None,
     )
+
+
+MOST_TIMERS = 100_000
+
+
+@record(kw_only=True)
+class Timer:
+    """Starts `version` of `task` on the first of `units` at `offset` + k * `period`, in whole nanoseconds.
+
+    `job` is the index of the job in the table; None where the timer starts all jobs of the task.
+    """
+
+    task: str
+    job: int | None
+    version: str
+    units: tuple[str, ...]
+    period: int
+    offset: int
+    budget: int
+
+
+def cycle_of(table: ModeSchedule) -> Duration:
+    """Return the smallest multiple of the hyperperiod that is a whole number of nanoseconds.
+
+    Raise `HalpipeError` if too many jobs would have to be written for it.
+    """
+    repeats = table.hyperperiod.fraction.denominator
+    if repeats * len(table.jobs) > MOST_TIMERS:
+        raise HalpipeError(
+            TOO_FINE(
+                f"hyperperiod {table.hyperperiod} repeats within whole nanoseconds only after {repeats} times, with "
+                f"{repeats * len(table.jobs)} jobs",
+                at=table.at,
+                path=about(mode=table.name),
+                help=f"choose periods for which at most {MOST_TIMERS} jobs come of it",
+            )
+        )
+    return table.hyperperiod * repeats
+
+
+def is_exact(table: ModeSchedule) -> bool:
+    """Return whether every job starts at a whole nanosecond."""
+    return all(job.start.fraction.denominator == 1 for job in table.jobs)
+
+
+def timers_of(model: TaskModel, table: ModeSchedule) -> list[Timer]:
+    """Return the timers of a mode, by task in the order of the model, then by offset."""
+    jobs: dict[str, list[Job]] = {}
+    for job in table.jobs:
+        jobs.setdefault(job.task, []).append(job)
+    return [timer for task in model.tasks if task.name in jobs for timer in _of_task(task, jobs[task.name], table)]
+
+
+def _of_task(task: Task, jobs: Sequence[Job], table: ModeSchedule) -> list[Timer]:
+    cycle = cycle_of(table)
+    if task.period is not None and _is_even(task.period, jobs, table.hyperperiod):
+        return [_timer(jobs[0], None, task.period, jobs[0].start % task.period)]
+    repeats = table.hyperperiod.fraction.denominator
+    found = [
+        _timer(job, job.index, cycle, job.start + table.hyperperiod * turn) for turn in range(repeats) for job in jobs
+    ]
+    return sorted(found, key=lambda timer: (timer.offset, timer.job))
+
+
+def _is_even(period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> bool:
+    """Return whether one timer can start all jobs: same version and units, exactly one period apart."""
+    phases = {job.start % period for job in jobs}
+    ways = {(job.version, job.units) for job in jobs}
+    whole = period.fraction.denominator == 1
+    return whole and len(phases) == len(ways) == 1 and period * len(jobs) == hyperperiod
+
+
+def _timer(job: Job, index: int | None, period: Duration, offset: Duration) -> Timer:
+    """Return a timer; what is no whole nanosecond starts up to one early and has a budget up to one longer."""
+    return Timer(
+        task=job.task,
+        job=index,
+        version=job.version,
+        units=job.units,
+        period=int(period.fraction),
+        offset=math.floor(offset.fraction),
+        budget=math.ceil((job.end - job.start).fraction),
+    )
+
+
+_MOST_NAMES = 5
+
+
+def unrealised(model: TaskModel, schedule: Schedule, options: RosOptions) -> list[Diagnostic]:
+    """Return one warning for each kind of thing that the exported file cannot make happen."""
+    path = about(model=model.name)
+    return [UNREALISED(text, path=path, help=help) for text, help in _sentences(model, schedule, options)]
+
+
+def package_remarks(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
+    """Return one warning for each thing of the schedule that the package leaves open."""
+    from halpipe.exporters.ros.packaging import specific_sentences
+
+    path = about(model=model.name)
+    return [UNREALISED(text, path=path, help=help) for text, help in specific_sentences(model, schedule)]
+
+
+def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Iterator[tuple[str, str]]:
+    used = {job.task for table in schedule.modes for job in table.jobs}
+    units = {unit for table in schedule.modes for job in table.jobs for unit in job.units}
+    if len(schedule.modes) > 1:
+        yield (
+            f"{len(schedule.modes)} modes, each with executors of its own: executors do not switch between modes",
+            "start the executors of one mode; switching needs a launcher that plays the transition tables",
+        )
+    if ruled := dict.fromkeys(rule.task for rule in model.health):
+        yield (
+            f"health rules are written, but executors do not follow them: {_few(list(ruled))}",
+            "let a supervisor watch the callbacks, and start the executors of the mode that is meant",
+        )
+    if on_demand := [task.name for task in model.tasks if task.period is None and task.name in used]:
+        yield (
+            f"started by timers, not by their messages: {_few(on_demand)}",
+            "start them by time only; in a subscription, store the message for the timer's callback",
+        )
+    gangs = dict.fromkeys(job.task for table in schedule.modes for job in table.jobs if len(job.units) > 1)
+    if gangs:
+        yield (
+            f"run on one CPU, though they occupy several units: {_few(list(gangs))}",
+            "let the callback start helping threads on the CPUs of the units that are kept free for it",
+        )
+    if apart := _apart_by_time(model, schedule):
+        yield (
+            f"kept apart by their instants only, since their executors differ: callbacks that share {_few(apart)}",
+            "let no callback run longer than its WCET, or give the tasks of a group one and the same unit",
+        )
+    if any(version.accesses for task in model.tasks if task.name in used for version in task.versions):
+        yield (
+            "bounds of access phases are not enforced",
+            "export the regulator format (memguard or resctrl) to enforce them",
+        )
+    if rounded := [table.name for table in schedule.modes if not is_exact(table)]:
+        yield (
+            f"jobs start up to 1ns early, since timers count whole nanoseconds: mode {_few(rounded)}",
+            "nothing to do: the rounding does not add up",
+        )
+    if options.cpus is None:
+        yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."
+    elif loose := [unit.name for unit in model.units if unit.name in units and unit.name not in options.cpus]:
+        yield f"executors without affinity: {_few(loose)}", "state their CPUs with --cpus unit=number,..."
+
+
+def _apart_by_time(model: TaskModel, schedule: Schedule) -> list[str]:
+    """Return the resources that tasks need wholly on more than one executor."""
+    on: dict[str, set[str]] = {}
+    for table in schedule.modes:
+        for job in table.jobs:
+            version = model.task(job.task).version(job.version)
+            for access in version.accesses:
+                if access.bound == 1 and not access.start and access.end == version.wcet:
+                    on.setdefault(access.resource, set()).add(job.units[0])
+    return [resource.name for resource in model.resources if len(on.get(resource.name, ())) > 1]
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more

@@ -16,8 +16,7 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
-from halpipe.exporters.linux.priorities import thread_levels
-from halpipe.exporters.linux.tables import is_followed, tables_of
+from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
 from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, NO_EVENT, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
 

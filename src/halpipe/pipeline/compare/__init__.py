@@ -20,15 +20,18 @@ from halpipe.models.modes import require_mode
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
 from halpipe.pipeline.compare.chains import measured_chains
 from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNSCHEDULED, Kind
-from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge, Scope
 from halpipe.pipeline.compare.matching import (
     Matching,
+    Table,
     find_origin,
     find_stated_origin,
     lateness,
     match_nearest,
     match_stated,
+    played_tables,
+    tables_of,
+    unknown_tables,
 )
 
 if TYPE_CHECKING:
@@ -38,8 +41,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.trace import Execution, Trace
     from halpipe.pipeline.compare.chains import ChainRow
-    from halpipe.pipeline.compare.expected import Played
-    from halpipe.pipeline.compare.matching import Match
+    from halpipe.pipeline.compare.matching import Match, Played
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
