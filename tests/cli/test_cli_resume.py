@@ -51,9 +51,8 @@ class Stop:
 @pytest.mark.parametrize("work", [pytest.param(100, marks=pytest.mark.slow), 1000])  # some hundred stops, or some ten
 def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices, workers, work):
     from halpipe.pipeline.solve.kernel import portfolio
-    from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 
-    monkeypatch.setattr(kernel_slices, "SLICE_WORK", work)
+    monkeypatch.setattr(portfolio, "SLICE_WORK", work)
     monkeypatch.setattr(portfolio, "LEAD", 2)
     monkeypatch.setattr(portfolio, "TURN", 2)
     system = parse_model(format_model(tight_model()), "m.xml")
@@ -69,10 +68,9 @@ def test_a_search_stopped_on_a_cluster_goes_on_to_the_same_bytes(tmp_path, monke
     distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
     from halpipe.pipeline.solve import away
     from halpipe.pipeline.solve.kernel import portfolio
-    from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
     from halpipe.pipeline.solve.run import on_cluster
 
-    monkeypatch.setattr(kernel_slices, "SLICE_WORK", 1000)
+    monkeypatch.setattr(portfolio, "SLICE_WORK", 1000)
     monkeypatch.setattr(away, "PIECE", 1)
     monkeypatch.setattr(portfolio, "LEAD", 2)
     monkeypatch.setattr(portfolio, "TURN", 2)
@@ -90,9 +88,9 @@ def test_a_search_stopped_on_a_cluster_goes_on_to_the_same_bytes(tmp_path, monke
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
     from halpipe.pipeline.solve import optimise
-    from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
+    from halpipe.pipeline.solve.kernel import portfolio
 
-    monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
+    monkeypatch.setattr(portfolio, "SLICE_WORK", 400)
     monkeypatch.setattr(optimise, "POLISH_BUDGET", 30)
     system = parse_model(format_model(loose_model()), "m.xml")
     options = SearchOptions(seed=1, optimise=tuple(map(Objective, aim)))

@@ -7,10 +7,8 @@ from halpipe.pipeline.solve import away as module
 from halpipe.pipeline.solve.away import Away
 from halpipe.pipeline.solve.checkpoint import SAVED
 from halpipe.pipeline.solve.kernel import portfolio
-from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 from halpipe.pipeline.solve.kernel.kernel import total_cost
-from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.run_in_slices import Kept, here
+from halpipe.pipeline.solve.kernel.portfolio import Kept, here, race
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.workers import Workers
@@ -36,8 +34,7 @@ def problem():
 def short_turns(monkeypatch):
     monkeypatch.setattr(portfolio, "LEAD", ALONE)
     monkeypatch.setattr(portfolio, "TURN", 1)
-    monkeypatch.setattr(portfolio, "LONG", 10)
-    monkeypatch.setattr(kernel_slices, "SLICE_WORK", 200)
+    monkeypatch.setattr(portfolio, "SLICE_WORK", 200)
 
 
 class Local:
@@ -108,7 +105,7 @@ def test_a_long_search_goes_in_pieces_of_so_many_slices(problem, monkeypatch):
     monkeypatch.setattr(module, "PIECE", 3)
     cluster = Local()
     run(problem, 3, Workers(1), Away(cluster).advancing, members=1)
-    step = 3 * kernel_slices.slice_of(problem.arrays)
+    step = 3 * portfolio.slice_of(problem.arrays)
     assert cluster.bounds == [step * number for number in range(1, len(cluster.bounds) + 1)]
     assert len(cluster.bounds) > 2
 
@@ -148,7 +145,7 @@ def test_what_came_back_is_saved_piece_by_piece(problem, monkeypatch):
             moves.append((key, state.register[MOVES], now))
 
     state = new_state(problem.arrays, 3000, problem.mean_wcet)
-    bound = 4 * kernel_slices.slice_of(problem.arrays)
+    bound = 4 * portfolio.slice_of(problem.arrays)
     assert not Away(cluster).advancing(problem)(state, bound, lambda *_: True, Kept(Keeper(), "k"))
     assert moves == [("k", made, False) for made in cluster.bounds]
     assert len(moves) == 4

@@ -1,5 +1,7 @@
 """Where a search finds nothing in a small mode, the exact engine is asked, and what it finds is said to be its own."""
 
+from itertools import islice
+
 import pytest
 
 from halpipe.models import Status
@@ -117,3 +119,11 @@ def test_with_the_clock_as_the_limit_both_go_on(few_moves, monkeypatch):
     assert found.is_complete or found.moves == 10 * len(LENGTHS)
     assert asked == [0, *(4**turn for turn in range(len(asked) - 1))]
     assert len(asked) > 2
+
+
+def test_the_exact_engine_gets_less_of_many_jobs():
+    """A deterministic second takes longer there: of 160 jobs, twenty times as long as the annealer's turn."""
+    few, many = (list(islice(relay.turns(1_600_000, 10**12, jobs), 4)) for jobs in (50, 160))
+    assert [turn.work for turn in few] == [0, 1, 4, 16]
+    assert [turn.moves for turn in few] == [turn.moves for turn in many] == [25_000, 100_000, 400_000, 1_600_000]
+    assert [turn.work for turn in many] == [work * (50 / 160) ** 2 for work in (0, 1, 4, 16)]

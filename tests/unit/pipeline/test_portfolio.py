@@ -6,10 +6,10 @@ import pytest
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel import portfolio
-from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
-from halpipe.pipeline.solve.kernel.portfolio import race
+from halpipe.pipeline.solve.kernel.portfolio import Kept, race
 from halpipe.pipeline.solve.kernel.state import BEST, MOVES, new_state
 from halpipe.pipeline.solve.problem import build_problem
+from halpipe.pipeline.solve.relay import Memory
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.solve.workers import Workers
 from support import access, mode, model, task, version
@@ -42,15 +42,14 @@ def short_turns(monkeypatch):
     """Let the others begin after a handful of moves, and every turn be short."""
     monkeypatch.setattr(portfolio, "LEAD", 2)
     monkeypatch.setattr(portfolio, "TURN", 1)
-    monkeypatch.setattr(portfolio, "LONG", 10)
-    monkeypatch.setattr(kernel_slices, "SLICE_WORK", 200)
+    monkeypatch.setattr(portfolio, "SLICE_WORK", 200)
 
 
-def run(problem, members=3, workers=1, seed=1, budget=40_000, on_slice=lambda *_: True):
+def run(problem, members=3, workers=1, seed=1, budget=40_000, on_slice=lambda *_: True, kept=None):
     def begin(member):
         return new_state(problem.arrays, 1000 * seed + member, problem.mean_wcet)
 
-    return race(problem, begin, budget, members, Workers(workers), on_slice, None)
+    return race(problem, begin, budget, members, Workers(workers), on_slice, kept)
 
 
 @pytest.mark.parametrize("seed", range(1, 9))
@@ -68,8 +67,7 @@ def test_the_winner_is_the_first_by_turn_and_then_by_number(problem, seed):
     needed = [run_alone(problem, 1000 * seed + member) for member in range(3)]
     bounds = [(2 * TASKS, 0, 0)]
     while not any(map(operator.ge, bounds[-1], needed)):
-        shares = (2, 1, 1) if bounds[-1][0] < 10 * TASKS else (6, 6, 1)
-        bounds.append(tuple(bound + share * TASKS for bound, share in zip(bounds[-1], shares, strict=True)))
+        bounds.append(tuple(bound + share * TASKS for bound, share in zip(bounds[-1], (2, 1, 1), strict=True)))
     winner = next(member for member in range(3) if bounds[-1][member] >= needed[member])
     expected = [bounds[-1 if member < winner else -2][member] for member in range(3)] if len(bounds) > 1 else [0, 0, 0]
     expected[winner] = needed[winner]
@@ -81,7 +79,7 @@ def test_the_winner_is_the_first_by_turn_and_then_by_number(problem, seed):
 
 def run_alone(problem, seed):
     state = new_state(problem.arrays, seed, problem.mean_wcet)
-    kernel_slices.run(problem, state, 10**6, lambda *_: True)
+    portfolio.run(problem, state, 10**6, lambda *_: True)
     return int(state.register[MOVES])
 
 
@@ -104,6 +102,31 @@ def test_a_stop_ends_all_searches_and_returns_the_best(problem):
     result = run(problem, budget=10**6, on_slice=stop, workers=2, seed=3)
     assert result.stopped
     assert result.state.register[BEST] > 0
+
+
+def facts(found):
+    return found.moves, found.stopped, found.state.start.tolist(), found.state.option.tolist()
+
+
+class Snapshots(Memory):
+    """A keeper that saves every time it may, as one on disk does when it is time."""
+
+    def keep(self, key, state, *, now):
+        super().keep(key, state, now=True)
+
+
+@pytest.mark.parametrize("stop_at", [3, 40, 90, 150, 400])
+@pytest.mark.parametrize("seed", [2, 5])
+def test_stopped_anywhere_it_continues_to_the_same(problem, seed, stop_at):
+    whole = run(problem, seed=seed)
+    keeper, calls = Snapshots(), []
+
+    def stop(moves, best):
+        calls.append(moves)
+        return len(calls) < stop_at
+
+    run(problem, seed=seed, on_slice=stop, kept=Kept(keeper, "mode"))
+    assert facts(run(problem, seed=seed, kept=Kept(keeper, "mode"))) == facts(whole)
 
 
 @pytest.mark.parametrize("workers", [2, 4])

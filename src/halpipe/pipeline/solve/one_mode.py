@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
-    from halpipe.pipeline.solve.kernel.run_in_slices import Keeper, Kept
+    from halpipe.pipeline.solve.kernel.portfolio import Keeper, Kept
     from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.optimise import Polish, Reached
@@ -148,7 +148,7 @@ class _Search:
 
     def kept(self, keeper: Keeper | None) -> Kept | None:
         """Return the name under which a keeper has this search."""
-        from halpipe.pipeline.solve.kernel.run_in_slices import Kept
+        from halpipe.pipeline.solve.kernel.portfolio import Kept
 
         return None if keeper is None else Kept(keeper, f"{self.options.attempt}/{self.number}{self.part}")
 

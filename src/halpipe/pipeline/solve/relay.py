@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
+    from halpipe.pipeline.solve.kernel.portfolio import Keeper
     from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.state import State
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.solve.away import Away
-    from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
+    from halpipe.pipeline.solve.kernel.portfolio import Keeper
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.optimise import Reached
     from halpipe.pipeline.solve.quantise import BurstGrid

@@ -1,42 +1,136 @@
 """Several searches of one problem that take turns: the time of a single one has a heavy tail.
 
 The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
-first as many as all others together. Later those of many entries without windows go on as replicas at fixed
-temperatures (`tempering.py`), for which the hardest problems ask. Of few entries, the first two then make more than the
-others. With windows, a long search is worth no more than a new one. The first to succeed, by turn and
-number, has won. Who wins does not depend on how many of them run at the same time; with as many threads as searches,
-the time is that of the quickest.
+first as many as all others together. The first to succeed, by turn and number, has won. Who wins does not depend on how
+many of them run at the same time; with as many threads as searches, the time is that of the quickest. The kernel runs
+in slices, so that progress shows and Ctrl-C is answered; the outcome does not depend on their size.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.kernel.run_in_slices import here
-from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES
+from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, total_cost
+from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, State
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from halpipe.pipeline.solve.kernel.run_in_slices import Advance, Kept, OnSlice
-    from halpipe.pipeline.solve.kernel.state import State
-    from halpipe.pipeline.solve.problem import Problem
+    from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.problem import Arrays, Problem
     from halpipe.pipeline.solve.workers import Workers
+
+
+SLICE_WORK = 20_000
+"""Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
+
+OnSlice = Callable[[int, int], bool]
+"""Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
+
+Advance = Callable[["State", int, OnSlice, "Kept | None"], bool]
+"""Lets one search of a problem go on until it has made so many moves in all, as `advance` does."""
+
+
+class Keeper(Protocol):
+    """Saves states, and restores those of a run that is continued."""
+
+    def restore(self, key: str, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        ...
+
+    def keep(self, key: str, state: State, *, now: bool) -> None:
+        """Save a state: at once, or when it is time."""
+        ...
+
+    def note(self, key: str, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of what was kept under `key`, in place of its state."""
+        ...
+
+    def noted(self, key: str) -> Mapping[str, Ints] | None:
+        """Return such an outcome; None where there is none."""
+        ...
+
+
+@record
+class Kept:
+    """A keeper and the name under which one search is kept."""
+
+    keeper: Keeper
+    key: str
+
+    def stage(self, name: str) -> Kept:
+        """Return the same for one stage of the search."""
+        return Kept(self.keeper, f"{self.key}/{name}")
+
+    def restore(self, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        self.keeper.restore(self.key, state)
+
+    def keep(self, state: State, *, now: bool) -> None:
+        """Save a state: at once, or when it is time."""
+        self.keeper.keep(self.key, state, now=now)
+
+    def note(self, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of a finished stage in place of its state."""
+        self.keeper.note(self.key, facts)
+
+    def noted(self) -> Mapping[str, Ints] | None:
+        """Return the outcome of this stage if it was finished before."""
+        return self.keeper.noted(self.key)
+
+
+def run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
+    """Run the kernel until the cost is zero, out of moves, or told to stop (then True)."""
+    if kept is not None:
+        kept.restore(state)
+    stopped = advance(problem.arrays, state, budget, on_slice, kept)
+    if kept is not None:
+        kept.keep(state, now=True)
+    return stopped
+
+
+def here(problem: Problem) -> Advance:
+    """Return what advances the searches of a problem on the thread that asks for it."""
+    return partial(advance, problem.arrays)
+
+
+def advance(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
+    """Do the same from the state as it is, without a word to the keeper at the end."""
+    noise = gumbel_table()
+    size = slice_of(arrays)
+    register = state.register
+    if register[FROZEN] == len(arrays.entry_offset):
+        register[BEST] = total_cost(arrays, state)
+        return False
+    while register[MOVES] < budget:
+        cost = anneal(arrays, state, noise, min(size, budget - register[MOVES]))
+        best = best_of(arrays, state)
+        if best >= 0 and cost == 0:
+            return False
+        if not on_slice(register[MOVES], best):
+            return True
+        if kept is not None:
+            kept.keep(state, now=False)
+    return False
+
+
+def slice_of(arrays: Arrays) -> int:
+    """Return the moves of one slice."""
+    return max(1, SLICE_WORK * len(arrays.entry_offset) // (20 * max(1, len(arrays.job_task))))
+
+
+def best_of(arrays: Arrays, state: State) -> int:
+    """Return the best cost so far, or -1 while there is no whole placement."""
+    return state.register[BEST] if state.register[INSERTED] == len(arrays.entry_offset) else -1
+
 
 LEAD = 256
 """Moves per task that the first search makes before the others begin."""
 
 TURN = 64
 """Moves per task in one turn of all searches but the first, which makes as many as they do together."""
-
-LONG, LONGER, LONG_ONES = 2048, 6, 2
-"""Without windows: after so many moves per task of the first, the first two of few entries make six times as many as
-others do, and those of many are replicas from then on."""
-
-MANY = 32
-"""Entries from which on they are: fewer have cycles that begin hot, which no replica does."""
 
 
 @record
@@ -97,14 +191,8 @@ def race(
     lead = min(budget, LEAD * tasks)
     found.turn(workers, [lead])
     left = budget - lead
-    is_linked = len(problem.arrays.row) > 0
+    shares = [members - 1, *[1] * (members - 1)]
     while left > 0 and not found.over:
-        is_long = not is_linked and first.bound >= LONG * tasks
-        if is_long and entries >= MANY:
-            found.temper(workers, tasks, budget)
-            break
-        shares = [LONGER] * min(LONG_ONES, members) if is_long else [members - 1]
-        shares += [1] * (members - len(shares))
         step = min(TURN * tasks, left // sum(shares))
         while len(found.all) < members:
             found.add()
@@ -123,7 +211,6 @@ class _Searches:
         self._on_slice = on_slice
         self._kept = kept
         self._shown: dict[int, tuple[int, int]] = {}
-        self._abandoned = 0
         self.all: list[_Member] = []
         self.over: _Member | None = None
 
@@ -145,41 +232,6 @@ class _Searches:
         if taken[-1].is_over:
             self.over = taken[-1]
 
-    def temper(self, workers: Workers, tasks: int, budget: int) -> None:
-        """Go on as replicas, as long as the budget has a whole turn for all.
-
-        All of them are kept together from now on, and each on its own no more.
-        """
-        from halpipe.pipeline.solve.kernel import tempering
-
-        step = tempering.TURN * tasks
-        for member in self.all:
-            if member.kept is not None:
-                member.kept.keep(member.state, now=True)
-                member.kept = None
-        while len(self.all) < len(tempering.LADDER):
-            number = len(self.all)
-            self.all.append(_Member(number, self._begin(number), None))
-        budget -= self._abandon(len(tempering.LADDER))
-        kept = self._kept and self._kept.stage("replicas")
-        replicas = tempering.Replicas([member.state for member in self.all], kept)
-        for member in self.all:
-            member.bound = member.moves  # those of a run that is gone on with, if one is
-        while not self.over and sum(replicas.moves) + step * len(self.all) <= budget:
-            self.turn(workers, [moves + step for moves in replicas.moves])
-            if not self.over:
-                replicas.change_places()
-                replicas.keep(now=False)
-        if not self.over:
-            replicas.keep(now=True)
-
-    def _abandon(self, first: int) -> int:
-        """Leave out the searches from the `first` on; return how many moves they have made."""
-        moves = sum(member.bound for member in self.all[first:])
-        del self.all[first:]
-        self._abandoned += moves
-        return moves
-
     def _advance(self, member: _Member) -> _Member:
         def on_slice(moves: int, best: int) -> bool:
             self._shown[member.number] = moves, best
@@ -197,7 +249,7 @@ class _Searches:
                 member.kept.keep(member.state, now=True)
         won = self.over is not None and self.over.has_won
         best = self.over if self.over and won else min(self.all, key=lambda m: (m.state.register[BEST], m.number))
-        moves = self._abandoned + sum(self._counted(member) for member in self.all)
+        moves = sum(self._counted(member) for member in self.all)
         return Race(best.state, moves, self.over is not None and not won)
 
     def _counted(self, member: _Member) -> int:

@@ -9,8 +9,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.kernel import gumbel_table, load, wander
-from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.run_in_slices import Advance, Kept, OnSlice, here, run, slice_of
+from halpipe.pipeline.solve.kernel.portfolio import Advance, Kept, OnSlice, here, race, run, slice_of
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import Option
