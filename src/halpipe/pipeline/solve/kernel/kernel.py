@@ -29,11 +29,6 @@ def anneal(arrays: Arrays, state: State, noise: Ints, moves: int) -> int:
     return ask("anneal", arrays, state, moves, noise=noise)
 
 
-def wander(arrays: Arrays, state: State, noise: Ints, moves: int) -> bool:
-    """From a placement that costs nothing, make up to `moves` moves until another one does, which becomes the best."""
-    return ask("wander", arrays, state, moves, noise=noise) == 1
-
-
 def next_temperature(arrays: Arrays, state: State) -> None:
     """Cool linearly to a third within a cycle, then begin another."""
     tell("next_temperature", arrays, state)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
-from halpipe.pipeline.solve.kernel.kernel import gumbel_table, load, wander
-from halpipe.pipeline.solve.kernel.portfolio import Advance, Kept, OnSlice, here, race, run, slice_of
-from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, NEVER, State, new_state
+from halpipe.pipeline.solve.kernel.kernel import load
+from halpipe.pipeline.solve.kernel.portfolio import Advance, Kept, OnSlice, here, race, run
+from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers
@@ -26,12 +26,6 @@ NOTHING = Earlier()
 
 MEMBER_SEED = 0x2127599BF4325C37
 """Between the seeds of searches that take turns."""
-
-PLACED = ("start", "option", "phase")
-"""What of a state says where the jobs are."""
-
-WANDERINGS = 512
-"""Moves per task from a placement whose jobs cannot be assigned to units, to others that cost nothing."""
 
 
 @record
@@ -106,10 +100,6 @@ def search(
     if state.register[BEST] == NEVER:
         state = _completed(problem, state, seed)
     units = deal(problem, state.best_start, state.best_option)
-    if units is None and state.register[BEST] == 0 and not stopped:
-        limit = min(WANDERINGS * len(problem.expansion.tasks), budget - moves)
-        units, made, stopped = _dealt_nearby(problem, state, limit, lambda made: on_slice(moves + made, 0))
-        moves += made
     if units is None and state.register[BEST] == 0:
         problem, state = _continue(problem, state, separate(), seed)
         rest = kept and kept.stage("units")
@@ -177,33 +167,6 @@ def _completed(problem: Problem, state: State, seed: int) -> State:
             fresh.option[job], fresh.phase[job] = arrays.task_option[task], phase
     load(arrays, fresh)
     return fresh
-
-
-def _dealt_nearby(
-    problem: Problem, state: State, limit: int, go_on: Callable[[int], bool]
-) -> tuple[Units | None, int, bool]:
-    """Look near a placement that costs nothing for one whose jobs can be assigned to units.
-
-    Where units are full, it is the luck of the circle who ends up on the unit on which it began; others that cost
-    nothing are a few moves away. Return the units, the moves made, and whether it was told to stop. Where there are
-    none, the state is at such a placement, too.
-    """
-    arrays, register, noise, size = problem.arrays, state.register, gumbel_table(), slice_of(problem.arrays)
-    if register[FROZEN] == len(arrays.entry_offset):
-        return None, 0, False
-    before = register[MOVES]
-    placed = [getattr(state, name)[:] for name in PLACED]
-    while (left := before + limit - register[MOVES]) > 0:
-        if wander(arrays, state, noise, min(size, left)):
-            units = deal(problem, state.best_start, state.best_option)
-            if units is not None:
-                return units, register[MOVES] - before, False
-            placed = [getattr(state, name)[:] for name in PLACED]
-        if not go_on(register[MOVES] - before):
-            break
-    for name, values in zip(PLACED, placed, strict=True):
-        getattr(state, name)[:] = values
-    return None, register[MOVES] - before, left > 0
 
 
 def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> tuple[Problem, State]:

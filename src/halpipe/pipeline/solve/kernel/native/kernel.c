@@ -79,31 +79,6 @@ static int64_t anneal(const Arrays *p, State *s, const int64_t *noise, int64_t m
     return at->cost;
 }
 
-/* Whether the current placement is another one than that which is remembered. */
-static bool is_another(const Arrays *p, const State *s) {
-    for (int64_t job = 0; job < p->jobs; job++)
-        if (s->start[job] != s->best_start[job] || s->option[job] != s->best_option[job])
-            return true;
-    return false;
-}
-
-/* From a placement that costs nothing, make up to `moves` moves until another one does; remember it, and return 1, or 0
- * if there is none. */
-static int64_t wander(const Arrays *p, State *s, const int64_t *noise, int64_t moves) {
-    Registers *at = s->registers;
-    for (; moves > 0; moves--) {
-        at->moves++;
-        next_temperature(p, s);
-        move(p, s, noise);
-        if (at->inserted == p->entries && at->cost == 0 && is_another(p, s)) {
-            at->best = NEVER;
-            note_best(p, s);
-            return 1;
-        }
-    }
-    return 0;
-}
-
 /* Take the complete placement in `start`, `option` and `phase` as the current one; return its cost.
  *
  * What is built up anew after that tries the same times first. */
@@ -127,10 +102,6 @@ static int64_t load(const Arrays *p, State *s) {
 
 EXPORTED int64_t halpipe_anneal(const Arrays *p, State *s, const int64_t *noise, int64_t moves) {
     return anneal(p, s, noise, moves);
-}
-
-EXPORTED int64_t halpipe_wander(const Arrays *p, State *s, const int64_t *noise, int64_t moves) {
-    return wander(p, s, noise, moves);
 }
 
 EXPORTED int64_t halpipe_load(const Arrays *p, State *s) { return load(p, s); }
