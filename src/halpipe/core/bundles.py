@@ -31,7 +31,7 @@ CHANGED_FILE = error(
 VERSION = 1
 MODEL = "model.xml"
 SCHEDULE = "schedule.xml"
-_SAFE_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.+@~%=-]+(/(?!\.)[A-Za-z0-9_.+@~%=-]+)*")
+_SAFE_NAME = re.compile(r"(?![. ])[A-Za-z0-9_.+@~%= -]+(/(?![. ])[A-Za-z0-9_.+@~%= -]+)*")
 
 
 @record
@@ -98,7 +98,7 @@ def _manifest(folder: str) -> dict[str, Any]:
 
 
 def _no_bundle(name: str, message: str) -> Diagnostic:
-    help = "name a folder that `halpipe export` regulator, riscv or linux wrote"
+    help = "name a folder that `halpipe export` regulator, riscv, linux, or arxml --onto, wrote"
     return NOT_A_BUNDLE(message, at=Location(name), help=help)
 
 

@@ -133,7 +133,7 @@ class Project:
     event mappings of every task of the model, `alone` the OsTask of a task that no event makes, as a call without
     mapping. `starters` are the alarms and schedule tables that do something to OsTasks. `applications` has the unit of
     each OsApplication, `references` what OsApplications and OsTasks refer to, `definitions` are the files that define
-    modules.
+    modules, `files` those that hold the configurations of Os and Rte.
     """
 
     schema: str
@@ -150,3 +150,4 @@ class Project:
     app_modes: tuple[str, ...]
     references: Mapping[str, tuple[Value, ...]]
     definitions: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()

@@ -367,6 +367,8 @@ def test_the_command_writes_a_folder_and_lists_the_changes(tmp_path):
         "changes.json",
         "delta.arxml",
         "manifest.json",
+        "model.xml",
+        "schedule.xml",
     ]
     done = run_here(tmp_path, "export", "arxml", "m.xml", "s.xml", "--onto", "in", "-o", "out2")
     assert "RteUsedOsAlarmRef: /E/Os/ByHand -> (nothing)" in done.stderr

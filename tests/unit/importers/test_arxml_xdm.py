@@ -221,7 +221,8 @@ def test_a_schedule_goes_into_the_files_of_the_project(tmp_path):
     folder.mkdir()
     model = model_of(whole(folder))
     onto = put(folder, model)
-    assert sorted(onto.files) == ["changed/Os.xdm", "changed/Rte.xdm", "changes.json", "manifest.json"]
+    sealed = ["changes.json", "manifest.json", "model.xml", "schedule.xml"]
+    assert sorted(onto.files) == ["changed/Os.xdm", "changed/Rte.xdm", *sealed]
     os, rte = (onto.files[f"changed/{name}.xdm"].decode() for name in ("Os", "Rte"))
     assert '<d:lst name="OsScheduleTable" type="MAP"><d:ctr name="Halpipe_default_Core0"' in os
     assert '<d:lst name="OsAppScheduleTableRef"><d:ref type="REFERENCE"' in os

@@ -259,6 +259,14 @@ class _Reader:
             starters=tuple(self._starters()),
             references={c.node.path: self._references(c) for c in self._containers.of("OsApplication", "OsTask")},
             applications=self._applications,
+            files=tuple(
+                dict.fromkeys(
+                    part.file
+                    for node in self._tree.tagged(_MODULE)
+                    if self._standard.get(node.path) in ("Os", "Rte")
+                    for part in node.parts
+                )
+            ),
             definitions=tuple(dict.fromkeys(node.at.file for node in self._tree.tagged("ECUC-MODULE-DEF"))),
             app_modes=tuple(
                 sorted(

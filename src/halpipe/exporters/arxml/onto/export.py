@@ -19,6 +19,7 @@ from halpipe.exporters.arxml.onto.delta import Delta, mark
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits, apply_to_xdm
 from halpipe.exporters.arxml.onto.plan import make_onto_plan
 from halpipe.exporters.arxml.osconfig import autostart, fill_counter, point_name
+from halpipe.exporters.native import paired
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -134,14 +135,28 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
     changes = [Change(files[e.file][0], e.path, e.name, e.old or "container", e.new) for e in writer.edits]
     changes += writer.delta.changes({path: files[file][0] for path, file in in_place.items()})
     contents[CHANGES] = (json.dumps([_as_json(c) for c in changes], indent=1, ensure_ascii=True) + "\n").encode()
+    contents |= paired(model, schedule)
     manifest = {
         MANIFEST_KEY: 1,
         "kind": "arxml-onto",
-        "model": model.name,
+        "project": {file: _state(*files[file], contents) for file in project.files},
+        "tasks": {task: _os_tasks(project, task) for task in sorted({*project.calls, *project.alone})},
         "files": {name: sha256(contents[name]) for name in sorted(contents)},
     }
     contents[MANIFEST] = (json.dumps(manifest, indent=1, ensure_ascii=True) + "\n").encode()
     return Onto(contents, tuple(changes), tuple(findings.items))
+
+
+def _state(name: str, data: bytes, contents: Mapping[str, bytes]) -> dict[str, str]:
+    """Return what tells a file of the project from another, and by which file it is to be replaced."""
+    changed = f"changed/{name}"
+    return {"sha256": sha256(data), "changed": changed if changed in contents else ""}
+
+
+def _os_tasks(project: Project, task: str) -> list[str]:
+    """Return the OsTasks (paths) that run a task of the model."""
+    calls = [*project.calls.get(task, ()), *([project.alone[task]] if task in project.alone else [])]
+    return sorted({call.os_task for call in calls if call.os_task})
 
 
 def _as_json(change: Change) -> dict[str, str | None]:
