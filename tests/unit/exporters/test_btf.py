@@ -219,7 +219,8 @@ def test_jobs_are_activated_at_their_release(offset, delays, early):
 
 
 def test_the_runnable_of_a_job_is_the_code_of_its_version():
-    parts = (Part(ms(1), ms(2)), Part(ms(5), ms(7)))
+    times = ((1, 2, 0, 1), (5, 7, 1, 3))
+    parts = tuple(Part(start=ms(a), end=ms(b), executed_from=ms(c), executed_to=ms(d)) for a, b, c, d in times)
     system = model(task("a", "10ms", version("v", "3ms", "u1")))
     planned = schedule(system, "10ms", replace(job(system, "a", 0, "1ms", "u1"), end=ms(7), parts=parts))
     text = write(system, planned, cycles=1)
