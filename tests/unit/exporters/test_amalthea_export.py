@@ -8,6 +8,7 @@ from exporter_samples import roboracer
 from golden_file import assert_golden
 from lxml import etree
 
+from growth import growth, half_way
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.codes import DANGLING_NAME
@@ -292,3 +293,20 @@ def test_windows_come_out_again(tmp_path, anchor, to):
     [again] = standard(tmp_path, model(first, second)).task("b").versions[0].precedences
     moved = 2 if to is Anchor.END else 0  # a job in one piece ends its WCET after its start
     assert (again.task, again.anchor, str(again.max)) == ("a", anchor, f"{9 - moved}ms")
+
+
+def test_the_time_of_an_export_grows_with_the_model_alone():
+    """Tasks, jobs, chains and windows of equal names are looked up, never searched for."""
+
+    def prepare(count):
+        tasks = [
+            task(f"t{n}", "10ms", version("v", "1us", "u1", *([after("t0", "0ms", "10ms")] if n else [])))
+            for n in range(count)
+        ]
+        chains = [chain(f"c{n}", f"t0 t{n}", "30ms") for n in range(1, count)]
+        system = model(*tasks, chains=chains)
+        jobs = (job(system, f"t{n}", 0, f"{n}us", "u1") for n in range(count))
+        plan = schedule(system, "10ms", *jobs)
+        return lambda: write(system, plan)
+
+    assert growth(prepare, 150, 1200) < half_way(8)

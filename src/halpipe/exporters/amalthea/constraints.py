@@ -63,8 +63,9 @@ def write_constraints(
                 if precedence.to is Anchor.END:
                     target = events.process(task.name, "terminate") if alone else events.runnable(runnable, "terminate")
                 _delay(parent, name, precedence, target, events)
+    tasks = {task.name: task for task in model.tasks}
     for chain in model.chains:
-        for type, limit in (("Reaction", _reaction(model, chain)), ("Age", chain.max_age)):
+        for type, limit in (("Reaction", _reaction(tasks, chain)), ("Age", chain.max_age)):
             if limit is not None:
                 _latency(parent, chain, type, limit)
     for task in model.tasks:
@@ -73,13 +74,13 @@ def write_constraints(
             _deadline(parent, task, min(limits))
 
 
-def _reaction(model: TaskModel, chain: Chain) -> Duration | None:
+def _reaction(tasks: Mapping[str, Task], chain: Chain) -> Duration | None:
     """Return the limit of an AMALTHEA reaction, which counts from each stimulus event, as a latency does.
 
     A reaction time counts from the job before: up to a period and the jitter of the first task earlier (MODEL 10.7).
     Its limit without these is a demand that is at least as strong; the native model has the exact one.
     """
-    first = next((task for task in model.tasks if task.name == chain.tasks[0]), None)
+    first = tasks.get(chain.tasks[0])
     limits = [] if chain.max_latency is None else [chain.max_latency]
     if chain.max_reaction is not None and first is not None and first.period is not None:
         jitter = ZERO if first.let is not None else first.period * first.slack

@@ -82,11 +82,13 @@ class Unique:
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
+        self._last: dict[str, int] = {}
 
     def __call__(self, name: str) -> str:
         """Return `name`, with a number behind it if it is taken."""
-        chosen, number = name, 2
+        chosen = name
         while chosen in self._taken:
-            chosen, number = f"{name}~{number}", number + 1
+            self._last[name] = self._last.get(name, 1) + 1
+            chosen = f"{name}~{self._last[name]}"
         self._taken.add(chosen)
         return chosen

@@ -73,11 +73,12 @@ def _refuse_dangling(model: TaskModel) -> None:
     }
     for path, kind, name in _references(model):
         _check(name, kind, known[kind], path, findings)
+    versions = {task.name: {version.name for version in task.versions} for task in model.tasks}
     for mode in model.modes:
         for run in mode.runs:
-            versions = {v.name for t in model.tasks if t.name == run.task for v in t.versions}
             for version in run.versions:
-                _check(version, "version", versions, f'mode "{mode.name}", task "{run.task}"', findings)
+                path = f'mode "{mode.name}", task "{run.task}"'
+                _check(version, "version", versions.get(run.task, ()), path, findings)
     findings.stop_on_errors()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
@@ -44,16 +45,20 @@ def stimuli_of(model: TaskModel, schedule: Schedule | None) -> dict[str, list[St
     """Return the stimuli of every task."""
     names = Unique()
     tables = {} if schedule is None else {mode.name: mode for mode in schedule.modes}
-    runs = {
-        task.name: [m.name for m in model.modes if any(r.task == task.name for r in m.runs)] for task in model.tasks
-    }
+    runs: defaultdict[str, dict[str, None]] = defaultdict(dict)
+    for played in model.modes:
+        for run in played.runs:
+            runs[run.task][played.name] = None
+    jobs: defaultdict[tuple[str, str], list[Job]] = defaultdict(list)
+    for name, table in tables.items():
+        for job in table.jobs:
+            jobs[name, job.task].append(job)
     found: dict[str, list[Stimulus]] = {}
     for task in model.tasks:
         stimuli = found.setdefault(task.name, [])
         for mode in [mode for mode in runs[task.name] if mode in tables]:
-            jobs = [job for job in tables[mode].jobs if job.task == task.name]
             only = () if len(model.modes) == 1 else (mode,)
-            stimuli += _placed(task, jobs, tables[mode].hyperperiod, only, names)
+            stimuli += _placed(task, jobs[mode, task.name], tables[mode].hyperperiod, only, names)
         rest = [mode for mode in runs[task.name] if mode not in tables]
         if task.period is not None and (rest or not model.modes):
             modes = () if len(rest) == len(model.modes) else tuple(rest)
