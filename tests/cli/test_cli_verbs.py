@@ -14,6 +14,7 @@ def test_model_to_verified_schedule_and_report(halpipe, halpipe_process, folder)
     made = halpipe_process("schedule", "model.xml", "-o", "schedule.xml")
     assert (made.returncode, made.stdout) == (0, "")
     assert "verified" in made.stderr
+    assert "valid; least margin of a WCET" in made.stderr
     checked = halpipe("verify", "model.xml", "schedule.xml")
     assert checked.returncode == 0
     assert "no violation" in checked.stdout

@@ -257,9 +257,16 @@ def workers_of(count: int | None) -> Workers:
 
 
 def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
+    from fractions import Fraction
+
+    from halpipe.core.quantities import format_rational
+    from halpipe.pipeline.measure.objectives import margin_of
+
     schedule = scheduled.schedule
     for mode in schedule.modes:
-        output.inform(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, valid")
+        margin = format_rational(Fraction(int(margin_of(mode) * 1000), 10))
+        text = f"{len(mode.jobs)} jobs in {mode.hyperperiod}, valid; least margin of a WCET {margin} %"
+        output.inform(f"mode {mode.name}: {text}")
     for told in scheduled.diagnostics:
         if told.code == NEAR and not output.Settings.verbose:
             output.inform(f"{told.path}: {told.message}")

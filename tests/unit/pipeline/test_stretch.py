@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.objectives import Objective, least_margin
+from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Objective, least_margin, margin_of
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.optimise import lower_bound, stretched
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -76,3 +77,16 @@ def test_optimise_margin_reaches_what_is_proven(seed):
     [reached] = result.reached
     assert (reached.value, reached.bound) == (-Fraction(2, 3), -Fraction(2, 3))
     assert [d for d in verify(system, result.schedule) if d.is_error] == []
+
+
+def test_the_least_margin_of_a_schedule_is_that_of_the_tightest_stay():
+    """On u1 2 ms are followed by 3 free ones, round the edge 4 ms by 1; on u2 one job of 2 ms has 8 to grow by."""
+    system = model(
+        *(task(n, 10, version("v", c, u)) for n, c, u in (("a", 2, "u1"), ("b", 4, "u1"), ("c", 2, "u2"))),
+        units="u1 u2",
+    )
+    jobs = [job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"), job(system, "c", 0, 9, "u2")]
+    (table,) = schedule(system, 10, *jobs).modes
+    assert margin_of(table) == Fraction(1, 4)
+    assert margin_of(replace(table, jobs=table.jobs[::2])) == 4
+    assert margin_of(replace(table, jobs=())) == LARGEST_MARGIN

@@ -25,8 +25,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Chain, Job, TaskModel
+    from halpipe.models import Chain, Job, ModeSchedule, TaskModel
     from halpipe.pipeline.jobs import Expansion
+
+Stays = dict[str, "list[tuple[int | Fraction, int | Fraction]]"]
+"""When each unit is occupied, from start to end."""
 
 LARGEST_MARGIN = Fraction(100)
 """Growth beyond a hundred times the WCET is of no interest; a job alone on its unit would have no bound."""
@@ -132,19 +135,33 @@ def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:
 
 def least_margin(model: TaskModel, placement: Placement) -> Fraction:
     """Return, negated, by what share of its length every stay on a unit could last longer."""
-    stays: dict[str, list[tuple[int, int]]] = {}
+    stays: Stays = {}
     for job in placement.jobs:
         for unit in dict.fromkeys(job.units):
-            stays.setdefault(unit, []).extend(
-                (start % placement.hyperperiod, end - start) for start, end in job.occupations()
-            )
+            stays.setdefault(unit, []).extend(job.occupations())
+    return -_least_of(stays, placement.hyperperiod)
+
+
+def margin_of(table: ModeSchedule) -> Fraction:
+    """Return the least margin of a mode that has been scheduled, at most `LARGEST_MARGIN`."""
+    stays: Stays = {}
+    for job in table.jobs:
+        spans = [(start.ns, end.ns) for start, end in job.occupations()]
+        for unit in dict.fromkeys(job.units):
+            stays.setdefault(unit, []).extend(spans)
+    return _least_of(stays, table.hyperperiod.ns)
+
+
+def _least_of(stays: Stays, length: int | Fraction) -> Fraction:
+    """Compare each stay with the start of the next one on its unit, round the hyperperiod."""
     least = LARGEST_MARGIN
-    for on_unit in stays.values():
-        on_unit.sort()
-        following = [*(start for start, _ in on_unit[1:]), on_unit[0][0] + placement.hyperperiod]
-        for (start, length), then in zip(on_unit, following, strict=True):
-            least = min(least, Fraction(then - start - length, length))
-    return -least
+    for spans in stays.values():
+        on_unit = sorted((start % length, end - start) for start, end in spans)
+        following = [*(start for start, _ in on_unit[1:]), on_unit[0][0] + length]
+        for (start, own), then in zip(on_unit, following, strict=True):
+            if then - start - own < own * least:
+                least = Fraction(then - start - own) / own
+    return least
 
 
 def number_of_gaps(model: TaskModel, placement: Placement) -> Fraction:
