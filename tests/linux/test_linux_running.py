@@ -110,7 +110,7 @@ int mlockall(int flags) { (void)flags; errno = EPERM; return -1; }
 """Keeps the shadow memory of the sanitizer, which is too large, from being locked."""
 
 
-def exchange():
+def exchange(let=None):
     """The two modes, in which a writes a buffer while b, on another unit from the same instant on, reads it."""
     owner, tables = two_modes()
     phases = {
@@ -120,7 +120,11 @@ def exchange():
     units = {"a": ("u1",), "b": ("u2",)}
     tasks = tuple(
         sourced(
-            replace(t, versions=tuple(replace(v, accesses=(phases[t.name],), units=units[t.name]) for v in t.versions)),
+            replace(
+                t,
+                let=let,
+                versions=tuple(replace(v, accesses=(phases[t.name],), units=units[t.name]) for v in t.versions),
+            ),
             "both",
         )
         for t in owner.tasks
@@ -135,7 +139,9 @@ def exchange():
 
 @needs_compiler
 @pytest.mark.slow
-def test_the_threads_have_no_data_race(tmp_path, monkeypatch):
+@pytest.mark.parametrize("let", [None, "2ms"])
+def test_the_threads_have_no_data_race(tmp_path, monkeypatch, let):
+    """With logical execution times a thread of its own copies the buffer for both programs."""
     probe = tmp_path / "probe.c"
     probe.write_text("int main(void) { return 0; }\n")
     tried = ["cc", "-fsanitize=thread", "-o", str(tmp_path / "probe"), str(probe)]
@@ -144,7 +150,7 @@ def test_the_threads_have_no_data_race(tmp_path, monkeypatch):
     if subprocess.run([str(tmp_path / "probe")], capture_output=True, check=False).returncode:
         pytest.skip("programs under the thread sanitizer do not run on this kernel")
     monkeypatch.setattr("test_linux_bundle.PROGRAM", PROGRAM + "char wide[13];\n")
-    owner, tables = exchange()
+    owner, tables = exchange(ms(let))
     bundle = built(tmp_path, owner, tables, cpus={"u1": 0, "u2": 1})
     (bundle / "not_locked.c").write_text(NOT_LOCKED)
     sources = [
@@ -167,6 +173,7 @@ def test_the_threads_have_no_data_race(tmp_path, monkeypatch):
     ran, seen = played(bundle, "--seconds", "1", "--switch", "0.2=one", "--switch", "0.5=both", program="races")
     assert "ThreadSanitizer" not in ran.stderr
     assert len(seen) > 50
+    assert ("copies at releases" in ran.stdout) is (let is not None)
 
 
 # ------------------------------------------------------------------------------------------------------ order

@@ -251,7 +251,6 @@ static void *copy_in_time(void *unused) {
   (void)unused;
   prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);
   prefault();
-  static _Atomic uint64_t lost;
   turn open[OPEN];
   int next[OPEN], n = 0, first;
   uint64_t number = 0;
@@ -271,10 +270,12 @@ static void *copy_in_time(void *unused) {
       n--;
     } else if (known == INT64_MAX) return NULL;
     else {
-      const turn turn = turn_of(&number, &lost);
+      const turn turn = turn_of(&number, &left_out);
       number++;
       known = turn.table < 0 ? INT64_MAX : turn.at + plan.tables[turn.table].length;
-      if (turn.table >= 0 && plan.tables[turn.table].n_copies && n < OPEN) open[n] = turn, next[n++] = 0;
+      if (turn.table < 0 || !plan.tables[turn.table].n_copies) continue;
+      if (n < OPEN) open[n] = turn, next[n++] = 0;
+      else atomic_fetch_add(&left_out, 1);
     }
   }
 }
