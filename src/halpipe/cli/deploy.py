@@ -141,6 +141,31 @@ def trace(
     return Exit.OK
 
 
+@app.command("calibrate")
+def calibrate(
+    bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that export riscv --calibrate wrote.")],
+    memory: Annotated[
+        str, typer.Argument(metavar="RESULT", help="Memory after its run, as for trace, or what the runtime printed.")
+    ],
+    output_file: Output,
+    base: Annotated[str, typer.Option(help="Address of a binary dump; by default main memory's.")] = "",
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Write a target profile with the bandwidths, times and cycles that a bundle measured on its target."""
+    from halpipe.core.files import read_bytes, refuse_name, write_output
+    from halpipe.deploy.riscv.judge.calibration import calibrate as constants
+    from halpipe.flow.formats import open_target
+
+    output.choose(None, quiet=quiet, verbose=verbose)
+    refuse_name(output_file, ".yaml")
+    content, lines = constants(open_target(bundle), read_bytes(memory), memory, _address(base))
+    write_output(output_file, content)
+    for line in lines:
+        output.inform(line)
+    return Exit.OK
+
+
 def _address(text: str) -> int | None:
     if not text:
         return None

@@ -55,7 +55,9 @@ def export(tmp_path_factory):
     from halpipe.importers.native import parse_schedule
     from halpipe.pipeline.health import with_reactions
 
-    def make(sources=None, profile="vcu118", change=lambda text: text, platform="", drivers="", inputs=None):
+    def make(
+        sources=None, profile="vcu118", change=lambda text: text, platform="", drivers="", inputs=None, calibrate=False
+    ):
         folder = tmp_path_factory.mktemp("bundle")
         for name in SOURCES:
             folder.joinpath(name).write_text((sources or {}).get(name) or HERE.joinpath(name).read_text())
@@ -64,7 +66,7 @@ def export(tmp_path_factory):
         pair = paired(system, with_reactions(system, tables_of(system)))
         model = parse_model(pair["model.xml"], str(folder / "model.xml"))
         schedule = parse_schedule(pair["schedule.xml"], str(folder / "schedule.xml"))
-        options = RiscvOptions(profile=profile, toolchain="zig", sources=str(folder))
+        options = RiscvOptions(profile=profile, toolchain="zig", sources=str(folder), calibrate=calibrate)
         if platform:
             folder.joinpath("platform.yaml").write_text(platform)
             options = replace(options, regulator=str(folder / "platform.yaml"))

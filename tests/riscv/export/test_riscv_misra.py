@@ -27,13 +27,14 @@ inputs: [{buffer: input, function: get, time: 1us}]
 """
 
 
-@pytest.fixture(scope="module", params=["vcu118", "virt", "drivers"])  # with a DMA engine; without one; with drivers
+@pytest.fixture(scope="module", params=["vcu118", "virt", "drivers", "calibrate"])  # with a DMA engine, without, more
 def runtime(request, tmp_path_factory):
     """A bundle's folder; its runtime has the generated headers and tables, too."""
     folder = tmp_path_factory.mktemp(request.param)
     system, schedule = single()
     has_drivers = request.param == "drivers"
-    options = RiscvOptions(profile="vcu118" if has_drivers else request.param)
+    profile = request.param if request.param == "virt" else "vcu118"
+    options = RiscvOptions(profile=profile, calibrate=request.param == "calibrate")
     model, tables = on_disk(folder, system, schedule, board_c="void get(void *data, unsigned long size) {}")
     if has_drivers:
         folder.joinpath("drivers.yaml").write_text(DRIVERS)

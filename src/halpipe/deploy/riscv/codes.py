@@ -1,4 +1,4 @@
-"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1059)."""
+"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1071, HAL1461)."""
 
 from __future__ import annotations
 
@@ -185,6 +185,12 @@ NOT_INJECTED = note(
     "HAL1056",
     "Faults that were not injected",
     "Some faults cannot be put into this bundle by this engine, or would take too long; they are not judged.",
+)
+NO_CALIBRATION = error(
+    "HAL1461",
+    "Recording has no measurements",
+    "A bundle that is exported with --calibrate measures transfers and instructions before its run. They lie behind "
+    "the control block, and the runtime prints them. Without them no profile can be made.",
 )
 BAD_REQUEST = error(
     "HAL1049",

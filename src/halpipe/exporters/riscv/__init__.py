@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import DRIVERS, SOURCES, option, specific
+from halpipe.core.options import DRIVERS, SOURCES, Form, option, specific
 from halpipe.core.records import record
 from halpipe.core.settings import Words
 from halpipe.exporters.common.base import ExportOptions, PlainExporter
@@ -32,6 +32,7 @@ class RiscvOptions(ExportOptions):
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
       is read. `regulator` is the platform of the regulators whose tables go with the programs (empty: none).
     - `drivers` states functions of the board that fill and empty buffers (empty: none).
+    - `calibrate` has the runtime measure the target first, for `deploy calibrate`.
     - `inputs` is a folder with recorded contents of buffers, which a check plays (empty: none).
     """
 
@@ -44,6 +45,9 @@ class RiscvOptions(ExportOptions):
         "", "Regulators of the memory, YAML: their tables go into the bundle.", metavar="FILE", is_path=True
     )
     drivers: str = option("", DRIVERS, metavar="FILE", is_path=True)
+    calibrate: bool = option(
+        False, "Measure transfers and instructions before the run, for deploy calibrate.", form=Form.SWITCH
+    )
     inputs: str = option(
         "", "Recorded contents of buffers, BUFFER.bin for each: the check plays them.", metavar="FOLDER", is_path=True
     )

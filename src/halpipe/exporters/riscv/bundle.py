@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 RUNTIME = Path(__file__).with_name("runtime")
 MANAGEMENT = ("start.S", "runtime.c", "dma.c", "health.c", "console.c")
+CALIBRATION = ("calibrate.c", "loops.S")
 MONITOR = ("monitor.S", "monitor.c")
 
 
@@ -58,6 +59,7 @@ class Site:
     drivers: Drivers
     driver_sources: tuple[str, ...]
     inputs: dict[str, bytes]
+    calibrates: bool
 
 
 @record
@@ -85,10 +87,9 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
             shop.write(name, content)
         stage_runtime(shop)
         slots = slots_of(schedule, site.cores)
-        cores = list(site.cores.values())
         shop.write(
             "runtime/platform.h",
-            render.platform(cores, slots.count, len(schedule.modes), site.memory, site.health, site.drivers),
+            render.platform(site, slots.count, len(schedule.modes)),
         )
         needs = compile_parts(shop, site.parts, tree, render)
         measured = measure(shop, needs, profile, render)
@@ -148,7 +149,9 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
     health = health_of(model, schedule)
-    return Site(profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs)
+    return Site(
+        profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs, options.calibrate
+    )
 
 
 def stage_runtime(shop: Workshop) -> None:
@@ -218,7 +221,8 @@ def _program(
     tables = render.tables(name, plan.programs, plan.tables, places, site.health, site.drivers)
     shop.write("runtime/tables.c", tables)
     shop.write("link/bundle.ld", render.bundle_script(site.memory))
-    objects = _compile_runtime(shop, (*MANAGEMENT, "tables.c", "images.S"))
+    names = (*MANAGEMENT, *(CALIBRATION if site.calibrates else ()), "tables.c", "images.S")
+    objects = _compile_runtime(shop, names)
     _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, *drivers, MINIMAL.target))])
     return shop.read("build/bundle.elf")
 

@@ -16,6 +16,7 @@ from halpipe.models import HealthAction, HealthEvent
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from halpipe.exporters.riscv.bundle import Site
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.images import Part
@@ -132,25 +133,18 @@ class Renderer:
         """Return the linker script of the whole."""
         return self._fill("bundle.ld", memory=memory)
 
-    def platform(
-        self,
-        cores: Sequence[Core],
-        slots: int,
-        modes: int,
-        memory: MainMemory,
-        health: Health,
-        drivers: Drivers,
-    ) -> str:
+    def platform(self, site: Site, slots: int, modes: int) -> str:
         """Return the header with the constants of the target."""
         return self._fill(
             "platform.h",
             profile=self.profile,
-            cores=list(cores),
+            cores=list(site.cores.values()),
             slots=slots,
             modes=modes,
-            memory=memory,
-            health=health,
-            drivers=drivers.functions,
+            memory=site.memory,
+            health=site.health,
+            drivers=site.drivers.functions,
+            calibrate=site.calibrates,
             decision=DECISION,
             margin=margin(self.profile),
             trace=TRACE_RECORDS,

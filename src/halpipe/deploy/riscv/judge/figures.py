@@ -18,7 +18,7 @@ from halpipe.deploy.riscv.run.sequence import DECISION
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
@@ -214,8 +214,8 @@ def measured(run: Run, program: Program, model: TaskModel, played: Sequence[Play
         if i == 0 or entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts):
             extra += 1  # a part of the operation that is recorded next, or before
             continue
-        due, wake = _due(tables, entry, starts), (woken - zero) // run.tick
-        is_waiting = is_waiting or _waits(tables, entry, due[0])
+        due, wake = due_of(tables, entry, starts), (woken - zero) // run.tick
+        is_waiting = is_waiting or waits(tables, entry, due[0])
         if is_waiting or due[0] < wake:
             continue
         number = i - first + 1 - extra + bisect_right(others, due) - bisect_left(others, (wake, -1))
@@ -225,7 +225,8 @@ def measured(run: Run, program: Program, model: TaskModel, played: Sequence[Play
     return Dispatch(seconds(worst / run.rate), reserved, run.since(at))
 
 
-def _due(tables: Tables, record: Record, starts: Sequence[int]) -> tuple[int, int]:
+def due_of(tables: Tables, record: Record, starts: Sequence[int] | Mapping[int, int]) -> tuple[int, int]:
+    """Return the tick and the order of an operation that is recorded, by the starts of tables."""
     order = _ORDER[Kind(record.kind)]
     if record.kind == Kind.TABLE:
         return starts[record.cycle], order
@@ -237,7 +238,7 @@ def _is_held(record: Record) -> bool:
     return record.kind == Kind.COPY and bool(record.flags & Flag.LATE)
 
 
-def _waits(tables: Tables, record: Record, due: int) -> bool:
+def waits(tables: Tables, record: Record, due: int) -> bool:
     """Whether the core may have waited for another transfer before this one: that is no work of its own."""
     if record.kind != Kind.COPY or record.operation == 0 or record.time <= due:
         return False

@@ -46,6 +46,8 @@ BOOT = seconds(Fraction(1, 1000))
 """From the start of the machine to the beginning of the run."""
 
 RUNNING, FINISHED = 1, 2
+MEASURING = "calibrate"
+"""The function of runtimes that measure their target before the run, for up to a second."""
 
 
 @record
@@ -234,7 +236,10 @@ class CoSimulation:
         self._plant.start(self)
         end = NEVER
         if limit is not None:
-            end = self._units(limit) + (offset + 1000 * len(self.site.units)) * self._machine.timing.tick
+            before = (
+                offset + 1000 * len(self.site.units) + (self.site.timebase if MEASURING in self.program.symbols else 0)
+            )
+            end = self._units(limit) + before * self._machine.timing.tick
         self._machine.run(end)
         return self._result()
 

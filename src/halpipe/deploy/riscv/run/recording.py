@@ -173,14 +173,46 @@ def read_board(bundle: Bundle, data: bytes, file: str, base: int | None = None) 
     Raise `HalpipeError` if the control block and the rings are not in it.
     """
     site = read_site(bundle)
-    text = data.decode("ascii", "replace") if data[:4096].isascii() else ""
-    if re.search(r"^control ", text, re.MULTILINE):
+    text = _printed(data)
+    if text:
         return parse_recording(text, _no_recording(file, "what the runtime printed is cut off"))[0]
-    memory = _Sparse(file, text) if _LINE.match(text) else _Flat(file, data, site.main.base if base is None else base)
+    memory = _memory_of(site, data, file, base)
     state, traced, faults = (memory.word(site.control + 8 * w) for w in (Word.STATE, Word.TRACED, Word.FAULTS))
     if state not in _STATES:
         raise _no_recording(file, f"the control block at {site.control:#x} says state {state}: no run of this bundle")
     return read_recording(memory.read, site.trace, traced, site.faults, faults)
+
+
+def _printed(data: bytes) -> str:
+    """Return what the runtime printed; empty if it is none of that."""
+    text = data.decode("ascii", "replace") if data[:4096].isascii() else ""
+    return text if re.search(r"^control ", text, re.MULTILINE) else ""
+
+
+def _memory_of(site: Site, data: bytes, file: str, base: int | None) -> _Flat:
+    text = data.decode("ascii", "replace") if data[:4096].isascii() else ""
+    return _Sparse(file, text) if _LINE.match(text) else _Flat(file, data, site.main.base if base is None else base)
+
+
+CALIBRATION, MOST_MEASURED = 1024, 100
+"""Where the measurements lie behind the control block, their number first, and how many there may be."""
+
+
+def read_calibration(
+    bundle: Bundle, data: bytes, file: str, base: int | None = None
+) -> tuple[Recording, list[tuple[int, int, int]]]:
+    """Return what the runtime recorded, and what it measured before: kind, amount and ticks."""
+    recording, text, site = read_board(bundle, data, file, base), _printed(data), read_site(bundle)
+    if text:
+        rows = [line.split()[1:] for line in text.splitlines() if line.startswith("calibration ")]
+        if any(len(row) != 3 or not all(re.fullmatch("[0-9a-f]{1,16}", word) for word in row) for row in rows):
+            raise _no_recording(file, "what the runtime printed of its measurements is cut off")
+        return recording, [(int(kind, 16), int(amount, 16), int(ticks, 16)) for kind, amount, ticks in rows]
+    memory, at = _memory_of(site, data, file, base), site.control + CALIBRATION
+    count = memory.word(at)
+    if count > MOST_MEASURED:
+        return recording, []  # the bundle does not measure, and something else stands there
+    return recording, [struct.unpack("<3Q", memory.read(at + 8 + 24 * i, 24)) for i in range(count)]
 
 
 def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:

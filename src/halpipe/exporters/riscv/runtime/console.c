@@ -63,6 +63,11 @@ void print_report(void) {
     for (uint64_t i = first_of(count, HP_FAULT_CAPACITY); i < count; i++) {
         put_words("fault", (const volatile uint64_t *)&FAULTS[i % HP_FAULT_CAPACITY], sizeof(hp_fault) / 8U);
     }
+#ifdef HP_CALIBRATE
+    for (uint64_t i = 0U; i < CALIBRATION->count; i++) {
+        put_words("calibration", (const volatile uint64_t *)&CALIBRATION->entries[i], sizeof(hp_calibration) / 8U);
+    }
+#endif
     put_text("end\n");
 }
 

@@ -171,6 +171,29 @@ _Static_assert((sizeof(hp_operation) == 48U) && (sizeof(hp_record) == 48U) && (s
 #define TRACE ((hp_record *)HP_TRACE)
 #define FAULTS ((hp_fault *)HP_FAULTS)
 
+#ifdef HP_CALIBRATE
+#define CALIBRATE_ISPM 1U /* bytes from main memory, and ticks */
+#define CALIBRATE_DSPM 2U
+#define CALIBRATE_MAIN 3U /* bytes to it */
+#define CALIBRATE_LOOP 4U /* turns of a loop, and ticks: additions, multiplications, divisions, accesses */
+#define CALIBRATE_LOOPS 4U
+#define CALIBRATE_MANAGEMENT 8U /* the same additions on the management core */
+
+typedef struct {
+    uint64_t kind;
+    uint64_t amount; /* 0: it failed */
+    uint64_t ticks;
+} hp_calibration;
+
+typedef struct {
+    uint64_t count;
+    hp_calibration entries[100];
+} hp_calibrations;
+
+#define CALIBRATION ((volatile hp_calibrations *)(HP_CONTROL + 1024UL))
+void calibrate(void);
+#endif
+
 /* ---- the mailbox of a core: the top of its data scratchpad ---- */
 
 typedef struct {

@@ -443,6 +443,9 @@ void runtime(void) {
             leave(1U);
         }
     }
+#ifdef HP_CALIBRATE
+    calibrate();
+#endif
     cursor = TRACE;
     base = MTIME + CONTROL->offset;
     CONTROL->base = base;

@@ -31,6 +31,10 @@
 {% if profile.finisher %}
 #define HP_FINISHER {{ profile.finisher | hex }}UL
 {% endif %}
+{%- if calibrate %}
+#define HP_CALIBRATE
+#define CALIBRATE_TURNS 5000
+{%- endif %}
 #define HP_CONTROL {{ memory.control | hex }}UL
 #define HP_BUFFERS {{ memory.buffers_base | hex }}UL
 #define HP_BUFFERS_END {{ memory.buffers_end | hex }}UL

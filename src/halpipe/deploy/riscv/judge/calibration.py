@@ -1,0 +1,171 @@
+"""Profiles from measurements: the constants of a target as a calibrating bundle recorded them on a board or simulator.
+
+Each constant covers every measurement: bandwidths are 5 % lower and times 10 % longer than the worst that was seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import yaml
+
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.durations import Duration, seconds
+from halpipe.core.files import parse_yaml
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.judge.contents import OWN_PROFILE
+from halpipe.deploy.riscv.judge.figures import due_of, waits
+from halpipe.deploy.riscv.judge.tables import Tables
+from halpipe.deploy.riscv.run.cosimulation import load_program
+from halpipe.deploy.riscv.run.recording import Flag, Kind, read_calibration
+from halpipe.deploy.riscv.target import MEMORIES, read_site
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.run.recording import Recording
+    from halpipe.deploy.riscv.target import Site
+
+SLOWER, LONGER = Fraction(95, 100), Fraction(110, 100)
+WORST = 330
+"""Instructions of the longest operation, which a run may not have: a job that fails, with its health rule."""
+
+_TURN, _OTHERS = 14, 2  # of its instructions in one turn of a loop; those that count it
+_ADD, _MULTIPLY, _DIVIDE, _ACCESS, _MANAGEMENT = range(4, 9)
+
+
+@record
+class Constants:
+    """What was measured of a target, with margins; bandwidths in bytes per second, cycles of an instruction."""
+
+    into: dict[str, int]
+    setup: Duration
+    service: Duration
+    cycles: dict[str, Fraction]
+
+    def lines(self) -> list[str]:
+        """Return the figures for people."""
+        rates = ", ".join(f"{_rate(rate)} into {name}" for name, rate in self.into.items())
+        cycles = ", ".join(f"{name} {format_rational(number)}" for name, number in self.cycles.items())
+        return [f"{rates}; setup {self.setup}", f"service {self.service}; cycles of an instruction: {cycles}"]
+
+
+def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -> tuple[bytes, list[str]]:
+    """Return the profile of a bundle with the constants of a recording, and these for people.
+
+    Raise `HalpipeError` where the recording lacks measurements, or one of them failed.
+    """
+    site = read_site(target.bundle)
+    recording, measured = read_calibration(target.bundle, data, file, base)
+    points: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    for kind, amount, ticks in measured:
+        points[kind].append((amount, ticks))
+    lacking = [kind for kind in range(1, _MANAGEMENT + 1) if not points[kind]]
+    failed = [k for k, each in sorted(points.items()) if any(not amount or (k >= _ADD and not t) for amount, t in each)]
+    if lacking or failed:
+        kinds = ", ".join(map(str, lacking or failed))
+        message = f"measurements of kind {kinds} " + ("are missing" if lacking else "failed")
+        help = "export with --calibrate, run that bundle, and dump its memory or print its report at the end"
+        raise HalpipeError(codes.NO_CALIBRATION(message, at=Location(file), help=help))
+    found = constants_of(target, site, recording, points)
+    return _profile(target, found, file), found.lines()
+
+
+def constants_of(
+    target: Target, site: Site, recording: Recording, points: Mapping[int, Sequence[tuple[int, int]]]
+) -> Constants:
+    """Return the constants that cover all measurements."""
+    second = site.timebase
+    into = {memory: _bandwidth(points[number], second) for number, memory in enumerate(MEMORIES, 1)}
+    waits = [
+        Fraction(ticks + 1, second) - Fraction(size, into[memory])
+        for number, memory in enumerate(MEMORIES, 1)
+        for size, ticks in points[number]
+    ]
+    turns = {kind: _cycles(points[kind], site) for kind in range(_ADD, _MANAGEMENT + 1)}  # cycles of a turn
+    add = turns[_ADD] / (_TURN + _OTHERS)
+    others = {kind: (turns[kind] - _OTHERS * add) / _TURN for kind in (_MULTIPLY, _DIVIDE, _ACCESS)}
+    cycles = {
+        "jobs": max(add, others[_ACCESS]),
+        "management": turns[_MANAGEMENT] / (_TURN + _OTHERS),
+        "multiply": max(others[_MULTIPLY], others[_DIVIDE]),
+    }
+    return Constants(
+        into,
+        _rounded(max(waits) * LONGER),
+        _rounded(max(_service(target, site, recording), WORST * cycles["management"] / site.clock) * LONGER),
+        {name: max(Fraction(math.ceil(number * 100), 100), Fraction(1)) for name, number in cycles.items()},
+    )
+
+
+def _bandwidth(points: Sequence[tuple[int, int]], second: int) -> int:
+    """Return the bytes per second between the smallest and the largest transfer, each at its longest."""
+    slowest = {size: max(ticks for other, ticks in points if other == size) for size, _ in points}
+    small, large = min(slowest), max(slowest)
+    ticks = slowest[large] - slowest[small] + 1  # the clock says no more exactly
+    rate = int(Fraction(large - small, max(ticks, 1)) * second * SLOWER)
+    return max(rate - rate % 10**5 if rate > 10**6 else rate, 1)
+
+
+def _rate(rate: int) -> str:
+    return f"{format_rational(Fraction(rate, 10**6))}MB/s" if rate % 10**5 == 0 else f"{rate}B/s"
+
+
+def _cycles(points: Sequence[tuple[int, int]], site: Site) -> Fraction:
+    """Return the cycles of one turn of a loop, at its longest."""
+    return max(Fraction(ticks, turns) for turns, ticks in points) * Fraction(site.clock, site.timebase)
+
+
+def _service(target: Target, site: Site, recording: Recording) -> Fraction:
+    """Return the longest time of an operation of the management core, in seconds.
+
+    An operation that begins late waits for those before it: for as many as were late in a row, and a release.
+    """
+    tables = Tables(load_program(target.bundle, site), target.model)
+    starts = {entry.cycle: entry.begin for entry in recording.records if entry.kind == Kind.TABLE and not entry.flags}
+    worst, row = Fraction(1), 0
+    for entry in recording.records:
+        if entry.kind in (Kind.TABLE, Kind.HEALTH) or entry.flags & ~Flag.SKIPPED or entry.cycle not in starts:
+            continue
+        due, _ = due_of(tables, entry, starts)
+        late = entry.time - due
+        row = row + 1 if late > 0 else 0
+        if late > 0 and not waits(tables, entry, due):
+            worst = max(worst, Fraction(late + 1, row))
+    return worst / site.timebase
+
+
+def _rounded(time: Fraction) -> Duration:
+    return seconds(Fraction(math.ceil(time * 10**7), 10**7))  # to 100 ns
+
+
+def _profile(target: Target, found: Constants, file: str) -> bytes:
+    """Return the bundle's profile with other constants."""
+    name = target.bundle.at(OWN_PROFILE).file
+    stated = dict(parse_yaml(target.bundle.files[OWN_PROFILE], name))
+    dma = {key: value for key, value in dict(stated["dma"]).items() if key != "bus"}
+    stated["summary"] = f"{stated.get('summary', 'a target')}, calibrated"
+    stated["service"] = str(found.service)
+    stated["cpi"] = {kind: format_rational(number) for kind, number in found.cycles.items()}
+    stated["dma"] = dma | {
+        "bandwidth": {memory: _rate(rate) for memory, rate in found.into.items()},
+        "bus": _rate(max(found.into.values())),
+        "setup": str(found.setup),
+    }
+    head = (
+        f"# Constants measured by `halpipe deploy calibrate` from {file.rpartition('/')[2]}, margins: 5 and 10 %.\n"
+        "# The bus was not measured with several channels: together they move no more than the fastest of them alone.\n"
+    )
+    return head.encode() + yaml.safe_dump(_plain(stated), sort_keys=False, width=120).encode()
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, list) else value
