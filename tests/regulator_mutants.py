@@ -77,6 +77,8 @@ MUTANTS = {
     "status bits are swapped": ("unit", "pending, running, table_now", "running, pending, table_now"),
     "reads of any length pass": ("unit", ".room(~ar_long)", ".room(1'b1)"),
     "writes of any length pass": ("unit", " & ~aw_long)", ")"),
+    "what is held back is not counted": ("unit", "s_arvalid & ~m_arvalid", "s_arvalid & m_arvalid"),
+    "bytes are counted before they pass": ("unit", "if (m_awvalid & m_awready) wr", "if (m_awvalid) wr"),
     "long bursts are not shown": ("unit", "| (s_arvalid & ar_long)", ""),
     "long bursts are shown for ever": ("unit", "(long_wr & ~clears)", "long_wr"),
     # ------------------------------------------------------------------------------------------------ frame
@@ -91,6 +93,9 @@ MUTANTS = {
     "one unit hears of GO": ("frame", ".all_go(go)", ".all_go(go & (i == 0))"),
     "registers are those of the next unit": ("frame", "(reg_addr[25:20] == i + 1)", "(reg_addr[25:20] == i + 2)"),
     "the last unit cannot be read": ("frame", "<= UNITS[5:0])", "< UNITS[5:0])"),
+    "tables start a cycle late": ("frame", "(now >= start)", "(now > start)"),
+    "START counts again": ("frame", "{armed, go} <= 2'b01", "go <= 1'b1"),
+    "the phase of windows is kept": ("frame", "due ? 32'd0 : rest", "rest"),
     "one unit hears of the longest burst": ("frame", ".longest(longest)", ".longest((i == 0) ? longest : 16'hffff)"),
     "units have another beat than the bus": ("frame", ".SIZE(SIZE),", ".SIZE(SIZE + 1),"),
     # ------------------------------------------------------------------------------------------------ axil
@@ -118,6 +123,11 @@ UNSEEN = {
     "long bursts are not shown",
     "long bursts are shown for ever",
     "one unit hears of the longest burst",
+    "tables start a cycle late",
+    "START counts again",
+    "the phase of windows is kept",
+    "what is held back is not counted",
+    "bytes are counted before they pass",
 }
 """Those that no run of the tests shows, so that the proof has to."""
 

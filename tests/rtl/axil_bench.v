@@ -12,7 +12,7 @@ module axil_bench;
     .s_arvalid(arvalid), .s_arready(arready), .s_araddr(araddr), .s_rvalid(rvalid), .s_rready(rready), .s_rdata(rdata),
     .s_rresp(rresp), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata));
   halpipe_regulator #(.UNITS(2)) regulator (
-    .clk(clk), .rst_n(rst_n), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
+    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(), .s_arvalid(2'd0), .s_arready(), .m_arvalid(), .m_arready(2'd0), .s_awvalid(2'd0), .s_awready(), .m_awvalid(),
     .m_awready(2'd0), .s_wvalid(2'd0), .s_wready(), .m_wvalid(), .m_wready(2'd0), .s_wlast(2'd0), .arlen(16'd0), .awlen(16'd0));
 

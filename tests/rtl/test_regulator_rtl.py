@@ -338,11 +338,7 @@ def test_tables_that_were_not_played_to_their_end_are_named(files, monkeypatch, 
 @icarus
 def test_the_registers_are_reached_through_axi4_lite(tmp_path):
     """Words are written and read once, whatever comes first; part of a word is refused and changes nothing."""
-    sources = [str(path) for path in (Path(__file__).parent / "axil_bench.v", *sorted(RTL.glob("*.v")))]
-    built = tmp_path / "axil.vvp"
-    subprocess.run(["iverilog", "-g2005-sv", "-s", "axil_bench", "-o", str(built), *sources], check=True)
-    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=300).stdout
-    assert [line for line in said.splitlines() if "finish" not in line] == [
+    assert said_by("axil_bench", tmp_path) == [
         "read 0000000 48425746",
         "write 0200014 0",
         "read 0200014 00000400",
@@ -429,19 +425,45 @@ def test_the_unit_fits_a_device_without_distributed_memory():
     assert re.search(r"SB_RAM40_4K +6\b", text)
 
 
+def said_by(bench, folder, *parameters):
+    """Lines that a bench of its own prints."""
+    sources = [str(path) for path in (Path(__file__).parent / f"{bench}.v", *sorted(RTL.glob("*.v")))]
+    built = folder / f"{bench}.vvp"
+    subprocess.run(["iverilog", "-g2005-sv", "-s", bench, *parameters, "-o", str(built), *sources], check=True)
+    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=300).stdout
+    return [line for line in said.splitlines() if "finish" not in line]
+
+
 @icarus
 def test_a_burst_longer_than_stated_never_passes_and_is_shown(tmp_path):
     """Without LONGEST it could pass in one table and wait for ever in another."""
-    sources = [str(path) for path in (Path(__file__).parent / "long_bench.v", *sorted(RTL.glob("*.v")))]
-    built = tmp_path / "long.vvp"
-    subprocess.run(["iverilog", "-g2005-sv", "-s", "long_bench", "-o", str(built), *sources], check=True)
-    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=300).stdout
-    assert [line for line in said.splitlines() if "finish" not in line] == [
+    assert said_by("long_bench", tmp_path) == [
         "1 reads, 0 writes, status 00000000",
         "1 reads, 0 writes, status 00000400",
         "1 reads, 0 writes, status 00000000",
         "1 reads, 0 writes, status 00000800",
         "1 reads, 1 writes, status 00000800",
+    ]
+
+
+@icarus
+def test_blocks_with_one_time_base_start_in_one_cycle(tmp_path):
+    """Both were armed for 0x100000100 and had windows of unlike phase; the first table begins a window of 50 later."""
+    instants = ((0, 51), (1, 102), (2, 152), (0, 203))
+    assert said_by("start_bench", tmp_path) == [
+        "armed 2 2",
+        *(f"{block}: window {window} at {at}" for window, at in instants for block in ("one", "two")),
+    ]
+
+
+@icarus
+@pytest.mark.parametrize(("buffer", "writes"), [(16, 99), (0, 0)])
+def test_withheld_data_stalls_its_own_manager_alone(tmp_path, buffer, writes):
+    """Behind AXI4, with a write buffer; without one the memory waits for the data. IDs, strobes and order stay."""
+    assert said_by("axi4_bench", tmp_path, f"-Paxi4_bench.BUFFER={buffer}") == [
+        "reads 1, too long 0, status 00000400",
+        f"withheld: {writes} writes of the other",
+        "then: 1 of its own, 0 wrong",
     ]
 
 

@@ -1,7 +1,7 @@
 // What the block around the units must do: windows of the length stated, and everything to every unit in the same cycle.
 `default_nettype none
 module formal_frame (
-  input wire clk, input wire rst_n, input wire reg_write, input wire [25:0] reg_addr, input wire [31:0] reg_wdata,
+  input wire clk, input wire rst_n, input wire [63:0] now, input wire reg_write, input wire [25:0] reg_addr, input wire [31:0] reg_wdata,
   input wire [@units@-1:0] s_arvalid, input wire [@units@-1:0] m_arready, input wire [@units@-1:0] s_awvalid, input wire [@units@-1:0] m_awready,
   input wire [@units@-1:0] s_wvalid, input wire [@units@-1:0] m_wready, input wire [@units@-1:0] s_wlast, input wire [8*@units@-1:0] arlen,
   input wire [8*@units@-1:0] awlen
@@ -9,7 +9,7 @@ module formal_frame (
   wire [31:0] reg_rdata; wire tick;
   wire [@units@-1:0] s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid;
   halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .SIZE(5), .CYCLES(32'd9)) dut (
-    .clk(clk), .rst_n(rst_n), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
+    .clk(clk), .rst_n(rst_n), .now(now), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(tick), .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready), .s_wvalid(s_wvalid),
     .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast), .arlen(arlen),
@@ -18,25 +18,32 @@ module formal_frame (
   (* keep *) wire [@units@-1:0] u_tick, u_go, u_req_valid, u_write, u_arvalid, u_arready, u_awvalid, u_awready, u_wvalid, u_wready, u_wlast;
   (* keep *) wire [@units@-1:0] u_m_arvalid, u_m_arready, u_m_awvalid, u_m_awready, u_m_wvalid, u_m_wready;
   (* keep *) wire [8*@units@-1:0] u_req_table, u_arlen, u_awlen;
-  (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number, rest, extra, of; (* keep *) wire go; (* keep *) wire [16*@units@-1:0] u_longest;
+  (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number, rest, extra, of; (* keep *) wire go, armed; (* keep *) wire [63:0] start; (* keep *) wire [16*@units@-1:0] u_longest;
   reg first = 1;
   always @(posedge clk) first <= 0;
   always @* assume (rst_n == !first);
 
   wire here = reg_addr[25:20] == 0;
-  reg m_go = 0; reg [31:0] m_cycles = 9, m_left = 8, m_window = 0, m_extra = 0, m_of = 1, m_rest = 0; reg [15:0] m_longest = 16'hffff;
-  wire m_long = {1'b0, m_rest} + m_extra >= {1'b0, m_of};
+  reg m_go = 0, m_armed = 0; reg [63:0] m_start = 0;
+  wire m_due = m_armed & !m_go & now >= m_start;
+  reg [31:0] m_cycles = 9, m_left = 8, m_window = 0, m_extra = 0, m_of = 1, m_rest = 0; reg [15:0] m_longest = 16'hffff;
+  wire [31:0] m_left_over = m_due ? 32'd0 : m_rest;
+  wire m_ends = m_left == 0 | m_due;
+  wire m_long = {1'b0, m_left_over} + m_extra >= {1'b0, m_of};
   always @(posedge clk)
-    if (!rst_n) begin m_go <= 0; m_cycles <= 9; m_left <= 8; m_window <= 0; m_extra <= 0; m_of <= 1; m_rest <= 0; m_longest <= 16'hffff; end
+    if (!rst_n) begin m_go <= 0; m_armed <= 0; m_start <= 0; m_cycles <= 9; m_left <= 8; m_window <= 0; m_extra <= 0; m_of <= 1; m_rest <= 0; m_longest <= 16'hffff; end
     else begin
-      if (reg_write & here & reg_addr[19:0] == 20'h008) m_go <= reg_wdata[0];
+      if (reg_write & here & reg_addr[19:0] == 20'h008) {m_armed, m_go} <= reg_wdata[1:0];
+      else if (m_due) begin m_armed <= 0; m_go <= 1; end
+      if (reg_write & here & reg_addr[19:0] == 20'h02c) m_start[31:0] <= reg_wdata;
+      if (reg_write & here & reg_addr[19:0] == 20'h030) m_start[63:32] <= reg_wdata;
       if (reg_write & here & reg_addr[19:0] == 20'h018) m_cycles <= reg_wdata < 4 ? 4 : reg_wdata;
       if (reg_write & here & reg_addr[19:0] == 20'h020) m_extra <= reg_wdata;
       if (reg_write & here & reg_addr[19:0] == 20'h024) m_of <= reg_wdata == 0 ? 1 : reg_wdata;
       if (reg_write & here & reg_addr[19:0] == 20'h028) m_longest <= reg_wdata[15:0];
-      m_left <= m_left == 0 ? (m_long ? m_cycles : m_cycles - 1) : m_left - 1;
-      if (m_left == 0) m_rest <= m_long ? m_rest + m_extra - m_of : m_rest + m_extra;
-      if (m_left == 0) m_window <= m_window + 1;
+      m_left <= m_ends ? (m_long ? m_cycles : m_cycles - 1) : m_left - 1;
+      if (m_ends) m_rest <= m_long ? m_left_over + m_extra - m_of : m_left_over + m_extra;
+      if (m_ends) m_window <= m_window + 1;
     end
   wire asks = reg_write & here & reg_addr[19:0] == 20'h01c;
   wire [@units@-1:0] writes, reads_wrong;
@@ -48,9 +55,9 @@ module formal_frame (
   always @* if (!first) begin
     least:    assert (m_cycles >= 4 & m_of >= 1);
     spread:   assert (rest == m_rest & extra == m_extra & of == m_of);
-    counts:   assert (counter == m_left & length == m_cycles & number == m_window & go == m_go);
-    windows:  assert (tick == (m_left == 0) & u_tick == {@units@{tick}});
-    together: assert (u_go == {@units@{m_go}} & u_req_valid == {@units@{asks}} & (!asks | u_req_table == {@units@{reg_wdata[7:0]}}));
+    counts:   assert (counter == m_left & length == m_cycles & number == m_window & go == m_go & armed == m_armed & start == m_start);
+    windows:  assert (tick == m_ends & u_tick == {@units@{tick}});
+    together: assert (u_go == {@units@{m_go | m_due}} & u_req_valid == {@units@{asks}} & (!asks | u_req_table == {@units@{reg_wdata[7:0]}}));
     bursts:   assert (u_longest == {@units@{m_longest}});
     chosen:   assert (u_write == writes);
     passed:   assert (u_addr == {@units@{reg_addr[19:0]}} & u_wdata == {@units@{reg_wdata}});
@@ -58,11 +65,13 @@ module formal_frame (
     if (here) case (reg_addr[19:0])
       20'h000: id:     assert (reg_rdata == 32'h48425746);
       20'h004: params: assert (reg_rdata == {8'd2, 8'd0, 8'd5, 8'd@units@});
-      20'h008: ctrl:   assert (reg_rdata == {31'd0, m_go});
+      20'h008: ctrl:   assert (reg_rdata == {30'd0, m_armed, m_go});
       20'h010: window: assert (reg_rdata == m_window);
       20'h018: cycles: assert (reg_rdata == m_cycles);
       20'h020: more:   assert (reg_rdata == m_extra);
       20'h024: parts:  assert (reg_rdata == m_of);
+      20'h02c: low:    assert (reg_rdata == m_start[31:0]);
+      20'h030: high:   assert (reg_rdata == m_start[63:32]);
       20'h028: most:   assert (reg_rdata == {16'd0, m_longest});
       default: ;
     endcase

@@ -17,7 +17,7 @@ module formal_unit (
     .s_wvalid(s_wvalid), .m_wvalid(m_wvalid), .s_wready(s_wready), .m_wready(m_wready), .s_wlast(s_wlast),
     .arlen(arlen), .awlen(awlen));
   // inputs of the parts, as they are connected
-  (* keep *) wire go_here, long_rd, long_wr; (* keep *) wire [31:0] held_rd, held_wr;
+  (* keep *) wire go_here, long_rd, long_wr; (* keep *) wire [31:0] rd_bytes, wr_bytes, rd_waits, wr_waits; (* keep *) wire [31:0] held_rd, held_wr;
   (* keep *) wire p_tick, p_go, p_req_valid, r_refill, w_refill, r_room, w_room, r_valid, w_valid;
   (* keep *) wire [7:0] p_req_table, owed;
   (* keep *) wire [2:0] p_entry_write; (* keep *) wire [1:0] p_header_write;
@@ -41,7 +41,15 @@ module formal_unit (
       if (entries & ~plays & reg_addr[3:0] == 4'h0) m_held_wr <= reg_wdata;
       if (entries & ~plays & reg_addr[3:0] == 4'h4) m_held_rd <= reg_wdata;
     end
-  reg m_long_rd = 0, m_long_wr = 0;
+  reg m_long_rd = 0, m_long_wr = 0; reg [31:0] m_rd_bytes = 0, m_wr_bytes = 0, m_rd_waits = 0, m_wr_waits = 0;
+  always @(posedge clk)
+    if (!rst_n) begin m_rd_bytes <= 0; m_wr_bytes <= 0; m_rd_waits <= 0; m_wr_waits <= 0; end
+    else begin
+      if (s_arvalid & s_arready) m_rd_bytes <= m_rd_bytes + r_bytes;
+      if (s_awvalid & s_awready) m_wr_bytes <= m_wr_bytes + w_bytes;
+      if (s_arvalid & !m_arvalid) m_rd_waits <= m_rd_waits + 1;
+      if (s_awvalid & !m_awvalid) m_wr_waits <= m_wr_waits + 1;
+    end
   wire settles = reg_write & reg_addr == 20'h00c;
   always @(posedge clk) begin
     m_long_rd <= rst_n & ((m_long_rd & !settles) | (s_arvalid & r_bytes > longest));
@@ -52,6 +60,7 @@ module formal_unit (
   always @* if (!first) begin
     started:  assert (p_go == plays & p_tick == tick);
     state:    assert (go_here == m_go & held_rd == m_held_rd & held_wr == m_held_wr);
+    counters: assert ({rd_bytes, wr_bytes, rd_waits, wr_waits} == {m_rd_bytes, m_wr_bytes, m_rd_waits, m_wr_waits});
     long:     assert (long_rd == m_long_rd & long_wr == m_long_wr);
     defaults: assert (p_def_rd == m_rd & p_def_wr == m_wr);
     requests: assert (p_req_valid == (asks & asked < 4) & (!p_req_valid | p_req_table == asked));
@@ -74,6 +83,10 @@ module formal_unit (
       20'h018: wr:      assert (reg_rdata == m_wr);
       20'h020: rd_left: assert (reg_rdata == r_left);
       20'h024: wr_left: assert (reg_rdata == w_left);
+      20'h028: r_moved: assert (reg_rdata == m_rd_bytes);
+      20'h02c: w_moved: assert (reg_rdata == m_wr_bytes);
+      20'h030: r_waits: assert (reg_rdata == m_rd_waits);
+      20'h034: w_waits: assert (reg_rdata == m_wr_waits);
       default: ;
     endcase
 

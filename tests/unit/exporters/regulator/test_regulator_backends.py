@@ -35,7 +35,11 @@ def test_the_register_has_the_back_ends_that_platforms_may_name():
 @pytest.mark.parametrize("name", BACKENDS)
 def test_golden(tmp_path, name):
     """After a wanted change: HALPIPE_UPDATE_GOLDEN=1 pytest tests/unit/exporters/regulator."""
-    written = {n: c for n, c in files(tmp_path, name).items() if not n.startswith("rtl/") and not n.endswith(".rdl")}
+    written = {
+        n: c
+        for n, c in files(tmp_path, name).items()
+        if not n.startswith(("rtl/", "linux/")) and not n.endswith(".rdl")
+    }
     folder = GOLDEN / "regulator" / name
     if os.environ.get("HALPIPE_UPDATE_GOLDEN"):
         shutil.rmtree(folder, ignore_errors=True)

@@ -111,7 +111,7 @@ module bench #(
   wire tick;
   reg gather = 0;                      // the figures of a window that just closed stand there
   halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE), .CYCLES(FIRST), .IMAGES("./")) dut (
-    .clk(clk), .rst_n(rst_n), .reg_write(lite_write | (acts & (order == "w"))),
+    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_write(lite_write | (acts & (order == "w"))),
     .reg_addr(is_lite ? lite_addr : address[25:0]), .reg_wdata(is_lite ? lite_wdata : word),
     .reg_rdata(reg_rdata), .tick(tick),
     .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),

@@ -146,16 +146,19 @@ def _binary(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
     return body + struct.pack("<I", zlib.crc32(body))
 
 
+_SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso")
+
+
 def register_description() -> bytes:
     """Return the registers of the unit as SystemRDL."""
     return resources.files(__package__).joinpath("regulator.rdl").read_bytes()
 
 
 def unit_sources() -> dict[str, bytes]:
-    """Return the unit's Verilog and its timing constraints, by name in the bundle."""
-    folder = resources.files(__package__).joinpath("rtl")
-    sources = sorted((f for f in folder.iterdir() if f.name.endswith((".v", ".sv", ".sdc"))), key=lambda f: f.name)
-    return {f"rtl/{source.name}": source.read_bytes() for source in sources}
+    """Return the unit's Verilog, constraints and core description, and its driver for Linux, by name in the bundle."""
+    folders = ((name, resources.files(__package__).joinpath(name)) for name in ("linux", "rtl"))
+    found = {f"{name}/{file.name}": file for name, folder in folders for file in folder.iterdir()}
+    return {name: found[name].read_bytes() for name in sorted(found) if name.endswith(_SHIPPED)}
 
 
 WRITER = TableUnit()

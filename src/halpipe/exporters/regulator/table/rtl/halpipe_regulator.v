@@ -3,12 +3,14 @@
 // Register space: 1 MiB each. 0: the windows (below); 1 + i: unit i, see regulator.rdl.
 //   0x000 ID           ro  0x48425746 ("HBWF")
 //   0x004 PARAMS       ro  units[7:0], log2 of the bytes of a beat[15:8], version[31:24] = 2
-//   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on
+//   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on; bit 1 ARM: while GO is 0, set it when `now` is START
 //   0x010 WINDOW       ro  windows since reset
 //   0x018 CYCLES       rw  cycles of a window, 4 at least; counts from the next window on
 //   0x020 EXTRA        rw  of OF windows so many have one cycle more, spread evenly; below OF
 //   0x024 OF           rw  at least 1; both count from the next window on
 //   0x028 LONGEST      rw  bytes of the longest burst that passes; a longer one waits for ever, and its unit's STATUS shows it
+//   0x02c START_LO     rw  see ARM: the window in force ends at START, one without budgets follows, then the first table;
+//   0x030 START_HI     rw  windows are counted from there, whatever the phase before
 //   0x01c REQ_TABLE    wo  table[7:0]: the request of every unit, in the same cycle
 // Modes are switched here and not unit by unit: a table that ended between two writes would leave the units in two modes.
 `default_nettype none
@@ -22,6 +24,7 @@ module halpipe_regulator #(
 )(
   input  wire                clk,
   input  wire                rst_n,
+  input  wire [63:0]         now,        // a time base, that of the cores; 0 where there is none
   input  wire                reg_write,
   input  wire [25:0]         reg_addr,
   input  wire [31:0]         reg_wdata,
@@ -37,25 +40,30 @@ module halpipe_regulator #(
   input  wire [8*UNITS-1:0]  arlen, input wire [8*UNITS-1:0] awlen
 );
   wire        here = (reg_addr[25:20] == 6'd0);
-  reg         go;
+  reg         go, armed;
+  reg  [63:0] start;
+  wire        due = armed & ~go & (now >= start);
   reg  [31:0] cycles, cycle, window, extra, of, rest;
   reg  [15:0] longest;
   // A clock that does not divide the windows: their ends are those of the exact ones, rounded down to cycles.
-  wire [32:0] sum = {1'b0, rest} + {1'b0, extra};
+  wire [32:0] sum = {1'b0, due ? 32'd0 : rest} + {1'b0, extra};
   wire        stretch = (sum >= {1'b0, of});
   wire [31:0] over = sum[31:0] - of;   // below OF where it is used
   wire        req_valid = reg_write & here & (reg_addr[19:0] == 20'h0001c);
-  assign tick = (cycle == 32'd0);
+  assign tick = (cycle == 32'd0) | due;
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       go <= 1'b0; cycles <= CYCLES; cycle <= CYCLES - 32'd1; window <= 0; extra <= 0; of <= 32'd1; rest <= 0;
-      longest <= 16'hffff;
+      longest <= 16'hffff; armed <= 1'b0; start <= 64'd0;
     end else begin
-      if (reg_write & here & (reg_addr[19:0] == 20'h00008)) go <= reg_wdata[0];
+      if (reg_write & here & (reg_addr[19:0] == 20'h00008)) {armed, go} <= reg_wdata[1:0];
+      else if (due) {armed, go} <= 2'b01;
       if (reg_write & here & (reg_addr[19:0] == 20'h00018)) cycles <= (reg_wdata < 32'd4) ? 32'd4 : reg_wdata;
       if (reg_write & here & (reg_addr[19:0] == 20'h00020)) extra <= reg_wdata;
       if (reg_write & here & (reg_addr[19:0] == 20'h00024)) of <= (reg_wdata == 32'd0) ? 32'd1 : reg_wdata;
       if (reg_write & here & (reg_addr[19:0] == 20'h00028)) longest <= reg_wdata[15:0];
+      if (reg_write & here & (reg_addr[19:0] == 20'h0002c)) start[31:0] <= reg_wdata;
+      if (reg_write & here & (reg_addr[19:0] == 20'h00030)) start[63:32] <= reg_wdata;
       cycle <= tick ? cycles - {31'd0, ~stretch} : cycle - 32'd1;
       if (tick) rest <= stretch ? over : sum[31:0];
       if (tick) window <= window + 32'd1;
@@ -66,12 +74,14 @@ module halpipe_regulator #(
   always @* case (reg_addr[19:0])
     20'h00000: mine = 32'h48425746;
     20'h00004: mine = {8'd2, 8'd0, SIZE[7:0], UNITS[7:0]};
-    20'h00008: mine = {31'd0, go};
+    20'h00008: mine = {30'd0, armed, go};
     20'h00010: mine = window;
     20'h00018: mine = cycles;
     20'h00020: mine = extra;
     20'h00024: mine = of;
     20'h00028: mine = {16'd0, longest};
+    20'h0002c: mine = start[31:0];
+    20'h00030: mine = start[63:32];
     default:   mine = 32'd0;
   endcase
   assign data[0] = mine;
@@ -89,7 +99,7 @@ module halpipe_regulator #(
       .HDRFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".hdr.memh"} : {IMAGES, "unit", TENS, ONES, ".hdr.memh"})
     // verilator lint_on WIDTH
     ) regulator (
-      .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(go), .all_req_valid(req_valid), .all_req_table(reg_wdata[7:0]),
+      .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(go | due), .all_req_valid(req_valid), .all_req_table(reg_wdata[7:0]),
       .longest(longest), .reg_write(reg_write & (reg_addr[25:20] == i + 1)), .reg_addr(reg_addr[19:0]), .reg_wdata(reg_wdata),
       .reg_rdata(data[i + 1]),
       .s_arvalid(s_arvalid[i]), .s_arready(s_arready[i]), .m_arvalid(m_arvalid[i]), .m_arready(m_arready[i]),

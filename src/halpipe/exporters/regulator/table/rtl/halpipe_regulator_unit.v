@@ -72,6 +72,7 @@ module halpipe_regulator_unit #(
     end
 
   wire        running, pending;
+  reg  [31:0] rd_bytes, wr_bytes, rd_waits, wr_waits;
   reg         long_rd, long_wr;                      // a burst longer than `longest` was shown
   wire [7:0]  table_now, pending_table;
   wire [31:0] window_now, next_rd, next_wr, rd_left, wr_left;
@@ -87,6 +88,10 @@ module halpipe_regulator_unit #(
       11'h018: reg_rdata = def_wr;
       11'h020: reg_rdata = rd_left;
       11'h024: reg_rdata = wr_left;
+      11'h028: reg_rdata = rd_bytes;
+      11'h02c: reg_rdata = wr_bytes;
+      11'h030: reg_rdata = rd_waits;
+      11'h034: reg_rdata = wr_waits;
       default: reg_rdata = 32'd0;
     endcase
   end
@@ -108,7 +113,12 @@ module halpipe_regulator_unit #(
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       long_rd <= 1'b0; long_wr <= 1'b0;
+      rd_bytes <= 0; wr_bytes <= 0; rd_waits <= 0; wr_waits <= 0;
     end else begin
+      if (m_arvalid & m_arready) rd_bytes <= rd_bytes + {16'd0, ar_bytes};
+      if (m_awvalid & m_awready) wr_bytes <= wr_bytes + {16'd0, aw_bytes};
+      if (s_arvalid & ~m_arvalid) rd_waits <= rd_waits + 32'd1;
+      if (s_awvalid & ~m_awvalid) wr_waits <= wr_waits + 32'd1;
       long_rd <= (long_rd & ~clears) | (s_arvalid & ar_long);
       long_wr <= (long_wr & ~clears) | (s_awvalid & aw_long);
     end

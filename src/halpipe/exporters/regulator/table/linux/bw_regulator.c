@@ -1,0 +1,150 @@
+/* Loads the tables of bw_tables.h into the regulators through UIO, starts them and reads their counters.
+ *
+ *   cc -std=c99 -O2 -I.. -o bw_regulator bw_regulator.c
+ *   bw_regulator /dev/uio0 load | go | stop | start T | request N | status | counters SECONDS
+ *
+ * Nothing is written to a device that was built for less than these tables. `counters` prints what
+ * `halpipe compare --bandwidth` reads: bytes of each unit and direction, and the windows in which they moved. */
+#define _POSIX_C_SOURCE 200809L
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "bw_tables.h"
+
+enum { UNIT = 1 << 20, SPACE = (BW_UNITS + 1) * UNIT, INTERFACE = 2, RUNNING = 1 << 8 };
+enum { ID = 0x00, PARAMS = 0x04, CTRL = 0x08, STATUS = 0x0c, WINDOW = 0x10, DEF_RD = 0x14, DEF_WR = 0x18, REQUEST = 0x1c };
+enum { CYCLES = 0x18, EXTRA = 0x20, OF = 0x24, LONGEST = 0x28, START_LO = 0x2c, START_HI = 0x30 };
+enum { RD_BYTES = 0x28, WR_BYTES = 0x2c, HEADERS = 0x800, ENTRIES = 0x1000, GO = 1, ARM = 2 };
+
+static volatile uint32_t *device;
+
+static uint32_t get(uint32_t at) { return device[at / 4]; }
+static void put(uint32_t at, uint32_t value) { device[at / 4] = value; }
+static uint32_t unit(uint32_t number, uint32_t at) { return (number + 1) * UNIT + at; }
+
+static int fail(const char *text)
+{
+  fprintf(stderr, "bw_regulator: %s\n", text);
+  return 1;
+}
+
+/* Returns 0, or 1 with a message where the device is none of ours or too small. */
+static int refuse(void)
+{
+  uint32_t params = get(PARAMS), beat = 0;
+  while (1u << beat < BW_BUS_BYTES) beat++;
+  if (get(ID) != 0x48425746u) return fail("there is no regulator at this address");
+  if (params >> 24 != INTERFACE) return fail("the regulator has another version of its registers");
+  if ((params & 0xff) < BW_UNITS) return fail("the regulator has fewer units than the tables");
+  if ((params >> 8 & 0xff) != beat) return fail("the regulator is built for another width of the bus");
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    uint32_t built = get(unit(n, PARAMS)), tables = built >> 16 & 0xff;
+    if (get(unit(n, ID)) != 0x48425754u || built >> 24 != INTERFACE) return fail("a unit does not answer as one");
+    if ((built & 0xffff) < bw_units[n].entries + 1) return fail("a unit has too few table entries");
+    if ((tables ? tables : 256) < BW_TABLES) return fail("a unit has too few tables");
+  }
+  return 0;
+}
+
+static int load(void)
+{
+  if (get(CTRL) & GO) return fail("tables are being played; stop first");
+  put(CYCLES, BW_WINDOW_CYCLES);
+  put(EXTRA, BW_WINDOW_EXTRA);
+  put(OF, BW_WINDOW_OF);
+  put(LONGEST, BW_BURST_BYTES);
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    const struct bw_unit *one = &bw_units[n];
+    put(unit(n, DEF_RD), one->def_rd);
+    put(unit(n, DEF_WR), one->def_wr);
+    for (uint32_t t = 0; t < BW_TABLES; t++) {
+      put(unit(n, HEADERS + 8 * t), one->tables[t].windows);
+      put(unit(n, HEADERS + 8 * t + 4), one->tables[t].successor << 24 | one->tables[t].base);
+    }
+    for (uint32_t e = 0; e <= one->entries; e++) {  /* the last one ends the memory */
+      struct bw_entry end = {0xffffffffu, 0, 0}, entry = e < one->entries ? one->table[e] : end;
+      put(unit(n, ENTRIES + 16 * e), entry.wr_bytes);
+      put(unit(n, ENTRIES + 16 * e + 4), entry.rd_bytes);
+      put(unit(n, ENTRIES + 16 * e + 8), entry.start_window);
+    }
+  }
+  if (get(CYCLES) != BW_WINDOW_CYCLES || get(LONGEST) != BW_BURST_BYTES) return fail("the device did not take the windows");
+  return 0;
+}
+
+/* Prints the bytes of one table: those between two looks, in the windows from the first look to the second. */
+static int counters(double seconds)
+{
+  struct timespec pause = {(time_t)seconds, (long)((seconds - (double)(time_t)seconds) * 1e9)};
+  uint64_t span = (uint64_t)BW_WINDOW_CYCLES * BW_WINDOW_OF + BW_WINDOW_EXTRA;  /* of a window, in parts of a cycle */
+  uint64_t parts = (uint64_t)BW_CLOCK_HZ * BW_WINDOW_OF;
+  uint32_t before[BW_UNITS][2], tables[BW_UNITS], first[BW_UNITS];
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    tables[n] = get(unit(n, STATUS)) & 0x1ff;
+    first[n] = get(unit(n, WINDOW));
+    before[n][0] = get(unit(n, RD_BYTES));
+    before[n][1] = get(unit(n, WR_BYTES));
+  }
+  while (nanosleep(&pause, &pause) && errno == EINTR) continue;
+  printf("unit,direction,bytes,start_s,end_s\n");
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    uint32_t moved[2] = {get(unit(n, RD_BYTES)) - before[n][0], get(unit(n, WR_BYTES)) - before[n][1]};
+    uint32_t last = get(unit(n, WINDOW));
+    if (tables[n] != (get(unit(n, STATUS)) & 0x1ff) || !(tables[n] & RUNNING) || last < first[n])
+      return fail("a table began or ended meanwhile; look for a shorter time, or again");
+    for (uint32_t d = 0; d < 2; d++)
+      printf("%s,%s,%u,%llu/%llu,%llu/%llu\n", bw_units[n].name, d ? "write" : "read", (unsigned)moved[d],
+             (unsigned long long)(span * first[n]), (unsigned long long)parts,
+             (unsigned long long)(span * ((uint64_t)last + 1)), (unsigned long long)parts);
+  }
+  return 0;
+}
+
+static int status(void)
+{
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    uint32_t now = get(unit(n, STATUS));
+    printf("%s: table %u, window %u%s%s%s\n", bw_units[n].name, (unsigned)(now & 0xff), (unsigned)get(unit(n, WINDOW)),
+           now & RUNNING ? "" : ", defaults", now >> 10 & 1 ? ", a read was too long" : "",
+           now >> 11 & 1 ? ", a write was too long" : "");
+  }
+  return 0;
+}
+
+static int command(const char *verb, const char *value)
+{
+  char *end = NULL;
+  uint64_t number = value ? strtoull(value, &end, 0) : 0;
+  if (!strcmp(verb, "counters")) return counters(value ? strtod(value, NULL) : 0.001);
+  if (value && (*end || end == value)) return fail("the value is no number");
+  if (!strcmp(verb, "load")) return load();
+  if (!strcmp(verb, "status")) return status();
+  if (!strcmp(verb, "go")) return put(CTRL, GO), 0;
+  if (!strcmp(verb, "stop")) return put(CTRL, 0), 0;
+  if (!strcmp(verb, "start") && value) {
+    put(START_LO, (uint32_t)number);
+    put(START_HI, (uint32_t)(number >> 32));
+    return put(CTRL, ARM), 0;
+  }
+  if (!strcmp(verb, "request") && value && number < BW_TABLES) return put(REQUEST, (uint32_t)number), 0;
+  return fail("usage: bw_regulator DEVICE load | go | stop | start T | request N | status | counters SECONDS");
+}
+
+int main(int count, char **words)
+{
+  if (count < 3) return command("", NULL);
+  int file = open(words[1], O_RDWR | O_SYNC);
+  void *memory = file < 0 ? MAP_FAILED : mmap(NULL, SPACE, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+  if (memory == MAP_FAILED) {
+    perror(words[1]);
+    return 1;
+  }
+  device = memory;
+  return refuse() || command(words[2], count > 3 ? words[3] : NULL);
+}

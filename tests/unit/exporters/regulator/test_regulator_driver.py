@@ -1,0 +1,156 @@
+"""The driver of the unit for Linux, compiled and run on a file in place of its registers; and its core description."""
+
+import mmap
+import shutil
+import struct
+import subprocess
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+import yaml
+
+import halpipe
+import regulator_bundles as bundles
+from halpipe.deploy.regulator.counters import compare_counters
+from halpipe.deploy.regulator.forms import entry_words, header_words
+from halpipe.deploy.regulator.reading import read_tables
+
+TABLE = Path(halpipe.__file__).parent / "exporters" / "regulator" / "table"
+UNIT = 1 << 20
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    return bundles.export(tmp_path_factory.mktemp("bundle"), *bundles.system("100ns"))
+
+
+@pytest.fixture(scope="module")
+def driver(bundle, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("driver")
+    for name in ("bw_regulator.c", "bw_tables.h"):
+        (folder / name).write_bytes(next(data for path, data in bundle.items() if path.endswith(f"/{name}")))
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", "driver", "bw_regulator.c"]
+    subprocess.run(command, cwd=folder, check=True)
+    return folder / "driver"
+
+
+class Device:
+    """A file of the size of the registers, with what can be read of a device that fits."""
+
+    def __init__(self, path, tables):
+        self.path, units = path, len(tables.units)
+        path.write_bytes(b"")
+        with path.open("r+b") as file:
+            file.truncate((units + 1) * UNIT)
+            self.memory = mmap.mmap(file.fileno(), 0)
+        self.put(0, 0x48425746)
+        self.put(4, 2 << 24 | 3 << 8 | units)
+        for n in range(units):
+            self.put((n + 1) * UNIT, 0x48425754)
+            self.put((n + 1) * UNIT + 4, 2 << 24 | 16 << 16 | 1024)
+
+    def put(self, at, value):
+        self.memory[at : at + 4] = struct.pack("<I", value)
+
+    def get(self, at):
+        return struct.unpack("<I", self.memory[at : at + 4])[0]
+
+
+@pytest.fixture
+def tables(bundle):
+    return read_tables(bundles.target(bundle).bundle)
+
+
+@pytest.fixture
+def device(tmp_path, tables):
+    return Device(tmp_path / "uio", tables)
+
+
+def run(driver, device, *words):
+    return subprocess.run([driver, device.path, *words], capture_output=True, text=True, check=False, timeout=60)
+
+
+def test_what_is_loaded_is_what_the_memory_images_have(driver, device, tables):
+    assert run(driver, device, "load").returncode == 0
+    p = tables.platform
+    assert [device.get(at) for at in (0x18, 0x20, 0x24, 0x28)] == [p.window_cycles, 0, 1, p.burst_bytes]
+    for unit in tables.units:
+        base = (unit.index + 1) * UNIT
+        assert [device.get(base + at) for at in (0x14, 0x18)] == [unit.default["read"], unit.default["write"]]
+        for number, word in enumerate(header_words(tables, unit)):
+            have = [device.get(base + 0x800 + 8 * number + at) for at in (4, 0)]
+            assert "".join(f"{value:08x}" for value in have) == word
+        for number, word in enumerate([*entry_words(tables, unit), "ffffffff" + "0" * 16]):
+            have = [device.get(base + 0x1000 + 16 * number + at) for at in (8, 4, 0)]
+            assert "".join(f"{value:08x}" for value in have) == word
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "said"),
+    [
+        (0, 0, "no regulator"),
+        (4, 1 << 24 | 3 << 8 | 3, "another version"),
+        (4, 2 << 24 | 3 << 8 | 2, "fewer units"),
+        (4, 2 << 24 | 4 << 8 | 3, "another width"),
+        (UNIT + 4, 2 << 24 | 16 << 16 | 2, "too few table entries"),
+        (2 * UNIT + 4, 2 << 24 | 2 << 16 | 1024, "too few tables"),
+        (3 * UNIT, 1, "does not answer"),
+        (8, 1, "stop first"),
+    ],
+)
+def test_a_device_that_does_not_fit_is_refused_before_anything_is_written(driver, device, at, value, said):
+    device.put(at, value)
+    before = device.memory[:]
+    done = run(driver, device, "load")
+    assert (done.returncode, said in done.stderr) == (1, True)
+    assert device.memory[:] == before
+
+
+def test_orders_reach_their_registers(driver, device):
+    for words in (("request", "2"), ("start", str(5 << 32 | 7))):
+        assert run(driver, device, *words).returncode == 0
+    assert [device.get(at) for at in (0x1C, 0x2C, 0x30, 0x08)] == [2, 7, 5, 2]
+    assert run(driver, device, "go").returncode == 0
+    assert device.get(0x08) == 1
+    assert run(driver, device, "stop").returncode == 0
+    assert device.get(0x08) == 0
+    device.put(UNIT + 0x0C, 1 << 8 | 1 << 10)
+    assert "u1: table 0, window 0, a read was too long" in run(driver, device, "status").stdout
+    for wrong in (("request", "9"), ("request", "x"), ("start",), ("fly",), ()):
+        assert run(driver, device, *wrong).returncode == 1
+
+
+def test_counters_are_what_compare_reads(bundle, driver, device, tables):
+    """Bytes of two looks at a unit, of which the first has too many for the windows from one look to the other."""
+    for n in range(len(tables.units)):
+        device.put((n + 1) * UNIT + 0x0C, 1 << 8)
+        device.put((n + 1) * UNIT + 0x28, 2**32 - 64)  # counters wrap
+    looking = subprocess.Popen([driver, device.path, "counters", "0.4"], stdout=subprocess.PIPE, text=True)
+    time.sleep(0.2)
+    for n in range(len(tables.units)):
+        device.put((n + 1) * UNIT + 0x10, 5)
+    device.put(UNIT + 0x28, 100 * 64)
+    device.put(2 * UNIT + 0x28, 0)
+    text, _ = looking.communicate(timeout=60)
+    header, first, *_ = text.splitlines()
+    assert header == "unit,direction,bytes,start_s,end_s"
+    unit, direction, moved, start, end = first.split(",")
+    assert (unit, direction, moved, Fraction(start)) == ("u1", "read", str(101 * 64), 0)
+    assert Fraction(end) * 10**9 == 6 * tables.window_ns
+    counted = compare_counters(bundles.target(bundle), text, "counters.csv", "full")
+    assert ("HAL1065", 2) in {(found.code, found.at.line) for found in counted.diagnostics}
+    assert not any(found.code == "HAL1065" and found.at.line != 2 for found in counted.diagnostics)
+    assert counted.usage["full", "u2", "read"].used == 64
+
+
+def test_the_core_description_lists_all_sources():
+    core = yaml.safe_load((TABLE / "rtl" / "halpipe_regulator.core").read_text().partition("\n")[2])
+    listed = [name for files in core["filesets"].values() for name in files["files"]]
+    there = [path.name for path in (TABLE / "rtl").iterdir() if path.suffix in (".v", ".sdc")]
+    assert sorted(listed) == sorted(there)
+    assert set(core["parameters"]) == set(core["targets"]["default"]["parameters"])
+    top = (TABLE / "rtl" / "halpipe_regulator_axi4.v").read_text()
+    assert all(f"parameter integer {name} " in top for name in core["parameters"])
