@@ -270,6 +270,10 @@ class Findings:
         """Keep one more finding."""
         self.items.append(diagnostic)
 
+    def report(self, code: Code, message: str, at: Location = NOWHERE, path: str = "", help: str = "") -> None:
+        """Add what calling a code makes."""
+        self.add(code(message, at=at, path=path, help=help))
+
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
         """Keep several findings."""
         self.items.extend(diagnostics)

@@ -93,10 +93,10 @@ def _check_options(options: ArxmlOptions, *, has_schedule: bool) -> None:
     findings = Findings()
     if not _PREFIX.fullmatch(options.ecuc_prefix):
         help = "write a path of short names, such as /AUTOSAR/EcucDefs"
-        findings.add(BAD_PREFIX(f'"{options.ecuc_prefix}" is no path of a package', help=help))
+        findings.report(BAD_PREFIX, f'"{options.ecuc_prefix}" is no path of a package', help=help)
     if options.part == "ecuc" and not has_schedule:
         help = "run `halpipe schedule` and give its output with the model"
-        findings.add(NEEDS_SCHEDULE('part "ecuc" of format "arxml" needs a schedule', help=help))
+        findings.report(NEEDS_SCHEDULE, 'part "ecuc" of format "arxml" needs a schedule', help=help)
     findings.stop_on_errors()
 
 
@@ -108,7 +108,7 @@ def _refuse_dangling(model: TaskModel) -> None:
         for name in names:
             if name not in known:
                 help = did_you_mean(name, sorted(known), "define it, or remove what names it")
-                findings.add(DANGLING_NAME(f'there is no {kind} "{name}"', path=path, help=help))
+                findings.report(DANGLING_NAME, f'there is no {kind} "{name}"', path=path, help=help)
 
     units = {unit.name for unit in model.units}
     resources = {resource.name for resource in model.resources}

@@ -146,16 +146,15 @@ def make_plan(
         if len(found) > MOST_EVENTS:
             help = "allow fewer gaps (max-gaps), or fewer split points, and schedule again"
             message = f"would wait for {len(found)} events; a mask has {MOST_EVENTS}"
-            findings.add(TOO_MANY_EVENTS(message, path=named("OsTask", name), help=help))
+            findings.report(TOO_MANY_EVENTS, message, path=named("OsTask", name), help=help)
     for table in tables:
         check_table(table, counter, findings)
         if max_points is not None and len(table.points) > max_points:
-            findings.add(
-                TOO_MANY_POINTS(
-                    f"has {len(table.points)} expiry points, but the OS allows {max_points}",
-                    path=table.path,
-                    help="choose a longer tick so that starts coincide, or split the mode",
-                )
+            findings.report(
+                TOO_MANY_POINTS,
+                f"has {len(table.points)} expiry points, but the OS allows {max_points}",
+                path=table.path,
+                help="choose a longer tick so that starts coincide, or split the mode",
             )
     findings.stop_on_errors()
     switches = tuple((switch.source, switch.target) for switch in schedule.transitions)
@@ -288,25 +287,23 @@ def check_table(table: Table, counter: Counter, findings: Findings) -> None:
     """Report every rule of the OS that a table breaks on a counter."""
     if table.duration > counter.max_value + 1:
         tick = counter.tick
-        findings.add(
-            COUNTER_RANGE(
-                f"lasts {tick * table.duration}, {table.duration} ticks of {tick}, but the counter has only "
-                f"{counter.max_value + 1} values",
-                path=table.path,
-                help=f"set the maximal value to {table.duration - 1} or more, or schedule again with a tick of "
-                f"{tick * -(-table.duration // (counter.max_value + 1))} or more",
-            )
+        findings.report(
+            COUNTER_RANGE,
+            f"lasts {tick * table.duration}, {table.duration} ticks of {tick}, but the counter has only "
+            f"{counter.max_value + 1} values",
+            path=table.path,
+            help=f"set the maximal value to {table.duration - 1} or more, or schedule again with a tick of "
+            f"{tick * -(-table.duration // (counter.max_value + 1))} or more",
         )
     _check_gaps(table, counter, findings)
     for point in table.points:
         for task, count in Counts(point.tasks).items():
             if count > 1:
-                findings.add(
-                    ACTIVATED_TWICE(
-                        f'OsTask "{task}" is activated {count} times at {counter.tick * point.offset}',
-                        path=table.path,
-                        help="give its version an execution time above 0, and schedule again",
-                    )
+                findings.report(
+                    ACTIVATED_TWICE,
+                    f'OsTask "{task}" is activated {count} times at {counter.tick * point.offset}',
+                    path=table.path,
+                    help="give its version an execution time above 0, and schedule again",
                 )
 
 
@@ -319,11 +316,10 @@ def _check_gaps(table: Table, counter: Counter, findings: Findings) -> None:
     least = min(span for _, span in spans)
     for text, span in spans:
         if span < counter.min_cycle:
-            findings.add(
-                MIN_CYCLE(
-                    f"{text} {span} ticks ({counter.tick * span}), fewer than the minimal cycle {counter.min_cycle}",
-                    path=table.path,
-                    help=f"a minimal cycle of {least} would do for this table; or schedule again with --tick "
-                    f"{counter.tick * counter.min_cycle}",
-                )
+            findings.report(
+                MIN_CYCLE,
+                f"{text} {span} ticks ({counter.tick * span}), fewer than the minimal cycle {counter.min_cycle}",
+                path=table.path,
+                help=f"a minimal cycle of {least} would do for this table; or schedule again with --tick "
+                f"{counter.tick * counter.min_cycle}",
             )

@@ -127,19 +127,18 @@ def _check(options: ArxmlOptions) -> None:
     tick = options.tick
     if tick is not None and not ZERO < tick <= _LONGEST:
         help = "choose a tick above 0 and up to 1s, such as 1us"
-        findings.add(BAD_COUNTER(f"a tick of {tick} is impossible", help=help))
+        findings.report(BAD_COUNTER, f"a tick of {tick} is impossible", help=help)
     if options.max_value >= 2**64:
         help = "take the value of the counter of your target, 1073741823 for most"
-        findings.add(BAD_COUNTER(f"the maximal value {options.max_value} needs more than 64 bits", help=help))
+        findings.report(BAD_COUNTER, f"the maximal value {options.max_value} needs more than 64 bits", help=help)
     if options.max_points is not None and options.max_points < 1:
         help = "take the limit of your target, or none"
-        findings.add(BAD_COUNTER(f"{options.max_points} expiry points are no table", help=help))
+        findings.report(BAD_COUNTER, f"{options.max_points} expiry points are no table", help=help)
     if not 1 <= options.min_cycle <= options.max_value:
-        findings.add(
-            BAD_COUNTER(
-                f"the minimal cycle {options.min_cycle} is not from 1 to the maximal value {options.max_value}",
-                help="take the values of the counter of your target, 1 and 1073741823 for most",
-            )
+        findings.report(
+            BAD_COUNTER,
+            f"the minimal cycle {options.min_cycle} is not from 1 to the maximal value {options.max_value}",
+            help="take the values of the counter of your target, 1 and 1073741823 for most",
         )
     findings.stop_on_errors()
 

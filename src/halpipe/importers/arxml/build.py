@@ -198,13 +198,12 @@ def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], fin
     process = draft.members[0].process
     gang = process.workers if process else 1
     if gang > len(variant.units):
-        findings.add(
-            codes.TOO_MANY_WORKERS(
-                f"has {gang} workers, but may use {len(variant.units)} cores; one is assumed",
-                at=draft.place.at,
-                path=about(task=draft.name),
-                help="allow it more cores, or state its versions in the overlay",
-            )
+        findings.report(
+            codes.TOO_MANY_WORKERS,
+            f"has {gang} workers, but may use {len(variant.units)} cores; one is assumed",
+            at=draft.place.at,
+            path=about(task=draft.name),
+            help="allow it more cores, or state its versions in the overlay",
         )
         gang = 1
     return Version(
@@ -247,12 +246,11 @@ def report_periodless(activations: Sequence[Activation], findings: Findings) -> 
     for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
         expected = kind in NOT_SCHEDULED
         code = codes.NOT_SCHEDULED if expected else codes.NOT_CALLED if reason in _UNCALLED else codes.NO_PERIOD
-        findings.add(
-            code(
-                f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}",
-                at=found[0].event.place.at if found[0].event else found[0].place.at,
-                help="" if expected else "give them a period in the overlay (sources), if they belong to the schedule",
-            )
+        findings.report(
+            code,
+            f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}",
+            at=found[0].event.place.at if found[0].event else found[0].place.at,
+            help="" if expected else "give them a period in the overlay (sources), if they belong to the schedule",
         )
 
 
@@ -260,12 +258,11 @@ def report_processes(drafts: Sequence[Draft], findings: Findings) -> None:
     """Report processes without a period."""
     found = [draft for draft in drafts if draft.period is None]
     if found:
-        findings.add(
-            codes.PROCESS_WITHOUT_PERIOD(
-                f"{len(found)} processes have no period: {listed([draft.name for draft in found])}",
-                at=found[0].place.at,
-                help="give them a period in the overlay (tasks: period)",
-            )
+        findings.report(
+            codes.PROCESS_WITHOUT_PERIOD,
+            f"{len(found)} processes have no period: {listed([draft.name for draft in found])}",
+            at=found[0].place.at,
+            help="give them a period in the overlay (tasks: period)",
         )
 
 
@@ -281,12 +278,11 @@ def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], f
         "timing constraints": len(system.timing.limits) + len(system.timing.arrivals) + len(system.orders),
     }
     held = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "nothing that runs"
-    findings.add(
-        codes.NO_TASKS(
-            f"no periodic task in the input, which holds {held}",
-            at=Location(paths[0]),
-            help=_what_is_missing(system),
-        )
+    findings.report(
+        codes.NO_TASKS,
+        f"no periodic task in the input, which holds {held}",
+        at=Location(paths[0]),
+        help=_what_is_missing(system),
     )
     raise HalpipeError(*findings.items)
 
@@ -316,8 +312,8 @@ def report_assumptions(
     at = Location(paths[0])
     if platform.assumed:
         names = ", ".join(platform.assumed)
-        findings.add(
-            codes.DEFAULT_UNIT(f"no core is configured; assumed {names}", at=at, help="name units in the overlay")
+        findings.report(
+            codes.DEFAULT_UNIT, f"no core is configured; assumed {names}", at=at, help="name units in the overlay"
         )
         for unit in platform.assumed:
             coverage.defaulted(f'unit "{unit}"', "unit", unit)
@@ -326,12 +322,11 @@ def report_assumptions(
             coverage.defaulted(f'task "{draft.name}"', "period", str(draft.period), draft.place.at)
     unbound = [draft for draft in drafts if not platform.is_bound(draft)]
     if unbound and len(model.units) > 1:
-        findings.add(
-            codes.UNMAPPED(
-                f"{len(unbound)} tasks are bound to no core: {listed([draft.name for draft in unbound])}",
-                at=at,
-                help="bind them in the overlay (units), or leave the choice to the scheduler",
-            )
+        findings.report(
+            codes.UNMAPPED,
+            f"{len(unbound)} tasks are bound to no core: {listed([draft.name for draft in unbound])}",
+            at=at,
+            help="bind them in the overlay (units), or leave the choice to the scheduler",
         )
         for draft in unbound:
             coverage.defaulted(f'task "{draft.name}"', "units", "all", draft.place.at)
@@ -344,12 +339,11 @@ def _report_times(model: TaskModel, drafts: Sequence[Draft], at: Location, findi
     budgets = sum(draft.os_task is not None and draft.os_task.budget is not None for draft in drafts)
     if missing:
         offer = f", or take the execution budgets that {budgets} of them have: --wcet budget" if budgets else ""
-        findings.add(
-            codes.NO_WCET(
-                f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {listed(missing)}",
-                at=at,
-                help=f"give them in an overlay (tasks: wcet){offer}",
-            )
+        findings.report(
+            codes.NO_WCET,
+            f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {listed(missing)}",
+            at=at,
+            help=f"give them in an overlay (tasks: wcet){offer}",
         )
 
 
@@ -362,12 +356,11 @@ def _report_windows(model: TaskModel, at: Location, findings: Findings, coverage
             window = f"{precedence.min} to {precedence.max} after its end"
             coverage.defaulted(f'task "{task.name}"', f'window after "{precedence.task}"', window, place)
     if count:
-        findings.add(
-            codes.DEFAULT_WINDOW(
-                f"{count} precedence constraints have windows of one period",
-                at=at,
-                help="state tighter windows in the overlay (precedence)",
-            )
+        findings.report(
+            codes.DEFAULT_WINDOW,
+            f"{count} precedence constraints have windows of one period",
+            at=at,
+            help="state tighter windows in the overlay (precedence)",
         )
 
 
@@ -382,11 +375,9 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
 
     (_, writer), _ = dataflow.dependencies[0]
     places = {runnable.place.path: runnable.place for c in system.components for runnable in c.runnables}
-    findings.add(
-        codes.DATA_FLOW(
-            f"{len(dataflow.dependencies)} data dependencies between runnables: "
-            f"{listed(dataflow.dependencies, described)}",
-            at=places[writer].at,
-            help="list those that must be fresh as chains in the overlay",
-        )
+    findings.report(
+        codes.DATA_FLOW,
+        f"{len(dataflow.dependencies)} data dependencies between runnables: {listed(dataflow.dependencies, described)}",
+        at=places[writer].at,
+        help="list those that must be fresh as chains in the overlay",
     )

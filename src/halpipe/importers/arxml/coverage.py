@@ -227,13 +227,12 @@ class Ledger:
                 coverage.ignored(kind, node.path, reason, node.at)
             _account_for_nameless(tree, node, node in mapped, coverage)
         for kind, found in unused.items():
-            tree.findings.add(
-                UNUSED_KIND(
-                    f"{len(found)} {kind} are not used, and may decide timing: {listed([n.path for n in found])}",
-                    at=found[0].at,
-                    path=named(kind, found[0].path),
-                    help=_REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing"),
-                )
+            tree.findings.report(
+                UNUSED_KIND,
+                f"{len(found)} {kind} are not used, and may decide timing: {listed([n.path for n in found])}",
+                at=found[0].at,
+                path=named(kind, found[0].path),
+                help=_REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing"),
             )
         return coverage
 

@@ -30,13 +30,12 @@ def find_embedded(tree: Tree) -> Data | None:
     """Return the special data with a model that halpipe exported, None if there are none; reject a second model."""
     found = [data for node in tree.tagged("AR-PACKAGE") if (data := data_of(tree, node, "model")) is not None]
     for other in found[1:]:
-        tree.findings.add(
-            codes.SECOND_MODEL(
-                f"holds a model of halpipe, but so does {found[0].node.at}",
-                at=other.node.at,
-                path=named("AR-PACKAGE", other.node.path),
-                help="import one of the two",
-            )
+        tree.findings.report(
+            codes.SECOND_MODEL,
+            f"holds a model of halpipe, but so does {found[0].node.at}",
+            at=other.node.at,
+            path=named("AR-PACKAGE", other.node.path),
+            help="import one of the two",
         )
     tree.findings.stop_on_errors()
     return found[0] if found else None
@@ -63,7 +62,7 @@ def _report(data: Data, message: str) -> None:
     help = "nothing to do if the change was meant; otherwise export the model again"
     path = named(data.node.tag, data.node.path)
     text = f"{message}; the standard elements are imported"
-    data.tree.findings.add(codes.EDITED(text, at=data.at, path=path, help=help))
+    data.tree.findings.report(codes.EDITED, text, at=data.at, path=path, help=help)
 
 
 def _hash_of(data: Data) -> str:
@@ -96,11 +95,10 @@ def _account(tree: Tree, package: Node) -> Coverage:
         if not own and node.tag.endswith("-SW-COMPONENT-TYPE"):
             strangers.append(node)
     if strangers:
-        tree.findings.add(
-            codes.BESIDE_MODEL(
-                f"{len(strangers)} component types are not imported: {listed([node.path for node in strangers])}",
-                at=strangers[0].at,
-                help="import them on their own, or add their tasks to the model by hand",
-            )
+        tree.findings.report(
+            codes.BESIDE_MODEL,
+            f"{len(strangers)} component types are not imported: {listed([node.path for node in strangers])}",
+            at=strangers[0].at,
+            help="import them on their own, or add their tasks to the model by hand",
         )
     return ledger.close(tree, kinds)

@@ -131,23 +131,21 @@ def _report_others(model: TaskModel, tasks: Mapping[str, Task], paths: Sequence[
             periods = f", with the period {now.period} for {task.period}" if now.period != task.period else ""
             _report_changed(task, now, f'is "{now.name}" in the project{periods}', findings)
     if new:
-        findings.add(
-            codes.MORE_IN_PROJECT(
-                f"{len(new)} tasks of the project are not in the model: {listed([task.name for task in new])}",
-                at=Location(paths[0]),
-                help="import the project again if they are new",
-            )
+        findings.report(
+            codes.MORE_IN_PROJECT,
+            f"{len(new)} tasks of the project are not in the model: {listed([task.name for task in new])}",
+            at=Location(paths[0]),
+            help="import the project again if they are new",
         )
 
 
 def _report_foreign(task: Task, findings: Findings) -> None:
-    findings.add(
-        codes.FOREIGN_PROJECT(
-            f"is in none of its files; it was imported from {_path(task) or 'nowhere'}",
-            at=task.origin.location if task.origin else Location(),
-            path=about(task=task.name),
-            help="name the project that the model was imported from",
-        )
+    findings.report(
+        codes.FOREIGN_PROJECT,
+        f"is in none of its files; it was imported from {_path(task) or 'nowhere'}",
+        at=task.origin.location if task.origin else Location(),
+        path=about(task=task.name),
+        help="name the project that the model was imported from",
     )
 
 
@@ -173,13 +171,12 @@ def _compare(model: TaskModel, fresh: TaskModel, findings: Findings) -> None:
 
 def _report_changed(task: Task, now: Task, message: str, findings: Findings) -> None:
     origin = now.origin or task.origin
-    findings.add(
-        codes.CHANGED_PROJECT(
-            f"{message}, imported from {task.origin.location if task.origin else 'nowhere'}",
-            at=origin.location if origin else Location(),
-            path=about(task=task.name),
-            help="import the project again, and schedule it again, or put into the project what an overlay replaced",
-        )
+    findings.report(
+        codes.CHANGED_PROJECT,
+        f"{message}, imported from {task.origin.location if task.origin else 'nowhere'}",
+        at=origin.location if origin else Location(),
+        path=about(task=task.name),
+        help="import the project again, and schedule it again, or put into the project what an overlay replaced",
     )
 
 
@@ -289,12 +286,11 @@ class _Reader:
         holders = [node for node in known if any(_in(path, node.path) for path in inside)] or known
         if len(holders) != 1:
             what = listed([node.path for node in holders]) if holders else "none"
-            self._findings.add(
-                codes.NO_CONFIGURATION(
-                    f"there must be one configuration of {name} for the tasks of the model, but there is {what}",
-                    at=holders[1].at if len(holders) > 1 else Location(),
-                    help="name the project of one ECU, with its ECU configuration",
-                )
+            self._findings.report(
+                codes.NO_CONFIGURATION,
+                f"there must be one configuration of {name} for the tasks of the model, but there is {what}",
+                at=holders[1].at if len(holders) > 1 else Location(),
+                help="name the project of one ECU, with its ECU configuration",
             )
             self._findings.stop_on_errors()
         return holders[0].path
@@ -303,13 +299,12 @@ class _Reader:
         node = next(node for node in self._tree.tagged(_MODULE) if node.path == module)
         schema = node.parts[0].element.getroottree().getroot().get(_SCHEMA) or ""
         if _OLD_SCHEMA.match(schema):
-            self._findings.add(
-                codes.NO_CONFIGURATION(
-                    f"is of an older release than 4 ({schema.split()[0]}), to which nothing can be added",
-                    at=node.at,
-                    path=module,
-                    help="export the project as release 4 first",
-                )
+            self._findings.report(
+                codes.NO_CONFIGURATION,
+                f"is of an older release than 4 ({schema.split()[0]}), to which nothing can be added",
+                at=node.at,
+                path=module,
+                help="export the project as release 4 first",
             )
             self._findings.stop_on_errors()
         return schema

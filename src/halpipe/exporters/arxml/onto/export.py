@@ -65,7 +65,9 @@ class _Stopper:
             if task.autostart and not task.is_extended:
                 at = self._project.items[task.autostart].at
                 message = "is activated once when the OS starts, before its jobs of the schedule"
-                self._findings.add(STARTS_ONCE(message, at=at, path=named("OsTask", path), help="nothing, if meant so"))
+                self._findings.report(
+                    STARTS_ONCE, message, at=at, path=named("OsTask", path), help="nothing, if meant so"
+                )
         edits = (Edit(self._project.items[path].at.file, path) for path in self._removed)
         return Stopped(tuple(edits), tuple(self._stopped))
 
@@ -94,13 +96,12 @@ class _Stopper:
     def _refuse(self, starter: Starter, why: str, remedy: str) -> None:
         kind = "OsScheduleTable" if starter.is_table else "OsAlarm"
         tasks = sorted({deed.os_task for deed in starter.deeds if deed.os_task in self._played})
-        self._findings.add(
-            DOUBLE_START(
-                f"starts {', '.join(tasks)} beside the schedule, and {why}",
-                at=self._project.items[starter.path].at,
-                path=named(kind, starter.path),
-                help=remedy,
-            )
+        self._findings.report(
+            DOUBLE_START,
+            f"starts {', '.join(tasks)} beside the schedule, and {why}",
+            at=self._project.items[starter.path].at,
+            path=named(kind, starter.path),
+            help=remedy,
         )
 
 
@@ -173,13 +174,12 @@ def _refuse_earlier(project: Project, findings: Findings) -> None:
     """Stop if a delta of an export before is part of the project: a second one beside it would play both."""
     for item in project.items.values():
         if item.is_added:
-            findings.add(
-                IN_THE_WAY(
-                    f"was put onto {project.items[project.os_module].at} by another export; {DELTA} would be a second",
-                    at=item.at,
-                    path=item.path,
-                    help="remove the delta of that export, and the changes that it lists, from the project",
-                )
+            findings.report(
+                IN_THE_WAY,
+                f"was put onto {project.items[project.os_module].at} by another export; {DELTA} would be a second",
+                at=item.at,
+                path=item.path,
+                help="remove the delta of that export, and the changes that it lists, from the project",
             )
     findings.stop_on_errors()
 
@@ -204,7 +204,7 @@ class _Writer:
         if not self._project.app_modes:
             at, path = self._project.items[self._project.os_module].at, self._project.os_module
             message, help = "has no OsAppMode", "add an OsAppMode, or start the tables by code"
-            self._findings.add(NEVER_STARTED(message, at=at, path=path, help=help))
+            self._findings.report(NEVER_STARTED, message, at=at, path=path, help=help)
         for counter in self._plan.new_counters:
             self._counter(counter)
         for index, placed in enumerate(self._plan.tables):

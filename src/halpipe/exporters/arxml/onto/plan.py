@@ -133,13 +133,12 @@ class Gaps:
         return item.at if item else Location()
 
     def _report(self, findings: Findings, job: Job, own: ProjectTask, message: str, help: str) -> None:
-        findings.add(
-            SPLIT_JOB(
-                f"job {job.index} has {len(job.parts)} parts, but {own.path} {message}",
-                at=self._at(own),
-                path=about(task=job.task),
-                help=help,
-            )
+        findings.report(
+            SPLIT_JOB,
+            f"job {job.index} has {len(job.parts)} parts, but {own.path} {message}",
+            at=self._at(own),
+            path=about(task=job.task),
+            help=help,
         )
 
 
@@ -237,13 +236,12 @@ class _Planner:
             found.update(dict.fromkeys(self._of_call(task, alone)))
         for call in calls:
             if not call.os_task or not call.mapping:
-                self._findings.add(
-                    NOT_MAPPED(
-                        f"its event {call.event} is mapped to no OsTask of the project",
-                        at=self._at(call.mapping),
-                        path=about(task=task),
-                        help="map its event in the Rte configuration of the project",
-                    )
+                self._findings.report(
+                    NOT_MAPPED,
+                    f"its event {call.event} is mapped to no OsTask of the project",
+                    at=self._at(call.mapping),
+                    path=about(task=task),
+                    help="map its event in the Rte configuration of the project",
                 )
                 continue
             self._check_core(task, call.os_task, units)
@@ -262,13 +260,12 @@ class _Planner:
             return [Action(call.os_task)]
         events = call.os_events or (target.events if len(target.events) == 1 else ())
         if not events:
-            self._findings.add(
-                UNKNOWN_EVENT(
-                    f'waits for {len(target.events)} OsEvents, and nothing tells which of them is for "{task}"',
-                    at=self._at(call.mapping or call.os_task),
-                    path=named("OsTask", call.os_task),
-                    help="run the RTE generator once, or state RteUsedOsEventRef in the mapping",
-                )
+            self._findings.report(
+                UNKNOWN_EVENT,
+                f'waits for {len(target.events)} OsEvents, and nothing tells which of them is for "{task}"',
+                at=self._at(call.mapping or call.os_task),
+                path=named("OsTask", call.os_task),
+                help="run the RTE generator once, or state RteUsedOsEventRef in the mapping",
             )
         return [Action(call.os_task, event) for event in events]
 
@@ -277,13 +274,12 @@ class _Planner:
         for unit in sorted(units):
             if unit != bound:
                 where = f"is bound to {bound}" if bound else "is bound to no core"
-                self._findings.add(
-                    WRONG_CORE(
-                        f'runs on {unit}, but OsTask "{os_task}" {where}',
-                        at=self._project.items[os_task].at,
-                        path=about(task=task),
-                        help="bind its OsApplication to the core, import again, and schedule again",
-                    )
+                self._findings.report(
+                    WRONG_CORE,
+                    f'runs on {unit}, but OsTask "{os_task}" {where}',
+                    at=self._project.items[os_task].at,
+                    path=about(task=task),
+                    help="bind its OsApplication to the core, import again, and schedule again",
                 )
 
     def _report_shared(self, starts: dict[str, tuple[Action, ...]]) -> None:
@@ -301,7 +297,7 @@ class _Planner:
                 if key in basic
                 else (SHARED_EVENT, "run the RTE generator on the merged project, or import with --granularity ostask")
             )
-            self._findings.add(code(f"starts {shown}", path=key, help=help, at=self._at(key)))
+            self._findings.report(code, f"starts {shown}", path=key, help=help, at=self._at(key))
         self._findings.stop_on_errors()
 
     # ------------------------------------------------------------------------------------------------ counters
@@ -341,13 +337,12 @@ class _Planner:
                 f"{best.path} has a tick of {best.tick}, which {shown or 'the gaps and the length'} cannot be told in"
             )
             again = f", or schedule again with --tick {best.tick}"
-        self._findings.add(
-            COUNTER_NEEDED(
-                f"{message}; a counter with a tick of {added.tick} is needed, and added as {added.path}",
-                at=at,
-                path=about(unit=unit),
-                help=f"give the new counter a timer of the hardware{again}",
-            )
+        self._findings.report(
+            COUNTER_NEEDED,
+            f"{message}; a counter with a tick of {added.tick} is needed, and added as {added.path}",
+            at=at,
+            path=about(unit=unit),
+            help=f"give the new counter a timer of the hardware{again}",
         )
 
     def _instants(self, unit: str) -> Iterator[tuple[str, str, Duration]]:

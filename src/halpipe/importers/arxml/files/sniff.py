@@ -117,12 +117,11 @@ def report_misspelt(document: Document, namespace: str, findings: Findings) -> N
         if meant or space.lstrip("{") != namespace:
             why = "" if meant else f' of the namespace "{space.lstrip("{")}"'
             found = list(document.root.iter(tag))
-            findings.add(
-                codes.UNKNOWN_ELEMENT(
-                    f'the element "{name}"{why} is not read, {len(found)} in all',
-                    at=Location(document.name, found[0].sourceline or 0),
-                    help=f"did you mean {meant}?" if meant else f"put them into {namespace}",
-                )
+            findings.report(
+                codes.UNKNOWN_ELEMENT,
+                f'the element "{name}"{why} is not read, {len(found)} in all',
+                at=Location(document.name, found[0].sourceline or 0),
+                help=f"did you mean {meant}?" if meant else f"put them into {namespace}",
             )
 
 
@@ -285,20 +284,18 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
     """Note files of older releases, and warn of several releases in one import."""
     old = [document for document in documents if document.release]
     for document in old:
-        findings.add(
-            codes.OLD_RELEASE(
-                f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them",
-                at=Location(document.name, document.root.sourceline or 1),
-            )
+        findings.report(
+            codes.OLD_RELEASE,
+            f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them",
+            at=Location(document.name, document.root.sourceline or 1),
         )
     releases = dict.fromkeys(document.release or "4" for document in documents)
     if len(releases) > 1:
-        findings.add(
-            codes.MIXED_RELEASES(
-                f"files of the releases {', '.join(releases)} are imported together",
-                at=Location(old[0].name, old[0].root.sourceline or 1),
-                help="export all parts of the system as one release, if references between them are missing",
-            )
+        findings.report(
+            codes.MIXED_RELEASES,
+            f"files of the releases {', '.join(releases)} are imported together",
+            at=Location(old[0].name, old[0].root.sourceline or 1),
+            help="export all parts of the system as one release, if references between them are missing",
         )
     _report_schemas(documents, findings)
 
@@ -311,11 +308,10 @@ def _report_schemas(documents: Sequence[Document], findings: Findings) -> None:
         name = schema[0].replace("\\", "/").rpartition("/")[2] if schema else ""
         if name and name not in seen and not document.release and not _KNOWN_SCHEMA.fullmatch(name):
             seen.add(name)
-            findings.add(
-                codes.SCHEMA_NAME(
-                    f'names the schema "{name}", which AUTOSAR did not publish',
-                    at=Location(document.name, document.root.sourceline or 1),
-                )
+            findings.report(
+                codes.SCHEMA_NAME,
+                f'names the schema "{name}", which AUTOSAR did not publish',
+                at=Location(document.name, document.root.sourceline or 1),
             )
 
 

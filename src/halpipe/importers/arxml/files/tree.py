@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Location, named
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import NAMED, NAMESPACE
@@ -22,7 +22,7 @@ from halpipe.importers.arxml.files.words import listed, parse_double
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Findings
+    from halpipe.core.diagnostics import Code, Findings
     from halpipe.importers.arxml.files.sniff import Document
     from halpipe.importers.arxml.files.variants import Choice
 
@@ -114,6 +114,10 @@ class Node:
     def at(self) -> Location:
         """Where the first part stands."""
         return place(self.parts[0].element, self.parts[0].file) if self.parts else Location()
+
+    def report(self, findings: Findings, code: Code, message: str, help: str = "") -> None:
+        """Report something of the element."""
+        findings.report(code, message, at=self.at, path=named(self.tag, self.path), help=help)
 
     @property
     def is_variant(self) -> bool:
@@ -216,7 +220,7 @@ class Tree:
 
     def _report_nameless(self, element: etree._Element, message: str, at: Location) -> None:
         self.nameless.append((local(element), at))
-        self.findings.add(codes.MALFORMED(message, at=at, path=local(element), help="give it a name"))
+        self.findings.report(codes.MALFORMED, message, at=at, path=local(element), help="give it a name")
 
     def _enter(self, owner: Node, tag: str, name: str, part: Part) -> Node:
         node = owner.children.get((tag, name))
@@ -254,13 +258,12 @@ class Tree:
     def _report_variants(self, document: Document) -> None:
         found = conditional(document)
         if found:
-            self.findings.add(
-                codes.VARIANT(
-                    f"has {len(found)} elements that depend on a variant, and are imported unconditionally: "
-                    f"{listed([name for name, _ in found])}",
-                    at=found[0][1],
-                    help="choose a variant with --variant, or values with --condition",
-                )
+            self.findings.report(
+                codes.VARIANT,
+                f"has {len(found)} elements that depend on a variant, and are imported unconditionally: "
+                f"{listed([name for name, _ in found])}",
+                at=found[0][1],
+                help="choose a variant with --variant, or values with --condition",
             )
 
     # -------------------------------------------------------------------------------------------- reading
@@ -369,13 +372,12 @@ class Tree:
             return None
         node = next((node for node in fitting if node.tag == ref.dest), fitting[0])
         if ref.dest and ref.dest != node.tag and ref.dest not in _BASE_CLASSES:
-            self.findings.add(
-                codes.WRONG_DEST(
-                    f'{ref.path} is a {node.tag}, but DEST says "{ref.dest}"',
-                    at=ref.at,
-                    path=what,
-                    help=f'write DEST="{node.tag}"',
-                )
+            self.findings.report(
+                codes.WRONG_DEST,
+                f'{ref.path} is a {node.tag}, but DEST says "{ref.dest}"',
+                at=ref.at,
+                path=what,
+                help=f'write DEST="{node.tag}"',
             )
         return node
 
@@ -386,8 +388,8 @@ class Tree:
         path = self._folded.get(ref.path.casefold())
         if path is None:
             return ()
-        self.findings.add(
-            codes.WRONG_CASE(f"refers to {ref.path}, taken for {path}", at=ref.at, path=what, help=f"write {path}")
+        self.findings.report(
+            codes.WRONG_CASE, f"refers to {ref.path}, taken for {path}", at=ref.at, path=what, help=f"write {path}"
         )
         return self._by_path[path]
 
@@ -402,7 +404,7 @@ class Tree:
             elsewhere = self._alike(ref, tags)
             message = f"refers to {written}, which no file defines"
             help = f"did you mean {elsewhere}?" if elsewhere else "add the file that defines it to the import"
-        self.findings.add(codes.DANGLING(message, at=ref.at, path=what, help=help))
+        self.findings.report(codes.DANGLING, message, at=ref.at, path=what, help=help)
 
     def _alike(self, ref: Ref, tags: Container[str] | None) -> str:
         """Return the first path of an element that has the name and the kind of what a reference should lead to."""
@@ -424,10 +426,10 @@ class Tree:
         message = f'{what} is "{second[0]}" here, but "{first[0]}" at {first[1]}'
         if node.is_variant and self._is_whole:
             help = "choose a variant; otherwise the first of the two counts"
-            self.findings.add(codes.VARIANT(message, at=second[1], path=node.path, help=help))
+            self.findings.report(codes.VARIANT, message, at=second[1], path=node.path, help=help)
             return
         help = "import one of the two, or make them agree"
-        self.findings.add(codes.CONFLICT(message, at=second[1], path=node.path, help=help))
+        self.findings.report(codes.CONFLICT, message, at=second[1], path=node.path, help=help)
 
 
 def _is_true(element: etree._Element, tag: str) -> bool:

@@ -150,7 +150,7 @@ class _Chooser:
             several = f'"{name}" could be {", ".join(found)}' if found else f'there is no variant "{name}"'
             at = self._by_path[found[0]][1] if found and found[0] in self._by_path else Location()
             help = "name one of them by its path" if found else did_you_mean(name, known, among)
-            self._findings.add(codes.UNKNOWN_VARIANT(several, at=at, help=help))
+            self._findings.report(codes.UNKNOWN_VARIANT, several, at=at, help=help)
             return
         self._include(found[0], set())
 
@@ -161,7 +161,7 @@ class _Chooser:
         seen.add(path)
         if path not in self._by_path:
             message = f"{path} is in no file"
-            self._findings.add(codes.UNKNOWN_VARIANT(message, help="add the file that defines it to the import"))
+            self._findings.report(codes.UNKNOWN_VARIANT, message, help="add the file that defines it to the import")
             return
         element, at = self._by_path[path]
         tag = str(element.tag).removeprefix(_NS)
@@ -189,20 +189,19 @@ class _Chooser:
             if len(found) > 1:
                 what = f'"{name}" could be {", ".join(found)}'
             help = did_you_mean(name, known, f"known are {', '.join(known) or 'none'}")
-            self._findings.add(codes.UNKNOWN_VARIANT(what, help=help, path=f"--condition {text}"))
+            self._findings.report(codes.UNKNOWN_VARIANT, what, help=help, path=f"--condition {text}")
             return
         self._set(found[0], stated.strip() if number is None else number, Location(), f"--condition {text}")
 
     def _set(self, path: str, value: Value, at: Location, source: str = "") -> None:
         known = self._values.by_path.setdefault(path, (value, source or str(at)))
         if known[0] != value:
-            self._findings.add(
-                codes.TWO_VALUES(
-                    f"is {value} here, but {known[0]} at {known[1]}",
-                    at=at,
-                    path=path,
-                    help="take one of the two value sets out of the variant",
-                )
+            self._findings.report(
+                codes.TWO_VALUES,
+                f"is {value} here, but {known[0]} at {known[1]}",
+                at=at,
+                path=path,
+                help="take one of the two value sets out of the variant",
             )
 
 
@@ -276,19 +275,18 @@ def _value(element: etree._Element, values: _Values, file: str, findings: Findin
     except UnsetError as unset:
         _report_unset(str(unset), at, findings)
     except FormulaError as failure:
-        findings.add(
-            codes.BAD_FORMULA(str(failure), at=at, path=path_of(element), help="correct the formula in its source")
+        findings.report(
+            codes.BAD_FORMULA, str(failure), at=at, path=path_of(element), help="correct the formula in its source"
         )
     return None
 
 
 def _report_unset(path: str, at: Location, findings: Findings) -> None:
     name = path.rpartition("/")[2]
-    findings.add(
-        codes.UNSET_CONSTANT(
-            f"{path} has no value",
-            at=at,
-            path=path,
-            help=f"choose a variant that sets it, or add --condition {name}=VALUE",
-        )
+    findings.report(
+        codes.UNSET_CONSTANT,
+        f"{path} has no value",
+        at=at,
+        path=path,
+        help=f"choose a variant that sets it, or add --condition {name}=VALUE",
     )

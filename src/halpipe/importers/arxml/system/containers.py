@@ -96,7 +96,7 @@ def edited(data: Data, message: str) -> None:
     """Report special data that cannot be read."""
     help = "export the model again"
     path = named(data.node.tag, data.node.path)
-    data.tree.findings.add(EDITED(message, at=data.at, path=path, help=help))
+    data.tree.findings.report(EDITED, message, at=data.at, path=path, help=help)
 
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
@@ -144,13 +144,12 @@ class Container:
             return None
         number = parse_number(stated.text)
         if number is None or number < 0:
-            self._tree.findings.add(
-                codes.BAD_NUMBER(
-                    f'{name} "{stated.text}" is no non-negative number',
-                    at=stated.at,
-                    path=named(self.kind, self.node.path),
-                    help="write a number such as 20, 0x14 or 2.5E-8",
-                )
+            self._tree.findings.report(
+                codes.BAD_NUMBER,
+                f'{name} "{stated.text}" is no non-negative number',
+                at=stated.at,
+                path=named(self.kind, self.node.path),
+                help="write a number such as 20, 0x14 or 2.5E-8",
             )
             return None
         return number

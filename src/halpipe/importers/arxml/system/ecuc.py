@@ -284,13 +284,11 @@ class Ticks:
             cycle, tick = _cycle(self._containers, alarms[0]), self.of_alarm(alarms[0])[0]
             if cycle and tick:
                 return tick * cycle
-        self._containers.tree.findings.add(
-            codes.NO_TICK(
-                "has no OsSecondsPerTick",
-                at=counter.node.at,
-                path=named("OsCounter", counter.node.path),
-                help="state the duration of a tick, or give periods in the overlay (sources)",
-            )
+        counter.place.report(
+            self._containers.tree.findings,
+            codes.NO_TICK,
+            "has no OsSecondsPerTick",
+            help="state the duration of a tick, or give periods in the overlay (sources)",
         )
         return None
 
@@ -369,13 +367,11 @@ def started_elsewhere(containers: Containers) -> list[Container]:
 
 def _report_elsewhere(containers: Containers, starters: Sequence[Container]) -> None:
     for starter in starters:
-        containers.tree.findings.add(
-            codes.OTHER_START(
-                "is started in another application mode only, and left out",
-                at=starter.node.at,
-                path=named(starter.kind, starter.node.path),
-                help="schedule each application mode on its own, or state periods in the overlay (sources)",
-            )
+        starter.place.report(
+            containers.tree.findings,
+            codes.OTHER_START,
+            "is started in another application mode only, and left out",
+            help="schedule each application mode on its own, or state periods in the overlay (sources)",
         )
 
 
@@ -392,13 +388,11 @@ def _running(
         if other is None:
             running.append(table)
             continue
-        containers.tree.findings.add(
-            codes.UNSTARTED_TABLE(
-                f"is not started by the OS, but {other.node.path} is, which it cannot run beside; it is left out",
-                at=table.node.at,
-                path=named("OsScheduleTable", table.node.path),
-                help="state an autostart for the table of the mode to schedule, or periods in the overlay (sources)",
-            )
+        table.place.report(
+            containers.tree.findings,
+            codes.UNSTARTED_TABLE,
+            f"is not started by the OS, but {other.node.path} is, which it cannot run beside; it is left out",
+            help="state an autostart for the table of the mode to schedule, or periods in the overlay (sources)",
         )
     return running
 
@@ -410,12 +404,11 @@ def _repeats(containers: Containers, table: Container) -> bool:
         return False
     if repeating is not None and repeating.text.lower() in ("true", "1"):
         return True
-    containers.tree.findings.add(
-        codes.SINGLE_SHOT(
-            "is not repeating, so that it gives no task a period",
-            at=repeating.at if repeating else table.node.at,
-            path=named("OsScheduleTable", table.node.path),
-        )
+    containers.tree.findings.report(
+        codes.SINGLE_SHOT,
+        "is not repeating, so that it gives no task a period",
+        at=repeating.at if repeating else table.node.at,
+        path=named("OsScheduleTable", table.node.path),
     )
     return False
 
@@ -448,13 +441,12 @@ def _start(containers: Containers, table: Container, stopped: Data | None) -> Fr
     is_synchronous = kind is not None and kind.text == "SYNCHRON"
     if is_synchronous or moved is not None:
         where = kind.at if kind is not None and is_synchronous else moved.node.at if moved else table.node.at
-        containers.tree.findings.add(
-            codes.TABLE_PHASE(
-                "begins when its counter is synchronised" if is_synchronous else "has an adjustable expiry point",
-                at=where,
-                path=named("OsScheduleTable", table.node.path),
-                help="state the offsets of its tasks in the overlay (tasks: offset)",
-            )
+        containers.tree.findings.report(
+            codes.TABLE_PHASE,
+            "begins when its counter is synchronised" if is_synchronous else "has an adjustable expiry point",
+            at=where,
+            path=named("OsScheduleTable", table.node.path),
+            help="state the offsets of its tasks in the overlay (tasks: offset)",
         )
     value = start.number("OsScheduleTableStartValue") if start and not is_synchronous else None
     return value or Fraction(0)

@@ -65,13 +65,12 @@ def find_instances(
     configured, alone = _Configured(tree, everything, components).resolve(mapped)
     copies = _copies(unfolded, {*configured.values(), *(item.prototype for item in mapped)})
     for root in copies:
-        findings.add(
-            codes.COPY(
-                "none of its component prototypes is in the Rte configuration",
-                at=by_path[root].place.at,
-                path=named("composition", root),
-                help="nothing to do if it is the system that the ECU extract was made of",
-            )
+        findings.report(
+            codes.COPY,
+            "none of its component prototypes is in the Rte configuration",
+            at=by_path[root].place.at,
+            path=named("composition", root),
+            help="nothing to do if it is the system that the ECU extract was made of",
         )
     kept = [instance for root in roots if root not in copies for instance in unfolded[root]]
     _report_shared_types(kept, by_path, findings)
@@ -168,14 +167,13 @@ class _Configured:
         count = Counter(i.component.place.path for i in self._instances)
         several = sum(count[component.place.path] for component in types)
         why = f"; {several} instances could be meant" if several > 1 else ""
-        self._tree.findings.add(
-            codes.DANGLING(
-                f"RteSoftwareComponentInstanceRef refers to {item.prototype}, which no file defines{why}, so that its "
-                f"{len(item.events)} event mappings are lost",
-                at=item.at,
-                path=named(item.place.kind, item.place.path),
-                help="add the ECU extract with the flat composition, or its FLAT-MAP, to the import",
-            )
+        self._tree.findings.report(
+            codes.DANGLING,
+            f"RteSoftwareComponentInstanceRef refers to {item.prototype}, which no file defines{why}, so that its "
+            f"{len(item.events)} event mappings are lost",
+            at=item.at,
+            path=named(item.place.kind, item.place.path),
+            help="add the ECU extract with the flat composition, or its FLAT-MAP, to the import",
         )
 
 
@@ -198,13 +196,11 @@ def _label(component: Component) -> str:
 def _report_unused(components: Sequence[Component], findings: Findings) -> None:
     for component in components:
         if any(event.is_timing for event in component.events):
-            findings.add(
-                codes.NOT_INSTANTIATED(
-                    "is used in no composition of the system, so that its runnables are no tasks",
-                    at=component.place.at,
-                    path=named(component.place.kind, component.place.path),
-                    help="add it to the composition, or import its file on its own",
-                )
+            component.place.report(
+                findings,
+                codes.NOT_INSTANTIATED,
+                "is used in no composition of the system, so that its runnables are no tasks",
+                help="add it to the composition, or import its file on its own",
             )
 
 
@@ -274,13 +270,12 @@ def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Compo
             known.append(instance.context[0])
     for pair in dict.fromkeys(tuple(found) for found in roots.values() if len(found) > 1):
         shared = next(path for path, found in roots.items() if tuple(found) == pair)
-        findings.add(
-            codes.SEVERAL_ROOTS(
-                f"{shared} and others are used in each of {', '.join(pair)}",
-                at=by_path[pair[0]].place.at,
-                path=named("composition", pair[0]),
-                help="import the files of one system only, or add the ECU configuration of the Rte",
-            )
+        findings.report(
+            codes.SEVERAL_ROOTS,
+            f"{shared} and others are used in each of {', '.join(pair)}",
+            at=by_path[pair[0]].place.at,
+            path=named("composition", pair[0]),
+            help="import the files of one system only, or add the ECU configuration of the Rte",
         )
 
 
@@ -309,23 +304,21 @@ def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
         chosen = [ecu for ecu in used or ecus if name in (ecu.place.name, ecu.place.path)]
         if len(chosen) != 1:
             known = [ecu.place.name for ecu in used or ecus]
-            tree.findings.add(
-                codes.UNKNOWN_ECU(
-                    f'there are several ECUs "{name}"' if chosen else f'there is no ECU "{name}"',
-                    at=chosen[0].place.at if chosen else used[0].place.at if used else Location(),
-                    help="name it by its path"
-                    if chosen
-                    else did_you_mean(name, known, f"the ECUs are {', '.join(known) or 'none'}"),
-                )
+            tree.findings.report(
+                codes.UNKNOWN_ECU,
+                f'there are several ECUs "{name}"' if chosen else f'there is no ECU "{name}"',
+                at=chosen[0].place.at if chosen else used[0].place.at if used else Location(),
+                help="name it by its path"
+                if chosen
+                else did_you_mean(name, known, f"the ECUs are {', '.join(known) or 'none'}"),
             )
     elif len(used) > 1 and not _is_of_tresos(tree):
         chosen = []
-        tree.findings.add(
-            codes.SEVERAL_ECUS(
-                f"{len(used)} ECUs have components: " + ", ".join(f"{ecu.place.name} ({ecu.place.at})" for ecu in used),
-                at=used[0].place.at,
-                help=f"choose one: --ecu {used[0].place.name}",
-            )
+        tree.findings.report(
+            codes.SEVERAL_ECUS,
+            f"{len(used)} ECUs have components: " + ", ".join(f"{ecu.place.name} ({ecu.place.at})" for ecu in used),
+            at=used[0].place.at,
+            help=f"choose one: --ecu {used[0].place.name}",
         )
     else:
         return Selection(is_whole=len(used) > 1)
@@ -353,13 +346,12 @@ def _modules(tree: Tree, ecus: Sequence[Ecu], chosen: Ecu) -> frozenset[str]:
     for name in unlinked:
         first = tree.nodes_at(next(iter(groups[name])))[0]
         taken = "taken for that of the chosen one" if found and found == frozenset(groups[name]) else "left out"
-        tree.findings.add(
-            codes.UNLINKED(
-                f"its {len(groups[name])} modules are of no ECU that is known, and {taken}",
-                at=first.at,
-                path=named("ECU configuration", name),
-                help="add the ECUC-VALUE-COLLECTION and the SYSTEM of its ECU extract",
-            )
+        tree.findings.report(
+            codes.UNLINKED,
+            f"its {len(groups[name])} modules are of no ECU that is known, and {taken}",
+            at=first.at,
+            path=named("ECU configuration", name),
+            help="add the ECUC-VALUE-COLLECTION and the SYSTEM of its ECU extract",
         )
     return found
 
@@ -374,13 +366,12 @@ def report_absent(tree: Tree) -> None:
             if _STANDARD.search(ref.path) and not tree.has(ref.path, _MODULE)
         ]
         if absent:
-            tree.findings.add(
-                ABSENT_MODULE(
-                    f"names {listed([ref.path for ref in absent])}, which no file defines",
-                    at=absent[0].at,
-                    path=named("ECUC-VALUE-COLLECTION", node.path),
-                    help="add the files of the ECU configuration that hold them",
-                )
+            tree.findings.report(
+                ABSENT_MODULE,
+                f"names {listed([ref.path for ref in absent])}, which no file defines",
+                at=absent[0].at,
+                path=named("ECUC-VALUE-COLLECTION", node.path),
+                help="add the files of the ECU configuration that hold them",
             )
 
 
@@ -449,12 +440,11 @@ def keep_own(tree: Tree, system: System, ecu: Ecu) -> System:
         elif found is None and instance.component.events:
             lost.append(instance)
     if lost:
-        tree.findings.add(
-            codes.UNMAPPED_COMPONENT(
-                f"{len(lost)} component instances are mapped to no ECU: {listed([i.label for i in lost])}",
-                at=lost[0].component.place.at,
-                help="add an SWC-TO-ECU-MAPPING for each, or for a composition that holds them",
-            )
+        tree.findings.report(
+            codes.UNMAPPED_COMPONENT,
+            f"{len(lost)} component instances are mapped to no ECU: {listed([i.label for i in lost])}",
+            at=lost[0].component.place.at,
+            help="add an SWC-TO-ECU-MAPPING for each, or for a composition that holds them",
         )
     others = tuple(instance for instance in system.instances if instance not in own and instance not in lost)
     return replace(system, instances=tuple(own), others=others, ecus=(ecu,), place=ecu.place)

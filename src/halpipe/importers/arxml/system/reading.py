@@ -166,13 +166,12 @@ def _allowed(tree: Tree, mapping: Node, machines: tuple[Machine, ...]) -> tuple[
     cores = [core.path for core in machine.cores]
     left = tuple(core for core in cores if (not allowed or core in allowed) and core not in forbidden)
     if cores and not left:
-        tree.findings.add(
-            codes.NO_CORE(
-                "leaves the process no core; all of its machine are assumed",
-                at=mapping.at,
-                path=what,
-                help="correct SHALL-RUN-ON-REFS and SHALL-NOT-RUN-ON-REFS, or state the units in the overlay",
-            )
+        tree.findings.report(
+            codes.NO_CORE,
+            "leaves the process no core; all of its machine are assumed",
+            at=mapping.at,
+            path=what,
+            help="correct SHALL-RUN-ON-REFS and SHALL-NOT-RUN-ON-REFS, or state the units in the overlay",
         )
     return machine.place.path, left or tuple(cores)
 
@@ -237,13 +236,12 @@ def _report_unmapped(tree: Tree, configuration: Configuration, components: Seque
     found = [path for path, module in standard_modules(tree).items() if module == "Rte"]
     is_timed = any(event.is_timing for component in components for event in component.events)
     if found and is_timed and configuration.tasks and not any(m.is_called for m in configuration.mappings):
-        tree.findings.add(
-            codes.MAPS_NOTHING(
-                f"none of its {len(configuration.mappings)} event mappings names an OsTask",
-                at=tree.nodes_at(found[0])[0].at,
-                path=named("ECUC-MODULE-CONFIGURATION-VALUES", found[0]),
-                help="map the events in the configurator, or bind the tasks in the overlay (units, precedence)",
-            )
+        tree.findings.report(
+            codes.MAPS_NOTHING,
+            f"none of its {len(configuration.mappings)} event mappings names an OsTask",
+            at=tree.nodes_at(found[0])[0].at,
+            path=named("ECUC-MODULE-CONFIGURATION-VALUES", found[0]),
+            help="map the events in the configurator, or bind the tasks in the overlay (units, precedence)",
         )
 
 
@@ -255,12 +253,11 @@ def _check_platform(tree: Tree) -> None:
     if any(node.tag in _CLASSIC or _is_classic_type(node.tag) for node in tree.nodes()):
         return
     counts = ", ".join(f"{len(found)} {tag}" for tag in ADAPTIVE if (found := tree.tagged(tag)))
-    tree.findings.add(
-        codes.ADAPTIVE_ONLY(
-            f"holds only Adaptive elements, and no PROCESS: {counts}",
-            at=first.at,
-            help="add the execution manifest that has the processes",
-        )
+    tree.findings.report(
+        codes.ADAPTIVE_ONLY,
+        f"holds only Adaptive elements, and no PROCESS: {counts}",
+        at=first.at,
+        help="add the execution manifest that has the processes",
     )
     raise HalpipeError(*tree.findings.items)
 

@@ -82,13 +82,12 @@ def cse_time(tree: Tree, node: Node, child: str, code: Code) -> Duration | None:
         return None
     time = parse_cse(unit.value, factor.value)
     if time is None or (not time and code is codes.BAD_EXECUTION_TIME):
-        tree.findings.add(
-            code(
-                f'{child} with CSE-CODE "{unit.value}" and factor "{factor.value}" is not read',
-                at=unit.at,
-                path=named(node.tag, node.path),
-                help=CSE_HELP,
-            )
+        tree.findings.report(
+            code,
+            f'{child} with CSE-CODE "{unit.value}" and factor "{factor.value}" is not read',
+            at=unit.at,
+            path=named(node.tag, node.path),
+            help=CSE_HELP,
         )
     return time
 
@@ -179,13 +178,12 @@ class _Constraint:
     def _report_lost(self, element: Node) -> None:
         for tag in _NOT_READ:
             for found, file in element.elements(tag):
-                self._tree.findings.add(
-                    codes.ORDER_LOST(
-                        f"{tag} is not imported",
-                        at=self._tree.at(found, file),
-                        path=self._what,
-                        help="state what it means for the tasks in the overlay (offset, precedence)",
-                    )
+                self._tree.findings.report(
+                    codes.ORDER_LOST,
+                    f"{tag} is not imported",
+                    at=self._tree.at(found, file),
+                    path=self._what,
+                    help="state what it means for the tasks in the overlay (offset, precedence)",
                 )
 
 
@@ -330,13 +328,11 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
     if event is None:
         return None
     if not period or offsets == ():
-        tree.findings.add(
-            codes.BAD_TIME(
-                "states no time between occurrences that can be used",
-                at=node.at,
-                path=named(node.tag, node.path),
-                help="state a positive period, or the least time between two occurrences",
-            )
+        node.report(
+            tree.findings,
+            codes.BAD_TIME,
+            "states no time between occurrences that can be used",
+            help="state a positive period, or the least time between two occurrences",
         )
         return None
     jitter = _time(tree, node, "JITTER") if node.tag == _PERIODIC else _time(tree, node, "PATTERN-JITTER")
@@ -384,13 +380,11 @@ def _synchronisation(tree: Tree, node: Node) -> Synchronisation | None:
     if len(events) > 1 and tolerance is not None:
         return Synchronisation(place_of(node), events, tolerance)
     why = "it names event chains" if tree.refs(node, "SCOPE-REFS/SCOPE-REF") else "it lacks events or a tolerance"
-    tree.findings.add(
-        codes.TIMING_IGNORED(
-            f"is not imported: {why}",
-            at=node.at,
-            path=named(node.tag, node.path),
-            help="state the order and the window in the overlay (precedence)",
-        )
+    node.report(
+        tree.findings,
+        codes.TIMING_IGNORED,
+        f"is not imported: {why}",
+        help="state the order and the window in the overlay (precedence)",
     )
     return None
 
@@ -406,11 +400,9 @@ def _report_lost_parts(tree: Tree, node: Node, intervals: Container[str]) -> Non
         lost = [tag for tag in lost if tag != "MINIMUM"]
     lost += [tag for tag in ("TIMING-CONDITION-REF",) if any(True for _ in node.elements(tag))]
     if lost:
-        tree.findings.add(
-            codes.TIMING_PART_LOST(
-                f"{', '.join(lost)} of the constraint is not imported",
-                at=node.at,
-                path=named(node.tag, node.path),
-                help="state it in the overlay, if the schedule has to keep it",
-            )
+        node.report(
+            tree.findings,
+            codes.TIMING_PART_LOST,
+            f"{', '.join(lost)} of the constraint is not imported",
+            help="state it in the overlay, if the schedule has to keep it",
         )

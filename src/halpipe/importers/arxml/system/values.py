@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import named
 from halpipe.core.records import record
 from halpipe.models import Origin
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Location
+    from halpipe.core.diagnostics import Code, Findings, Location
     from halpipe.core.durations import Duration
 
 
@@ -29,6 +30,10 @@ class Place:
     def name(self) -> str:
         """The short name."""
         return self.path.rpartition("/")[2]
+
+    def report(self, findings: Findings, code: Code, message: str, help: str = "") -> None:
+        """Report something of the element."""
+        findings.report(code, message, at=self.at, path=named(self.kind, self.path), help=help)
 
     @property
     def origin(self) -> Origin:

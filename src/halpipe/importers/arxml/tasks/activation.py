@@ -189,12 +189,11 @@ def _named_apart(activations: list[Activation], findings: Findings) -> list[Acti
         name = legal_name(_full_name(activation) if activation.name in shared else activation.name)
         names[actor] = name
         if name != activation.name:
-            findings.add(
-                codes.RENAMED(
-                    f'is called "{name}"',
-                    at=activation.place.at,
-                    path=named(activation.place.kind, activation.name),
-                )
+            findings.report(
+                codes.RENAMED,
+                f'is called "{name}"',
+                at=activation.place.at,
+                path=named(activation.place.kind, activation.name),
             )
     chosen = ((activation, names[activation.actor]) for activation in activations)
     return [activation if name == activation.name else replace(activation, name=name) for activation, name in chosen]
@@ -252,13 +251,11 @@ def slack_of(activation: Activation, findings: Findings) -> Fraction | None:
         return None
     if arrival.jitter <= activation.period:
         return Fraction(arrival.jitter / activation.period)
-    findings.add(
-        codes.TIMING_PART_LOST(
-            f"JITTER {arrival.jitter} is longer than the period {activation.period}; a slack of one period is imported",
-            at=arrival.place.at,
-            path=named(arrival.place.kind, arrival.place.path),
-            help="correct the jitter, or state the slack in the overlay",
-        )
+    arrival.place.report(
+        findings,
+        codes.TIMING_PART_LOST,
+        f"JITTER {arrival.jitter} is longer than the period {activation.period}; a slack of one period is imported",
+        help="correct the jitter, or state the slack in the overlay",
     )
     return Fraction(1)
 
@@ -270,14 +267,11 @@ def compare(activation: Activation, findings: Findings) -> None:
         return
     occurrences = len(arrival.offsets)
     if arrival.period != activation.period * occurrences:
-        findings.add(
-            codes.TRIGGERING_DIFFERS(
-                f'states the period {arrival.period / occurrences} for "{activation.name}", which has '
-                f"{activation.period}",
-                at=arrival.place.at,
-                path=named(arrival.place.kind, arrival.place.path),
-                help="make them agree; the period of the event, or of the OS, counts",
-            )
+        arrival.place.report(
+            findings,
+            codes.TRIGGERING_DIFFERS,
+            f'states the period {arrival.period / occurrences} for "{activation.name}", which has {activation.period}',
+            help="make them agree; the period of the event, or of the OS, counts",
         )
 
 
@@ -304,13 +298,11 @@ def report_sporadic(activations: Iterable[Activation], findings: Findings) -> No
         arrival = activation.arrival
         if arrival is not None and activation.distance is not None:
             what = f"looks every {activation.period} for what comes every {activation.distance} at most"
-            findings.add(
-                codes.SPORADIC(
-                    f'"{activation.name}" {what}',
-                    at=arrival.place.at,
-                    path=named(arrival.place.kind, arrival.place.path),
-                    help="give another period in the overlay (sources), if occurrences so dense cannot be",
-                )
+            arrival.place.report(
+                findings,
+                codes.SPORADIC,
+                f'"{activation.name}" {what}',
+                help="give another period in the overlay (sources), if occurrences so dense cannot be",
             )
 
 

@@ -56,12 +56,11 @@ def _twins(activations: Sequence[Activation], findings: Findings) -> list[Activa
             continue
         other = found.pop(0) if len(found) > 1 else found[0]
         result.append(replace(activation, twin=other.actor, joins=other.event))
-        findings.add(
-            codes.SAME_FUNCTION(
-                f'is one call with "{other.name}": the same function, OsTask, position and period',
-                at=activation.place.at,
-                path=named("BSW entity", activation.name),
-            )
+        findings.report(
+            codes.SAME_FUNCTION,
+            f'is one call with "{other.name}": the same function, OsTask, position and period',
+            at=activation.place.at,
+            path=named("BSW entity", activation.name),
         )
     return result
 
@@ -98,13 +97,12 @@ def _report_rest(call: Sequence[Activation], findings: Findings) -> None:
     rates = dict.fromkeys(f"{a.period}" + (f" from {a.offset} on" if a.offset else "") for a in call)
     if len(rates) > 1:
         first = call[0]
-        findings.add(
-            codes.SEVERAL_RATES(
-                f"is one call of its OsTask for {', '.join(rates)}, but becomes a task for each",
-                at=first.place.at,
-                path=about(task=first.name),
-                help="its load is overstated where they are due together; state one period in the overlay (sources)",
-            )
+        findings.report(
+            codes.SEVERAL_RATES,
+            f"is one call of its OsTask for {', '.join(rates)}, but becomes a task for each",
+            at=first.place.at,
+            path=about(task=first.name),
+            help="its load is overstated where they are due together; state one period in the overlay (sources)",
         )
 
 
@@ -144,12 +142,11 @@ def _report(calls: Sequence[Activation], period: Duration, findings: Findings) -
     task = calls[0].os_task
     assert task is not None
     rates = dict.fromkeys(f"{call.period}" + (f" from {call.offset} on" if call.offset else "") for call in calls)
-    findings.add(
-        SEVERAL_RATES_OF_TASK(
-            f"waits for no OsEvent and calls runnables every {listed(list(rates))}: it is activated every {period}, "
-            "and each of its jobs is taken to be as long as all of them",
-            at=task.place.at,
-            path=about(task=task.place.name),
-            help="give each period an OsTask, or an OsEvent, of its own",
-        )
+    findings.report(
+        SEVERAL_RATES_OF_TASK,
+        f"waits for no OsEvent and calls runnables every {listed(list(rates))}: it is activated every {period}, "
+        "and each of its jobs is taken to be as long as all of them",
+        at=task.place.at,
+        path=about(task=task.place.name),
+        help="give each period an OsTask, or an OsEvent, of its own",
     )

@@ -155,13 +155,12 @@ def report_boundary(tree: Tree, system: System) -> None:
         inner, outer = (writer, reader) if is_out else (reader, writer)
         here, there = (f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in (inner, outer))
         every = periods.get(writer)
-        tree.findings.add(
-            codes.BOUNDARY(
-                f"{here} {'sends data to' if is_out else 'receives data of'} {there} on another ECU"
-                + (f" every {every}" if every else ", at no period that is known"),
-                at=places[inner[1]].at,
-                path=named("output" if is_out else "input", here),
-            )
+        tree.findings.report(
+            codes.BOUNDARY,
+            f"{here} {'sends data to' if is_out else 'receives data of'} {there} on another ECU"
+            + (f" every {every}" if every else ", at no period that is known"),
+            at=places[inner[1]].at,
+            path=named("output" if is_out else "input", here),
         )
     own_prototypes = {path for context in own for path in context[1:]}
     _report_signals(tree, own_prototypes, _senders(everything, periods))
@@ -205,13 +204,12 @@ def _report_signals(tree: Tree, prototypes: set[str], senders: Periods) -> None:
         component, port, signal = refs
         is_out = port.dest != "R-PORT-PROTOTYPE"
         every = written.get(signal.path) or repeated.get(signal.path, ())
-        tree.findings.add(
-            codes.BOUNDARY(
-                f"{component.name}/{port.name} {'sends' if is_out else 'receives'} the signal {signal.path}"
-                + (f" every {', '.join(every)}" if every else ", at no period that is known"),
-                at=at,
-                path=named("output" if is_out else "input", signal.name),
-            )
+        tree.findings.report(
+            codes.BOUNDARY,
+            f"{component.name}/{port.name} {'sends' if is_out else 'receives'} the signal {signal.path}"
+            + (f" every {', '.join(every)}" if every else ", at no period that is known"),
+            at=at,
+            path=named("output" if is_out else "input", signal.name),
         )
 
 

@@ -312,14 +312,13 @@ def _spaced(activation: Activation, findings: Findings) -> Activation:
     interval = parse_seconds(stated.text) if stated else None
     if stated is None or interval is None or activation.period is None or interval <= activation.period:
         return activation
-    findings.add(
-        codes.START_INTERVAL(
-            f'MINIMUM-START-INTERVAL {interval} lets "{activation.name}" start less often than every '
-            f"{activation.period}; {interval} is its period",
-            at=stated.at,
-            path=named(activation.place.kind, activation.place.path),
-            help="make the period of the event at least as long as the interval",
-        )
+    findings.report(
+        codes.START_INTERVAL,
+        f'MINIMUM-START-INTERVAL {interval} lets "{activation.name}" start less often than every '
+        f"{activation.period}; {interval} is its period",
+        at=stated.at,
+        path=named(activation.place.kind, activation.place.path),
+        help="make the period of the event at least as long as the interval",
     )
     return replace(activation, period=interval)
 
@@ -420,25 +419,23 @@ def _inherit(
 ) -> Activation:
     found = sorted({period for sender in senders_of(activation, dataflow) for period in periods.get(sender, ())})
     if len(found) == 1:
-        findings.add(
-            codes.INHERITED(
-                f'"{activation.name}" gets the period {found[0]} of the runnable that sends its data',
-                at=activation.event.place.at if activation.event else Location(),
-                path=_what(activation.event) if activation.event else "",
-                help="give it another period in the overlay (sources) if its data is not sent each time",
-            )
+        findings.report(
+            codes.INHERITED,
+            f'"{activation.name}" gets the period {found[0]} of the runnable that sends its data',
+            at=activation.event.place.at if activation.event else Location(),
+            path=_what(activation.event) if activation.event else "",
+            help="give it another period in the overlay (sources) if its data is not sent each time",
         )
         return replace(activation, period=found[0], is_inherited=True)
     if not found:
         return replace(activation, reason=_NO_SENDER)
     listed = ", ".join(str(period) for period in found)
     event = activation.event
-    findings.add(
-        codes.SENDERS_DIFFER(
-            f"its data is sent with periods {listed}",
-            at=event.place.at if event else Location(),
-            path=named(_DATA_RECEIVED, event.place.path if event else ""),
-            help=f'give "{activation.name}" a period in the overlay (sources)',
-        )
+    findings.report(
+        codes.SENDERS_DIFFER,
+        f"its data is sent with periods {listed}",
+        at=event.place.at if event else Location(),
+        path=named(_DATA_RECEIVED, event.place.path if event else ""),
+        help=f'give "{activation.name}" a period in the overlay (sources)',
     )
     return replace(activation, reason=f"its data is sent with different periods: {listed}")

@@ -167,7 +167,7 @@ def _report(lacking: Sequence[OsIsr], findings: Findings) -> None:
         names = ", ".join(legal_name(routine.place.name) for routine in lacking)
         message = f"{len(lacking)} interrupt routines have no time, distance or core: {names}"
         help = "state them as interrupts under platform: in the overlay"
-        findings.add(codes.UNKNOWN_INTERRUPT(message, at=lacking[0].place.at, help=help))
+        findings.report(codes.UNKNOWN_INTERRUPT, message, at=lacking[0].place.at, help=help)
 
 
 DEFAULT_MODE = "default"
@@ -198,12 +198,11 @@ def make_modes(
                 del names[mode.path]
                 _report_empty(group, mode, findings)
     if len(groups) > 1:
-        findings.add(
-            codes.SEVERAL_GROUPS(
-                f"{len(groups)} mode groups switch tasks off: {', '.join(g.place.path for g in groups)}",
-                at=groups[0].place.at,
-                help="name the modes that occur together in the overlay (modes)",
-            )
+        findings.report(
+            codes.SEVERAL_GROUPS,
+            f"{len(groups)} mode groups switch tasks off: {', '.join(g.place.path for g in groups)}",
+            at=groups[0].place.at,
+            help="name the modes that occur together in the overlay (modes)",
         )
     if not any(group.transitions for group in groups):
         return tuple(modes), ()
@@ -229,10 +228,11 @@ def _runs(drafts: Sequence[Draft], mode: str, versions: Mapping[str, tuple[str, 
 
 
 def _report_empty(group: ModeGroup, mode: Place, findings: Findings) -> None:
-    findings.add(
-        codes.EMPTY_MODE(
-            f'no task runs in mode "{mode.name}"', at=mode.at, path=named(group.place.kind, group.place.path)
-        )
+    findings.report(
+        codes.EMPTY_MODE,
+        f'no task runs in mode "{mode.name}"',
+        at=mode.at,
+        path=named(group.place.kind, group.place.path),
     )
 
 

@@ -333,13 +333,11 @@ class _Finder:
         self._result.used.append(let.place)
 
     def _lost(self, place: Place, why: str) -> None:
-        self._findings.add(
-            codes.TIMING_LOST(
-                f"is not imported: {why}",
-                at=place.at,
-                path=named(place.kind, place.path),
-                help="state it in the overlay (deadline, precedence, chains)",
-            )
+        place.report(
+            self._findings,
+            codes.TIMING_LOST,
+            f"is not imported: {why}",
+            help="state it in the overlay (deadline, precedence, chains)",
         )
 
 
@@ -408,13 +406,11 @@ def _synchronised(
                 Match.CYCLE,
             )
             yield Edge(first, other, cause.place, window)
-        findings.add(
-            codes.SYNCHRONISED(
-                f'{listed(others)} follow "{first}" within {cause.tolerance}',
-                at=cause.place.at,
-                path=named(cause.place.kind, cause.place.path),
-                help="state another order in the overlay (precedence), if this one cannot be kept",
-            )
+        cause.place.report(
+            findings,
+            codes.SYNCHRONISED,
+            f'{listed(others)} follow "{first}" within {cause.tolerance}',
+            help="state another order in the overlay (precedence), if this one cannot be kept",
         )
 
 
@@ -462,13 +458,11 @@ def _report_lost(system: System, known: Collection[str], findings: Findings) -> 
             if path not in known:
                 lost.setdefault(order.place, {})[path] = None
     for place, paths in lost.items():
-        findings.add(
-            codes.ORDER_LOST(
-                f"orders what is no periodic task: {listed(list(paths))}",
-                at=place.at,
-                path=named(place.kind, place.path),
-                help="give it a period in the overlay (sources) if the order matters",
-            )
+        place.report(
+            findings,
+            codes.ORDER_LOST,
+            f"orders what is no periodic task: {listed(list(paths))}",
+            help="give it a period in the overlay (sources) if the order matters",
         )
 
 
@@ -527,12 +521,11 @@ def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], fin
     for group in groups:
         names = list(dict.fromkeys(draft.name for draft in group))
         if len(names) > 1 and group[0].os_task is not None:
-            findings.add(
-                codes.SAME_POSITION(
-                    f"runs in no stated order: {listed(names)}",
-                    at=group[0].place.at,
-                    path=named("OsTask", group[0].os_task.place.path),
-                )
+            findings.report(
+                codes.SAME_POSITION,
+                f"runs in no stated order: {listed(names)}",
+                at=group[0].place.at,
+                path=named("OsTask", group[0].os_task.place.path),
             )
 
 
@@ -563,14 +556,12 @@ def without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
     for edge in edges:
         way = _way(successors, edge.second, edge.first)
         if way:
-            findings.add(
-                codes.CYCLE(
-                    f'the order "{edge.first}" before "{edge.second}" is left out, because it contradicts '
-                    + " before ".join(f'"{name}"' for name in way),
-                    at=edge.cause.at,
-                    path=named(edge.cause.kind, edge.cause.path),
-                    help="correct one of them in the source, or state the order in the overlay (precedence)",
-                )
+            edge.cause.report(
+                findings,
+                codes.CYCLE,
+                f'the order "{edge.first}" before "{edge.second}" is left out, because it contradicts '
+                + " before ".join(f'"{name}"' for name in way),
+                help="correct one of them in the source, or state the order in the overlay (precedence)",
             )
             continue
         kept.append(edge)

@@ -81,7 +81,7 @@ class Splitter:
             message = f"{len(self._cut)} preemptive tasks are cut within runnables: {listed(list(self._cut))}"
             help = "state where they may be interrupted in an overlay, or the longest piece with --pieces"
             first = next(iter(self._cut.values()))
-            findings.add(codes.CUT_RUNNABLES(message, at=first.place.at, help=help))
+            findings.report(codes.CUT_RUNNABLES, message, at=first.place.at, help=help)
 
 
 VERSION = "default"
@@ -134,7 +134,7 @@ def _budgets(
     if found:
         message = f"the execution budgets of OsTasks are the WCETs of {len(found)} tasks: {listed(list(found))}"
         first_of = next(draft for draft in drafts if draft.name in found)
-        findings.add(BUDGETS(message, at=first_of.place.at))
+        findings.report(BUDGETS, message, at=first_of.place.at)
     return found
 
 
@@ -148,7 +148,7 @@ def report_kinds(variants: dict[str, tuple[Variant, ...]], at: Location, finding
     places = dict.fromkeys(place for place in used_times(variants) if place.kind != ANALYSED)
     if places:
         kinds = sorted({place.kind for place in places})
-        findings.add(codes.NOT_ANALYSED(f"{len(places)} execution times are of the kinds {', '.join(kinds)}", at=at))
+        findings.report(codes.NOT_ANALYSED, f"{len(places)} execution times are of the kinds {', '.join(kinds)}", at=at)
 
 
 def _variants(
@@ -207,12 +207,11 @@ def _report_units(
         kept = {unit for variant in variants[draft.name] for unit in variant.units}
         left = [unit for unit in platform.units_of(draft) if unit not in kept]
         if left:
-            findings.add(
-                codes.UNIT_WITHOUT_TIME(
-                    f"does not run on {listed(left)}, for which no execution time is stated",
-                    at=draft.place.at,
-                    path=about(task=draft.name),
-                )
+            findings.report(
+                codes.UNIT_WITHOUT_TIME,
+                f"does not run on {listed(left)}, for which no execution time is stated",
+                at=draft.place.at,
+                path=about(task=draft.name),
             )
 
 
@@ -272,7 +271,7 @@ class Locking:
                 self.coverage.defaulted(element, f'lock "{resource.name}"', "held by whole jobs", lock.place.at)
         if made:
             message = f"{len(made)} locks are held by whole jobs: {listed([resource.name for _, resource in made])}"
-            findings.add(LOCKS_HELD(message, at=made[0][0].place.at))
+            findings.report(LOCKS_HELD, message, at=made[0][0].place.at)
         resources = (*model.resources, *(resource for _, resource in made))
         return replace(model, resources=resources, tasks=tuple(tasks.values())), tuple(findings.items)
 
