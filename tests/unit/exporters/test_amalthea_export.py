@@ -12,6 +12,8 @@ from growth import growth, half_way
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.codes import DANGLING_NAME
+from halpipe.exporters.amalthea.model import _refuse_dangling
+from halpipe.exporters.amalthea.stimuli import stimuli_of
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE
 from halpipe.importers.amalthea import FORMAT as IN
@@ -296,7 +298,7 @@ def test_windows_come_out_again(tmp_path, anchor, to):
 
 
 def test_the_time_of_an_export_grows_with_the_model_alone():
-    """Tasks, jobs, chains and windows of equal names are looked up, never searched for."""
+    """Runs, versions and jobs of a task are looked up, never searched for; the rest is one element after the other."""
 
     def prepare(count):
         tasks = [
@@ -307,6 +309,6 @@ def test_the_time_of_an_export_grows_with_the_model_alone():
         system = model(*tasks, chains=chains)
         jobs = (job(system, f"t{n}", 0, f"{n}us", "u1") for n in range(count))
         plan = schedule(system, "10ms", *jobs)
-        return lambda: write(system, plan)
+        return lambda: (_refuse_dangling(system), stimuli_of(system, plan))
 
-    assert growth(prepare, 150, 1200) < half_way(8)
+    assert growth(prepare, 300, 2400) < half_way(8)
