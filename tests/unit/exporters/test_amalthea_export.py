@@ -11,8 +11,7 @@ from lxml import etree
 from growth import growth, half_way
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
-from halpipe.exporters.amalthea.codes import DANGLING_NAME
-from halpipe.exporters.amalthea.model import _refuse_dangling
+from halpipe.exporters.amalthea.model import DANGLING_NAME, _refuse_dangling
 from halpipe.exporters.amalthea.stimuli import stimuli_of
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE

@@ -5,7 +5,7 @@ import pytest
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.files import TOO_MUCH, parse_yaml
 from halpipe.importers.common.base import Coverage
-from halpipe.importers.overlay import patterns, reader
+from halpipe.importers.overlay import entries, reader
 from halpipe.importers.ros import caret
 
 GRAPH = """\
@@ -67,4 +67,4 @@ def test_patterns_of_an_overlay_are_bounded(tmp_path, monkeypatch, section):
     reader.read_overlays([str(overlay)])
     monkeypatch.setattr(reader, "MAX_GLOBS", 1)
     assert refusal(lambda: reader.read_overlays([str(overlay)])).at.file == str(overlay)
-    assert patterns.MAX_GLOBS == 1000
+    assert entries.MAX_GLOBS == 1000

@@ -5,12 +5,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import specific
-from halpipe.exporters.amalthea.options import RELEASES, AmaltheaOptions
+from halpipe.core.options import option, specific
+from halpipe.core.records import record
+from halpipe.core.settings import Words
 from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
+
+RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
+
+
+@record(kw_only=True)
+class AmaltheaOptions(ExportOptions):
+    """`release`: the version of APP4MC whose format is written."""
+
+    release: str = option(
+        RELEASES[-1], f"Release of APP4MC to write for, {RELEASES[0]} to {RELEASES[-1]}.", Words(*RELEASES)
+    )
 
 
 class AmaltheaExporter(PlainExporter):

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, about
+from halpipe.core.diagnostics import Findings, about, error
 from halpipe.core.embedding import pieces, properties_hash
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.amalthea.codes import DANGLING_NAME
-from halpipe.exporters.amalthea.constraints import Events, write_constraints
-from halpipe.exporters.amalthea.document import add, add_property, document, serialise
-from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, write_mapping, write_system
+from halpipe.exporters.amalthea.document import (
+    add,
+    add_property,
+    definitions_of,
+    document,
+    serialise,
+    write_hardware,
+    write_mapping,
+    write_system,
+)
 from halpipe.exporters.amalthea.software import Software
-from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
+from halpipe.exporters.amalthea.stimuli import Events, stimuli_of, write_constraints, write_stimuli
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.native import format_model
 from halpipe.models.modes import require_mode
@@ -22,8 +28,15 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.exporters.amalthea.options import AmaltheaOptions
+    from halpipe.exporters.amalthea import AmaltheaOptions
     from halpipe.models import Schedule, TaskModel
+
+DANGLING_NAME = error(
+    "HAL0891",
+    "AMALTHEA export lacks a definition of a name",
+    "AMALTHEA refers from element to element, so a task, unit, resource, version or mode that the model names, but "
+    "does not define, cannot be written. `halpipe validate` lists them, too.",
+)
 
 
 def format_amalthea(model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> bytes:

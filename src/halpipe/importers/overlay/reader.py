@@ -11,10 +11,16 @@ from halpipe.core.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
 from halpipe.core.settings import BAD_VALUE, Fields, Stated
 from halpipe.importers.common.stated import complete_attributes, is_glob, keys_of, positive, stated_attributes, word
 from halpipe.importers.common.stated import name as name_text
-from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
-from halpipe.importers.overlay.entries import InterruptEntry, ModeEntry, Overlay, TaskEntry, VersionEntry, merge
-from halpipe.importers.overlay.patterns import MAX_GLOBS
+from halpipe.importers.overlay.entries import (
+    MAX_GLOBS,
+    InterruptEntry,
+    ModeEntry,
+    Overlay,
+    TaskEntry,
+    VersionEntry,
+    merge,
+)
 from halpipe.models import (
     Access,
     Chain,
@@ -36,6 +42,19 @@ from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+
+
+def pattern(text: str) -> str:
+    """Read a name or a glob of names."""
+    if not text:
+        raise ValueError("the pattern is empty; write a name or a glob such as /sensing/*")
+    return text
+
+
+def splitting(text: str) -> Duration | str:
+    """Read a split point, or where else jobs may be split: ``anywhere`` or ``none``."""
+    return text if text in ("anywhere", "none") else positive(text)
+
 
 T = TypeVar("T")
 E = TypeVar("E", Unit, Resource)
@@ -124,7 +143,7 @@ def _overlay(top: Fields) -> Overlay:
         transitions=_transitions(top),
         chains=_chains(top),
         health=tuple(_rules(top)),
-        drops=top.texts("drop", values.pattern),
+        drops=top.texts("drop", pattern),
     )
 
 
@@ -181,7 +200,7 @@ def _interrupt(f: Fields) -> Interrupt | None:
 def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
     """Read interrupts that are stated apart from the list of units, each with the units that serve it."""
     for f in platform.items("interrupts", ("units", *_INTERRUPT), "platform interrupt"):
-        units, interrupt = f.texts_of("units", values.pattern), _interrupt(f)
+        units, interrupt = f.texts_of("units", pattern), _interrupt(f)
         if f.require("units") and units is not None and interrupt is not None:
             yield InterruptEntry(units=units, interrupt=interrupt)
 
@@ -233,7 +252,7 @@ def _is_name(text: str, f: Fields, at: Location) -> bool:
 
 def _split(f: Fields) -> Stated[Split] | None:
     """Read ``split: [4ms, 9ms]``, ``split: anywhere`` or ``split: none``."""
-    stated = f.texts_of("split", values.splitting)
+    stated = f.texts_of("split", splitting)
     if stated is None:
         return None
     points = tuple(point for point in stated.value if isinstance(point, Duration))
@@ -251,7 +270,7 @@ def _version(f: Fields, name: str) -> VersionEntry:
     accesses = tuple(_access(a) for a in f.items("access", _ACCESS, f"{f.path} access"))
     windows = tuple(_window(w) for w in f.items("precedence", tuple(_WINDOW.values()), f"{f.path} precedence"))
     return VersionEntry(
-        stated={**stated_attributes(f, Version, "name", units=values.pattern), **stated_attributes(f, Split)},
+        stated={**stated_attributes(f, Version, "name", units=pattern), **stated_attributes(f, Split)},
         split=_split(f),
         accesses=Stated(tuple(a for a in accesses if a), f.at("access")) if "access" in f else None,
         precedences=Stated(tuple(w for w in windows if w), f.at("precedence")) if "precedence" in f else None,
@@ -321,7 +340,7 @@ def _constraints(top: Fields) -> dict[tuple[str, str], tuple[Precedence, ...]]:
 def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
     _is_name(name, f, at)
     f.require("tasks")
-    tasks = f.texts("tasks", values.pattern)
+    tasks = f.texts("tasks", pattern)
     inner = f.section("versions", (), f"{f.path} versions")
     versions = [(Stated(p, inner.at(p)), inner.texts_of(p, name_text)) for p in inner] if inner is not None else []
     return ModeEntry(

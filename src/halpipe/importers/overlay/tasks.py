@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import NOWHERE, about
 from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
-from halpipe.importers.overlay.patterns import EVERYTHING, expand
+from halpipe.importers.overlay.entries import EVERYTHING, expand
 from halpipe.models import WHOLE, Origin, Split, Task, Version
 from halpipe.models.attributes import attributes
 

@@ -17,6 +17,8 @@ from halpipe.models.trace import Trace
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
 
+_HEAD = 64
+"""Bytes of the identification, behind which the header stands."""
 _INSTALL = "install the library that reads MDF: pip install 'halpipe[mdf]'"
 
 
@@ -27,6 +29,10 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     except ImportError:
         message = "this is a measurement file (MDF), which needs the library asammdf"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=_INSTALL)) from None
+    if not stream.read(_HEAD + 4)[_HEAD:].startswith((b"##HD", b"HD")):  # the library would print a traceback
+        message = "this measurement file (MDF) has no header"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="save it again"))
+    stream.seek(0)
     try:
         opened: Any = stream
         with MDF(opened) as measured:

@@ -4,7 +4,7 @@
 the packets.
 """
 
+from halpipe.importers.traces.ctf.decoding import CtfError
 from halpipe.importers.traces.ctf.streams import METADATA, Damage, Event, events, folders
-from halpipe.importers.traces.ctf.types import CtfError
 
 __all__ = ["METADATA", "CtfError", "Damage", "Event", "events", "folders"]

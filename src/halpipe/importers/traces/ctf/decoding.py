@@ -1,6 +1,7 @@
-"""Compiles types into decoders. A decoder reads one value at a byte of a packet and returns it with the byte after it.
+"""Types that CTF metadata declares, and the decoders that are compiled of them.
 
-Fields of fixed size that stand together are read at once, which is what makes millions of events bearable.
+A decoder reads one value at a byte of a packet and returns it with the byte after it. Fields of fixed size that stand
+together are read at once, which is what makes millions of events bearable.
 """
 
 from __future__ import annotations
@@ -9,18 +10,86 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from halpipe.importers.traces.ctf.types import (
-    Array,
-    CtfError,
-    Enum,
-    Float,
-    Int,
-    String,
-    Struct,
-    Type,
-    Variant,
-    alignment,
-)
+from halpipe.core.records import record
+
+
+class CtfError(ValueError):
+    """A fault of a trace; its text is for people."""
+
+
+@record
+class Int:
+    """An integer of `size` bits; `text`: it is a character; `is_time`: it maps the value of a clock."""
+
+    size: int
+    align: int
+    signed: bool
+    order: str
+    text: bool = False
+    is_time: bool = False
+
+
+@record
+class Float:
+    """A floating-point number of `size` bits."""
+
+    size: int
+    align: int
+    order: str
+
+
+@record
+class String:
+    """Text up to a null byte."""
+
+
+@record
+class Enum:
+    """Labels for ranges (low, high, label) of an integer."""
+
+    base: Int
+    ranges: tuple[tuple[int, int, str], ...]
+
+
+@record
+class Struct:
+    """Fields in order; `align` is the least alignment that is stated."""
+
+    fields: tuple[tuple[str, Type], ...]
+    align: int = 1
+
+
+@record
+class Variant:
+    """One of several types, by the label of the enumeration in the field `tag`."""
+
+    tag: str
+    choices: tuple[tuple[str, Type], ...]
+
+
+@record
+class Array:
+    """Elements of one type; `length` is a number, or the name of the field that holds it."""
+
+    element: Type
+    length: int | str
+
+
+Type = Int | Float | String | Enum | Struct | Variant | Array
+
+
+def alignment(type: Type) -> int:
+    """Return the alignment in bits; a variant has none of its own."""
+    if isinstance(type, Struct):
+        return max([type.align, *(alignment(field) for _, field in type.fields)])
+    if isinstance(type, Enum):
+        return type.base.align
+    if isinstance(type, Array):
+        return alignment(type.element)
+    if isinstance(type, String):
+        return 8
+    return 1 if isinstance(type, Variant) else type.align
+
 
 Scope = dict[str, Any]
 Decoder = Callable[[bytes, int, Scope], tuple[Any, int]]

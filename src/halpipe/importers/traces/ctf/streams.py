@@ -13,11 +13,20 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from halpipe.core.files import folders_with, mapped, plain_files, read_bytes
-from halpipe.importers.traces.ctf.decoding import Decoder, decoder, field_name
-from halpipe.importers.traces.ctf.fragments import SEPARATOR, parse_fragments
+from halpipe.importers.traces.ctf.decoding import (
+    CtfError,
+    Decoder,
+    Enum,
+    Int,
+    Struct,
+    Type,
+    Variant,
+    alignment,
+    decoder,
+    field_name,
+)
 from halpipe.importers.traces.ctf.metadata import MAGIC as METADATA_MAGIC
-from halpipe.importers.traces.ctf.metadata import Metadata, parse, text_of
-from halpipe.importers.traces.ctf.types import CtfError, Enum, Int, Struct, Type, Variant, alignment
+from halpipe.importers.traces.ctf.metadata import SEPARATOR, Metadata, parse, parse_fragments, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
