@@ -21,7 +21,7 @@ from halpipe.exporters.native import format_model, format_schedule
 from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
-from halpipe.pipeline.measure.circle import Instants
+from halpipe.pipeline.measure.placement import Instants
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from search_benchmark import jobshop

@@ -273,7 +273,7 @@ def latencies(schedule: Schedule, model: TaskModel | None = None, *, exact: bool
 
     if model is not None:
         from halpipe.pipeline.checked import refuse_invalid
-        from halpipe.pipeline.measure.metrics import with_latencies
+        from halpipe.pipeline.measure.cost import with_latencies
 
         refuse_invalid(model, schedule)
         schedule = with_latencies(model, schedule)

@@ -16,7 +16,7 @@ from halpipe.pipeline.explain import codes, conflict
 from halpipe.pipeline.explain.conflict import as_stated, coarser_grid, easier, find_conflict, harder
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.codes import TOO_LARGE
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model

@@ -11,7 +11,7 @@ import verify_systems as systems
 from halpipe.core.diagnostics import render_text
 from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.verify import codes, verify
 
 NOT_COVERED = {"periodic", "deadline"}

@@ -14,8 +14,7 @@ from test_cost_verify import reported
 
 from halpipe.core.diagnostics import render_text
 from halpipe.pipeline.verify import codes, verify
-from halpipe.pipeline.whatif.growth import common_tick
-from halpipe.pipeline.whatif.sensitivity import grown, sensitivities
+from halpipe.pipeline.whatif.sensitivity import common_tick, grown, sensitivities
 from profiles import examples
 
 OPERATORS = {name: verify_mutants.OPERATORS[name] for name in OF_WHOLE_JOBS}

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import render_text
 from halpipe.pipeline.verify import verify
-from halpipe.pipeline.whatif.growth import common_tick
-from halpipe.pipeline.whatif.sensitivity import grown, sensitivities
+from halpipe.pipeline.whatif.sensitivity import common_tick, grown, sensitivities
 from profiles import examples
 
 MANY = examples(60)

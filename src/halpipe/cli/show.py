@@ -104,7 +104,7 @@ def show(
     if model:
         from halpipe.importers.native import read_model
         from halpipe.pipeline.checked import refuse_invalid
-        from halpipe.pipeline.measure.metrics import with_latencies
+        from halpipe.pipeline.measure.cost import with_latencies
 
         system = read_model(model)
         refuse_invalid(system, tables)

@@ -22,7 +22,7 @@ from halpipe.models import Status
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.diff import diff_schedules
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from support import ms
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.pipeline.measure.circle import Instants, Interval, sweep
+from halpipe.pipeline.measure.placement import Instants, Interval, sweep
 
 
 def levels(intervals, period):

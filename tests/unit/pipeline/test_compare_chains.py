@@ -12,7 +12,7 @@ from halpipe.models import Anchor, Interrupt, ModeSchedule, Status, TransitionTa
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.compare.chains import FIGURES
-from halpipe.pipeline.measure.metrics import with_latencies
+from halpipe.pipeline.measure.cost import with_latencies
 from profiles import examples
 from support import chain, job, mode, model, ms, schedule, task, version
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 from placed_cases import place, roborace, roborace_jobs
 
 from halpipe.models import ResourceLoad, Status, UnitLoad
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from support import access, job, model, ms, task, version
 
 

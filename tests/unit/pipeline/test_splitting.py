@@ -8,8 +8,7 @@ from split_cases import split_example, with_job, with_part
 
 from halpipe.models import Binding, Interrupt, Split, Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.cost import cost_terms
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import cost_terms, mode_report
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.parts import job_of
 from support import job, model, ms, task, version

@@ -12,9 +12,17 @@ from halpipe.models import Interrupt, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif import codes
-from halpipe.pipeline.whatif.changed import with_bandwidth, with_factor, with_units
 from halpipe.pipeline.whatif.size import ask, complaint, fewest_units, largest_factor, lowest_bandwidth, of_modes
-from halpipe.pipeline.whatif.trial import Bracket, Search, bracket, first_that, proofs
+from halpipe.pipeline.whatif.trial import (
+    Bracket,
+    Search,
+    bracket,
+    first_that,
+    proofs,
+    with_bandwidth,
+    with_factor,
+    with_units,
+)
 from support import access, after, chain, mode, model, ms, task, version
 
 

@@ -16,7 +16,7 @@ from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
-from halpipe.pipeline.measure.metrics import with_latencies
+from halpipe.pipeline.measure.cost import with_latencies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

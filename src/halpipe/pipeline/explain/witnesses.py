@@ -13,11 +13,10 @@ from halpipe.core.diagnostics import tasks_named
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.models import Anchor, Edge, Match, ResourceKind
-from halpipe.pipeline.explain.blocking import blockings
 from halpipe.pipeline.explain.facts import Witness, mode_facts
 from halpipe.pipeline.explain.meetings import crowds
 from halpipe.pipeline.explain.sharing import packings, prune, resources_met, units_met
-from halpipe.pipeline.explain.windows import contradictions
+from halpipe.pipeline.explain.windows import blockings, contradictions
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Context, by_name
 from halpipe.pipeline.validate.load import check_resources, check_units, least_length

@@ -1,4 +1,4 @@
-"""The parameters of a synthetic task set, and the four experiments of the paper's Table III."""
+"""Parameters of a synthetic task set, and the four experiments of the Table III of the paper."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import itertools
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration, least_common_multiple, milliseconds
 from halpipe.core.records import record
-from halpipe.pipeline.generate.codes import BAD_PARAMETER
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
 
 TICK = Duration(1000)
 """The grid of all generated times (D): one microsecond."""
@@ -184,3 +182,18 @@ def _experiments() -> tuple[Experiment, ...]:
 
 TABLE_III = _experiments()
 """The parameter grids of Table III; all on 6 units but the last, which has 8."""
+
+
+# ------------------------------------------------------------------------------------------------ diagnostics
+
+BAD_PARAMETER = error(
+    "HAL0921",
+    "Task set cannot have this parameter",
+    "A count below its least value, a share outside [0, 1], or parameters that contradict each other.",
+)
+TOO_SHORT = error(
+    "HAL0922",
+    "Hyperperiod is too short for so many tasks",
+    "Times of generated sets are whole microseconds; some task would be shorter than one. Give a longer hyperperiod "
+    "or fewer tasks for each unit.",
+)

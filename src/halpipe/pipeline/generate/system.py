@@ -26,10 +26,9 @@ from halpipe.models import (
     Version,
 )
 from halpipe.pipeline.generate.parameters import TICK, SetParameters
-from halpipe.pipeline.generate.tiling import fill_units, unit_types
-from halpipe.pipeline.generate.windows import CAPACITY, Window, WindowPlacer
+from halpipe.pipeline.generate.tiling import CAPACITY, Window, WindowPlacer, fill_units, unit_types
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from halpipe.models import ChainLatency
-from halpipe.pipeline.measure.circle import Instants
+from halpipe.pipeline.measure.placement import Instants
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -6,6 +6,7 @@ This is the one place of the pipeline that works out when a placed job occupies 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,7 +15,6 @@ from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.models import Anchor, Part
 from halpipe.pipeline.jobs import natural_tick
-from halpipe.pipeline.measure.circle import Interval, sweep
 from halpipe.pipeline.parts import latest_phase, parts_of, phase_instants, reserved_length, service_of
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from halpipe.models import Access, Job, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
-    from halpipe.pipeline.measure.circle import Step
     from halpipe.pipeline.parts import Service
 
 
@@ -252,3 +251,77 @@ def reserved(work: Duration, service: Service[Duration]) -> Duration:
         return reserved_length(work, service)
     except ValueError:
         return work
+
+
+# ------------------------------------------------------------------------------------------------ intervals on a circle
+
+
+class Interval(NamedTuple):
+    """`height` in force on [start, start + length) of the circle; a length beyond the period covers it repeatedly."""
+
+    start: int
+    length: int
+    height: int
+
+
+class Step(NamedTuple):
+    """The sum of all heights on [begin, end)."""
+
+    begin: int
+    end: int
+    level: int
+
+
+def sweep(intervals: Iterable[Interval], period: int) -> list[Step]:
+    """Return the sum of `intervals` as steps that cover [0, period) in order."""
+    changes: dict[int, int] = {0: 0}
+    for start, length, height in intervals:
+        rounds, rest = divmod(length, period)
+        begin, end = start % period, start % period + rest
+        changes[0] += height * rounds
+        changes[begin] = changes.get(begin, 0) + height
+        if end > period:
+            changes[0] += height
+            end -= period
+        changes[end] = changes.get(end, 0) - height
+    times = sorted(time for time in changes if time < period)
+    level = 0
+    steps = []
+    for begin, end in zip(times, [*times[1:], period], strict=True):
+        level += changes[begin]
+        steps.append(Step(begin, end, level))
+    return steps
+
+
+@record
+class Instants:
+    """Recurring instants on the circle, for the search of the next or the last one before an absolute time."""
+
+    times: tuple[int, ...]
+    labels: tuple[int, ...]
+    period: int
+
+    @classmethod
+    def of(cls, instants: Iterable[tuple[int, int]], period: int) -> Instants:
+        """Build from (time, label) pairs; times are taken modulo the period."""
+        ordered = sorted((time % period, label) for time, label in instants)
+        return cls(tuple(time for time, _ in ordered), tuple(label for _, label in ordered), period)
+
+    def at_or_after(self, time: int) -> tuple[int, int]:
+        """Return the first instant at or after `time`, absolute, and its label."""
+        rounds, rest = divmod(time, self.period)
+        index = bisect_left(self.times, rest)
+        if index == len(self.times):
+            rounds, index = rounds + 1, 0
+        return rounds * self.period + self.times[index], self.labels[index]
+
+    def at_or_before(self, time: int) -> tuple[int, int]:
+        """Return the last instant at or before `time`, absolute, and its label."""
+        rounds, rest = divmod(time, self.period)
+        index = bisect_right(self.times, rest) - 1
+        if index < 0:
+            rounds, index = rounds - 1, len(self.times) - 1
+        return rounds * self.period + self.times[index], self.labels[index]
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        return iter(zip(self.times, self.labels, strict=True))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.models import Status
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
 
 if TYPE_CHECKING:

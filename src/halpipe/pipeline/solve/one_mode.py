@@ -11,7 +11,7 @@ from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE

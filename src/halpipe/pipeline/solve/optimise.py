@@ -22,7 +22,7 @@ from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.models import Status
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Judge, Objective
 from halpipe.pipeline.solve.exact import Effort, violations
 

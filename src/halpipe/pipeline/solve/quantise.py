@@ -36,7 +36,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.models import AccessKind, Anchor
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.codes import GRID_BOUND, GRID_PERIOD, GRID_RESOURCE, GRID_ROOM, GRID_WINDOW
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.models import Task
-    from halpipe.pipeline.transitions.line import LineJob
-    from halpipe.pipeline.transitions.modes import GridMode, Window
+    from halpipe.pipeline.transitions.line import GridMode, LineJob, Window
 
 MOST_CYCLES = 1000
 """Cycles of one mode that are looked at for one window, however wide it is or far back it reaches."""

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.pipeline.transitions.change import Change, Pace
-    from halpipe.pipeline.transitions.line import Shape
-    from halpipe.pipeline.transitions.modes import Window
+    from halpipe.pipeline.transitions.line import Shape, Window
 
 PATIENCE = 4
 MORE_PATIENCE = 300

@@ -11,7 +11,7 @@ from halpipe.core.records import record
 from halpipe.models import Job, Part, Status, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change
-from halpipe.pipeline.transitions.modes import on_common_grid
+from halpipe.pipeline.transitions.line import on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
 
 if TYPE_CHECKING:

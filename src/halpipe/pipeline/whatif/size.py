@@ -10,8 +10,18 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.pipeline.validate.context import Context, place, quoted
 from halpipe.pipeline.whatif import codes
-from halpipe.pipeline.whatif.changed import Changed, peak_bound, time_limit, with_bandwidth, with_factor, with_units
-from halpipe.pipeline.whatif.trial import WINDOWS, bracket, check_otherwise, proofs
+from halpipe.pipeline.whatif.trial import (
+    WINDOWS,
+    Changed,
+    bracket,
+    check_otherwise,
+    peak_bound,
+    proofs,
+    time_limit,
+    with_bandwidth,
+    with_factor,
+    with_units,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
