@@ -1,6 +1,7 @@
 """Measured figures of chains, and WCETs of the model beside run times."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 from hypothesis import given
@@ -125,15 +126,46 @@ def test_no_path_leads_through_a_mode_without_the_chain():
     assert [rows[name].count for name in FIGURES] == [10, 8, 6]
 
 
-@pytest.mark.parametrize("change", ["anchor", "let"])
-def test_chains_from_releases_are_not_measured(change):
-    let = ms("5ms") if change == "let" else None
-    system = replace(SYSTEM, tasks=tuple(replace(t, let=let, offset=ZERO) for t in SYSTEM.tasks))
-    if change == "anchor":
-        system = replace(system, chains=(replace(SYSTEM.chains[0], anchor=Anchor.RELEASE),))
+def with_let(lets=("10ms", "20ms"), **changes):
+    lets = dict(zip("ab", map(ms, lets), strict=True))
+    tasks = tuple(replace(t, let=lets[t.name], offset=ZERO, slack=Fraction(1, 2)) for t in SYSTEM.tasks)
+    return replace(SYSTEM, tasks=tasks, chains=(replace(SYSTEM.chains[0], **changes),))
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_data_of_a_logical_execution_time_are_read_and_written_at_its_instants(late):
+    """Job b starts at 5 ms and is released at 0, when that of 10 ms before has written; starts change nothing."""
+    seen = [replace(e, start=e.start + ms(late), end=e.end + ms(late)) for e in ran(4)]
+    answer = compared(seen, with_let(anchor=Anchor.RELEASE), tolerance=ms(late))
+    rows = figures(answer)
+    assert [rows[name].worst for name in FIGURES] == [ms("40ms"), ms("50ms"), ms("30ms")]
+    assert all(rows[name].verified == rows[name].worst for name in FIGURES)
+    assert answer.diagnostics == ()
+
+
+@pytest.mark.parametrize(("over", "age"), [(0, "30ms"), (1, "40ms")])
+def test_a_job_that_ends_after_its_write_leaves_the_datum_before(over, age):
+    """That of 30 ms is written at 40 ms, where b reads; one nanosecond later it is the datum of 20 ms."""
+    seen = ran(4)
+    position = next(n for n, e in enumerate(seen) if e.task == "a" and e.start == ms("30ms"))
+    seen[position] = replace(seen[position], end=ms("40ms") + Duration(over))
+    assert figures(compared(seen, with_let()))["age"].worst == ms(age)
+
+
+@pytest.mark.parametrize(
+    ("system", "is_measured"),
+    [
+        (with_let(), True),
+        (with_let(anchor=Anchor.START), False),
+        (with_let(to=Anchor.END), False),
+        (with_let((None, None), anchor=Anchor.RELEASE), False),
+        (with_let((None, "20ms")), True),
+    ],
+)
+def test_chains_from_instants_that_are_not_recorded_are_not_measured(system, is_measured):
     answer = compared(ran(4), system)
-    assert answer.chains == ()
-    assert [d.code for d in answer.diagnostics] == [codes.NOT_MEASURED.id]
+    assert bool(answer.chains) is is_measured
+    assert [d.code for d in answer.diagnostics] == ([] if is_measured else [codes.NOT_MEASURED.id])
 
 
 SPANS = st.lists(st.tuples(st.integers(0, 60), st.integers(1, 9)), min_size=1, max_size=7, unique_by=lambda s: s[0])

@@ -18,7 +18,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
-from halpipe.pipeline.compare.chains import measured_chains
+from halpipe.pipeline.compare.chains import exchanges, measured_chains
 from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNSCHEDULED, Kind
 from halpipe.pipeline.compare.judging import Judge, Scope
 from halpipe.pipeline.compare.matching import (
@@ -156,8 +156,9 @@ def compare(
         findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
     chains: list[ChainRow] = []
     if model is not None:
-        seen = [(match.cycle, match.execution) for match in matching.matches]
-        seen += [(-1 if e.cycle is None else e.cycle, e) for e in matching.extra]
+        seen = list(exchanges(model, schedule, matching.matches, origin))
+        plain = (e for e in matching.extra if model.task(e.task).let is None)
+        seen += [(-1 if e.cycle is None else e.cycle, e) for e in plain]
         chains = measured_chains(model, schedule, played, seen)
         one_mode = len({*played.values()}) == 1
         findings.extend(chain_deviations(model, chains, options.tolerance * 2, prefix, one_mode=one_mode))

@@ -1,30 +1,35 @@
 """Measured end-to-end figures of cause-effect chains: latency, reaction time and data age (MODEL 10.7).
 
 The definitions are those of the verified figures, applied to each job that ran instead of the worst case of a table. A
-job reads where it starts and writes where it ends; a path that leaves the recording is not counted.
+job reads where it starts and writes where it ends, with a logical execution time at its release and at release + LET;
+a path that leaves the recording is not counted.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Severity, about
-from halpipe.core.durations import Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import with_latencies
+from halpipe.pipeline.measure.placement import Placement
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from fractions import Fraction
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, ChainLatency, Schedule, TaskModel
     from halpipe.models.trace import Execution
+    from halpipe.pipeline.compare.matching import Match
 
 FIGURES = ("latency", "reaction", "age")
 
@@ -87,9 +92,34 @@ def _parts(
 
 
 def is_measurable(model: TaskModel, chain: Chain) -> bool:
-    """Tell whether recorded starts and ends decide the figures: releases are not recorded."""
-    lets = any(model.task(name).let is not None for name in chain.tasks)
-    return not lets and Anchor.RELEASE not in (chain.anchor, chain.to)
+    """Tell whether recorded starts and ends decide the figures: of releases only those of LETs are known."""
+    first, last = (model.task(chain.tasks[at]).let is not None for at in (0, -1))
+    begins = chain.anchor in (None, Anchor.RELEASE) if first else chain.anchor is not Anchor.RELEASE
+    return begins and (chain.to is None if last else chain.to is not Anchor.RELEASE)
+
+
+def exchanges(
+    model: TaskModel, schedule: Schedule, matches: Iterable[Match], origin: Duration
+) -> Iterator[tuple[int, Execution]]:
+    """Yield the executions of jobs with their cycles; those with a LET last from its read to its write (MODEL 10.6).
+
+    A job that ends after its write leaves the datum of the one before, so it takes part in no chain.
+    """
+    lets = {task.name: task.let for task in model.tasks if task.let is not None}
+    delays: dict[tuple[str, str, int], Duration] = {}
+    for mode in schedule.modes if lets else ():
+        placement = Placement.of(expand(model, model.mode(mode.name)), mode.jobs, model.units)
+        for job in placement.jobs:
+            delays[mode.name, job.active.name, job.index] = placement.tick * placement.delay(job)
+    for match in matches:
+        let, execution = lets.get(match.job.task), match.execution
+        if let is not None:
+            # A job of a table between modes is released when it starts.
+            read = origin + match.start - delays.get((match.table.name, match.job.task, match.job.index), ZERO)
+            if execution.end is None or execution.end > read + let:
+                continue
+            execution = replace(execution, start=read, end=read + let)
+        yield match.cycle, execution
 
 
 def deviations(

@@ -104,8 +104,8 @@ CHAIN_EXCEEDED = error(
 NOT_MEASURED = note(
     "HAL1118",
     "Chain is not measured",
-    "Its figures count from or to releases, by a logical execution time or by an event; a recording has only starts "
-    "and ends.",
+    "Its figures count from or to events that a recording does not have: releases, or of a task with a logical "
+    "execution time a start or an end.",
 )
 UNSCHEDULED = note(
     "HAL1440",
