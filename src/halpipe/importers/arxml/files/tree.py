@@ -359,6 +359,17 @@ class Tree:
             node = node.parent
         return ""
 
+    def target(self, node: Node, path: str, tags: Container[str] | None = None, kind: str = "") -> Node | None:
+        """Return the node that the only reference at a relative path names; see `find` and `ref`."""
+        ref = self.ref(node, path)
+        return self.find(ref, f'{kind or node.tag} "{node.path}"', tags) if ref else None
+
+    def targets(self, node: Node, path: str, tags: Container[str] | None = None) -> list[Node]:
+        """Return the nodes that the references at a relative path name; see `find` and `refs`."""
+        what = f'{node.tag} "{node.path}"'
+        found = [self.find(ref, what, tags) for ref in self.refs(node, path)]
+        return [target for target in found if target is not None]
+
     def find(self, ref: Ref, what: str, tags: Container[str] | None = None) -> Node | None:
         """Return the node that `ref` names, of one of `tags`; report a missing target or a wrong DEST.
 

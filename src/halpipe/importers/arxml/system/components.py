@@ -62,8 +62,7 @@ def _detached_behaviors(tree: Tree) -> dict[str, list[Node]]:
     """Return the behaviours that refer to their component type instead of being inside it, as before release 4."""
     found: dict[str, list[Node]] = {}
     for node in tree.tagged(*_BEHAVIORS):
-        ref = tree.ref(node, "COMPONENT-REF")
-        target = tree.find(ref, f'{node.tag} "{node.path}"') if ref else None
+        target = tree.target(node, "COMPONENT-REF")
         if target is not None:
             found.setdefault(target.path, []).append(node)
     return found
@@ -116,8 +115,7 @@ def _component(tree: Tree, node: Node, detached: Iterable[Node]) -> Component:
 
 def _event(tree: Tree, node: Node) -> Event:
     path = "STARTS-ON-EVENT-REF" if node.tag.startswith("BSW-") else "START-ON-EVENT-REF"
-    start = tree.ref(node, path)
-    runnable = tree.find(start, f'{node.tag} "{node.path}"', RUNNABLES) if start else None
+    runnable = tree.target(node, path, RUNNABLES)
     is_timing = node.tag.endswith("TIMING-EVENT")
     return Event(
         place=place_of(node),
@@ -139,16 +137,12 @@ def _received_data(tree: Tree, node: Node) -> DataItem | None:
 
 def _disabled_in(tree: Tree, node: Node) -> Iterator[str]:
     """Yield the paths of the mode declarations in which the event does not occur (SWC, BSW, release 3)."""
-    what = f'{node.tag} "{node.path}"'
     for path in (
         "DISABLED-MODE-IREFS/DISABLED-MODE-IREF/TARGET-MODE-DECLARATION-REF",
         "DISABLED-IN-MODE-IREFS/DISABLED-IN-MODE-IREF/TARGET-MODE-REF",
         "MODE-DEPENDENCY/DEPENDENT-ON-MODE-IREFS/DEPENDENT-ON-MODE-IREF/MODE-DECLARATION-REF",
     ):
-        for ref in tree.refs(node, path):
-            mode = tree.find(ref, what, ("MODE-DECLARATION",))
-            if mode is not None:
-                yield mode.path
+        yield from (mode.path for mode in tree.targets(node, path, ("MODE-DECLARATION",)))
 
 
 def _runnable(tree: Tree, node: Node) -> Runnable:
@@ -209,11 +203,9 @@ def _group(tree: Tree, node: Node) -> ModeGroup:
 
 def _transitions(tree: Tree, group: Node) -> Iterator[tuple[Place, str, str]]:
     for node in group.inside("MODE-TRANSITION"):
-        what = f'MODE-TRANSITION "{node.path}"'
-        refs = (tree.ref(node, "EXITED-MODE-REF"), tree.ref(node, "ENTERED-MODE-REF"))
-        ends = [tree.find(ref, what, ("MODE-DECLARATION",)) if ref else None for ref in refs]
-        if ends[0] is not None and ends[1] is not None:
-            yield place_of(node), ends[0].path, ends[1].path
+        exited, entered = (tree.target(node, f"{end}-MODE-REF", ("MODE-DECLARATION",)) for end in ("EXITED", "ENTERED"))
+        if exited is not None and entered is not None:
+            yield place_of(node), exited.path, entered.path
 
 
 COMPOSITION = "COMPOSITION-SW-COMPONENT-TYPE"
@@ -243,8 +235,7 @@ def _composition(tree: Tree, node: Node) -> Composition:
 
 
 def _prototype(tree: Tree, node: Node) -> Prototype:
-    ref = tree.ref(node, "TYPE-TREF")
-    target = tree.find(ref, f'component prototype "{node.path}"') if ref else None
+    target = tree.target(node, "TYPE-TREF", kind="component prototype")
     return Prototype(place_of(node), target.path if target else None)
 
 
@@ -300,15 +291,13 @@ def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
     hardware: dict[str, list[tuple[str, str]]] = {node.path: [] for node in ecus}
     chains: dict[str, list[tuple[str, ...]]] = {node.path: [] for node in ecus}
     for node in tree.tagged("SWC-TO-ECU-MAPPING"):
-        ref = tree.ref(node, "ECU-INSTANCE-REF")
-        ecu = tree.find(ref, f'mapping "{node.path}"', ("ECU-INSTANCE",)) if ref else None
+        ecu = tree.target(node, "ECU-INSTANCE-REF", ("ECU-INSTANCE",), "mapping")
         if ecu is not None:
             refs = tree.refs(node, "COMPONENT-IREFS/COMPONENT-IREF/TARGET-COMPONENT-REF")
             mapped[ecu.path] += [ref.path for ref in refs]
             chains[ecu.path] += _chains(tree, node)
             mappings[ecu.path].append(place_of(node))
-            unit = tree.ref(node, "PROCESSING-UNIT-REF")
-            found = tree.find(unit, f'mapping "{node.path}"', ("HW-ELEMENT",)) if unit else None
+            found = tree.target(node, "PROCESSING-UNIT-REF", ("HW-ELEMENT",), "mapping")
             if found is not None:
                 hardware[ecu.path] += [(ref.path, found.path) for ref in refs]
     return tuple(

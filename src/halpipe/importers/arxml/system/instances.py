@@ -207,8 +207,7 @@ def _report_unused(components: Sequence[Component], findings: Findings) -> None:
 def _roots(tree: Tree, compositions: Sequence[Composition], named: Sequence[RteInstance]) -> list[str]:
     chosen = []
     for node in tree.tagged("ROOT-SW-COMPOSITION-PROTOTYPE"):
-        ref = tree.ref(node, "SOFTWARE-COMPOSITION-TREF")
-        target = tree.find(ref, f'root composition "{node.path}"', (COMPOSITION,)) if ref else None
+        target = tree.target(node, "SOFTWARE-COMPOSITION-TREF", (COMPOSITION,), "root composition")
         if target is not None:
             chosen.append(target.path)
     used = {prototype.type for composition in compositions for prototype in composition.prototypes}

@@ -80,8 +80,7 @@ def read_function_groups(tree: Tree) -> tuple[ModeGroup, ...]:
         owner = node.parent
         if owner is None or owner.tag not in ("FUNCTION-GROUP-SET", "MACHINE"):
             continue
-        ref = tree.ref(node, "TYPE-TREF")
-        type = tree.find(ref, f'{_GROUP} "{node.path}"', ("MODE-DECLARATION-GROUP",)) if ref else None
+        type = tree.target(node, "TYPE-TREF", ("MODE-DECLARATION-GROUP",))
         if type is not None and type.path in types:
             found.append(_instance(node, types[type.path]))
     return tuple(found)
@@ -107,8 +106,7 @@ def read_processes(tree: Tree, machines: tuple[Machine, ...], groups: tuple[Mode
 
 def _mappings(tree: Tree) -> Iterator[tuple[Node, str]]:
     for node in tree.tagged("PROCESS-TO-MACHINE-MAPPING"):
-        ref = tree.ref(node, "PROCESS-REF")
-        process = tree.find(ref, f'{node.tag} "{node.path}"', ("PROCESS",)) if ref else None
+        process = tree.target(node, "PROCESS-REF", ("PROCESS",))
         if process is not None:
             yield node, process.path
 
@@ -118,8 +116,7 @@ def _process(
 ) -> Process:
     states = tuple(dict.fromkeys(_states(tree, node)))
     own = [group for group in groups if any(mode.path in states for mode in group.modes)]
-    client_ref = tree.ref(node, "DETERMINISTIC-CLIENT-REF")
-    client = tree.find(client_ref, f'PROCESS "{node.path}"', ("DETERMINISTIC-CLIENT",)) if client_ref else None
+    client = tree.target(node, "DETERMINISTIC-CLIENT-REF", ("DETERMINISTIC-CLIENT",))
     workers = tree.text(client, "NUMBER-OF-WORKERS") if client else None
     count = parse_number(workers.value) if workers else None
     machine, cores = _allowed(tree, mapping, machines) if mapping else (None, ())
@@ -154,13 +151,12 @@ def _states(tree: Tree, node: Node) -> Iterator[str]:
 def _allowed(tree: Tree, mapping: Node, machines: tuple[Machine, ...]) -> tuple[str | None, tuple[str, ...]]:
     """Return the machine (path) of a mapping, and which of its cores the process may use."""
     what = f'{mapping.tag} "{mapping.path}"'
-    ref = tree.ref(mapping, "MACHINE-REF")
-    target = tree.find(ref, what, ("MACHINE",)) if ref else None
+    target = tree.target(mapping, "MACHINE-REF", ("MACHINE",))
     machine = next((m for m in machines if target is not None and m.place.path == target.path), None)
     if machine is None:
         return None, ()
     allowed, forbidden = (
-        [node.path for ref in tree.refs(mapping, path) if (node := tree.find(ref, what, ("PROCESSOR-CORE",)))]
+        [node.path for node in tree.targets(mapping, path, ("PROCESSOR-CORE",))]
         for path in ("SHALL-RUN-ON-REFS/SHALL-RUN-ON-REF", "SHALL-NOT-RUN-ON-REFS/SHALL-NOT-RUN-ON-REF")
     )
     cores = [core.path for core in machine.cores]

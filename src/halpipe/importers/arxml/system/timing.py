@@ -201,11 +201,10 @@ def _point_orders(tree: Tree, node: Node) -> Iterator[Order]:
     """Yield an order of everything before a synchronisation point and everything after it."""
     ends: list[list[Ordered]] = []
     for side in ("SOURCE", "TARGET"):
-        what = f'{node.tag} "{node.path}"'
-        elements = [tree.find(ref, what, _ELEMENTS) for ref in tree.refs(node, f"{side}-EEC-REFS/{side}-EEC-REF")]
-        events = [tree.find(ref, what) for ref in tree.refs(node, f"{side}-EVENT-REFS/{side}-EVENT-REF")]
-        leaves = [leaf for element in elements if element is not None for leaf in _unfolded(tree, element)]
-        ends.append([*ordered_by(tree, leaves), *(Ordered(event.path) for event in events if event is not None)])
+        elements = tree.targets(node, f"{side}-EEC-REFS/{side}-EEC-REF", _ELEMENTS)
+        events = tree.targets(node, f"{side}-EVENT-REFS/{side}-EVENT-REF")
+        leaves = [leaf for element in elements for leaf in _unfolded(tree, element)]
+        ends.append([*ordered_by(tree, leaves), *(Ordered(event.path) for event in events)])
     for first in ends[0]:
         for second in ends[1]:
             yield Order(place_of(node), first, second)
@@ -281,24 +280,16 @@ def _observable(tree: Tree, node: Node) -> Observable | None:
         if data is None or port is None:
             return None
         return Observable(place=place_of(node), what=what, subject=data.path, port=port.path, prototype=prototype)
-    ref = tree.ref(node, _RUNNABLE_EVENTS[node.tag])
-    runnable = tree.find(ref, f'{node.tag} "{node.path}"', RUNNABLES) if ref else None
+    runnable = tree.target(node, _RUNNABLE_EVENTS[node.tag], RUNNABLES)
     return Observable(place=place_of(node), what=what, subject=runnable.path, prototype=prototype) if runnable else None
 
 
 def _chain(tree: Tree, node: Node) -> EventChain:
-    what = f'{CHAIN} "{node.path}"'
-    ends = []
-    for tag in ("STIMULUS-REF", "RESPONSE-REF"):
-        ref = tree.ref(node, tag)
-        target = tree.find(ref, what) if ref else None
-        ends.append(target.path if target else None)
-    segments = (tree.find(ref, what, (CHAIN,)) for ref in tree.refs(node, "SEGMENT-REFS/SEGMENT-REF"))
     return EventChain(
         place=place_of(node),
-        stimulus=ends[0],
-        response=ends[1],
-        segments=tuple(segment.path for segment in segments if segment is not None and segment is not node),
+        stimulus=_target(tree, node, "STIMULUS-REF"),
+        response=_target(tree, node, "RESPONSE-REF"),
+        segments=tuple(s.path for s in tree.targets(node, "SEGMENT-REFS/SEGMENT-REF", (CHAIN,)) if s is not node),
     )
 
 
@@ -306,8 +297,7 @@ def _chain(tree: Tree, node: Node) -> EventChain:
 
 
 def _target(tree: Tree, node: Node, tag: str) -> str | None:
-    ref = tree.ref(node, tag)
-    target = tree.find(ref, f'{node.tag} "{node.path}"') if ref else None
+    target = tree.target(node, tag)
     return target.path if target else None
 
 
@@ -373,9 +363,7 @@ def _distance(tree: Tree, node: Node) -> Distance | None:
 
 def _synchronisation(tree: Tree, node: Node) -> Synchronisation | None:
     """Read which events are to occur together; report what has no counterpart in the model."""
-    what = f'{node.tag} "{node.path}"'
-    found = (tree.find(ref, what) for ref in tree.refs(node, "SCOPE-EVENT-REFS/SCOPE-EVENT-REF"))
-    events = tuple(event.path for event in found if event is not None)
+    events = tuple(event.path for event in tree.targets(node, "SCOPE-EVENT-REFS/SCOPE-EVENT-REF"))
     tolerance = _time(tree, node, "TOLERANCE")
     if len(events) > 1 and tolerance is not None:
         return Synchronisation(place_of(node), events, tolerance)
