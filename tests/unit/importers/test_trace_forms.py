@@ -17,6 +17,7 @@ WRITERS = {
     "perfetto": forms.perfetto_switches,
     "perfetto in columns": lambda: forms.perfetto_switches(is_compact=True),
     "btf": forms.btf,
+    "signals": forms.signals,
     "events": forms.events_json,
 }
 
@@ -38,10 +39,11 @@ def seen(found):
 @pytest.mark.parametrize("form", WRITERS)
 def test_the_same_run_has_the_same_jobs_in_each_form(form):
     (found,) = parse_traces(WRITERS[form](), "t").traces
-    assert seen(found) == forms.JOBS
+    whole = [(task, start, end, end - start, ()) for task, start, end, *_ in forms.JOBS]
+    assert seen(found) == (whole if form == "signals" else forms.JOBS)  # signals do not tell of preemptions
 
 
-@pytest.mark.parametrize("form", [form for form in WRITERS if form not in ("btf", "events")])
+@pytest.mark.parametrize("form", [form for form in WRITERS if form not in ("btf", "events", "signals")])
 def test_threads_of_a_computer_run_on_its_cpus(form):
     (found,) = parse_traces(WRITERS[form](), "t").traces
     assert found.is_shared
@@ -149,3 +151,16 @@ def test_measurement_files_have_tables_of_jobs_and_states_of_tasks(tmp_path):
     rows, states = parse_traces((tmp_path / "t.mf4").read_bytes(), "t").traces
     assert seen(states) == [("A", 1000, 3000, 2000, ()), ("A", 4000, 5000, 1000, ())]
     assert seen(rows) == [("C", 6000, 9000, 3000, ()), ("C", 20000, 21000, 1000, ())]
+
+
+@pytest.mark.parametrize("broken", ["Time [s];A\n0,1;0\nx1;1\n", "Time [s];A\n0,1;1\n0.2;0\n"])
+def test_rows_of_signals_that_cannot_be_read_are_named(broken):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(broken.encode(), "t")
+    assert [(d.code, d.at.line) for d in refused.value.diagnostics if d.is_error] == [(codes.BROKEN_ROW.id, 3)]
+
+
+def test_signals_that_are_no_states_are_left_out():
+    found = parse_traces(b"time_us,A,speed\n1,1,1\n2,1,7\n3,0,0\n", "t")
+    assert seen(found.traces[0]) == [("A", 1000, 3000, 2000, ())]
+    assert any("speed" in d.message for d in found.diagnostics if d.code == codes.LEFT_OUT.id)

@@ -124,7 +124,7 @@ class Job:
 
     def __init__(self, task: str, unit: str, at: Instant, line: int) -> None:
         self.task = task
-        self.units: tuple[str, ...] = (unit,)
+        self.units: tuple[str, ...] = (unit,) if unit else ()
         self.start = at
         self.since: Instant | None = at
         self.line = line

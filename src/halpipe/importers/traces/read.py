@@ -153,6 +153,8 @@ def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str,
         return btf.read
     if table.is_header(first):
         return table.read
+    if table.is_states(first):
+        return table.read_states
     if any(word in first.lower() for word in ("duration", "latency", "execution_time", "elapsed")):
         help = "export the starts and ends of callbacks: durations do not say when a job ran"
         message = "it has durations, but no starts and ends"

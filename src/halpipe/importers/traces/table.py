@@ -5,6 +5,8 @@ Needed are ``task``, ``start`` and ``end``; known are also ``units`` (separated 
 column says: ``start_us``. An empty end is that of a job which still ran when the trace ended. CARET's records have
 two columns for each callback instead, which end in ``/callback_start_timestamp`` and ``/callback_end_timestamp``.
 Columns are separated by commas, semicolons or tabulators; where no comma separates, numbers may have a decimal comma.
+Measurement tools export signals over time instead: a first column ``Time [s]``, and one for each signal. A signal that
+is 0 or 1 only is the state of the task of its name: it runs while the signal is 1. A second row may state units.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 from halpipe.core.diagnostics import Location
 from halpipe.core.durations import Duration
 from halpipe.importers.traces import codes
+from halpipe.importers.traces.jobs import Job, Jobs
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
 from halpipe.models.trace import Execution, Trace
 
@@ -34,6 +37,9 @@ _LONG |= {
 }
 _START, _END = "/callback_start_timestamp", "/callback_end_timestamp"
 _ABSENT = ("", "nan", "none", "<na>")
+_CLOCKS = ("time", "timestamp", "timestamps", "t", "zeit")
+_STATES = {"0": False, "1": True, "0.0": False, "1.0": True, "0,0": False, "1,0": True}
+_UNITS_LINE = 3
 
 
 def is_header(line: str) -> bool:
@@ -54,11 +60,17 @@ def _records(names: list[str]) -> dict[str, tuple[int, int]]:
     return {name: (starts[name], ends[name]) for name in starts if name in ends}
 
 
+def _plain(name: str) -> str:
+    """Return the name of a column in small letters, with its unit behind a line: ``start [us]`` is ``start_us``."""
+    plain = name.strip().strip('"').lower().replace("(", "[").replace(" [", "_").replace("[", "_")
+    return plain.rstrip(")]")
+
+
 def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
     """Return position and unit of time of each column, by its plain name."""
     found: dict[str, tuple[int, str]] = {}
     for position, name in enumerate(names):
-        full = name.strip().strip('"').lower().replace("(", "[").replace(" [", "_").rstrip(")]")
+        full = _plain(name)
         plain, _, unit = _LONG.get(full, full).partition("_")
         if plain in TIMES and (unit or "ns") in SCALES_NS:
             found.setdefault(plain, (position, unit or "ns"))
@@ -75,6 +87,52 @@ def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     if unfinished:
         findings.add(codes.UNFINISHED(f"{unfinished} jobs have no end", at=Location(file)))
     return [Trace(name="", executions=tuple(executions))]
+
+
+def is_states(line: str) -> bool:
+    """Whether a line is the head of signals over time."""
+    names = line.split(separator_of(line))
+    return len(names) > 1 and _clock(names[0]) is not None
+
+
+def _clock(name: str) -> str | None:
+    """Return the unit of a column of instants: seconds, if it states none; None for other columns."""
+    plain, _, unit = _plain(name).partition("_")
+    return (unit or "s") if plain in _CLOCKS and (unit or "s") in SCALES_NS else None
+
+
+def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
+    """Return the one line of time of a table of signals."""
+    rest = iter(lines)
+    head = next((line for line in rest if line.strip()), "")
+    separator = separator_of(head)
+    rows = csv.reader(itertools.chain([head], rest), delimiter=separator)
+    names = [name.strip() for name in next(rows)]
+    scale, numbers = SCALES_NS[_clock(names[0]) or "s"], DecimalSign(separator)
+    jobs, others = Jobs(file, findings), set[str]()
+    for cells in rows:
+        line = rows.line_num
+        if not any(cells) or (line <= _UNITS_LINE and not any(c.isdigit() for c in cells[0])):
+            continue
+        try:
+            at = instant(numbers.point(cells[0].strip()), scale)
+        except ValueError as failure:
+            help = "correct the row; times are whole or decimal numbers"
+            findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, line), help=help))
+            continue
+        for name, cell in zip(names[1:], cells[1:], strict=False):
+            state = _STATES.get(cell.strip())
+            if state is None and cell.strip():
+                others.add(name)
+            elif state and name not in jobs.running:
+                jobs.running[name] = Job(name, "", at, line)
+            elif state is False:
+                jobs.end(name, at)
+    if others:
+        message = f"{len(others)} signals are not 0 or 1 only: {', '.join(sorted(others)[:5])}"
+        findings.add(codes.LEFT_OUT(message, at=Location(file)))
+    found = [execution for execution in jobs.result() if execution.task not in others]
+    return [Trace(name="", executions=tuple(found), is_shared=True)]
 
 
 def _executions(lines: Iterable[str], file: str, findings: Findings) -> list[Execution]:
