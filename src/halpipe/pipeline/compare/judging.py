@@ -162,18 +162,21 @@ class Judge:
             for key in keys:
                 other = longest.get(key)
                 end = other.execution.end if other else None
-                if other and end and match.execution.start < end and not _may_interrupt(other, match):
-                    where = "on a unit" if key[0] is Kind.OVERLAP else f'with resource "{key[1]}"'
-                    self._together(key[0], other, match, f"at the same time {where}")
+                overlap = end - match.execution.start if end else ZERO
+                # A unit runs one job at a time, whatever the tolerance; of two units each may be late by it.
+                allowed = ZERO if key[0] is Kind.OVERLAP else self.tolerance
+                if other and overlap > allowed and not _may_interrupt(other, match):
+                    where = "on a unit" if key[0] is Kind.OVERLAP else f'for {overlap} with resource "{key[1]}"'
+                    self._together(key[0], other, match, f"at the same time {where}", overlap)
                 if end is None or (match.execution.end is not None and match.execution.end >= end):
                     longest[key] = match
 
-    def _together(self, kind: Kind, before: Match, match: Match, what: str) -> None:
+    def _together(self, kind: Kind, before: Match, match: Match, what: str, amount: Duration = ZERO) -> None:
         message = f'task "{before.execution.task}" ran {what}, at {before.execution.start - self.origin}'
         help = "one unit runs one job at a time, in order"
         if kind is Kind.EXCLUSION:
             help = "look at their starts and run times: only the table keeps them apart"
-        self._of(match, kind, ZERO, message, help)
+        self._of(match, kind, amount, message, help)
 
     def _of(self, match: Match, kind: Kind, amount: Duration, message: str, help: str) -> None:
         path = _job(match.table.name, match.job)
