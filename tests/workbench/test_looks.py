@@ -86,6 +86,17 @@ def test_lines_of_gaps_lie_between_the_parts(shown):
     assert len(lines) == 2 * 7
 
 
+def test_chains_are_drawn_from_writing_to_reading_over_the_edge_too(shown):
+    """a writes at 8 ms of 10, where b, at 5 ms, reads only in the next cycle."""
+    first = replace(task("a", "10ms", version("v", "1ms"), offset=0), let=Duration.parse("8ms"))
+    second = task("b", "10ms", version("v", "1ms"), offset=5)
+    page = shown(model(first, second, chains=[chain("c", "a b")]))
+    find = (
+        "viewer.chain = [0, 1]; viewer.paintChain(pen, {}); viewer.chain = null; return lines.map(x => viewer.time(x))"
+    )
+    assert page.execute_script(PEN + find) == pytest.approx([8, 15, -2, 5])
+
+
 @pytest.mark.parametrize("width", [480, 1400])
 def test_instants_on_the_axis_stand_apart(shown, width):
     page = shown(split_job())

@@ -218,6 +218,13 @@ def test_the_smallest_steps_and_which_are_proven():
     assert f'WCET of "b" at most 1.5ms instead of 2ms (found sufficient, in steps of 50us{proven}' in texts
 
 
+def test_many_tasks_are_shortened_by_one_factor():
+    """Four of 2.6 ms, one after the other, fit into 10 ms times 0.9615."""
+    system = model(*(task(f"t{n}", "10ms", version("v", "2600us", CORES)) for n in range(8)), units=CORES)
+    (text,) = (t for t in remedies(system) if t.startswith("WCETs"))
+    assert text.startswith("WCETs of 8 tasks times 0.961 (found sufficient, in steps of 1/1000")
+
+
 def test_windows_offsets_and_limits():
     late = task("b", "10ms", version("v", "1ms", "u2", after("a", 0, 2)), offset="5ms")
     system = model(task("a", "10ms", version("v", "3ms", "u1"), offset="0ms"), late, units="u1 u2")

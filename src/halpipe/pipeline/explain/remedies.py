@@ -56,6 +56,8 @@ WORK = 400_000
 PARTS = 10
 """Parts of a step in which the WCETs of short tasks are shortened at last."""
 
+THOUSAND = 1000
+
 LIMITS = {"max_reaction": "reaction time", "max_age": "data age", "max_latency": "latency"}
 """Limits of a chain, and the figures of a schedule that they bound."""
 
@@ -375,9 +377,10 @@ def _relaxations(model: TaskModel, tasks: list[Task], running: set[str], trials:
     rows = {(t.name, p.task): p for t in tasks for v in t.versions for p in v.precedences if p.task in running}
     for (task, _), row in list(rows.items())[:MAX_TASKS]:
         yield from _window(model, model.task(task), row, trials)
-    yield from (
-        _wcets(model, group, trials) for group in ([[t] for t in tasks] if len(tasks) <= MAX_TASKS else [tasks])
-    )
+    if len(tasks) <= MAX_TASKS:
+        yield from (_wcet(model, task, trials) for task in tasks)
+    else:
+        yield _wcets(model, [task.name for task in tasks])
 
 
 def _deadline(model: TaskModel, task: Task, trials: Trials) -> Relaxation:
@@ -465,32 +468,38 @@ def _window(model: TaskModel, task: Task, row: Precedence, trials: Trials) -> It
     )
 
 
-def _wcets(model: TaskModel, group: list[Task], trials: Trials) -> Relaxation:
-    """Shorten one task, or all of them by one factor: in steps of the grid first, then in parts of one."""
-    names, longest = [task.name for task in group], _longest(group)
+def _wcet(model: TaskModel, task: Task, trials: Trials) -> Relaxation:
+    """Shorten one task: in steps of the grid first, then in parts of one."""
+    longest = _longest([task])
     parts = 1 if longest // trials.tick >= FINE else PARTS
     unit = trials.step(longest)
 
-    def factor(steps: int) -> Fraction:
-        return 1 - Fraction((unit * steps).ns) / (longest.ns * parts)
-
     def shortened(steps: int) -> TaskModel:
-        return changes.with_wcet(model, names, factor(steps), unit / parts if len(group) == 1 and steps else None)
+        factor = 1 - Fraction((unit * steps).ns) / (longest.ns * parts)
+        return changes.with_wcet(model, [task.name], factor, unit / parts) if steps else model
 
     def text(steps: int) -> str:
-        if len(group) > 1:
-            return f"WCETs of {len(group)} tasks times {format_rational(factor(steps))}"
-        shorter = shortened(steps).task(names[0]).versions
-        times = (f"{new.wcet} instead of {old.wcet}" for new, old in zip(shorter, group[0].versions, strict=True))
-        return f'WCET of "{names[0]}" at most ' + ", ".join(times)
+        pairs = zip(shortened(steps).task(task.name).versions, task.versions, strict=True)
+        return f'WCET of "{task.name}" at most ' + ", ".join(f"{new.wcet} instead of {old.wcet}" for new, old in pairs)
 
     return Relaxation(
         change=shortened,
         most=(-(-longest // unit) - 1) * parts,
         text=text,
-        subjects=tasks_named(names),
+        subjects=tasks_named([task.name]),
         steps=str(unit / parts),
         coarse=parts,
+    )
+
+
+def _wcets(model: TaskModel, names: list[str]) -> Relaxation:
+    """Shorten many tasks by one factor, which is a multiple of a thousandth."""
+    return Relaxation(
+        change=lambda steps: changes.with_wcet(model, names, 1 - Fraction(steps, THOUSAND)),
+        most=THOUSAND - 1,
+        text=lambda steps: f"WCETs of {len(names)} tasks times {format_rational(1 - Fraction(steps, THOUSAND))}",
+        subjects=tasks_named(names),
+        steps=f"1/{THOUSAND}",
     )
 
 

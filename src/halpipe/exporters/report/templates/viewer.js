@@ -212,16 +212,21 @@ class Viewer {
     return length ? {lanes: job.lanes, read: release, write: release + length} : {lanes: job.lanes, read: job.start, write: job.end};
   }
 
+  // Lines from writing to the first reading after it; those over the edge of the cycle leave at its end and come in at its begin.
   paintChain(pen, tone) {
     pen.strokeStyle = tone.accent; pen.fillStyle = tone.accent; pen.lineWidth = 1.5;
     const runs = this.chain.map(task => this.jobs.filter(job => job.task === task).map(job => this.data(job)));
+    const length = this.mode.length, middle = job => this.top + (job.lanes[0] + .5) * this.lane;
     for (let stage = 0; stage + 1 < runs.length; stage++) {
       for (const job of runs[stage]) {
-        const next = runs[stage + 1].filter(other => other.read >= job.write - 1e-9).sort((a, b) => a.read - b.read)[0];
+        const reads = runs[stage + 1].map(other => [other.read + length * Math.max(0, Math.ceil((job.write - 1e-9 - other.read) / length)), other]);
+        const [read, next] = reads.sort((a, b) => a[0] - b[0])[0] || [];
         if (!next) continue;
-        const x0 = this.x(job.write), y0 = this.top + (job.lanes[0] + .5) * this.lane, x1 = this.x(next.read), y1 = this.top + (next.lanes[0] + .5) * this.lane;
-        pen.beginPath(); pen.moveTo(x0, y0); pen.lineTo(x1, y1); pen.stroke();
-        pen.beginPath(); pen.arc(x1, y1, 3, 0, 7); pen.fill();
+        for (const back of new Set([0, length * Math.floor(read / length)])) {
+          const x = this.x(read - back);
+          pen.beginPath(); pen.moveTo(this.x(job.write - back), middle(job)); pen.lineTo(x, middle(next)); pen.stroke();
+          pen.beginPath(); pen.arc(x, middle(next), 3, 0, 7); pen.fill();
+        }
       }
     }
   }
