@@ -21,6 +21,7 @@ from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
 from halpipe.exporters.riscv.operations import Backlog, Operations, check_grid, check_version, find_backlog, too_short
 from halpipe.exporters.riscv.phases import check_phases, clock_of
+from halpipe.exporters.riscv.profile import MONITOR as MONITOR_ROOM
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Health, Renderer, health_of
 from halpipe.exporters.riscv.sources import SourceTree
@@ -189,7 +190,7 @@ def _monitors(shop: Workshop, render: Renderer, site: Site) -> list[Elf]:
     steps = []
     for core in site.cores.values():
         script = f"link/monitor{core.hart}.ld"
-        shop.write(script, render.monitor_script(core))
+        shop.write(script, render.fill("monitor.ld", core=core, stack=site.profile.stack, room=MONITOR_ROOM))
         steps.append(Link(script, f"build/images/monitor{core.hart}.elf", objects))
     _link_runtime(shop, steps)
     return [read_elf(shop.read(step.target)) for step in steps]
@@ -217,10 +218,10 @@ def _program(
         for segment in image.segments:
             pieces.append((image.file, segment.offset, segment.size, segment.source - front))
             front = segment.source + segment.size
-    shop.write("runtime/images.S", render.images(pieces))
+    shop.write("runtime/images.S", render.fill("images.S", pieces=pieces))
     tables = render.tables(name, plan.programs, plan.tables, places, site.health, site.drivers)
     shop.write("runtime/tables.c", tables)
-    shop.write("link/bundle.ld", render.bundle_script(site.memory))
+    shop.write("link/bundle.ld", render.fill("bundle.ld", memory=site.memory))
     names = (*MANAGEMENT, *(CALIBRATION if site.calibrates else ()), "tables.c", "images.S")
     objects = _compile_runtime(shop, names)
     _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, *drivers, MINIMAL.target))])
@@ -230,7 +231,8 @@ def _program(
 def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel, plan: Plan) -> dict[str, bytes]:
     """Return what tells people and programs about the bundle."""
     cores, memory, title = list(site.cores.values()), site.memory, shop.toolchain.title
-    readme = render.readme(
+    readme = render.fill(
+        "README.md",
         model=model,
         generator=f"halpipe {__version__}",
         toolchain=title,

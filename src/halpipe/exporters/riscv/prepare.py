@@ -114,7 +114,7 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
     if dummy:
         model, most = with_dummies(model, profile, clock)
         if most:
-            files[FILE] = render.dummy(most).encode()
+            files[FILE] = render.fill("dummy.c", most=most).encode()
             tree.files[f"src/{FILE}"] = files[FILE]
     parts = _parts(model, profile, tree)
     findings.stop_on_errors()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
-from halpipe.exporters.riscv.cores import FAULT_RECORDS, PAGE, TRACE_RECORDS
+from halpipe.exporters.riscv.cores import FAULT_RECORDS, TRACE_RECORDS
 from halpipe.exporters.riscv.phases import functions_of
 from halpipe.exporters.riscv.profile import MONITOR
 from halpipe.models import HealthAction, HealthEvent
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.exporters.riscv.bundle import Site
-    from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.operations import Program, Table
@@ -107,14 +107,16 @@ class Renderer:
         )
         self.environment.trim_blocks = self.environment.lstrip_blocks = False
         self.environment.filters["hex"] = hex
+        self.environment.globals["profile"] = self.profile
 
-    def _fill(self, template: str, **values: Any) -> str:
+    def fill(self, template: str, **values: Any) -> str:
+        """Return a template filled with values; all know the profile."""
         text: str = self.environment.get_template(template).render(**values)
         return text
 
     def image_script(self, part: Part, core: Core, at: int, place: tuple[int, int] = (0, 0)) -> str:
         """Return the linker script of an image that is stored at address `at`; `place`: how far behind others."""
-        return self._fill(
+        return self.fill(
             "image.ld",
             part=part,
             core=core,
@@ -125,19 +127,10 @@ class Renderer:
             data=core.dspm.base + self.profile.stack + place[1],
         )
 
-    def monitor_script(self, core: Core) -> str:
-        """Return the linker script of a core's monitor."""
-        return self._fill("monitor.ld", core=core, stack=self.profile.stack, room=MONITOR)
-
-    def bundle_script(self, memory: MainMemory) -> str:
-        """Return the linker script of the whole."""
-        return self._fill("bundle.ld", memory=memory)
-
     def platform(self, site: Site, slots: int, modes: int) -> str:
         """Return the header with the constants of the target."""
-        return self._fill(
+        return self.fill(
             "platform.h",
-            profile=self.profile,
             cores=list(site.cores.values()),
             slots=slots,
             modes=modes,
@@ -167,7 +160,7 @@ class Renderer:
             if not table.is_mode:
                 switches[table.origin][table.target] = index
         names = {core.index: core.unit for core, _ in monitors}
-        return self._fill(
+        return self.fill(
             "tables.c",
             model=model,
             tick=self.profile.tick,
@@ -180,13 +173,9 @@ class Renderer:
             units=lambda program: " ".join(names[u] for u in program.units),
         )
 
-    def images(self, pieces: Sequence[tuple[str, int, int, int]]) -> str:
-        """Return the assembler file of the loaded bytes: (file, offset, size, bytes to skip before)."""
-        return self._fill("images.S", pieces=pieces)
-
     def makefile(self, shop: Workshop) -> str:
         """Return the Makefile that repeats the recipe."""
-        return self._fill(
+        return self.fill(
             "Makefile",
             toolchain=shop.toolchain,
             flags=" ".join(shop.toolchain.flags),
@@ -195,11 +184,3 @@ class Renderer:
             links=shop.links,
             defines=lambda step: " ".join(shlex.quote(f"-D{d}").replace("$", "$$") for d in step.defines),
         )
-
-    def dummy(self, most: int) -> str:
-        """Return the source of dummy tasks with up to `most` executions in a job."""
-        return self._fill("dummy.c", most=most)
-
-    def readme(self, **values: Any) -> str:
-        """Return what a person needs to know who has the folder and nothing else."""
-        return self._fill("README.md", profile=self.profile, page=PAGE, **values)

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from halpipe.deploy.riscv.board.hart import Hart
+    from halpipe.deploy.riscv.board.machine import Machine
     from halpipe.deploy.riscv.board.memory import Memory
 
 CONTROL, CONFIG, BYTES, TARGET, SOURCE = 0x0, 0x4, 0x8, 0x10, 0x18
@@ -187,7 +188,7 @@ class Uart:
 class DmaPort:
     """The registers of all channels of the DMA engine."""
 
-    def __init__(self, base: int, stride: int, channels: int, work: DmaWork) -> None:
+    def __init__(self, base: int, stride: int, channels: int, work: Machine) -> None:
         self.base = base
         self.size = -(-stride * channels // PAGE) * PAGE
         self._stride = stride
@@ -205,18 +206,6 @@ class DmaPort:
         channel = offset // self._stride
         if channel < len(self.channels) and self.channels[channel].write(offset % self._stride, size, value):
             self._work.start_transfer(self.channels[channel], hart)
-
-
-class DmaWork:
-    """What the DMA engine asks of the machine."""
-
-    def start_transfer(self, channel: Channel, hart: Hart) -> None:
-        """Begin what the registers of `channel` describe."""
-        raise NotImplementedError
-
-    def complete_transfers(self, now: int) -> None:
-        """Finish what is over at `now`."""
-        raise NotImplementedError
 
 
 class Finisher:

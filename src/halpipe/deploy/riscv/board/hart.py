@@ -20,6 +20,7 @@ from halpipe.deploy.riscv.board.registers import ADDRESS, Level, Protection, Rig
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from halpipe.deploy.riscv.board.machine import Machine
     from halpipe.deploy.riscv.board.memory import Memory
 
 NEVER = 1 << 200
@@ -47,30 +48,6 @@ class Device(Protocol):
         ...
 
 
-class World(Protocol):
-    """What a hart tells the machine that it is part of."""
-
-    def reached(self, hart: Hart, address: int) -> None:
-        """`hart` is about to execute the watched `address`."""
-        ...
-
-    def trapped(self, hart: Hart, cause: int, pc: int, value: int) -> bool:
-        """`hart` takes a trap; return whether the machine handled it instead (semihosting)."""
-        ...
-
-    def sleeps(self, hart: Hart, enabled: int) -> None:
-        """`hart` waits for an interrupt that is `enabled`."""
-        ...
-
-    def spent(self, hart: Hart) -> None:
-        """`hart` has executed all the instructions that it may."""
-        ...
-
-    def called(self) -> bool:
-        """A device is used; return whether it may be."""
-        ...
-
-
 class Hart:
     """A core; all instants are in units of the machine's time."""
 
@@ -78,7 +55,7 @@ class Hart:
         import unicorn
 
         self.number = number
-        self.world: World | None = None
+        self.world: Machine | None = None
         self.protection = Protection()
         self.level = Level.MACHINE
         self.asleep = False

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from heapq import heappop, heappush
 from itertools import count
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.bus import Bus
-from halpipe.deploy.riscv.board.devices import Clint, CopyWatcher, DmaPort, DmaWork, Finisher, Transfer, Uart
+from halpipe.deploy.riscv.board.devices import Clint, CopyWatcher, DmaPort, Finisher, Transfer, Uart
 from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.board.bus import Gate
     from halpipe.deploy.riscv.board.devices import Channel
     from halpipe.deploy.riscv.board.elf import Program
+    from halpipe.deploy.riscv.run.observation import Recorder
     from halpipe.deploy.riscv.target import Site
 
 MANAGEMENT = 0
@@ -65,42 +66,14 @@ class Budget:
     calls: int = 10**9
 
 
-class Observer(Protocol):
-    """What watches the machine; instants are in units."""
-
-    def entered(self, hart: int, address: int, now: int) -> None:
-        """A core is about to execute a watched address."""
-        ...
-
-    def starts(self, transfer: Transfer) -> None:
-        """The DMA engine is about to read the source of `transfer`."""
-        ...
-
-    def arrived(self, transfer: Transfer) -> None:
-        """All bytes of `transfer` are at its target."""
-        ...
-
-    def trapped(self, hart: int, cause: int, pc: int, value: int, now: int) -> None:
-        """A core takes a trap."""
-        ...
-
-    def idles(self, hart: int, now: int) -> None:
-        """A core waits for nothing but the software interrupt."""
-        ...
-
-    def controlled(self, address: int, value: int, now: int) -> None:
-        """The management core writes a word of the control block."""
-        ...
-
-
-class Machine(DmaWork):
+class Machine:
     """A management core, application cores, and what they share."""
 
     def __init__(
         self,
         site: Site,
         program: Program,
-        observer: Observer,
+        observer: Recorder,
         *,
         bandwidths: Mapping[tuple[int, str], int],
         cpi: Fraction | int | None = None,

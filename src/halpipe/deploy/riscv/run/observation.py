@@ -85,7 +85,7 @@ class Disturbance:
 
 
 class Recorder:
-    """Watches a machine; see `Observer`. `told` hears of control words that the management core writes."""
+    """Record what a machine does; `told` is called with control words that the management core writes."""
 
     def __init__(self, site: Site, images: Sequence[Image], told: Callable[[int, int, int], None]) -> None:
         self.executions: list[Execution] = []
