@@ -26,17 +26,19 @@ from halpipe.deploy.riscv.judge.containment import Course, course_of
 from halpipe.deploy.riscv.judge.figures import summary_lines, trace_csv
 from halpipe.deploy.riscv.run.cosimulation import read_images
 from halpipe.deploy.riscv.run.expectation import Expectation, PlannedJob
-from halpipe.deploy.riscv.run.injection import Injection, Stuck
+from halpipe.deploy.riscv.run.injection import Injection, Kind, Saboteur, code_of
 from halpipe.deploy.riscv.run.sequence import Played, played_tables
 from halpipe.deploy.riscv.target import read_site
 from halpipe.flow.formats import open_target
 from halpipe.importers.native import read_model, read_schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.run.observation import Execution
+    from halpipe.deploy.riscv.target import Site
     from halpipe.models import Schedule, TaskModel
 
 HERE = Path(__file__).parent
@@ -137,6 +139,30 @@ def on_a_board(drive: Drive, target: Target, tables: int, execution: str) -> Out
     first = target.schedule.modes[0].name
     expected = played_tables(target.schedule, first, run.requests, tables, run.site.tick)
     return judge(target, simulation, run, Course(expected))
+
+
+class Stuck(Saboteur):
+    """Has every job of a version of a task go round in circles, from an instant of the run (`since`, in ticks) on."""
+
+    def __init__(self, site: Site, task: str, version: str, since: int) -> None:
+        super().__init__(site, (), ())
+        self._of, self._since = (task, version), since
+
+    def code(self, execution: Execution) -> bytes:
+        """Return a loop for the functions of the version, once it is time."""
+        image = execution.image
+        is_own = image is not None and (image.site.task, image.site.version) == self._of
+        if not is_own or (execution.begin - self.zero) // self.tick < self._since:
+            return b""
+        return code_of(Kind.SPIN, self._site, self._site.unit_of(execution.hart))
+
+    def injections(self, jobs: Iterable[PlannedJob]) -> list[Injection]:
+        """Return which of the jobs of a run fail."""
+        return [
+            Injection(Kind.SPIN, job.table.cycle, job.row)
+            for job in jobs
+            if (job.job.task, job.job.version) == self._of and job.executions[0].begin >= self._since
+        ]
 
 
 def with_an_overrun(drive: Drive, target: Target, at: Duration, tables: int, *, health: bool = True) -> Outcome:

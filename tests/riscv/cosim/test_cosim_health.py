@@ -56,7 +56,7 @@ def test_the_trials_switch_restart_and_stop(ruled):
 
         def plan(tables, trial=trial, rule=rule):
             jobs = check.Expectation(ruled.bundle, ruled.model, site, images).jobs(tables)
-            return jobs, containment.failing(trial, rule.task, jobs, lambda job: check._failing(job, trial.kind))
+            return jobs, containment.failing(trial, rule.task, jobs)
 
         course = containment.course_of(ruled, site, trial.mode, (), trial.tables, plan)
         names.add((trial.mode, course.tables[-1].name))

@@ -39,7 +39,7 @@ def test_programs_and_tables_are_checked_together(regulated):
 
 def test_transfers_are_held_against_the_budgets(regulated, play):
     """As played they are within them; in a window without a budget they are above it."""
-    from halpipe.deploy.riscv.judge.regulated import hold_transfers
+    from halpipe.deploy.riscv.run.regulators import hold_transfers
 
     outcomes = play(regulated)
     held = hold_transfers(regulated, outcomes)

@@ -7,7 +7,7 @@ import pytest
 
 from command_line import run_here
 from halpipe.core.bundles import open_bundle
-from halpipe.exporters.riscv.dummy import FILE
+from halpipe.exporters.riscv.prepare import FILE
 from halpipe.models import Status, TransitionTable
 from riscv_models import deployed, on_disk, several, single
 from support import model, ms, task, version

@@ -8,7 +8,7 @@ import pytest
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.riscv import RiscvOptions, codes
-from halpipe.exporters.riscv.dummy import FILE
+from halpipe.exporters.riscv.prepare import FILE
 from halpipe.exporters.riscv.profile import FOLDER
 from halpipe.flow.formats import export, prepare_model
 from riscv_models import PHASES, deployed, moving, on_disk, single

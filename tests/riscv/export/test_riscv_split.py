@@ -16,8 +16,8 @@ from halpipe.deploy.riscv.judge.qemu import EMULATOR
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation
 from halpipe.exporters.common.codes import NEEDS_HOLD
 from halpipe.exporters.riscv import codes
+from halpipe.exporters.riscv.cores import check_splits
 from halpipe.exporters.riscv.phases import executions, spans
-from halpipe.exporters.riscv.splitting import check_splits
 from halpipe.flow.formats import open_target
 from halpipe.models import Binding, Interrupt, ModeSchedule, Part, Schedule, Split, Status
 from halpipe.pipeline.verify import verify

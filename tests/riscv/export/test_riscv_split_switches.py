@@ -17,7 +17,7 @@ from halpipe.deploy.riscv.judge.qemu import EMULATOR
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv import RiscvOptions
-from halpipe.exporters.riscv.dummy import FILE
+from halpipe.exporters.riscv.prepare import FILE
 from halpipe.flow.formats import export, open_target, prepare_model
 from halpipe.importers.native import parse_model
 from halpipe.models import Schedule, Split

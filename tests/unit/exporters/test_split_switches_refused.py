@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.amalthea import FORMAT as AMALTHEA
 from halpipe.exporters.amalthea import AmaltheaOptions
 from halpipe.exporters.common.codes import NEEDS_HOLD
-from halpipe.exporters.riscv.splitting import check_splits
+from halpipe.exporters.riscv.cores import check_splits
 from halpipe.exporters.ros import FORMAT as ROS
 from halpipe.exporters.ros import RosOptions
 from halpipe.importers.amalthea import FORMAT as IMPORTER

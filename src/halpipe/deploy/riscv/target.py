@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -194,25 +195,27 @@ class _Reader:
             self._complain(self.path, f'lacks "{key}"')
         return self._data.get(key)
 
-    def number(self, key: str, low: int = 0, high: int = 1 << 62) -> int:
+    def _read(self, key: str, what: str, fits: Callable[[Any], bool], default: Any) -> Any:
         value = self._get(key)
-        if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high:
+        if fits(value):
             return value
         if key in self._data:
-            self._complain(self.path, f'"{key}" is {_shown(value)}, no whole number from {low} to {high}')
-        return low
+            self._complain(self.path, f'"{key}" is {_shown(value)}, no {what}')
+        return default
+
+    def number(self, key: str, low: int = 0, high: int = 1 << 62) -> int:
+        found: int = self._read(
+            key, f"whole number from {low} to {high}", lambda value: type(value) is int and low <= value <= high, low
+        )
+        return found
 
     def address(self, key: str) -> int:
         return self._address(self._get(key), key) or 0
 
     def _address(self, value: Any, key: str) -> int:
-        try:
-            if isinstance(value, str):
-                number = int(value, 16)
-                if 0 <= number < 1 << 56:
-                    return number
-        except ValueError:
-            pass
+        with suppress(ValueError):
+            if isinstance(value, str) and 0 <= (number := int(value, 16)) < 1 << 56:
+                return number
         if value is not None:
             self._complain(self.path, f'"{key}" is {_shown(value)}, no address')
         return 0
@@ -221,12 +224,8 @@ class _Reader:
         return tuple(self._address(value, key) for value in self._list(key))
 
     def text(self, key: str) -> str:
-        value = self._get(key)
-        if isinstance(value, str):
-            return value
-        if key in self._data:
-            self._complain(self.path, f'"{key}" is {_shown(value)}, no text')
-        return ""
+        found: str = self._read(key, "text", lambda value: isinstance(value, str), "")
+        return found
 
     def texts(self, key: str) -> tuple[str, ...]:
         return tuple(value for value in self._list(key) if isinstance(value, str))
@@ -241,22 +240,15 @@ class _Reader:
 
     def share(self, key: str) -> Fraction:
         text = self.text(key)
-        try:
-            number = parse_rational(text)
-            if 1 <= number <= 1000:
+        with suppress(ValueError):
+            if 1 <= (number := parse_rational(text)) <= 1000:
                 return number
-        except ValueError:
-            pass
         self._complain(self.path, f'"{key}" is {_shown(text)}, no number from 1 to 1000')
         return Fraction(1)
 
     def _list(self, key: str) -> list[Any]:
-        value = self._get(key)
-        if isinstance(value, list):
-            return value
-        if key in self._data:
-            self._complain(self.path, f'"{key}" is {_shown(value)}, no list')
-        return []
+        found: list[Any] = self._read(key, "list", lambda value: isinstance(value, list), [])
+        return found
 
     def object(self, key: str) -> _Reader:
         return _Reader(self._data.get(key, {}), f"{self.path}{key} ", self._complain)

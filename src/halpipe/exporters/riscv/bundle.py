@@ -15,7 +15,20 @@ from halpipe.core.records import record
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
-from halpipe.exporters.riscv.cores import LINE, aligned, buffer_sizes, channels_of, cores_of, jobs_of, main_memory
+from halpipe.exporters.riscv.cores import (
+    LINE,
+    aligned,
+    buffer_sizes,
+    channels_of,
+    check_splits,
+    cores_of,
+    gapped_versions,
+    jobs_of,
+    main_memory,
+    places_of,
+    slots_of,
+    slower,
+)
 from halpipe.exporters.riscv.drivers import FILE as DRIVERS
 from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers, read_inputs
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
@@ -25,7 +38,6 @@ from halpipe.exporters.riscv.profile import MONITOR as MONITOR_ROOM
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Health, Renderer, health_of
 from halpipe.exporters.riscv.sources import SourceTree
-from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, places_of, slots_of, slower
 from halpipe.exporters.riscv.target import operations_json, target_json
 from halpipe.exporters.riscv.toolchain import Compile, Elf, Link, Workshop, find_toolchain, read_elf
 

@@ -11,10 +11,10 @@ from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT
+from halpipe.exporters.riscv.cores import Shape, Slots, shape_of
 from halpipe.exporters.riscv.drivers import NONE, Drivers
 from halpipe.exporters.riscv.phases import Clock, disorder, executions, functions_of, memory_of, phases_of, shares
 from halpipe.exporters.riscv.render import DECISION
-from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from halpipe.core.durations import Duration
-from halpipe.exporters.riscv.dummy import FILE, with_dummies
 from halpipe.exporters.riscv.phases import Clock
+from halpipe.exporters.riscv.prepare import FILE, with_dummies
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Renderer
 from riscv_models import deployed, moving

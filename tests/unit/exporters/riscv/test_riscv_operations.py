@@ -5,7 +5,7 @@ import pytest
 from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
-from halpipe.exporters.riscv.cores import MainMemory, cores_of
+from halpipe.exporters.riscv.cores import MainMemory, Slots, cores_of
 from halpipe.exporters.riscv.drivers import NONE, Driver, Drivers
 from halpipe.exporters.riscv.images import Image, Part
 from halpipe.exporters.riscv.operations import (
@@ -22,7 +22,6 @@ from halpipe.exporters.riscv.operations import (
 )
 from halpipe.exporters.riscv.phases import Clock, shares
 from halpipe.exporters.riscv.profile import Region, read_profile
-from halpipe.exporters.riscv.splitting import Slots
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
 from riscv_models import PHASES, deployed, moving, single

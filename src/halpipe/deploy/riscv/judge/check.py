@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, sort_diagnostics
@@ -20,12 +19,12 @@ from halpipe.deploy.riscv.judge.containment import Course, Injected
 from halpipe.deploy.riscv.judge.contents import contradictions
 from halpipe.deploy.riscv.judge.figures import Dispatch, measured, summary_lines, trace_csv
 from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
-from halpipe.deploy.riscv.judge.regulated import hold_transfers
 from halpipe.deploy.riscv.judge.tables import wrong_operations
-from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, read_images
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, plan, read_images
 from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import SPACE, Injection, Kind, Saboteur, delays
+from halpipe.deploy.riscv.run.regulators import hold_transfers
 from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
 from halpipe.deploy.riscv.target import read_site
 
@@ -245,10 +244,9 @@ def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
 def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: int) -> None:
     """Play tours in which transfers are late by up to a hyperperiod, and add what differs from what has to follow."""
     site = read_site(target.bundle)
-    images = read_images(target.bundle, site)
     tour = replace(tour, tables=max(tables, SPACE) + 1)
     expected = played_tables(target.schedule, tour.first, (), tour.tables, site.tick)
-    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
+    jobs = plan(target, site, expected)
     length = math.floor(expected[0].length / site.tick)
     margin = math.ceil(tolerance_of(site) / site.tick) + 1
     for turn in range(turns):
@@ -257,43 +255,33 @@ def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: int) 
             outcome = simulate(target, tour, injections=injections)
             found.delays += sum(i.kind is not Kind.HELD for i in injections)
             found.held += sum(i.kind is Kind.HELD for i in injections)
-            found.dispatches.append(outcome.dispatch)
-            found.findings += containment.prefixed(outcome.findings)
+            found.take(outcome)
 
 
 def try_rule(target: Target, trial: Trial, found: Injected) -> None:
     """Play one trial of a health rule, and add what differs from what has to follow."""
     site = read_site(target.bundle)
-    images = read_images(target.bundle, site)
-    rule = target.model.health[trial.rule]
+    task = target.model.health[trial.rule].task
 
-    def plan(tables: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
-        jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
-        make = partial(_failing, kind=trial.kind)
-        return jobs, containment.failing(trial, rule.task, jobs, make)
+    def failing(tables: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
+        jobs = plan(target, site, tables)
+        return jobs, containment.failing(trial, task, jobs)
 
-    course = containment.course_of(target, site, trial.mode, (), trial.tables, plan)
+    course = containment.course_of(target, site, trial.mode, (), trial.tables, failing)
     outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)
     found.trials += 1
-    found.dispatches.append(outcome.dispatch)
-    found.findings += containment.prefixed(outcome.findings)
-
-
-def _failing(job: PlannedJob, kind: Kind) -> Injection:
-    return Injection(kind, job.table.cycle, job.row)
+    found.take(outcome)
 
 
 def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found: Injected) -> None:
     """Play one tour in which jobs fail, and add what differs from what has to follow."""
     site = read_site(target.bundle)
-    images = read_images(target.bundle, site)
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
-    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
+    jobs = plan(target, site, expected)
     injections = containment.injections_for(jobs, kinds, site, tolerance_of(site), tour.tables - 1, turn)
     outcome = simulate(target, tour, injections=injections)
     found.add(injections, jobs)
-    found.dispatches.append(outcome.dispatch)
-    found.findings += containment.prefixed(outcome.findings)
+    found.take(outcome)
 
 
 def simulate(
@@ -318,9 +306,9 @@ def simulate(
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
     if course is not None:
         expected, injections = course.tables, course.injections
-    images = read_images(target.bundle, site)
-    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
-    saboteur = Rubbish(site, images.values()) if is_foul else Saboteur(site, jobs, injections) if injections else None
+    jobs = plan(target, site, expected)
+    images = read_images(target.bundle, site).values()
+    saboteur = Rubbish(site, images) if is_foul else Saboteur(site, jobs, injections) if injections else None
     inputs = {name: each[: samples or len(each)] for name, each in recorded_inputs(target.bundle, site).items()}
     simulation = CoSimulation(
         target,
@@ -346,7 +334,7 @@ def hearing(target: Target, tour: Tour, execution: str) -> Outcome:
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
     every = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
-    jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(every)
+    jobs = plan(target, site, every)
     simulation = CoSimulation(
         target,
         plant=Recorded(recorded_inputs(target.bundle, site)),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.judge.check import Outcome
     from halpipe.deploy.riscv.judge.figures import Dispatch
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
@@ -54,6 +55,11 @@ class Injected:
         for injection in injections:
             self.kinds[injection.kind] += 1
             self.jobs.add(by_place[injection.cycle, injection.row].path)
+
+    def take(self, outcome: Outcome) -> None:
+        """Add what differs in a run from what has to follow."""
+        self.dispatches.append(outcome.dispatch)
+        self.findings += prefixed(outcome.findings)
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the summary."""
@@ -321,9 +327,7 @@ def _patterns(rule: HealthRule, jobs: int) -> Iterator[tuple[Kind, tuple[int, ..
         yield kind, near[:-1]
 
 
-def failing(
-    trial: Trial, task: str, jobs: Sequence[PlannedJob], make: Callable[[PlannedJob], Injection]
-) -> list[Injection]:
+def failing(trial: Trial, task: str, jobs: Sequence[PlannedJob]) -> list[Injection]:
     """Return the faults of a trial: as many jobs of the task in each cycle as it states, the first ones."""
     left = Counter(trial.cycles)
     found = []
@@ -331,7 +335,7 @@ def failing(
         is_own = job.job.task == task and job.table.name == trial.mode
         if is_own and left[job.table.cycle] and victim(trial.kind, job) is not None:
             left[job.table.cycle] -= 1
-            found.append(make(job))
+            found.append(Injection(trial.kind, job.table.cycle, job.row))
     return found
 
 

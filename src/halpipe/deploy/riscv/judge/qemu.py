@@ -22,7 +22,7 @@ from halpipe.deploy.riscv.board.machine import RUBBISH
 from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tolerance_of
 from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, prefixed
 from halpipe.deploy.riscv.judge.records import hold
-from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, read_images, silent
+from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, plan, read_images, silent
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, code_of
@@ -238,7 +238,7 @@ def _run(
 ) -> None:
     name = target.schedule.modes[mode].name
     tables = played_tables(target.schedule, name, (), CYCLES, site.tick)
-    jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
+    jobs = plan(target, site, tables)
     program = bytearray(silent(target))
     failing: dict[Key, Kind] = {}
     keys = sorted({(job.job.task, job.job.version, job.job.units[-1]) for job in jobs if job.executions})

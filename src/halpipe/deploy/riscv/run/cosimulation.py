@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.expectation import PlannedJob
     from halpipe.deploy.riscv.run.injection import Saboteur
     from halpipe.deploy.riscv.run.observation import Execution, Trap
+    from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site
 
 PROGRAM = "bundle.elf"
@@ -395,6 +396,11 @@ class CoSimulation:
     def stop(self) -> None:
         """End the run now."""
         self._machine.stop()
+
+
+def plan(target: Target, site: Site, tables: Iterable[Played]) -> list[PlannedJob]:
+    """Return the jobs of tables that are played, as the model and the schedule of a bundle have them."""
+    return Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(tables)
 
 
 def silent(target: Target) -> bytes:

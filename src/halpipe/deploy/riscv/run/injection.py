@@ -15,7 +15,7 @@ from halpipe.deploy.riscv.run.recording import Flag
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.board.memory import Memory
@@ -230,30 +230,6 @@ class Saboteur:
                     return transfer.end, True
                 return self.zero + (planned.end + injection.late) * self.tick + self.tick // 2, False
         return None
-
-
-class Stuck(Saboteur):
-    """Has every job of a version of a task go round in circles, from an instant of the run (`since`, in ticks) on."""
-
-    def __init__(self, site: Site, task: str, version: str, since: int) -> None:
-        super().__init__(site, (), ())
-        self._of, self._since = (task, version), since
-
-    def code(self, execution: Execution) -> bytes:
-        """Return a loop for the functions of the version, once it is time."""
-        image = execution.image
-        is_own = image is not None and (image.site.task, image.site.version) == self._of
-        if not is_own or (execution.begin - self.zero) // self.tick < self._since:
-            return b""
-        return code_of(Kind.SPIN, self._site, self._site.unit_of(execution.hart))
-
-    def injections(self, jobs: Iterable[PlannedJob]) -> list[Injection]:
-        """Return which of the jobs of a run fail."""
-        return [
-            Injection(Kind.SPIN, job.table.cycle, job.row)
-            for job in jobs
-            if (job.job.task, job.job.version) == self._of and job.executions[0].begin >= self._since
-        ]
 
 
 def assign(jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, late: int, turn: int = 0) -> list[Injection]:

@@ -1,25 +1,38 @@
-"""The regulators of a bundle while it is played: which table holds from when on, and what each gate lets through."""
+"""Regulators of a bundle while it is played, and its transfers compared with their budgets."""
 
 from __future__ import annotations
 
+import csv
+import io
 from bisect import bisect_right
 from dataclasses import replace
 from fractions import Fraction
+from math import ceil
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from halpipe.core.bundles import MODEL, SCHEDULE, Bundle
+from halpipe.core.diagnostics import sort_diagnostics
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.regulator import ARITHMETIC
 from halpipe.deploy.regulator import DEPLOYMENT as REGULATORS
-from halpipe.deploy.regulator.arithmetic import RATES
-from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
+from halpipe.deploy.regulator.counters import Judge, Sample
+from halpipe.deploy.regulator.reading import TABLES, read_tables
 from halpipe.deploy.riscv.board.bus import Opening
+from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from halpipe.deploy.base import Target
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.deploy.base import Checked, Target
     from halpipe.deploy.regulator.reading import Table, Tables, Unit
+    from halpipe.deploy.riscv.board.devices import Transfer
+    from halpipe.deploy.riscv.judge.check import Outcome
     from halpipe.deploy.riscv.target import Site
 
 FOLDER = "regulator/"
@@ -132,3 +145,162 @@ def _windows(table: Table, unit: str, direction: str, first: int) -> Iterator[tu
         budget = entry.budget(direction)
         for window in range(max(first, entry.window), end if budget else 0):
             yield window, budget
+
+
+def with_tables(target: Target, checked: Checked) -> Checked:
+    """Return the check of the programs with that of the tables, where the bundle has any."""
+    own = regulators_of(target)
+    if own is None:
+        return checked
+    tables = REGULATORS.check(own, CheckOptions(engine=ARITHMETIC))
+    lines = (*checked.lines, *(f"regulators: {line}" for line in tables.lines))
+    return replace(
+        checked, diagnostics=tuple(sort_diagnostics([*checked.diagnostics, *tables.diagnostics])), lines=lines
+    )
+
+
+@record
+class Held:
+    """Transfers compared with the tables: findings, lines of the summary, and every memory phase as CSV."""
+
+    findings: tuple[Diagnostic, ...] = ()
+    lines: tuple[str, ...] = ()
+    phases: bytes = b""
+
+
+def hold_transfers(target: Target, outcomes: Sequence[Outcome]) -> Held:
+    """Hold the transfers of runs against the budgets of the tables that the regulators play meanwhile.
+
+    Transfers of a unit that share a window are one demand. The figures are of memory phases: the bytes that their
+    bounds promise, that the windows which they touch grant, and that were used.
+    """
+    own = regulators_of(target)
+    if own is None:
+        return Held()
+    tables = read_tables(own.bundle)
+    arithmetic = Arithmetic(own, tables)
+    if tables.backend in RATES or list(arithmetic.findings()):  # said by the check of the tables
+        return Held()
+    judge = Judge(tables, {plan.table.index: plan for plan in arithmetic.planned})
+    findings: list[Diagnostic] = []
+    for outcome in outcomes:
+        findings += judge.rows(list(_samples(tables, outcome)), f"{own.bundle.path}/{TABLES}")
+    phases = [phase for outcome in outcomes for phase in _phases(tables, judge, outcome)]
+    return Held(tuple(findings), tuple(_figures(phases)), _csv(phases))
+
+
+@record
+class _Phase:
+    """A memory phase of a job on one unit as it was played; times in nanoseconds from the begin of its table."""
+
+    cycle: int
+    table: str
+    task: str
+    job: int
+    unit: str
+    direction: str
+    start: Fraction
+    end: Fraction
+    promised: Fraction
+    granted: int
+    used: int
+    held: Fraction
+
+
+def _phases(tables: Tables, judge: Judge, outcome: Outcome) -> Iterator[_Phase]:
+    """Yield every phase of a regulated unit, in the order of jobs."""
+    units = {unit.hart: unit.name for unit in outcome.run.site.units}
+    regulated = {unit.name: unit for unit in tables.units}
+    channel = outcome.run.site.channels.get(tables.platform.resource)
+    regulators = _followed(tables, outcome)
+    for job in outcome.jobs:
+        moved: dict[tuple[str, str, int, int], list[Transfer]] = {}
+        for planned, seen in zip(job.planned.transfers, job.transfers, strict=True):
+            if planned.channel == channel and units.get(planned.hart) in regulated:
+                direction = "write" if planned.kind is AccessKind.WRITE else "read"
+                key = (units[planned.hart], direction, planned.begin, planned.end)
+                moved.setdefault(key, []).extend([] if seen is None else [seen])
+        for (unit, direction, *ticks), transfers in moved.items():
+            begin, end = (outcome.run.site.tick.fraction * tick for tick in ticks)
+            start, table, _ = regulators.playing(begin)
+            used = sum(transfer.size for transfer in transfers)
+            sample = Sample(table, regulated[unit], direction, begin - start, end - start, used, 0)
+            yield _Phase(
+                job.planned.table.cycle,
+                table.name,
+                job.planned.job.task,
+                job.planned.job.index,
+                unit,
+                direction,
+                sample.start,
+                sample.end,
+                judge.promised(sample),
+                judge.granted(sample),
+                used,
+                sum((outcome.run.length(transfer.held).fraction for transfer in transfers), Fraction(0)),
+            )
+
+
+_COLUMNS = ("cycle", "table", "task", "job", "unit", "direction", "start", "end", "promised", "granted", "used", "held")
+
+
+def _csv(phases: Sequence[_Phase]) -> bytes:
+    """Return the phases as CSV: exact nanoseconds and bytes."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_COLUMNS)
+    for phase in phases:
+        cells = (getattr(phase, name) for name in _COLUMNS)
+        rows.writerow(format_rational(cell) if isinstance(cell, Fraction) else cell for cell in cells)
+    return text.getvalue().encode()
+
+
+def _figures(phases: Sequence[_Phase]) -> Iterator[str]:
+    """Yield what all phases of each table, unit and direction come to."""
+    together: dict[tuple[str, str, str], list[_Phase]] = {}
+    for phase in phases:
+        together.setdefault((phase.table, phase.unit, phase.direction), []).append(phase)
+    for (table, unit, direction), several in sorted(together.items()):
+        promised, granted, used = (sum(getattr(p, what) for p in several) for what in ("promised", "granted", "used"))
+        worst = max(phase.held for phase in several)
+        held = f", held back for at most {Duration(worst)}" if worst else ""
+        yield (
+            f"regulators: {table}, {unit}, {direction}: {len(several)} phases, {int(promised)} B promised, "
+            f"{granted} B granted, {used} B used{held}"
+        )
+
+
+def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
+    """Yield what each unit moved in each direction, in stretches of windows without a gap."""
+    regulators = _followed(tables, outcome)
+    units = {unit.hart: unit.name for unit in outcome.run.site.units}
+    regulated = {unit.name: unit for unit in tables.units}
+    moved: dict[tuple[str, str], list[tuple[Fraction, Fraction, int]]] = {}
+    for job in outcome.jobs:
+        for planned, seen in zip(job.planned.transfers, job.transfers, strict=False):
+            if seen is not None and units.get(planned.hart) in regulated:
+                row = units[planned.hart], "write" if planned.kind is AccessKind.WRITE else "read"
+                begin, end = (outcome.run.since(instant).fraction for instant in (seen.begin, seen.end))
+                moved.setdefault(row, []).append((begin, end, seen.size))
+    width = tables.platform.window_ns
+    for (unit, direction), several in sorted(moved.items()):
+        last: tuple[Fraction, Sample] | None = None  # with the begin of its table: each cycle has windows of its own
+        for begin, end, size in sorted(several):
+            start, table, _ = regulators.playing(begin)
+            sample = Sample(table, regulated[unit], direction, begin - start, end - start, size, 0)
+            if last is not None and last[0] == start and sample.start // width < ceil(last[1].end / width):
+                last = start, replace(last[1], end=max(last[1].end, sample.end), used=last[1].used + size)
+                continue
+            if last is not None:
+                yield last[1]
+            last = start, sample
+        if last is not None:
+            yield last[1]
+
+
+def _followed(tables: Tables, outcome: Outcome) -> Regulators:
+    """Return the regulators as they followed a run, in nanoseconds from its beginning."""
+    regulators = Regulators(tables, outcome.run.site, 10**9)
+    for played in outcome.tables:
+        regulators.begin(played.name, played.start.fraction)
+    return regulators
