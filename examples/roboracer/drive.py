@@ -46,6 +46,7 @@ MOST = 8000  # cycles: 200 s
 FARTHER = 0.3  # of a lap, before the safe stop
 STILL = 20  # cycles without motion end the drive
 SHOWN = 5  # findings
+SAMPLES = 20  # of the drive, that are recorded
 AFTERWARDS = 120  # cycles: 3 s
 FAILING = "/pure_pursuit"
 
@@ -61,6 +62,7 @@ class Drive:
     modes: list[str] = field(default_factory=list)  # in force at each moment
     requested: str | None = "race"
     still: int = 0
+    inputs: dict[str, list[bytes]] = field(default_factory=lambda: {"scan": [], "odometry": []})
 
     def cycle(
         self, time: int, read: Callable[[str], bytes], write: Callable[[str, bytes], None], mode: str = ""
@@ -73,6 +75,8 @@ class Drive:
         if self.modes[-1] == "time-trial":
             self.world.opponent = None  # it leaves the track
         self.world.exchange(time / 10**9, read, write)
+        for buffer, contents in self.inputs.items():
+            contents.append(read(buffer))
         self.requested = self._request()
         moving = self.modes[-1] != "safe-stop" or self.world.car.speed > 0
         self.still = 0 if moving else self.still + 1
@@ -262,6 +266,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     overrun = "pure pursuit never returns from here on; what then happens is up to the health rules of the model"
     parser.add_argument("--overrun", metavar="SECONDS", type=Fraction, help=overrun)
     parser.add_argument("--no-health", action="store_true", help="with --overrun: as if there were no health rules")
+    record = "write some of what the sensors saw, for export riscv --inputs"
+    parser.add_argument("--record", metavar="FOLDER", type=Path, help=record)
     chosen = parser.parse_args(arguments)
     if len(chosen.inputs) > 2:
         parser.error("give a bundle, or a model and its schedule")
@@ -280,6 +286,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, text in files.items():
         (chosen.output / name).write_text(text, encoding="utf-8")
         sys.stdout.write(f"{chosen.output / name}: written\n")
+    if chosen.record is not None:
+        chosen.record.mkdir(parents=True, exist_ok=True)
+        for buffer, contents in drive.inputs.items():
+            kept = contents[:: max(len(contents) // SAMPLES, 1)][:SAMPLES]
+            (chosen.record / f"{buffer}.bin").write_bytes(b"".join(kept))
     return 0 if succeeded else 1
 
 

@@ -8,7 +8,8 @@ import pytest
 from roboracer_case import EXAMPLE, by_hand
 
 import halpipe
-from halpipe.deploy.riscv import CoSimulation
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.riscv import DEPLOYMENT, CoSimulation
 from halpipe.exporters.native.schedule import format_schedule
 from halpipe.flow.formats import open_target
 from support import ms
@@ -27,6 +28,7 @@ def bundle(tmp_path_factory):
     model = halpipe.load(str(folder / "model.xml"))
     (folder / "schedule.xml").write_bytes(format_schedule(by_hand(model)))
     arguments = ["export", "riscv", "model.xml", "schedule.xml", "--profile", "vcu118", "-o", "bundle"]
+    arguments += ["--inputs", str(EXAMPLE / "recorded")]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         from halpipe import cli
@@ -54,6 +56,13 @@ def test_the_board_drives_as_this_computer_does(on_board, here):
     drive, _ = on_board
     assert drive.succeeded
     assert module.course(drive) == module.course(here[0])
+
+
+def test_jobs_fit_with_what_the_sensors_saw(bundle):
+    checked = DEPLOYMENT.check(open_target(bundle), CheckOptions(inject="none"))
+    assert [d for d in checked.diagnostics if d.is_error] == []
+    (line,) = [line for line in checked.lines if line.startswith("with recorded inputs of odometry, scan, ")]
+    assert 2 < float(line.split("up to ")[1].split(" cycles")[0]) < 20  # on empty buffers 380
 
 
 def test_every_job_of_the_drive_is_as_scheduled(on_board):
