@@ -15,11 +15,9 @@ import verify_oracle as oracle
 import verify_systems as systems
 
 from halpipe.core.diagnostics import HalpipeError, render_text
-from halpipe.core.durations import milliseconds
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.jobs import released_by_offset
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
@@ -106,18 +104,9 @@ def test_what_has_a_schedule_is_called_neither_invalid_nor_hopeless():
     assert kept > 60
 
 
-def fixed(system):
-    """The system with an offset of zero where a release counts and none is stated, as the search asks for."""
-    needed = released_by_offset(system)
-    free = {t.name for t in system.tasks if t.name in needed and t.offset is None and t.period is not None}
-    tasks = (replace(t, offset=milliseconds(0)) if t.name in free else t for t in system.tasks)
-    return replace(system, tasks=tuple(tasks))
-
-
 def test_what_the_search_calls_valid_verifies_for_preemptive_jobs_and_switches():
     found = Counter()
     for system, _ in cases(4, 60):
-        system = fixed(system)
         if any(d.is_error for d in validate(system)):
             continue
         found[outcome(system)] += 1

@@ -14,7 +14,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Anchor, Edge, Match, ModeSchedule, Precedence, ResourceKind, Schedule, Status
 from halpipe.pipeline.checked import schedule_model, validate_model
-from halpipe.pipeline.jobs import expand, released_by_offset
+from halpipe.pipeline.jobs import expand, released
 from halpipe.pipeline.solve.kernel.kernel import total_cost
 from halpipe.pipeline.solve.kernel.state import COST
 from halpipe.pipeline.solve.limits import stated_problem
@@ -78,12 +78,11 @@ def refined(seed, grain=1):
 
 
 def loosened(seed, grain=1):
-    """The same with slack, and without the offsets that no release needs."""
+    """The same with slack and without most offsets, so that the search chooses phases and releases."""
     rng, system = random.Random(seed), refined(seed, grain)
-    needed = released_by_offset(system)
 
     def change(task):
-        if task.period is None or task.name in needed or rng.random() < 0.3:
+        if task.period is None or rng.random() < 0.3:
             return task
         slack = rng.choice((task.slack, Fraction(1, 2), Fraction(1)))
         return replace(task, offset=None, slack=slack, deadline=task.deadline if slack < 1 else None)
@@ -159,17 +158,32 @@ def test_what_the_search_calls_valid_of_two_thousand_systems_verifies():
     assert valid > 2000
 
 
-@pytest.mark.parametrize("let", [None, milliseconds(5)])
-def test_a_release_needs_an_offset(let):
-    system = random_model(3)
-    free = replace(system.tasks[-1], offset=None, let=let)
-    system = replace(system, tasks=(*system.tasks[:-1], free))
-    if let is None:
-        assert expand(system, system.modes[0]).job_count
-        return
-    with pytest.raises(HalpipeError) as refused:
-        expand(system, system.modes[0])
-    assert {d.code for d in refused.value.diagnostics} == {"HAL0459"}
+@pytest.mark.parametrize("change", [{"let": ms(9)}, {}], ids=["let", "release"])
+def test_the_search_chooses_releases_that_no_offset_fixes(change):
+    """The jobs start at them; a window and a chain from a release are met."""
+    before = replace(task("before", 10, version("v", 4, "u1"), slack=1), **change)
+    row = Precedence(task="before", anchor=Anchor.RELEASE, max=ms(5))
+    after = task("after", 20, version("v", 7, "u1 u2", row))
+    system = model(before, after, units="u1 u2")
+    assert released(system) == {"before"}
+    found = schedule_model(system, SearchOptions(), lambda *_: True)
+    assert found.is_complete
+    starts = {(job.start - ms(10) * job.index) % ms(20) for job in found.schedule.modes[0].jobs if job.task == "before"}
+    assert len(starts) == 1
+
+
+def test_shipped_jobs_that_leave_their_releases_are_placed_anew():
+    """Their releases are no longer those that an offset had fixed."""
+    before = task("before", 10, version("v", 4, "u1"), slack=1, offset=0)
+    other = task("other", 20, version("v", 5, "u1"), offset=0)
+    row = Precedence(task="before", anchor=Anchor.RELEASE, max=ms(19))
+    after = task("after", 20, version("v", 7, "u2", row))
+    system = model(before, other, after, units="u1 u2")
+    shipped = schedule_model(system, SearchOptions(), lambda *_: True).schedule
+    free = replace(system, tasks=(replace(before, offset=None), other, after))
+    found = schedule_model(free, SearchOptions(shipped=shipped), lambda *_: True)
+    assert found.is_complete
+    assert any("before" in str(d) for d in found.diagnostics)
 
 
 @examples(30)

@@ -11,7 +11,6 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, HalpipeError, about, error
 from halpipe.core.durations import ZERO, greatest_common_divisor, least_common_multiple
 from halpipe.core.records import record
 from halpipe.models import Anchor, Match, ResourceKind
@@ -19,18 +18,8 @@ from halpipe.models import Anchor, Match, ResourceKind
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Location
     from halpipe.core.durations import Duration
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
-
-
-NOT_SEARCHED = error(
-    "HAL0459",
-    "Requirement that the search does not know",
-    "The model states a requirement that a check of a schedule decides, but that the search cannot keep: one on a "
-    "release that no offset fixes, or one that preemptive jobs or the exact engine would have to keep. It is refused "
-    "rather than ignored.",
-)
 
 
 @record
@@ -59,13 +48,17 @@ class ActiveTask:
 
 @dataclass(frozen=True)
 class Expansion:
-    """A mode unrolled over its hyperperiod; `tasks` in model order, `interrupts` of all units, `locks` by name."""
+    """A mode unrolled over its hyperperiod: `tasks` in model order, `interrupts` of all units, `locks` by name.
+
+    The releases of the tasks named in `released` count.
+    """
 
     mode: Mode
     hyperperiod: Duration
     tasks: tuple[ActiveTask, ...]
     interrupts: tuple[Interrupt, ...] = ()
     locks: frozenset[str] = frozenset()
+    released: frozenset[str] = frozenset()
 
     @cached_property
     def by_name(self) -> dict[str, ActiveTask]:
@@ -81,6 +74,14 @@ class Expansion:
             before = [row.task for row in rows if row.match is Match.CYCLE]
             named.update((active.name, *before) if before else ())
         return frozenset(named)
+
+    def is_released_at_start(self, active: ActiveTask) -> bool:
+        """Return whether the release of a task counts and no offset fixes it.
+
+        The search then lets all its jobs start at their releases, which gives up its slack: otherwise a move of one job
+        would move the releases of all.
+        """
+        return active.name in self.released and active.task.period is not None and active.task.offset is None
 
     @property
     def job_count(self) -> int:
@@ -101,7 +102,6 @@ def demands_for(version: Version, task: str) -> int:
 
 def expand(model: TaskModel, mode: Mode) -> Expansion:
     """Unroll `mode` over its hyperperiod. The model must have passed validation."""
-    refuse_unknown(model)
     running = _running(model, mode)
     periods = [task.period for task, _ in running.values() if task.period is not None]
     hyperperiod = least_common_multiple(periods)
@@ -121,29 +121,16 @@ def expand(model: TaskModel, mode: Mode) -> Expansion:
             active[name] = ActiveTask(task, versions, len(demands), demands)
     interrupts = tuple(interrupt for unit in model.units for interrupt in unit.interrupts)
     locks = frozenset(resource.name for resource in model.resources if resource.kind is ResourceKind.LOCK)
-    return Expansion(mode, hyperperiod, tuple(active[name] for name in running), interrupts, locks)
+    tasks = tuple(active[name] for name in running)
+    return Expansion(mode, hyperperiod, tasks, interrupts, locks, released(model))
 
 
-def refuse_unknown(model: TaskModel) -> None:
-    """Raise `HalpipeError` with every requirement that the search cannot keep: on releases that no offset fixes."""
-    released = released_by_offset(model)
-    free = {task.name for task in model.tasks if task.offset is None}
-    help = 'state the offset of the task, such as offset="0ms"'
-    unknown = [
-        NOT_SEARCHED("its release counts, but no offset fixes it", at=at, path=about(task=name), help=help)
-        for name, at in released.items()
-        if name in free
-    ]
-    if unknown:
-        raise HalpipeError(*unknown, exit=Exit.UNSUPPORTED)
-
-
-def released_by_offset(model: TaskModel) -> dict[str, Location]:
-    """Return the tasks whose releases count, with the places that say so: the search needs their offsets."""
-    found = {task.name: task.at for task in model.tasks if task.let is not None}
+def released(model: TaskModel) -> frozenset[str]:
+    """Return the tasks whose releases count: those with a LET, or from whose release a window or a chain counts."""
+    found = {task.name for task in model.tasks if task.let is not None}
     rows = (row for task in model.tasks for version in task.versions for row in version.precedences)
-    found |= {row.task: row.at for row in rows if row.anchor is Anchor.RELEASE}
-    return found | {chain.tasks[0]: chain.at for chain in model.chains if chain.anchor is Anchor.RELEASE}
+    found |= {row.task for row in rows if row.anchor is Anchor.RELEASE}
+    return frozenset(found | {chain.tasks[0] for chain in model.chains if chain.anchor is Anchor.RELEASE})
 
 
 def _running(model: TaskModel, mode: Mode) -> dict[str, tuple[Task, tuple[Version, ...]]]:

@@ -21,7 +21,7 @@ from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import Conflict, coarser_grid, describe, find_conflict
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible, tasks_of
-from halpipe.pipeline.jobs import expand, natural_tick, refuse_unknown
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN, TOO_LARGE
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
@@ -149,7 +149,6 @@ def explain(
     if errors:
         verdict = Verdict.INFEASIBLE if proves_infeasible(model, errors) else Verdict.INVALID
         return Explanation(tuple((m.name, verdict) for m in model.modes), tuple(errors))
-    refuse_unknown(model)
     verdicts: list[tuple[str, Verdict]] = []
     diagnostics: list[Diagnostic] = []
     for chosen in model.modes:

@@ -18,7 +18,7 @@ from halpipe.core.records import record
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.jobs import expand, natural_tick, released_by_offset
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
@@ -278,8 +278,7 @@ def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[R
 
 def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Remedy]:
     """Move the offset of one task, no further than a schedule needs; where none helps alone, free all of them."""
-    fixed = released_by_offset(model)
-    own = {t.name: t for t in tasks if t.offset is not None and t.period is not None and t.name not in fixed}
+    own = {t.name: t for t in tasks if t.offset is not None and t.period is not None}
     alone = False
     for task in own.values() if len(own) <= MAX_TASKS else ():
         table = trials.schedule(changes.with_task(model, [task.name], offset=None))

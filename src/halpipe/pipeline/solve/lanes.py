@@ -12,6 +12,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.parts import reserved_length, service_of
 
@@ -76,6 +77,7 @@ class Lanes:
         self._of_resource = {name: len(self.groups) + index for index, name in enumerate(resources)}
         self._quanta = self._resource_quanta(expansion)
         self._pinned = pinned
+        self._expansion = expansion
         self._known_times: dict[tuple[str, str, Service[Duration]], tuple[int, int]] = {}
         self._known_choices: dict[tuple[str, str], list[Choice]] = {}
 
@@ -144,6 +146,8 @@ class Lanes:
         if task.distance is not None:
             due = min(task.let or task.distance, (task.deadline or task.distance) - task.period)
             slack = min(slack, task.distance - task.period)
+        if self._expansion.is_released_at_start(active):
+            slack = ZERO
         room = due - reserved_length(version.wcet, service)
         # No job slips a whole period: of two jobs that start together, only their names would say which is the first.
         return min(self.ticks(slack), self.ticks(room), self.ticks(task.period) - 1)

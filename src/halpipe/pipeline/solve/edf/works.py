@@ -179,6 +179,9 @@ class _Builder:
             latest = min(latest, self.down(task.distance - period))
         if task.let is not None:
             deadline = min(deadline, self.down(task.let))
+        slip = min(self.down(period * task.slack), self.down(period) - 1)
+        if self.expansion.is_released_at_start(active):
+            latest = slip = 0
         return Work(
             active=active,
             period=self.down(period),
@@ -188,7 +191,7 @@ class _Builder:
             deadline=deadline,
             demands=tuple((self.task_index[d.task], d.index, d.slot) for d in active.demands),
             ways=tuple(way for version in active.versions for way in self._ways(version)),
-            slip=min(self.down(period * task.slack), self.down(period) - 1),
+            slip=slip,
             arrivals=self._arrivals(task),
         )
 

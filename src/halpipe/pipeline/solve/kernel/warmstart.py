@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.models import Job
-    from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.assign_units import Units
     from halpipe.pipeline.solve.problem import Option, Problem
@@ -99,7 +99,7 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
             continue
         numbers = _numbers(problem, number)
         options = [option for job in jobs if (option := _option(problem, numbers, group_of, job)) is not None]
-        if len(options) < active.jobs:
+        if len(options) < active.jobs or not _is_at_releases(problem, active, jobs):
             changed.append(active.name)
             continue
         first = arrays.task_job[number]
@@ -123,6 +123,14 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
         state.register[BEST] = state.register[COST]
         state.best_start[:], state.best_option[:] = state.start, state.option
     return problem, tuple(changed)
+
+
+def _is_at_releases(problem: Problem, active: ActiveTask, jobs: Iterable[Job]) -> bool:
+    """Return whether the jobs of a task start at their releases, where the kernel takes their starts for them."""
+    period = active.task.period
+    if period is None or not problem.expansion.is_released_at_start(active):
+        return True
+    return len({(job.start - period * job.index) % problem.expansion.hyperperiod for job in jobs}) == 1
 
 
 _Choice = tuple[str, tuple[tuple[int, int], ...]]
@@ -169,6 +177,8 @@ def taken_over(problem: Problem, jobs: Iterable[Job], seed: int) -> tuple[State,
         of_option = {_name(problem.options[option]): option for option in options}
         first = arrays.task_job[number]
         mates = [known.get((active.name, index)) for index in range(active.jobs)]
+        if not _is_at_releases(problem, active, [job for job in mates if job is not None]):
+            return None
         for place, job in enumerate(mates, first):
             used = () if job is None else tuple(sorted(Counter(group_of[name] for name in job.units).items()))
             option = of_option.get((None if job is None else job.version, used))

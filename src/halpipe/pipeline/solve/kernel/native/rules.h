@@ -27,15 +27,16 @@ static inline int64_t jobs_of(const Arrays *p, int64_t task) { return p->task_jo
 
 static inline int64_t number_of(const Arrays *p, int64_t job) { return job - p->task_job[p->job_task[job]]; }
 
-/* The release of a job whose task has a fixed phase, not reduced. */
-static inline int64_t release_of(const Arrays *p, int64_t job) {
-    return p->entry_offset[p->job_entry[job]] + number_of(p, job) * p->task_period[p->job_task[job]];
-}
-
 /* The start of a periodic job where it belongs: a hyperperiod later if that lies before its release (MODEL 10.1). */
 static inline int64_t unreduced(const Arrays *p, Placing x, int64_t job) {
     int64_t first = number_of(p, job) * p->task_period[p->job_task[job]] + most(0, p->entry_offset[p->job_entry[job]]);
     return x.start[job] + (x.start[job] < first ? p->hyperperiod : 0);
+}
+
+/* The release of a periodic job, not reduced. Without an offset, jobs whose release counts start at it (jobs.py). */
+static inline int64_t release_of(const Arrays *p, Placing x, int64_t job) {
+    int64_t offset = p->entry_offset[p->job_entry[job]];
+    return offset < 0 ? unreduced(p, x, job) : offset + number_of(p, job) * p->task_period[p->job_task[job]];
 }
 
 /* From its start on, the instant of a job at which a window begins; `event` is that of a point, for its first option. */
@@ -47,7 +48,7 @@ static inline int64_t lag_of(const Arrays *p, Placing x, int64_t job, int64_t or
 
 /* When a job reads its data, and how long after that it writes: at start and end, or at its release and LET later. */
 static inline int64_t read_of(const Arrays *p, Placing x, int64_t job) {
-    return p->task_let[p->job_task[job]] < 0 ? x.start[job] : release_of(p, job);
+    return p->task_let[p->job_task[job]] < 0 ? x.start[job] : release_of(p, x, job);
 }
 
 static inline int64_t held_for(const Arrays *p, Placing x, int64_t job) {
@@ -76,7 +77,7 @@ static int64_t cycle_distance(const Arrays *p, Placing x, const Row *row, int64_
     if (!is_running(p, x, before))
         return NEVER;
     int64_t own = unreduced(p, x, job) + (row->to_end == 1 ? p->option_wcet[x.option[job]] : 0);
-    int64_t from = row->origin == AT_RELEASE ? release_of(p, before)
+    int64_t from = row->origin == AT_RELEASE ? release_of(p, x, before)
                                              : unreduced(p, x, before) + lag_of(p, x, before, row->origin, row->event);
     int64_t gap = own - from - row->least;
     return gap < 0 ? -gap : most(0, gap - row->room);
@@ -96,7 +97,7 @@ static int64_t window_distance(const Arrays *p, Placing x, const Row *row, int64
         if (row->origin == AT_END)
             instant += p->option_wcet[x.option[job]];
         else if (row->origin != AT_START)
-            instant = row->origin == AT_RELEASE ? release_of(p, job) : instant + lag_of(p, x, job, AT_POINT, row->event);
+            instant = row->origin == AT_RELEASE ? release_of(p, x, job) : instant + lag_of(p, x, job, AT_POINT, row->event);
         int64_t gap = modulo(point - instant, p->hyperperiod);
         if (gap <= row->room)
             return 0;
@@ -191,7 +192,7 @@ static Met last_write(const Arrays *p, Placing x, int64_t task, int64_t time) {
 static int64_t event_of(const Arrays *p, Placing x, int64_t job, int64_t event) {
     int64_t start = modulo(x.start[job] - read_of(p, x, job), p->hyperperiod);
     if (event == AT_RELEASE)
-        return start - modulo(x.start[job] - release_of(p, job), p->hyperperiod);
+        return start - modulo(x.start[job] - release_of(p, x, job), p->hyperperiod);
     return event == AT_END ? start + p->option_wcet[x.option[job]] : start;
 }
 
