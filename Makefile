@@ -96,11 +96,14 @@ INPUTS ?= 100000
 fuzz: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python fuzz.py --inputs $(INPUTS)
 
+SYSTEMS ?= 10000
 # The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
+# Then valid systems through every verb: 10 000 take some two hours.
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
 	cd tests && ../$(BIN)/python kills.py 2000
 	cd tests && ../$(BIN)/python limits.py
+	cd tests && ../$(BIN)/python every_verb.py $(SYSTEMS)
 
 lock: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/newest

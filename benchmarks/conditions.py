@@ -59,7 +59,9 @@ class Fault:
     def __init__(self, path: Path, kind: str, node: ast.AST, tree: ast.Module) -> None:
         self.path, self.line = path, getattr(node, "lineno", None) or node.target.lineno
         statement = _statement(tree, node)
-        self.changed = path.name, ast.unparse(statement).splitlines()[0]
+        is_switched = kind in ("never", "always")
+        original = path.read_text().splitlines()[self.line - 1].strip()
+        self.changed = path.name, f"{kind}: {original}" if is_switched else ast.unparse(statement).splitlines()[0]
         self.place = f"{path.name}:{self.line} [{kind}]  {self.changed[1][:170]}"
         self.source = ast.unparse(tree)
 

@@ -1,4 +1,4 @@
-"""Schedules at the edge of each rule: one keeps every rule, its twin breaks a single one by the least amount."""
+"""Schedules at the edge of each rule: one keeps every rule, its twin, if any, breaks a single one by the least."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ EDGES = Path(__file__).with_name("edges.yaml")
 
 @record
 class Edge:
-    """A model and a schedule that keep every rule, and a pair that breaks `rule` alone.
+    """A model and a schedule that keep every rule, and mostly a pair that breaks `rule` alone.
 
     `by_second` tells whether the second checker judges the rule.
     """
 
     rule: str
-    kept: tuple[bytes, bytes]
-    broken: tuple[bytes, bytes]
+    pairs: tuple[tuple[bytes, bytes], ...]
     by_second: bool
 
 
@@ -36,8 +35,8 @@ def edges() -> tuple[Edge, ...]:
 
 
 def _edge(stated: dict[str, Any]) -> Edge:
-    kept, broken = (_files(stated, values) for values in stated["values"])
-    return Edge(stated["rule"], kept, broken, stated.get("second", True))
+    pairs = tuple(_files(stated, values) for values in stated["values"])
+    return Edge(stated["rule"], pairs, stated.get("second", True))
 
 
 def _files(stated: dict[str, Any], values: list[str]) -> tuple[bytes, bytes]:

@@ -113,7 +113,7 @@ def cases(mutants: int, seed: int) -> Iterator[Case]:
     from lxml import etree
 
     for edge in edges():
-        for words, files, broken in (("kept", edge.kept, ()), ("broken", edge.broken, (edge.rule,))):
+        for files, words, broken in zip(edge.pairs, ("kept", "broken"), ((), (edge.rule,)), strict=False):
             yield Case("edge", f"{edge.rule} {words}", *files, frozenset(broken), edge.by_second)
     known = _texts(seed)
     for number in range(mutants):

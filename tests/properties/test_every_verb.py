@@ -1,0 +1,52 @@
+"""Valid systems through every verb, in small: `make endurance` drives thousands, and all pairs of features."""
+
+from collections import Counter
+from itertools import combinations
+
+import pytest
+
+from every_verb import FEATURES, PAIRS, DisagreementError, Drive, drive, system
+from halpipe.pipeline.validate import validate
+
+
+def told(tmp_path, first, count):
+    lines = []
+    ends, codes, failed = drive(first, count, tmp_path, lines.append)
+    assert not failed, "\n".join(lines)
+    return ends, codes
+
+
+@pytest.mark.parametrize("seed", [7, 47, 142, 203])
+def test_verbs_agree(tmp_path, seed):
+    told(tmp_path, seed, 1)
+
+
+@pytest.mark.slow  # the test above has the same subject
+def test_verbs_agree_on_every_pair_of_features(tmp_path):
+    ends, codes = told(tmp_path, 0, len(PAIRS))
+    assert ends["found"] > len(PAIRS) // 2
+    assert {verb for verb, _ in codes} >= {
+        "size",
+        "sensitivity",
+        "diff frozen",
+        "verify near",
+        "import arxml",
+        "compare",
+    }
+
+
+def test_each_seed_has_its_pair_and_most_systems_are_valid_models():
+    seen, valid = set(), 0
+    for seed in range(len(PAIRS)):
+        model, features = system(seed)
+        seen.update(combinations(features, 2))
+        valid += not any(found.is_error for found in validate(model))
+    assert {(one.__name__, other.__name__) for one, other in PAIRS} <= seen
+    assert len(PAIRS) == len(FEATURES) * (len(FEATURES) - 1) // 2
+    assert valid > len(PAIRS) * 3 // 5
+
+
+def test_a_wrong_exit_code_is_a_disagreement(tmp_path):
+    (tmp_path / "m.xml").write_text("<nothing/>")
+    with pytest.raises(DisagreementError, match="exit 1"):
+        Drive(tmp_path, Counter()).run("validate", "m.xml")

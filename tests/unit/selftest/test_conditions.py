@@ -1,0 +1,31 @@
+"""Conditions of verify, switched off one at a time: the self-test notices (benchmarks/conditions.py, in small)."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = Path(__file__).parents[3] / "benchmarks" / "conditions.py"
+
+
+def unnoticed(*words):
+    """Run the program; return the faults that went unnoticed, and how many there were."""
+    command = [sys.executable, str(PROGRAM), "verify", "--mutants", "1", "--only", "jobs.py", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = done.stdout.splitlines()
+    assert "faults in" in lines[-1], done.stderr
+    missed = [line for line in lines if line.startswith("unnoticed")]
+    assert (done.returncode == 1) == bool(missed)
+    return missed, int(lines[-1].partition(" ")[0])
+
+
+def test_the_edges_show_conditions_of_the_rules_of_jobs():
+    assert unnoticed("--sample", "5") == ([], 5)
+
+
+@pytest.mark.slow  # the test above has the same subject; the program tries all files with 20 000 mutants
+def test_the_edges_show_all_conditions_of_the_rules_of_jobs():
+    missed, count = unnoticed()
+    assert missed == []
+    assert count > 60
