@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
+FROZEN = "frozen"
+"""Tag of an element that stands for a complete one, which was written already, with its hash."""
+
 PIECE = 2**20
 """Characters of one piece: parsers refuse texts of more than 10 MB."""
 
@@ -74,6 +77,8 @@ def _hash(
     volatile: Container[str],
 ) -> bytes:
     tag = _local(element.tag)
+    if tag == FROZEN:
+        return bytes.fromhex(element.get("hash") or "")
     attributes = sorted((_local(name), value) for name, value in element.items() if _local(name) not in volatile)
     children = [
         _hash(child, leaves_out, unordered, volatile) for child in element.iterchildren("{*}*") if not leaves_out(child)

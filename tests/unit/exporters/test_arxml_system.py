@@ -9,7 +9,7 @@ from lxml import etree
 
 from arxml_reading import NS, all_of, by_path, name_of, names, native, q, text, texts, write
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
+from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions, export
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE
@@ -416,3 +416,18 @@ def test_references_lead_to_elements_of_the_class_that_they_name():
     ]
     # The prototype of a mode group is called by its role in the interface.
     assert {tag for tag, _ in broken} == {NS + "CONTEXT-MODE-DECLARATION-GROUP-PROTOTYPE-REF"}
+
+
+def test_a_document_is_written_as_it_is_made(monkeypatch):
+    """What is complete is text: the tree at the end has a small part of the elements of the document."""
+    kept = []
+    serialise = export.serialise
+
+    def counted(root, texts):
+        kept.append(sum(1 for _ in root.iter()))
+        return serialise(root, texts)
+
+    monkeypatch.setattr(export, "serialise", counted)
+    tasks = [task(f"t{number}", "10ms", version("v", "1ms", "u1"), deadline="9ms") for number in range(100)]
+    document = FORMAT.write(model(*tasks), None, ArxmlOptions())[""]
+    assert kept[0] * 5 < sum(1 for _ in etree.fromstring(document).iter())

@@ -50,7 +50,7 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
         _write_ecuc(inner, model, chosen, layout, options)
     if options.part != "ecuc":
         _embed(top, model)
-    return serialise(root)
+    return serialise(root, layout.texts)
 
 
 def _embed(top: etree._Element, model: TaskModel) -> None:

@@ -79,7 +79,7 @@ def write_cores(elements: etree._Element, plan: Plan, layout: Layout, prefix: st
     hardware = cores.new("EcucHardware", "EcucHardware")
     for number, unit in enumerate(plan.units):
         hardware.new(layout.units[unit], "EcucCoreDefinition").fill(EcucCoreId=number)
-    write_box(elements, cores)
+    write_box(elements, cores, layout.texts)
 
 
 def write_collection(elements: etree._Element, layout: Layout) -> None:
@@ -110,7 +110,7 @@ def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, 
         _table(os_module, table, plan, names)
     for number, unit in enumerate(plan.units):
         _application(os_module, unit, number, plan, names, release)
-    write_box(elements, os_module)
+    write_box(elements, os_module, names.layout.texts)
 
 
 def _hooks(box: Box, kind: str, prefix: str, hooks: Iterable[str]) -> None:
@@ -261,7 +261,7 @@ def write_rte(
             _foreign(mapping, "RteEventRef", layout.event(task.name), "TIMING-EVENT")
             mapping.refer("RteMappedToTaskRef", names.path(name))
             mapping.refer("RteUsedOsSchTblExpiryPointRef", points[name])
-    write_box(elements, rte)
+    write_box(elements, rte, layout.texts)
 
 
 def _foreign(box: Box, name: str, path: str, dest: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import add, add_time, is_from, named, package, ref, seconds_text
+from halpipe.exporters.arxml.document import add, add_time, freeze, is_from, named, package, ref, seconds_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -47,10 +47,11 @@ def short(*names: str) -> str:
 
 
 class Layout:
-    """The short names of the elements of a model, and the paths that follow from them."""
+    """The short names of the elements of a model, the paths that follow from them, and the texts written so far."""
 
     def __init__(self, model: TaskModel) -> None:
         self.root = short(model.name)
+        self.texts: list[bytes] = []
         platform = ShortNames("ProcessingUnit", "Memory")
         self.units = _each((unit.name for unit in model.units), platform)
         self.resources = _each((resource.name for resource in model.resources), platform)
@@ -193,6 +194,7 @@ def _component(elements: etree._Element, task: Task, layout: Layout, release: st
         add(event, "PERIOD", seconds_text(task.period)[0])
     runnable = named(add(behavior, "RUNNABLES"), "RUNNABLE-ENTITY", layout.tasks[task.name])
     add(runnable, "SYMBOL", layout.tasks[task.name])
+    freeze(component, layout.texts)
 
 
 def _disable(parent: etree._Element, task: Task, layout: Layout, modes: Sequence[str]) -> None:
@@ -224,6 +226,7 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
                 ref(time, "HW-ELEMENT-REF", "HW-ELEMENT", layout.unit(unit))
             add_time(time, "WORST-CASE-EXECUTION-TIME", version.wcet, up=True)
     ref(element, "BEHAVIOR-REF", "SWC-INTERNAL-BEHAVIOR", layout.behavior(task.name))
+    freeze(element, layout.texts)
 
 
 # ------------------------------------------------------------------------------------------------------ system
@@ -236,6 +239,7 @@ def _system(elements: etree._Element, model: TaskModel, layout: Layout) -> None:
         for task in model.tasks:
             prototype = named(prototypes, "SW-COMPONENT-PROTOTYPE", layout.tasks[task.name])
             ref(prototype, "TYPE-TREF", "APPLICATION-SW-COMPONENT-TYPE", layout.component(task.name))
+            freeze(prototype, layout.texts)
     system = named(elements, "SYSTEM", "System")
     root = named(add(system, "ROOT-SOFTWARE-COMPOSITIONS"), "ROOT-SW-COMPOSITION-PROTOTYPE", layout.root)
     ref(root, "SOFTWARE-COMPOSITION-TREF", "COMPOSITION-SW-COMPONENT-TYPE", layout.path("System", "Composition"))

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO
 from halpipe.exporters.arxml.codes import NO_LATENCY, WEAKER_WINDOW
-from halpipe.exporters.arxml.document import add, add_time, named, package, ref
+from halpipe.exporters.arxml.document import add, add_time, freeze, named, package, ref
 from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.common.timeline import delays_of
 from halpipe.models import Anchor, Match
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from lxml import etree
 
     from halpipe.core.diagnostics import Diagnostic
@@ -55,15 +57,19 @@ class Descriptions:
             ref(iref, "TARGET-COMPONENT-REF", "SW-COMPONENT-PROTOTYPE", self.layout.prototype(task))
             ref(element, "RUNNABLE-REF", "RUNNABLE-ENTITY", self.layout.runnable(task))
             add(element, f"{_EVENT}-TYPE", f"RUNNABLE-ENTITY-{kind}")
+            freeze(element, self.layout.texts)
             self._events[task, kind] = self.path(name)
         return self._events[task, kind]
 
-    def chain(self, name: str, stimulus: str, response: str) -> etree._Element:
-        """Append an event chain between two events; `name` is free."""
+    def chain(self, name: str, stimulus: str, response: str, segments: Sequence[str] = ()) -> None:
+        """Append an event chain between two events, of `segments` if there are any; `name` is free."""
         element = named(self._parent, _CHAIN, name)
         ref(element, "STIMULUS-REF", _EVENT, stimulus)
         ref(element, "RESPONSE-REF", _EVENT, response)
-        return element
+        refs = add(element, "SEGMENT-REFS") if segments else element
+        for segment in segments:
+            ref(refs, "SEGMENT-REF", _CHAIN, self.path(segment))
+        freeze(element, self.layout.texts)
 
     def response(self, task: str) -> str:
         """Return the path of the chain from the activation of a task to its end."""
@@ -84,12 +90,8 @@ class Descriptions:
         starts = [first, *(self.event(task) for task in chain.tasks[1:])]
         ends = [*starts[1:], self.event(chain.tasks[-1], _KINDS[chain.to or Anchor.END])]
         segments = [self.names(name, self.layout.tasks[task]) for task in chain.tasks]
-        element = named(self._parent, _CHAIN, name)
-        ref(element, "STIMULUS-REF", _EVENT, starts[0])
-        ref(element, "RESPONSE-REF", _EVENT, ends[-1])
-        refs = add(element, "SEGMENT-REFS")
+        self.chain(name, starts[0], ends[-1], segments)
         for segment, start, end in zip(segments, starts, ends, strict=True):
-            ref(refs, "SEGMENT-REF", _CHAIN, self.path(segment))
             self.chain(segment, start, end)
         return self.path(name)
 
@@ -103,10 +105,11 @@ def write_demands(packages: etree._Element, model: TaskModel, layout: Layout) ->
     for task in model.tasks:
         if task.period is not None:
             name = known.names(layout.tasks[task.name], "period")
-            periodic(demands, name, known.event(task.name, _ACTIVATED), task.period, None)
+            periodic(known, demands, name, known.event(task.name, _ACTIVATED), task.period, None)
     for task in model.tasks:
         if task.deadline is not None:
-            _deadline(demands, task, task.deadline, known)
+            name = known.names(layout.tasks[task.name], "deadline")
+            latency(known, demands, name, "REACTION", known.response(task.name), task.deadline)
     for task in model.tasks:
         for precedence in common_windows(task):
             if precedence.anchor is not Anchor.POINT:
@@ -118,7 +121,7 @@ def write_demands(packages: etree._Element, model: TaskModel, layout: Layout) ->
         for kind, limit in (("REACTION", _reaction(chain, tasks[chain.tasks[0]])), ("AGE", chain.max_age)):
             if limit is not None:
                 name = known.names(chain.name, kind.lower())
-                latency(demands, name, kind, known.chains[chain.name], limit)
+                latency(known, demands, name, kind, known.chains[chain.name], limit)
     ref(timing, "SYSTEM-REF", "SYSTEM", layout.path("System", "System"))
     return elements, known
 
@@ -162,28 +165,27 @@ def unstated(model: TaskModel) -> list[Diagnostic]:
     return found
 
 
-def periodic(parent: etree._Element, name: str, event: str, period: Duration, jitter: Duration | None) -> None:
+def periodic(
+    known: Descriptions, parent: etree._Element, name: str, event: str, period: Duration, jitter: Duration | None
+) -> None:
     """Append that an event recurs, with at most a jitter."""
     element = named(parent, "PERIODIC-EVENT-TRIGGERING", name)
     ref(element, "EVENT-REF", _EVENT, event)
     if jitter is not None:
         add_time(element, "JITTER", jitter, up=True)
     add_time(element, "PERIOD", period, up=False)
+    freeze(element, known.layout.texts)
 
 
-def latency(parent: etree._Element, name: str, kind: str, chain: str, limit: Duration, *, up: bool = False) -> None:
+def latency(
+    known: Descriptions, parent: etree._Element, name: str, kind: str, chain: str, limit: Duration, *, up: bool = False
+) -> None:
     """Append the most that a chain may take, rounded down, or takes, rounded `up`."""
     element = named(parent, "LATENCY-TIMING-CONSTRAINT", name)
     add(element, "LATENCY-CONSTRAINT-TYPE", kind)
     ref(element, "SCOPE-REF", _CHAIN, chain)
     add_time(element, "MAXIMUM", limit, up=up)
-
-
-def _deadline(demands: etree._Element, task: Task, deadline: Duration, known: Descriptions) -> None:
-    element = named(demands, "LATENCY-TIMING-CONSTRAINT", known.names(known.layout.tasks[task.name], "deadline"))
-    add(element, "LATENCY-CONSTRAINT-TYPE", "REACTION")
-    ref(element, "SCOPE-REF", _CHAIN, known.response(task.name))
-    add_time(element, "MAXIMUM", deadline, up=False)
+    freeze(element, known.layout.texts)
 
 
 def common_windows(task: Task) -> list[Precedence]:
@@ -220,6 +222,7 @@ def _window(demands: etree._Element, task: Task, precedence: Precedence, known: 
     ref(element, "TARGET-REF", _EVENT, ends[1])
     add_time(element, "MINIMUM", precedence.min, up=True)
     add_time(element, "MAXIMUM", precedence.max, up=False)
+    freeze(element, known.layout.texts)
 
 
 def _order(demands: etree._Element, model: TaskModel, known: Descriptions) -> None:
@@ -247,6 +250,7 @@ def _order(demands: etree._Element, model: TaskModel, known: Descriptions) -> No
             for follower in after[task.name]:
                 path = known.path(f"{name}/{layout.tasks[follower]}")
                 ref(refs, "SUCCESSOR-REF", "EOC-EXECUTABLE-ENTITY-REF", path)
+        freeze(element, layout.texts)
 
 
 def write_guarantees(elements: etree._Element, model: TaskModel, schedule: Schedule, known: Descriptions) -> None:
@@ -271,11 +275,11 @@ def _mode(parent: etree._Element, model: TaskModel, table: ModeSchedule, known: 
         short_name = known.layout.tasks[task.name]
         delays = delays_of(task, task.period, found, table.hyperperiod)
         jitter = max(delays) - min(delays)
-        periodic(parent, names(short_name, "period"), known.event(task.name), task.period, jitter)
+        periodic(known, parent, names(short_name, "period"), known.event(task.name), task.period, jitter)
         response = max(delay + (job.end - job.start) for delay, job in zip(delays, found, strict=True))
-        latency(parent, names(short_name, "response"), "REACTION", known.response(task.name), response, up=True)
+        latency(known, parent, names(short_name, "response"), "REACTION", known.response(task.name), response, up=True)
     for chain in table.chains:
         forward = chain.reaction if chain.latency is None else chain.latency
         for kind, value in (("REACTION", forward), ("AGE", chain.age)):
             if value is not None:
-                latency(parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value, up=True)
+                latency(known, parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value, up=True)
