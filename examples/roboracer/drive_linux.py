@@ -158,7 +158,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, text in {**written(drive), "run.csv": recording.decode()}.items():
         (chosen.output / name).write_text(text, encoding="utf-8")
         sys.stdout.write(f"{chosen.output / name}: written\n")
-    return 0 if drive.succeeded and not found else 1
+    return 0 if drive.succeeded and not any(d.is_error for d in found) else 1
 
 
 if __name__ == "__main__":

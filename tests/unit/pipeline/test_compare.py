@@ -302,6 +302,17 @@ def test_the_jobs_of_silent_cycles_are_missing_at_their_instants(lost, missing):
     assert sum(row.missing for row in answer.rows) == sum(e.cycle in lost for e in play(pieces))
 
 
+def test_a_switch_without_jobs_is_no_cycle_of_a_third_mode():
+    """From b to c leads a switch of length zero, which leaves no trace but its number; and so do those by way of a."""
+    modes = tuple(table(name, length, job("b", 0, 5, 7)) for name, length in (("a", 20), ("b", 25), ("c", 25)))
+    ways = tuple(switch(one.name, other.name, 0) for one in modes for other in modes if one is not other)
+    plan = Schedule(model="m", model_sha256="", modes=modes, transitions=ways)
+    seen = play([("b", modes[1]), ("b->c", ways[3]), ("c", modes[2])])
+    assert [e.cycle for e in seen] == [0, 2]
+    answer = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
+    assert answer.diagnostics == ()
+
+
 @pytest.mark.parametrize(
     ("silent", "code"), [(MOST_SILENT // 4, codes.MISSING_JOB), (MOST_SILENT // 4 + 1, codes.PAUSE)]
 )

@@ -121,9 +121,10 @@ def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table])
     if last.name not in last.successors and steps > 1:  # a switch, after which comes its target
         last, steps = tables[min(last.successors)], steps - 1
         found.append((last, 1))
-    switches = (name for name in sorted(last.successors) if name not in (last.name, table.name))
+    # Not by way of a third mode, though one may follow at once by a switch of length zero.
+    switches = (name for name in sorted(last.successors) if name not in tables[name].successors)
     switch = next((name for name in switches if table.name in tables[name].successors), None)
-    if switch is not None and switch not in tables[switch].successors and steps > 1 and table.name != last.name:
+    if switch is not None and steps > 1 and table.name != last.name:
         return [*found, (last, steps - 2), (tables[switch], 1)]
     return [*found, (last, steps - 1)] if table.name in last.successors else None
 
