@@ -112,6 +112,19 @@ def test_what_is_missing_or_failed_is_named(measured, sound, tmp_path):
     assert not (tmp_path / "mine.yaml").exists()
 
 
+@pytest.mark.parametrize(("field", "size"), [(32, 4), (36, 4), (28, 4), (40, 1)])  # release, program, table, kind
+def test_records_of_another_bundle(measured, field, size):
+    target, memory = measured
+    site = read_site(target.bundle)
+    spoilt = bytearray(memory)
+    for record in range(200):
+        at = site.trace.base - site.main.base + record * site.trace.record
+        if spoilt[at + 44]:  # not that of a table
+            place = at + field if size > 1 else at + 44
+            spoilt[place : place + size] = b"\x77" * size
+    assert refusal(target, bytes(spoilt))[0] == codes.NO_RECORDING.id
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which(qemu.EMULATOR) is None, reason="apt-get install qemu-system-misc")
 @pytest.mark.parametrize("name", ["fu540", "virt"])

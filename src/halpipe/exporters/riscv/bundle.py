@@ -197,7 +197,6 @@ def _link_runtime(shop: Workshop, steps: list[Link]) -> None:
 
 
 def _monitors(shop: Workshop, render: Renderer, site: Site) -> list[Elf]:
-    """Compile the monitor once and link it for every core."""
     objects = (*_compile_runtime(shop, MONITOR), MINIMAL.target)
     steps = []
     for core in site.cores.values():
@@ -241,7 +240,6 @@ def _program(
 
 
 def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel, plan: Plan) -> dict[str, bytes]:
-    """Return what tells people and programs about the bundle."""
     cores, memory, title = list(site.cores.values()), site.memory, shop.toolchain.title
     readme = render.fill(
         "README.md",
@@ -272,7 +270,6 @@ def _built(shop: Workshop) -> dict[str, bytes]:
 
 
 def _task_sources(shop: Workshop) -> list[str]:
-    """Return the task sources and headers that were staged."""
     return [p.relative_to(shop.folder).as_posix() for p in sorted((shop.folder / "src").rglob("*")) if p.is_file()]
 
 

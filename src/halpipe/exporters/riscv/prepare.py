@@ -136,13 +136,11 @@ def _with_directions(phases: list[Access], wcet: Duration, clock: Clock) -> list
 
 
 def _fitting(access: Access, clock: Clock) -> int:
-    """Return the bytes that a phase has time for."""
     time = clock.tick * (clock.down(access.end) - clock.up(access.start)) - clock.setup
     return max(int(time.in_unit("s") * clock.bandwidths[access.resource]), 0)
 
 
 def _count(time: Duration, profile: Profile) -> int:
-    """Return up to what to count in a time."""
     cycles = SHARE * time.in_unit("s") * profile.clock
     return max(int(cycles / profile.cpi / INSTRUCTIONS), 1)
 

@@ -127,5 +127,4 @@ class SourceTree:
 
 
 def _leaves(normal: str) -> bool:
-    """Return whether a normal path leads out of the folder."""
     return normal.startswith("/") or normal.split("/")[0] == ".."

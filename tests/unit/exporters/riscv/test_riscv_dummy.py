@@ -1,6 +1,7 @@
 """Dummy tasks: where data moves, and how far executions count."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
@@ -21,9 +22,9 @@ def window(start, end, bound=1):
     return moving("memory", start, end, None, bound=bound)
 
 
-def dummy(*phases, wcet="1ms"):
+def dummy(*phases, wcet="1ms", profile=PROFILE):
     made, _ = with_dummies(
-        model(task("a", "5ms", version("v", wcet, "u1", *phases)), resources="memory"), PROFILE, CLOCK
+        model(task("a", "5ms", version("v", wcet, "u1", *phases)), resources="memory"), profile, CLOCK
     )
     return made.tasks[0].versions[0]
 
@@ -39,6 +40,11 @@ def test_without_windows_it_only_counts():
     # Of 1 ms, 24 us may be lost by starting late (four operations for each of four cores), and 5 us are for the start:
     # 97 100 cycles at 100 MHz, of which 90 % count, two a count.
     assert "COUNT_0=43695" in found.source.defines
+
+
+def test_where_instructions_take_longer_it_counts_less():
+    slow = dummy(profile=replace(PROFILE, cpi=Fraction(7, 4)))
+    assert f"COUNT_0={97_100 * 9 // 10 * 4 // (7 * 2)}" in slow.source.defines
 
 
 def test_a_window_in_the_middle_moves_data_out_and_in():

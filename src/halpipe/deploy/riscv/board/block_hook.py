@@ -78,7 +78,6 @@ def is_multiply(word: int) -> bool:
 
 @cache
 def _function(name: str) -> int:
-    """Return the address of a callback in the library."""
     native = library(Path(__file__).parent / "native", "block")
     return ctypes.cast(native[name], ctypes.c_void_p).value or 0
 

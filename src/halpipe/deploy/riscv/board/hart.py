@@ -484,7 +484,6 @@ class Hart:
 
 @cache
 def _numbers() -> dict[str, int]:
-    """Return the emulator's numbers of registers by their names."""
     from unicorn import riscv_const
 
     prefix = "UC_RISCV_REG_"

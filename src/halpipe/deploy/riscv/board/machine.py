@@ -218,7 +218,6 @@ class Machine:
             hart.pause()
 
     def _exhaust(self, what: str) -> None:
-        """End a run that has spent its budget."""
         self.exhausted = self.exhausted or what
         self.stop()
 
@@ -376,7 +375,6 @@ class Machine:
         self.harts[hart].hook_registers(code, address)
 
     def _copied(self, transfer: Transfer) -> None:
-        """The management core has copied code or data itself."""
         region = self.memory.region(transfer.target)
         if region is not None and region.hart and self._code.get(transfer.target) != transfer.data:
             self._code[transfer.target] = transfer.data

@@ -6,6 +6,7 @@ Each constant covers every measurement: bandwidths are 5 % lower and times 10 % 
 from __future__ import annotations
 
 import math
+import struct
 from collections import defaultdict
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from halpipe.core.files import parse_yaml
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.judge.contents import OWN_PROFILE
+from halpipe.deploy.riscv.judge.contents import OWN_PROFILE, machine_faults
 from halpipe.deploy.riscv.judge.figures import due_of, waits
 from halpipe.deploy.riscv.judge.tables import Tables
 from halpipe.deploy.riscv.run.cosimulation import load_program
@@ -61,7 +62,9 @@ def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -
 
     Raise `HalpipeError` where the recording lacks measurements, or one of them failed.
     """
-    site = read_site(target.bundle)
+    site, faults = read_site(target.bundle), [*machine_faults(target.bundle)]
+    if faults:
+        raise HalpipeError(*faults)
     recording, measured = read_calibration(target.bundle, data, file, base)
     points: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for kind, amount, ticks in measured:
@@ -73,7 +76,12 @@ def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -
         message = f"measurements of kind {kinds} " + ("are missing" if lacking else "failed")
         help = "export with --calibrate, run that bundle, and dump its memory or print its report at the end"
         raise HalpipeError(codes.NO_CALIBRATION(message, at=Location(file), help=help))
-    found = constants_of(target, site, recording, points)
+    try:
+        found = constants_of(target, site, recording, points)
+    except (LookupError, ValueError, struct.error):
+        message = "a record names a table, a program or an operation that the bundle does not have"
+        help = "dump the memory of a run of this very bundle"
+        raise HalpipeError(codes.NO_RECORDING(message, at=Location(file), help=help)) from None
     return _profile(target, found, file), found.lines()
 
 

@@ -39,7 +39,7 @@ def contradictions(
     bundle: Bundle, site: Site, program: Program, images: Mapping[tuple[str, str, str], Image]
 ) -> Iterator[Diagnostic]:
     """Yield what of a bundle's parts does not agree."""
-    yield from _machine(bundle)
+    yield from machine_faults(bundle)
     yield from _flat(bundle, site, program)
     for image in images.values():
         yield from _image(bundle, program, image)
@@ -55,7 +55,7 @@ def is_known_profile(name: str) -> bool:
 # ------------------------------------------------------------------------------------------------ the machine
 
 
-def _machine(bundle: Bundle) -> Iterator[Diagnostic]:
+def machine_faults(bundle: Bundle) -> Iterator[Diagnostic]:
     """Hold target.json against the profile that it names; a user's own profile travels with the bundle."""
     target = json.loads(bundle.files["target.json"])
     name = str(target.get("profile"))
@@ -84,7 +84,6 @@ def _machine(bundle: Bundle) -> Iterator[Diagnostic]:
 
 
 def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what target.json has to say of the machine."""
     dma = profile["dma"]
     text = {**_DEFAULTS, **profile}
     stated = dma["bandwidth"]

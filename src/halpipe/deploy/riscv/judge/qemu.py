@@ -124,7 +124,6 @@ def _loader(file: Path, address: int) -> list[str]:
 
 
 def _rubbish(place: Path, site: Site) -> list[str]:
-    """Return what fills the data scratchpads with what may stand there when the power comes."""
     found = []
     for unit in site.units:
         file = place / f"rubbish-{unit.dspm.size}"

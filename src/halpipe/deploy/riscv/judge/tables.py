@@ -240,7 +240,6 @@ def _wanted(job: PlannedJob, images: Mapping[tuple[str, str, str], Image]) -> Co
 
 
 def _found(operations: Sequence[Operation], job: PlannedJob, driver: Callable[[int], str]) -> Counter[_Key]:
-    """Return the operations of a program in the same form."""
     found: Counter[_Key] = Counter()
     phases = {(t.begin - job.begin, t.end - job.begin, t.channel) for t in job.transfers}
     for o in operations:

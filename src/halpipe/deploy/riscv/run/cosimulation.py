@@ -245,7 +245,6 @@ class CoSimulation:
         return self._result()
 
     def _prepare(self, offset: int) -> None:
-        """Set the words of the control block that those who start a board may set."""
         self._set(Word.MAGIC, MAGIC)
         self._set(Word.CYCLES, self._cycles)
         self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
@@ -309,7 +308,6 @@ class CoSimulation:
     # ------------------------------------------------------------------------------------------ following the run
 
     def _told(self, word: int, value: int, now: int) -> None:
-        """The runtime writes a word of the control block."""
         if word == Word.STATE and value not in (0, RUNNING):
             self._machine.stop()
         elif word == Word.STATE and value == RUNNING:
