@@ -295,14 +295,19 @@ def cli_page() -> str:
 def options_page() -> str:
     """Every option of formats and verbs, from the fields that state them."""
     from halpipe.deploy.base import CheckOptions
+    from halpipe.exporters.riscv import PrepareOptions
     from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
     from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.explain.explanation import ExplainOptions
+    from halpipe.pipeline.generate import SetParameters
     from halpipe.pipeline.solve.schedule import SearchOptions
+    from halpipe.pipeline.whatif.sensitivity import SensitivityOptions
+    from halpipe.pipeline.whatif.size import SizeOptions
 
     kinds = {f"import {name}": importer(name).options for name in formats(IMPORTERS)}
     kinds |= {"schedule": SearchOptions, "explain": ExplainOptions, "compare": CompareOptions}
-    kinds |= {"deploy check": CheckOptions}
+    kinds |= {"deploy check": CheckOptions, "deploy prepare": PrepareOptions}
+    kinds |= {"size": SizeOptions, "sensitivity": SensitivityOptions, "generate": SetParameters}
     kinds |= {f"export {name}": exporter(name).options for name in formats(EXPORTERS)}
     return _page(
         "Options",

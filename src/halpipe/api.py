@@ -11,7 +11,7 @@ import time
 from typing import TYPE_CHECKING, Any, overload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -174,29 +174,32 @@ def explain(model: TaskModel, **options: Any) -> Explanation:
     return explain_model(model, chosen, lambda: not is_over())
 
 
-def size(
-    model: TaskModel, *, units: str = "", bandwidth: str = "", mode: str = "", seed: int = 1, budget: int = 2000
-) -> Answer:
-    """Return how few units of a type, or how little bandwidth of a resource, are enough; or how far WCETs may grow."""
-    from halpipe.pipeline.solve.schedule import SearchOptions
-    from halpipe.pipeline.whatif.size import ask, fewest_units, largest_factor, lowest_bandwidth, of_modes
-    from halpipe.pipeline.whatif.trial import Search
+def size(model: TaskModel, **options: Any) -> Answer:
+    """Return how few units of a type, or how little bandwidth of a resource, are enough; or how far WCETs may grow.
 
-    asked = of_modes(model, mode)
-    if units:
-        question = fewest_units(asked, units)
-    else:
-        question = lowest_bandwidth(asked, bandwidth) if bandwidth else largest_factor(asked)
-    return ask(question, Search(SearchOptions(seed=seed, budget=budget), lambda *_: True))
+    `options` are those of the command: ``units="cpu"``, ``bandwidth="dram"``, ``mode="drive"``.
+    """
+    from halpipe.core.options import from_keywords
+    from halpipe.pipeline.whatif.size import SizeOptions, answer_of, question_of
+
+    chosen = SizeOptions(**from_keywords("size", SizeOptions, options))
+    return answer_of(question_of(model, chosen), chosen, lambda *_: True)
 
 
-def sensitivity(model: TaskModel, schedule: Schedule, tasks: Iterable[str] = ()) -> list[Sensitivity]:
-    """Return how much the WCET of each version may grow before the schedule is no longer valid."""
+def sensitivity(model: TaskModel, schedule: Schedule, **options: Any) -> list[Sensitivity]:
+    """Return how much the WCET of each version may grow before the schedule is no longer valid.
+
+    `options` are those of the command: ``tasks=["a"]``, ``search=True``.
+    """
+    from halpipe.core.options import from_keywords, refuse_unused
     from halpipe.pipeline.checked import refuse_invalid
-    from halpipe.pipeline.whatif.sensitivity import sensitivities
+    from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, sensitivities, with_searches
 
+    chosen = SensitivityOptions(**from_keywords("sensitivity", SensitivityOptions, options))
+    refuse_unused(chosen, "sensitivity without search")
     refuse_invalid(model, schedule)
-    return list(sensitivities(model, schedule, frozenset(tasks)))
+    rows = list(sensitivities(model, schedule, frozenset(chosen.tasks)))
+    return with_searches(model, rows, chosen, lambda *_: True) if chosen.search else rows
 
 
 @overload

@@ -8,9 +8,9 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.app import Group
-from halpipe.cli.options import DiagnosticFormat, ModelFile, Output, Quiet, Verbose, takes
+from halpipe.cli.options import ModelFile, Output, Quiet, Verbose, takes
 from halpipe.core.diagnostics import Exit
-from halpipe.core.options import DRIVERS, SOURCES, Values
+from halpipe.core.options import Values
 from halpipe.deploy.base import CheckOptions
 
 if TYPE_CHECKING:
@@ -18,29 +18,12 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.riscv.prepare import Prepared
 
-Profile = Annotated[str, typer.Option(help="Target: a profile's name, or a file that ends in .yaml.")]
-Toolchain = Annotated[str, typer.Option(help="zig, gcc, or auto: zig where it is installed.")]
-Sources = Annotated[str, typer.Option(metavar="FOLDER", help=SOURCES, show_default=False)]
-Drivers = Annotated[str, typer.Option(metavar="FILE", help=DRIVERS, show_default=False)]
-
 app = typer.Typer(
     cls=Group, no_args_is_help=True, rich_markup_mode=None, help="Prepare models for a target, and check bundles."
 )
 
 
-@app.command("prepare")
-def prepare(
-    model: ModelFile,
-    output_file: Output,
-    profile: Profile = "vcu118",
-    toolchain: Toolchain = "auto",
-    sources: Sources = "",
-    drivers: Drivers = "",
-    dummy: Annotated[bool, typer.Option("--dummy", help="Make sources for versions that have none.")] = False,
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> int:
+def prepare(model: ModelFile, output_file: Output, options: Values) -> int:
     """Compile the tasks, and give each version a load phase, and memory phases long enough, for a RISC-V target."""
     from pathlib import Path
 
@@ -54,14 +37,13 @@ def prepare(
         write_outputs,
     )
     from halpipe.exporters.native import format_model
-    from halpipe.exporters.riscv import RiscvOptions
+    from halpipe.exporters.riscv import PrepareOptions
     from halpipe.flow.formats import prepare_model
     from halpipe.importers.native import read_model
 
-    output.choose(format, quiet=quiet, verbose=verbose)
     refuse_name(output_file, ".xml")
-    options = RiscvOptions(profile=profile, toolchain=toolchain, sources=sources, drivers=drivers)
-    prepared = prepare_model(read_model(model), options, dummy=dummy)
+    chosen = PrepareOptions(**options)
+    prepared = prepare_model(read_model(model), chosen.target, dummy=chosen.dummy)
     output.report(prepared.diagnostics)
     document = format_model(prepared.model)
     if output_file == STDIO:
@@ -69,7 +51,7 @@ def prepare(
             raise typer.BadParameter("--dummy writes a source file beside the model; name a file", param_hint="-o")
         write_output(STDIO, document)
         return Exit.OK
-    beside = Path(sources) if sources else Path(output_file).parent
+    beside = Path(chosen.sources) if chosen.sources else Path(output_file).parent
     further = {str(beside / name): text for name, text in prepared.files.items()}
     for name, text in further.items():
         refuse_foreign(name, begins_like(text))
@@ -77,6 +59,15 @@ def prepare(
     write_outputs({output_file: document, **further})
     output.inform(f"{output_file}: {_what(prepared)}")
     return Exit.OK
+
+
+def _prepare_options() -> type:
+    from halpipe.exporters.riscv import PrepareOptions
+
+    return PrepareOptions
+
+
+app.command("prepare")(takes(_prepare_options)(prepare).made())
 
 
 def _what(prepared: Prepared) -> str:

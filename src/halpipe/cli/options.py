@@ -16,7 +16,6 @@ from halpipe.core.options import Form, Option, OptionError, Values, from_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-    from fractions import Fraction
 
     from halpipe.core.durations import Duration
 
@@ -120,11 +119,6 @@ class AnswerFormat(StrEnum):
 
 
 Answers = Annotated[AnswerFormat, typer.Option("--format", help="Form of the answer and of the diagnostics.")]
-Budget = Annotated[int, typer.Option(min=1, help="Moves per task before one search gives up.")]
-Step = Annotated[str, typer.Option(help="Grid of shares and factors.")]
-
-BUDGET = 2_000
-"""A tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
 
 
 def choose(format: AnswerFormat, *, quiet: bool, verbose: bool) -> None:
@@ -143,19 +137,6 @@ def duration_of(option: str, text: str) -> Duration | None:
         return positive_duration(text) if text else None
     except ValueError as failure:
         raise typer.BadParameter(str(failure), param_hint=option) from None
-
-
-def parse_step(text: str) -> Fraction:
-    """Read the grid of an answer: a share above 0 and up to 1."""
-    from halpipe.core.quantities import parse_share
-
-    try:
-        step = parse_share(text)
-    except ValueError as failure:
-        raise typer.BadParameter(str(failure), param_hint="--step") from None
-    if not 0 < step <= 1:
-        raise typer.BadParameter("must be above 0 and at most 1", param_hint="--step")
-    return step
 
 
 def check_name(name: str, known: Collection[str], kind: str, option: str) -> None:
@@ -180,13 +161,14 @@ FORMS = (
     parameter("quiet", Quiet, False),
     parameter("verbose", Verbose, False),
 )
+ANSWERS = (parameter("format", Answers, AnswerFormat.TEXT), *FORMS[1:])
 
 
 class Verb:
     """A command whose options are added when it is needed: to describe all of them takes longer than most do."""
 
-    def __init__(self, run: Run, kind: Callable[[], type], shows_all: bool) -> None:
-        self._run, self._kind, self._shows_all = run, kind, shows_all
+    def __init__(self, run: Run, kind: Callable[[], type], shows_all: bool, answers: bool) -> None:
+        self._run, self._kind, self._shows_all, self._answers = run, kind, shows_all, answers
         self.__doc__ = run.__doc__
 
     def made(self) -> Run:
@@ -194,15 +176,16 @@ class Verb:
         hints = get_type_hints(self._run, include_extras=True)
         own = [p.replace(annotation=hints[p.name]) for p in inspect.signature(self._run).parameters.values()]
         place = [p.name for p in own].index("options")
-        return command(self._run, own[:place], self._kind(), own[place + 1 :], shows_all=self._shows_all)
+        after = own[place + 1 :]
+        return command(self._run, own[:place], self._kind(), after, shows_all=self._shows_all, answers=self._answers)
 
 
-def takes(kind: Callable[[], type], *, shows_all: bool = False) -> Callable[[Run], Verb]:
+def takes(kind: Callable[[], type], *, shows_all: bool = False, answers: bool = False) -> Callable[[Run], Verb]:
     """Give a command the options of a `kind`, whose values are its argument `options`, and how diagnostics look.
 
-    A command that `shows_all` diagnostics has no ``--verbose``.
+    A command that `shows_all` diagnostics has no ``--verbose``; one that `answers` prints text or JSON.
     """
-    return lambda run: Verb(run, kind, shows_all)
+    return lambda run: Verb(run, kind, shows_all, answers)
 
 
 def command(
@@ -213,12 +196,15 @@ def command(
     *,
     help: str = "",
     shows_all: bool = False,
+    answers: bool = False,
 ) -> Run:
     """Return the function that typer makes a command of: further parameters around the options of a `kind`."""
-    parameters = [*before, *map(_parameter, options_of(kind)), *after, *(FORMS[:-1] if shows_all else FORMS)]
+    forms = ANSWERS if answers else FORMS[:-1] if shows_all else FORMS
+    parameters = [*before, *map(_parameter, options_of(kind)), *after, *forms]
 
     def made(**given: Any) -> int:
-        output.choose(given.pop("format"), quiet=given.pop("quiet"), verbose=given.pop("verbose", shows_all))
+        form = given.pop("format")
+        output.choose(form and Format(form.value), quiet=given.pop("quiet"), verbose=given.pop("verbose", shows_all))
         return run(**{p.name: given[p.name] for p in (*before, *after)}, options=_values(kind, given))
 
     signature = inspect.Signature([p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters])

@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from halpipe.cli import output
 from halpipe.cli.options import (
-    BUDGET,
-    AnswerFormat,
-    Answers,
-    Budget,
     ModelFile,
-    Quiet,
     ScheduleFile,
-    Seed,
-    Step,
-    Verbose,
     check_name,
-    choose,
-    duration_of,
-    modes,
-    parse_step,
     print_json,
+    takes,
 )
 from halpipe.core.diagnostics import Exit, Findings
+from halpipe.core.options import Values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,30 +25,17 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.whatif.sensitivity import Searched, Sensitivity
-    from halpipe.pipeline.whatif.size import Answer, Question
+    from halpipe.pipeline.whatif.size import Answer, SizeOptions
 
 
-def size(
-    model: ModelFile,
-    units: Annotated[str, typer.Option(metavar="TYPE", help="Ask for the fewest units of this type.")] = "",
-    bandwidth: Annotated[
-        str, typer.Option(metavar="RESOURCE", help="Ask for the lowest share of the bandwidth of this resource.")
-    ] = "",
-    wcet_factor: Annotated[bool, typer.Option("--wcet-factor", help="Ask by how much all WCETs can grow.")] = False,
-    mode: Annotated[
-        str, typer.Option(help="This mode only; otherwise the size is enough for each.", autocompletion=modes)
-    ] = "",
-    switches: Annotated[
-        bool, typer.Option("--switches", help="Require the tables for the switches that the model lists, too.")
-    ] = False,
-    step: Step = "1/100",
-    seed: Seed = 1,
-    budget: Budget = BUDGET,
-    tick: Annotated[str, typer.Option(help="Grid of the start times; otherwise the largest that loses nothing.")] = "",
-    format: Answers = AnswerFormat.TEXT,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> int:
+def _size_options() -> type:
+    from halpipe.pipeline.whatif.size import SizeOptions
+
+    return SizeOptions
+
+
+@takes(_size_options, answers=True)
+def size(model: ModelFile, options: Values) -> int:
     """Find how small the platform can be, or how slow: the smallest size with a schedule, and what is proven.
 
     What is found has a schedule that passed the independent check. It is not called the optimum: a longer search may
@@ -66,45 +43,36 @@ def size(
     """
     from halpipe.cli.searching import Watch
     from halpipe.importers.native import read_model
-    from halpipe.pipeline.solve.schedule import SearchOptions
-    from halpipe.pipeline.whatif.size import ask, complaint
-    from halpipe.pipeline.whatif.trial import Search
+    from halpipe.pipeline.whatif.size import SizeOptions, answer_of, complaint, question_of
 
-    choose(format, quiet=quiet, verbose=verbose)
-    grid = parse_step(step)
-    if sum((bool(units), bool(bandwidth), wcet_factor)) != 1:
+    chosen = SizeOptions(**options)
+    if sum((bool(chosen.units), bool(chosen.bandwidth), chosen.wcet_factor)) != 1:
         raise typer.BadParameter("ask for one of --units, --bandwidth and --wcet-factor")
     system = read_model(model)
-    question = _question(system, units, bandwidth, mode, grid)
+    _check_names(system, chosen)
+    question = question_of(system, chosen)
     output.report(question.warnings)
-    chosen = SearchOptions(seed=seed, budget=budget, tick=duration_of("--tick", tick))
     with Watch() as watch:
-        answer = ask(question, Search(chosen, watch.on_progress, switches))
+        answer = answer_of(question, chosen, watch.on_progress)
     wrong = complaint(answer)
     if wrong is not None:
         output.report([wrong, *answer.witness])
-    if format is AnswerFormat.JSON:
-        print_json(_size_json(answer))
+    if output.is_text():
+        _show_size(answer, system, chosen.bandwidth)
     else:
-        _show_size(answer, system, bandwidth)
+        print_json(_size_json(answer))
     if wrong is not None:
         return Exit.INFEASIBLE if answer.bound is None else Exit.NOT_FOUND
     return Exit.OK
 
 
-def _question(system: TaskModel, units: str, bandwidth: str, mode: str, step: Fraction) -> Question:
-    from halpipe.pipeline.whatif.size import fewest_units, largest_factor, lowest_bandwidth, of_modes
-
-    if mode:
-        check_name(mode, [m.name for m in system.modes], "mode", "--mode")
-    if units:
-        check_name(units, {u.type for u in system.units if u.type}, "unit of type", "--units")
-    if bandwidth:
-        check_name(bandwidth, [r.name for r in system.resources], "resource", "--bandwidth")
-    system = of_modes(system, mode)
-    if units:
-        return fewest_units(system, units)
-    return lowest_bandwidth(system, bandwidth, step) if bandwidth else largest_factor(system, step)
+def _check_names(system: TaskModel, chosen: SizeOptions) -> None:
+    if chosen.mode:
+        check_name(chosen.mode, [m.name for m in system.modes], "mode", "--mode")
+    if chosen.units:
+        check_name(chosen.units, {u.type for u in system.units if u.type}, "unit of type", "--units")
+    if chosen.bandwidth:
+        check_name(chosen.bandwidth, [r.name for r in system.resources], "resource", "--bandwidth")
 
 
 def _text(value: Fraction | None) -> str | None:
@@ -149,59 +117,43 @@ def _show_size(answer: Answer, system: TaskModel, resource: str) -> None:
         output.result(f"  tried without success, which proves nothing: {shown}")
 
 
-def sensitivity(
-    model: ModelFile,
-    schedule: ScheduleFile,
-    task: Annotated[list[str] | None, typer.Option(help="This task only; repeatable.")] = None,
-    search: Annotated[bool, typer.Option("--search", help="Look too for schedules with longer WCETs.")] = False,
-    step: Step = "1/100",
-    seed: Seed = 1,
-    budget: Budget = BUDGET,
-    format: Answers = AnswerFormat.TEXT,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> int:
+def _sensitivity_options() -> type:
+    from halpipe.pipeline.whatif.sensitivity import SensitivityOptions
+
+    return SensitivityOptions
+
+
+@takes(_sensitivity_options, answers=True)
+def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> int:
     """Show for each version how much its WCET can grow before the schedule breaks, and what would break.
 
     All jobs keep their starts, and access phases stay where they are. With --search, also before no schedule is found
     for some mode, in steps of a share of the WCET; the switches between modes are then left aside.
     """
+    from halpipe.cli.searching import Watch
+    from halpipe.core.options import refuse_unused
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.checked import validate_model, verify_schedule
-    from halpipe.pipeline.whatif.sensitivity import sensitivities
+    from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, sensitivities, with_searches
 
-    choose(format, quiet=quiet, verbose=verbose)
-    grid = parse_step(step)
+    chosen = SensitivityOptions(**options)
+    refuse_unused(chosen, "sensitivity without --search")
     system, tables = read_model(model), read_schedule(schedule)
-    for name in task or ():
+    for name in chosen.tasks:
         check_name(name, [t.name for t in system.tasks], "task", "--task")
     findings = Findings(validate_model(system))
     findings.stop_on_errors()
     findings.extend(verify_schedule(system, tables))
     findings.stop_on_errors()
-    rows = list(sensitivities(system, tables, frozenset(task or ())))
-    if search:
-        rows = _with_search(system, rows, grid, seed, budget)
-    if format is AnswerFormat.JSON:
-        print_json([_sensitivity_json(row) for row in rows])
+    rows = list(sensitivities(system, tables, frozenset(chosen.tasks)))
+    if chosen.search:
+        with Watch() as watch:
+            rows = with_searches(system, rows, chosen, watch.on_progress)
+    if output.is_text():
+        _show_growth(rows, search=chosen.search)
     else:
-        _show_growth(rows, search=search)
+        print_json([_sensitivity_json(row) for row in rows])
     return Exit.OK
-
-
-def _with_search(
-    system: TaskModel, rows: Sequence[Sensitivity], step: Fraction, seed: int, budget: int
-) -> list[Sensitivity]:
-    from dataclasses import replace
-
-    from halpipe.cli.searching import Watch
-    from halpipe.pipeline.solve.schedule import SearchOptions
-    from halpipe.pipeline.whatif.sensitivity import searched
-    from halpipe.pipeline.whatif.trial import Search
-
-    with Watch() as watch:
-        how = Search(SearchOptions(seed=seed, budget=budget), watch.on_progress)
-        return [replace(row, searched=searched(system, row, how, step)) for row in rows]
 
 
 def _sensitivity_json(row: Sensitivity) -> dict[str, Any]:

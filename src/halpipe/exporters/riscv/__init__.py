@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.extent import Extent
 from halpipe.core.options import DRIVERS, SOURCES, Form, option, specific
@@ -12,7 +12,7 @@ from halpipe.core.settings import Words
 from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
@@ -22,6 +22,17 @@ DEFAULT_PROFILE = "vcu118"
 
 def _is_profile_file(text: str) -> bool:
     return text.endswith((".yaml", ".yml"))
+
+
+TARGET: dict[str, Callable[[], Any]] = {
+    "profile": lambda: option(
+        DEFAULT_PROFILE, "Target: a profile's name, or a file that ends in .yaml.", is_path=_is_profile_file
+    ),
+    "toolchain": lambda: option("auto", "zig, gcc, or auto: zig where it is installed.", Words("auto", "zig", "gcc")),
+    "sources": lambda: option("", SOURCES, metavar="FOLDER", is_path=True),
+    "drivers": lambda: option("", DRIVERS, metavar="FILE", is_path=True),
+}
+"""Options of the target, stated once for the export and for the preparation of a model."""
 
 
 @record(kw_only=True)
@@ -36,21 +47,35 @@ class RiscvOptions(ExportOptions):
     - `inputs` is a folder with recorded contents of buffers, which a check plays (empty: none).
     """
 
-    profile: str = option(
-        DEFAULT_PROFILE, "Target: a profile's name, or a file that ends in .yaml.", is_path=_is_profile_file
-    )
-    toolchain: str = option("auto", "zig, gcc, or auto: zig where it is installed.", Words("auto", "zig", "gcc"))
-    sources: str = option("", SOURCES, metavar="FOLDER", is_path=True)
+    profile: str = TARGET["profile"]()
+    toolchain: str = TARGET["toolchain"]()
+    sources: str = TARGET["sources"]()
     regulator: str = option(
         "", "Regulators of the memory, YAML: their tables go into the bundle.", metavar="FILE", is_path=True
     )
-    drivers: str = option("", DRIVERS, metavar="FILE", is_path=True)
+    drivers: str = TARGET["drivers"]()
     calibrate: bool = option(
         False, "Measure transfers and instructions before the run, for deploy calibrate.", form=Form.SWITCH
     )
     inputs: str = option(
         "", "Recorded contents of buffers, BUFFER.bin for each: the check plays them.", metavar="FOLDER", is_path=True
     )
+
+
+@record(kw_only=True)
+class PrepareOptions:
+    """What may be chosen of the preparation of a model; see `RiscvOptions`."""
+
+    profile: str = TARGET["profile"]()
+    toolchain: str = TARGET["toolchain"]()
+    sources: str = TARGET["sources"]()
+    drivers: str = TARGET["drivers"]()
+    dummy: bool = option(False, "Make sources for versions that have none.", form=Form.SWITCH)
+
+    @property
+    def target(self) -> RiscvOptions:
+        """The options of an export for the same target."""
+        return RiscvOptions(**{name: getattr(self, name) for name in TARGET})
 
 
 class RiscvExporter(PlainExporter):

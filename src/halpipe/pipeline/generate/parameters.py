@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration, least_common_multiple, milliseconds
+from halpipe.core.options import Form, option
+from halpipe.core.quantities import parse_share, whole
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -28,6 +30,12 @@ _LIMITS = {
 }
 _MOST_JOBS = 1_000_000
 
+SHARE = "SHARE"
+"""Shares are written as 0.7, 7/10 or 70%."""
+
+ZERO = Fraction(0)
+_NUMBER = whole(0, 10**9)
+
 SEXTANTS = 6
 """Two and three start times at equal distances divide the hyperperiod into sixths."""
 
@@ -42,21 +50,34 @@ class SetParameters:
     for each (then `tasks` and `hyperperiod` do not count).
     """
 
-    tasks: int = 60
-    units: int = 6
-    unit_types: int = 2
-    access_windows: int | None = None
-    resources: int = 2
-    multi_version: Fraction = Fraction(0)
-    precedence: Fraction = Fraction(0)
-    utilisation: Fraction = Fraction(3, 5)
-    hyperperiod: Duration = HYPERPERIOD
-    slack: Fraction = Fraction(0)
-    fractional: bool = False
-    resource_fill: Fraction | None = None
-    gang: Fraction = Fraction(0)
-    unlike_units: bool = False
-    periods: tuple[Duration, ...] = ()
+    tasks: int = option(60, "Number of tasks.", _NUMBER, metavar="N")
+    units: int = option(6, "Number of execution units.", _NUMBER, metavar="N")
+    unit_types: int = option(2, "Number of types of units.", _NUMBER, metavar="N")
+    access_windows: int | None = option(
+        None, "Number of access windows.", _NUMBER, metavar="N", otherwise="one for every task"
+    )
+    resources: int = option(2, "Number of shared resources.", _NUMBER, metavar="N")
+    multi_version: Fraction = option(ZERO, "Tasks with an alternative version.", parse_share, metavar=SHARE)
+    precedence: Fraction = option(ZERO, "Tasks with a predecessor.", parse_share, metavar=SHARE)
+    utilisation: Fraction = option(Fraction(3, 5), "Busy time of the units.", parse_share, metavar=SHARE)
+    hyperperiod: Duration = option(
+        HYPERPERIOD, "Time after which all repeats.", Duration.parse, metavar="DURATION", takes=(Duration,)
+    )
+    slack: Fraction = option(ZERO, "Slack of every task.", parse_share, metavar=SHARE)
+    fractional: bool = option(False, "Let windows take parts of a resource.", form=Form.SWITCH)
+    resource_fill: Fraction | None = option(
+        None, "Add windows up to this use of resources.", parse_share, metavar=SHARE
+    )
+    gang: Fraction = option(ZERO, "Tasks that take two units at once.", parse_share, metavar=SHARE)
+    unlike_units: bool = option(False, "Make no two units alike.", form=Form.SWITCH)
+    periods: tuple[Duration, ...] = option(
+        (),
+        "One task of this period; repeatable; replaces --tasks.",
+        Duration.parse,
+        name="period",
+        metavar="DURATION",
+        form=Form.LIST,
+    )
 
     @property
     def task_count(self) -> int:

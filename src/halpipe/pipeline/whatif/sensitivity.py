@@ -9,22 +9,46 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.options import Form, option
 from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.latency import members_of, worst_age, worst_latency, worst_reaction
 from halpipe.pipeline.measure.placement import PlacedJob, Placement
 from halpipe.pipeline.parts import parts_of, reserved_length, service_of
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
-from halpipe.pipeline.whatif.trial import WINDOWS, Changed, Search, bracket, proofs, time_limit, with_version_factor
+from halpipe.pipeline.whatif.trial import (
+    WINDOWS,
+    Changed,
+    Search,
+    TrialOptions,
+    bracket,
+    proofs,
+    time_limit,
+    with_version_factor,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from fractions import Fraction
 
     from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel, TransitionTable, Version
     from halpipe.pipeline.measure.latency import Measure
+    from halpipe.pipeline.solve.schedule import OnProgress
+
+
+@record(kw_only=True)
+class SensitivityOptions(TrialOptions):
+    """Which tasks are asked about, all where there are none, and whether schedules are looked for."""
+
+    tasks: tuple[str, ...] = option((), "This task only; repeatable.", name="task", metavar="NAME", form=Form.LIST)
+    search: bool = option(False, "Look too for schedules with longer WCETs.", form=Form.SWITCH)
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others."""
+        return () if self.search else ("step", "seed", "budget")
 
 
 @record(kw_only=True)
@@ -203,6 +227,14 @@ def _across(
 
 
 # ------------------------------------------------------------------------------------------------ search
+
+
+def with_searches(
+    model: TaskModel, rows: Iterable[Sensitivity], options: SensitivityOptions, on_progress: OnProgress
+) -> list[Sensitivity]:
+    """Return the rows with what searches find beyond the schedule."""
+    search = Search(SearchOptions(seed=options.seed, budget=options.budget), on_progress)
+    return [replace(row, searched=searched(model, row, search, options.step)) for row in rows]
 
 
 def searched(model: TaskModel, row: Sensitivity, search: Search, step: Fraction) -> Searched:

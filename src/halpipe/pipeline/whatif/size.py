@@ -6,13 +6,17 @@ import math
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.options import Form, option, positive_duration
 from halpipe.core.records import record
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate.context import Context, place, quoted
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.trial import (
     WINDOWS,
     Changed,
+    Search,
+    TrialOptions,
     bracket,
     check_otherwise,
     peak_bound,
@@ -28,11 +32,31 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
+    from halpipe.pipeline.solve.schedule import OnProgress
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
-    from halpipe.pipeline.whatif.trial import Bracket, Search
+    from halpipe.pipeline.whatif.trial import Bracket
 
 STEP = Fraction(1, 100)
 """Grid of shares and factors, unless the user asks for another."""
+
+
+@record(kw_only=True)
+class SizeOptions(TrialOptions):
+    """What is asked: one of `units` (a type), `bandwidth` (a resource) and `wcet_factor`; see `question_of`."""
+
+    units: str = option("", "Ask for the fewest units of this type.", metavar="TYPE")
+    bandwidth: str = option("", "Ask for the lowest share of the bandwidth of this resource.", metavar="RESOURCE")
+    wcet_factor: bool = option(False, "Ask by how much all WCETs can grow.", form=Form.SWITCH)
+    mode: str = option("", "This mode only; otherwise the size is enough for each.", completes="modes")
+    switches: bool = option(False, "Require the tables for the switches that the model lists, too.", form=Form.SWITCH)
+    tick: Duration | None = option(
+        None,
+        "Grid of the start times.",
+        positive_duration,
+        metavar="TIME",
+        takes=(Duration,),
+        otherwise="the largest that loses nothing",
+    )
 
 
 @record(kw_only=True)
@@ -196,3 +220,19 @@ def _most_at_once(mode: ActiveMode, need: Callable[[ActiveTask], Fraction]) -> F
             jobs = min(jobs, math.ceil(lasts / period))
         total += jobs * need(active)
     return total
+
+
+def question_of(model: TaskModel, options: SizeOptions) -> Question:
+    """Return the question that is asked of a model; by how much WCETs can grow where nothing else is."""
+    asked = of_modes(model, options.mode)
+    if options.units:
+        return fewest_units(asked, options.units)
+    if options.bandwidth:
+        return lowest_bandwidth(asked, options.bandwidth, options.step)
+    return largest_factor(asked, options.step)
+
+
+def answer_of(question: Question, options: SizeOptions, on_progress: OnProgress) -> Answer:
+    """Answer a question by searches with these options."""
+    chosen = SearchOptions(seed=options.seed, budget=options.budget, tick=options.tick)
+    return ask(question, Search(chosen, on_progress, options.switches))

@@ -7,10 +7,13 @@ what one was found for: the answer is what was found, together with what was tri
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.options import option
+from halpipe.core.quantities import parse_share, quoted, whole
 from halpipe.core.records import record
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.explain import codes as explain_codes
@@ -46,6 +49,27 @@ LOADS = frozenset(
 
 WINDOWS = frozenset((explain_codes.WINDOW_TOO_NARROW.id, explain_codes.WINDOWS_CONTRADICT.id))
 """Witnesses that a shorter WCET may bring about, as windows may count from the end of a job."""
+
+
+BUDGET = 2_000
+"""A tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
+
+
+def _step(text: str) -> Fraction:
+    """Read the grid of an answer: a share above 0 and up to 1."""
+    step = parse_share(text)
+    if not 0 < step <= 1:
+        raise ValueError(f"{quoted(text)} is no step; write a share above 0 and at most 1")
+    return step
+
+
+@record(kw_only=True)
+class TrialOptions:
+    """Options of questions that are answered by searches."""
+
+    step: Fraction = option(Fraction(1, 100), "Grid of shares and factors.", _step, metavar="SHARE")
+    seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
+    budget: int = option(BUDGET, "Moves per task before one search gives up.", whole(1), metavar="N")
 
 
 @record

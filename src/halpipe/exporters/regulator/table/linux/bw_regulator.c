@@ -4,7 +4,7 @@
  *   bw_regulator /dev/uio0 load | go | stop | start T | request N | status | counters SECONDS
  *
  * Nothing is written to a device that was built for less than these tables. `counters` prints what
- * `halpipe compare --bandwidth` reads: bytes of each unit and direction, and the windows in which they moved. */
+ * `halpipe compare` reads: bytes of each unit and direction, and the windows in which they moved. */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
 #include <fcntl.h>
