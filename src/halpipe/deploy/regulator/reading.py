@@ -5,7 +5,6 @@ Read here on its own (docs/reference/regulator-platform.md), and not through the
 
 from __future__ import annotations
 
-import json
 import re
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.files import parse_yaml
+from halpipe.core.objects import parse_json
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
 from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES, WRONG_FACTS
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.objects import JsonObject
 
 
 TABLES = "tables.json"
@@ -161,25 +162,28 @@ def read_tables(bundle: Bundle) -> Tables:
     """Return the table object of a bundle; raise `HalpipeError` where it is not in its form."""
     if TABLES not in bundle.files:
         raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(TABLES), help=_HELP))
+
+    def complain(path: str, message: str) -> None:
+        raise ValueError(f"{path or 'the file'}: {message}")
+
     try:
-        data = json.loads(bundle.files[TABLES], parse_float=str, parse_constant=str)
-        return _tables(_Object(data, "the file"))
-    except (ValueError, RecursionError) as failure:
+        return _tables(parse_json(bundle.files[TABLES], complain))
+    except ValueError as failure:
         raise HalpipeError(UNUSABLE_TABLES(str(failure), at=bundle.at(TABLES), help=_HELP)) from None
 
 
 _HELP = "export the bundle again with `halpipe export regulator`"
 
 
-def _tables(root: _Object) -> Tables:
-    if root.whole("halpipe-regulator", 1) != 1:
+def _tables(root: JsonObject) -> Tables:
+    if _word(root, "halpipe-regulator", 1) != 1:
         raise ValueError('"halpipe-regulator" must be 1, the version of this form')
-    platform = _platform(root.member("platform"))
-    units = [_unit(item) for item in root.members("units")]
+    platform = _platform(root.object("platform"))
+    units = [_unit(item) for item in root.objects("units")]
     names = [unit.name for unit in units]
     if not units or len(set(names)) != len(names) or [unit.index for unit in units] != list(range(len(units))):
         raise ValueError("units must be there, be different, and be in the order of their index, from 0 on")
-    tables = [_table(item, names, platform.burst_bytes) for item in root.members("tables")]
+    tables = [_table(item, names, platform.burst_bytes) for item in root.objects("tables")]
     if not tables or [table.index for table in tables] != list(range(len(tables))):
         raise ValueError("tables must be there, in the order of their index, from 0 on")
     return Tables(
@@ -187,136 +191,98 @@ def _tables(root: _Object) -> Tables:
         schedule_sha256=root.text("schedule_sha256"),
         model_sha256=root.text("model_sha256"),
         platform=platform,
-        window_ns=root.number("window_ns"),
-        promise_bytes=root.number("promise_bytes"),
-        capacity_bytes=root.whole("capacity_bytes"),
+        window_ns=root.rational("window_ns"),
+        promise_bytes=root.rational("promise_bytes"),
+        capacity_bytes=_word(root, "capacity_bytes"),
         units=tuple(units),
         tables=tuple(tables),
-        switches=tuple(Switch(s.text("from"), s.text("to"), s.whole("request")) for s in root.members("switches")),
+        switches=tuple(Switch(s.text("from"), s.text("to"), _word(s, "request")) for s in root.objects("switches")),
     )
 
 
-def _platform(data: _Object) -> Platform:
+def _word(data: JsonObject, key: str, least: int = 0) -> int:
+    return data.number(key, least, MAX_WORD)
+
+
+def _platform(data: JsonObject) -> Platform:
     unspecified = data.text("unspecified")
     if unspecified not in DIRECTIONS:
         raise ValueError(f'platform: "unspecified" is {unspecified!r}, neither read nor write')
     return Platform(
         name=data.text("name"),
         resource=data.text("resource"),
-        clock_hz=data.whole("clock_hz", 1),
-        bus_bytes=data.whole("bus_bytes", 1),
-        burst_bytes=data.whole("burst_bytes", 1),
-        window_cycles=data.whole("window_cycles", 1),
+        clock_hz=_word(data, "clock_hz", 1),
+        bus_bytes=_word(data, "bus_bytes", 1),
+        burst_bytes=_word(data, "burst_bytes", 1),
+        window_cycles=_word(data, "window_cycles", 1),
         window_extra=_part(data),
-        guaranteed=data.number("guaranteed"),
-        capacity=data.number("capacity"),
+        guaranteed=data.rational("guaranteed"),
+        capacity=data.rational("capacity"),
         unspecified=unspecified,
-        table_depth=data.whole("table_depth", 1),
+        table_depth=_word(data, "table_depth", 1),
     )
 
 
-def _part(data: _Object) -> Fraction:
-    extra = data.number("window_extra")
+def _part(data: JsonObject) -> Fraction:
+    extra = data.rational("window_extra")
     if not 0 <= extra < 1 or extra.denominator > MAX_WORD:
         raise ValueError(f'{data.path}: "window_extra" must be a part of a cycle, below 1')
     return extra
 
 
-def _unit(data: _Object) -> Unit:
-    default, overshoot = data.member("default"), data.member("overshoot")
+def _unit(data: JsonObject) -> Unit:
+    default, overshoot = data.object("default"), data.object("overshoot")
     return Unit(
-        index=data.whole("index"),
+        index=_word(data, "index"),
         name=data.text("unit"),
-        manager=data.whole("manager"),
-        default={direction: default.whole(direction) for direction in DIRECTIONS},
-        overshoot={direction: overshoot.whole(direction) for direction in DIRECTIONS},
+        manager=_word(data, "manager"),
+        default={direction: _word(default, direction) for direction in DIRECTIONS},
+        overshoot={direction: _word(overshoot, direction) for direction in DIRECTIONS},
     )
 
 
-def _table(data: _Object, units: list[str], burst: int) -> Table:
+def _table(data: JsonObject, units: list[str], burst: int) -> Table:
     kind, name, rounding = data.text("kind"), data.text("name"), data.text("rounding")
     if kind not in ("mode", "transition") or rounding not in ("whole", "controlled"):
         raise ValueError(f"{data.path} has the kind {kind!r} and the rounding {rounding!r}")
     moves = kind == "transition"
-    windows = data.whole("windows", 1)
+    windows = _word(data, "windows", 1)
     if windows > MAX_WINDOWS:
         raise ValueError(f'table "{name}" has {windows} windows; more than {MAX_WINDOWS} are not checked')
-    entries = data.member("entries")
+    entries = data.object("entries")
     if sorted(entries.names()) != sorted(units):
         raise ValueError(f'table "{name}" must have entries for every unit and no other')
     return Table(
-        index=data.whole("index"),
+        index=_word(data, "index"),
         name=name,
         mode=data.text("to" if moves else "mode"),
         source=data.text("from") if moves else "",
         windows=windows,
-        successor=data.whole("successor"),
+        successor=_word(data, "successor"),
         rounding=rounding,
-        cycles=data.whole("cycles") if moves else 0,
-        length_ns=data.number("length_ns") if moves else Fraction(0),
-        entries={unit: _entries(entries.members(unit), f'"{name}", unit "{unit}"', windows, burst) for unit in units},
+        cycles=_word(data, "cycles") if moves else 0,
+        length_ns=data.rational("length_ns") if moves else Fraction(0),
+        entries={unit: _entries(entries.objects(unit), f'"{name}", unit "{unit}"', windows, burst) for unit in units},
     )
 
 
-def _entries(items: list[_Object], path: str, windows: int, burst: int) -> tuple[Entry, ...]:
-    entries = tuple(Entry(e.whole("window"), e.whole("read_bytes"), e.whole("write_bytes")) for e in items)
+def _entries(items: list[JsonObject], path: str, windows: int, burst: int) -> tuple[Entry, ...]:
+    entries = tuple(
+        Entry(
+            _word(e, "window"),
+            _word(e, "read_bytes"),
+            _word(e, "write_bytes"),
+        )
+        for e in items
+    )
     starts = [entry.window for entry in entries]
     if starts[:1] != [0] or starts != sorted(set(starts)) or starts[-1] >= windows:
         raise ValueError(f"{path}: entries must begin with window 0, ascend, and stay below {windows}")
     for item, entry in zip(items, entries, strict=True):
         for direction in DIRECTIONS:
-            if item.whole(f"{direction}_bursts") * burst != entry.budget(direction):
+            if _word(item, f"{direction}_bursts") * burst != entry.budget(direction):
                 raise ValueError(f"{path}, window {entry.window}: {direction} bursts of {burst} B are not its bytes")
     return entries
-
-
-class _Object:
-    """A JSON object whose members are asked for by name and type."""
-
-    def __init__(self, data: Any, path: str) -> None:
-        if not isinstance(data, dict):
-            raise ValueError(f"{path} must be an object")
-        self.path = path.removeprefix("the file, ")
-        self._data = data
-
-    def member(self, name: str) -> _Object:
-        return _Object(self.get(name), f"{self.path}, {name}")
-
-    def members(self, name: str) -> list[_Object]:
-        return [_Object(item, f"{self.path}, {name} {n}") for n, item in enumerate(self.list(name))]
-
-    def names(self) -> list[str]:
-        return list(self._data)
-
-    def get(self, name: str) -> Any:
-        if name not in self._data:
-            raise ValueError(f'{self.path} lacks "{name}"')
-        return self._data[name]
-
-    def list(self, name: str) -> list[Any]:
-        value = self.get(name)
-        if not isinstance(value, list):
-            raise ValueError(f'{self.path}: "{name}" must be a list')
-        return value
-
-    def text(self, name: str) -> str:
-        value = self.get(name)
-        if not isinstance(value, str):
-            raise ValueError(f'{self.path}: "{name}" must be a text')
-        return value
-
-    def whole(self, name: str, least: int = 0) -> int:
-        value = self.get(name)
-        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MAX_WORD:
-            raise ValueError(f'{self.path}: "{name}" must be a whole number from {least} to {MAX_WORD}')
-        return value
-
-    def number(self, name: str) -> Fraction:
-        value = self.get(name)
-        try:
-            return parse_rational(value if isinstance(value, str) else str(int(value)))
-        except (ValueError, TypeError):
-            raise ValueError(f'{self.path}: "{name}" must be a number such as 12, "0.5" or "1/3"') from None
 
 
 PLATFORM = "platform.yaml"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import json
-from contextlib import suppress
 from fractions import Fraction
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.quantities import parse_rational
+from halpipe.core.objects import parse_json
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from halpipe.core.bundles import Bundle
+    from halpipe.core.objects import JsonObject
 
 NAME = "target.json"
 MAX_MEMORY = 1 << 31
@@ -161,18 +160,16 @@ def read_site(bundle: Bundle) -> Site:
     """Read target.json of a bundle; raise `HalpipeError` with everything in it that cannot be used."""
     at = bundle.at(NAME)
     help = "export the bundle again with this version of halpipe"
-    try:
-        data = json.loads(bundle.files[NAME])
-    except KeyError:
-        raise HalpipeError(BROKEN_TARGET(f"the bundle has no {NAME}", at=at, help=help)) from None
-    except (ValueError, RecursionError) as failure:
-        raise HalpipeError(BROKEN_TARGET(f"is no JSON: {failure}", at=at, help=help)) from None
+    if NAME not in bundle.files:
+        raise HalpipeError(BROKEN_TARGET(f"the bundle has no {NAME}", at=at, help=help))
     findings = Findings()
 
     def complain(path: str, message: str) -> None:
         findings.add(BROKEN_TARGET(message, at=at, path=path.strip(), help=help))
 
-    site = _site(_Reader(data, "", complain))
+    top = parse_json(bundle.files[NAME], complain)
+    findings.stop_on_errors()
+    site = _site(top)
     findings.stop_on_errors()
     for path, message in _contradictions(site):
         complain(path, message)
@@ -180,113 +177,18 @@ def read_site(bundle: Bundle) -> Site:
     return site
 
 
-class _Reader:
-    """Typed access to a JSON object; what is wrong is reported, and a harmless value returned in its place."""
-
-    def __init__(self, data: Any, path: str, complain: Callable[[str, str], None]) -> None:
-        self.path, self._complain = path, complain
-        if not isinstance(data, dict):
-            complain(path, "is no object")
-            data = {}
-        self._data: dict[str, Any] = data
-
-    def _get(self, key: str) -> Any:
-        if key not in self._data:
-            self._complain(self.path, f'lacks "{key}"')
-        return self._data.get(key)
-
-    def _read(self, key: str, what: str, fits: Callable[[Any], bool], default: Any) -> Any:
-        value = self._get(key)
-        if fits(value):
-            return value
-        if key in self._data:
-            self._complain(self.path, f'"{key}" is {_shown(value)}, no {what}')
-        return default
-
-    def number(self, key: str, low: int = 0, high: int = 1 << 62) -> int:
-        found: int = self._read(
-            key, f"whole number from {low} to {high}", lambda value: type(value) is int and low <= value <= high, low
-        )
-        return found
-
-    def address(self, key: str) -> int:
-        return self._address(self._get(key), key) or 0
-
-    def _address(self, value: Any, key: str) -> int:
-        with suppress(ValueError):
-            if isinstance(value, str) and 0 <= (number := int(value, 16)) < 1 << 56:
-                return number
-        if value is not None:
-            self._complain(self.path, f'"{key}" is {_shown(value)}, no address')
-        return 0
-
-    def addresses(self, key: str) -> tuple[int, ...]:
-        return tuple(self._address(value, key) for value in self._list(key))
-
-    def text(self, key: str) -> str:
-        found: str = self._read(key, "text", lambda value: isinstance(value, str), "")
-        return found
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        return tuple(value for value in self._list(key) if isinstance(value, str))
-
-    def duration(self, key: str) -> Duration:
-        text = self.text(key)
-        try:
-            return Duration.parse(text) if text else ZERO
-        except ValueError as failure:
-            self._complain(self.path, f'"{key}": {failure}')
-            return ZERO
-
-    def share(self, key: str) -> Fraction:
-        text = self.text(key)
-        with suppress(ValueError):
-            if 1 <= (number := parse_rational(text)) <= 1000:
-                return number
-        self._complain(self.path, f'"{key}" is {_shown(text)}, no number from 1 to 1000')
-        return Fraction(1)
-
-    def _list(self, key: str) -> list[Any]:
-        found: list[Any] = self._read(key, "list", lambda value: isinstance(value, list), [])
-        return found
-
-    def object(self, key: str) -> _Reader:
-        return _Reader(self._data.get(key, {}), f"{self.path}{key} ", self._complain)
-
-    def objects(self, key: str) -> Iterator[_Reader]:
-        for i, value in enumerate(self._list(key)):
-            yield _Reader(value, f"{self.path}{key}[{i}] ", self._complain)
-
-    def named(self, key: str) -> Iterator[tuple[str, _Reader]]:
-        value = self._get(key)
-        for name in value if isinstance(value, dict) else ():
-            yield name, _Reader(value[name], f'{self.path}{key} "{name}" ', self._complain)
-
-    def area(self, key: str) -> Area:
-        return self.object(key).as_area("base")
-
-    def as_area(self, base: str) -> Area:
-        return Area(self.address(base), self.number("size", 0, MAX_MEMORY))
-
-    def is_object(self, key: str) -> bool:
-        return isinstance(self._data.get(key), dict)
-
-    def has(self, key: str) -> bool:
-        return key in self._data
+def _area(reader: JsonObject, base: str = "base") -> Area:
+    return Area(reader.address(base), reader.number("size", 0, MAX_MEMORY))
 
 
-def _shown(value: Any) -> str:
-    return repr(value)[:40]
-
-
-def _site(top: _Reader) -> Site:
+def _site(top: JsonObject) -> Site:
     top.number("halpipe-target", 2, 2)
     dma, cpi = top.object("dma"), _cpi(top)
     return Site(
         profile=top.text("profile"),
         clock=top.number("clock", 1, 10**12),
         timebase=top.number("timebase", 1, 10**12),
-        main=top.area("main"),
+        main=_area(top.object("main")),
         clint=top.object("clint").address("base"),
         uart=top.object("uart").address("base"),
         dma=_dma(dma),
@@ -299,7 +201,7 @@ def _site(top: _Reader) -> Site:
         trace=_ring(top.object("trace"), 48),
         faults=_ring(top.object("faults"), 64),
         tables=tuple(_table(table) for table in top.objects("tables")),
-        buffers={buffer.text("name"): buffer.as_area("address") for buffer in top.objects("buffers")},
+        buffers={buffer.text("name"): _area(buffer, "address") for buffer in top.objects("buffers")},
         images=tuple(_image(image) for image in top.objects("images")),
         qemu=top.texts("qemu"),
         service=top.duration("service"),
@@ -310,16 +212,16 @@ def _site(top: _Reader) -> Site:
     )
 
 
-def _cpi(top: _Reader) -> dict[str, Fraction]:
+def _cpi(top: JsonObject) -> dict[str, Fraction]:
     """Read one number for every instruction, or one for each kind."""
     kinds = ("jobs", "management", "multiply")
     if not top.is_object("cpi"):
-        return dict.fromkeys(kinds, top.share("cpi"))
+        return dict.fromkeys(kinds, top.rational("cpi", 1, 1000))
     each = top.object("cpi")
-    return {kind: each.share(kind) for kind in kinds}
+    return {kind: each.rational(kind, 1, 1000) for kind in kinds}
 
 
-def _dma(dma: _Reader) -> DmaSite:
+def _dma(dma: JsonObject) -> DmaSite:
     kind, bandwidth = dma.text("kind"), _bandwidth(dma)
     latency = dma.duration("latency" if dma.has("latency") else "setup")
     if kind == "copy":
@@ -335,7 +237,7 @@ def _dma(dma: _Reader) -> DmaSite:
     )
 
 
-def _bandwidth(dma: _Reader) -> dict[str, int]:
+def _bandwidth(dma: JsonObject) -> dict[str, int]:
     """Read one number for all memories, or one for each."""
     if not dma.is_object("bandwidth"):
         return dict.fromkeys(MEMORIES, dma.number("bandwidth", 1))
@@ -343,21 +245,21 @@ def _bandwidth(dma: _Reader) -> dict[str, int]:
     return {memory: each.number(memory, 1) for memory in MEMORIES}
 
 
-def _unit(unit: _Reader) -> UnitSite:
+def _unit(unit: JsonObject) -> UnitSite:
     hart = unit.number("hart", 1, MAX_UNITS)
-    ispm, dspm = unit.area("ispm"), unit.area("dspm")
+    ispm, dspm = _area(unit.object("ispm")), _area(unit.object("dspm"))
     return UnitSite(unit.text("name"), hart, ispm, dspm, unit.address("mailbox"), unit.address("reserved"))
 
 
-def _ring(ring: _Reader, size: int) -> Ring:
+def _ring(ring: JsonObject, size: int) -> Ring:
     return Ring(ring.address("base"), ring.number("capacity", 1, 1 << 24), ring.number("record", size, size))
 
 
-def _table(table: _Reader) -> TableSite:
+def _table(table: JsonObject) -> TableSite:
     return TableSite(table.text("name"), table.number("length"), table.duration("lateness"))
 
 
-def _image(image: _Reader) -> ImageSite:
+def _image(image: JsonObject) -> ImageSite:
     return ImageSite(
         image.text("task"),
         image.text("version"),
@@ -365,8 +267,8 @@ def _image(image: _Reader) -> ImageSite:
         image.text("file"),
         image.addresses("entries"),
         tuple((p.address("source"), p.address("target"), p.number("size")) for p in image.objects("load")),
-        {name: symbol.as_area("address") for name, symbol in image.named("symbols")},
-        image.area("bss"),
+        {name: _area(symbol, "address") for name, symbol in image.named("symbols")},
+        _area(image.object("bss")),
     )
 
 

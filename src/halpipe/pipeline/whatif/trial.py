@@ -26,7 +26,6 @@ from halpipe.pipeline.whatif import codes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from fractions import Fraction
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Access, Split, Task, TaskModel, Version
