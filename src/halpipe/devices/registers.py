@@ -7,9 +7,13 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import resources
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.files import parse_yaml
 from halpipe.core.records import record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 WORD = 32
 
@@ -75,11 +79,54 @@ class RegisterFile:
         return found
 
 
+@record
+class PortRegister:
+    """A register that every port of a device has, at `offset` from its base; its field is `width` bits from `shift`."""
+
+    name: str
+    offset: int
+    access: str
+    shift: int
+    width: int
+
+    def encode(self, value: int) -> int:
+        """Return the word that holds a value."""
+        return value << self.shift
+
+    def decode(self, word: int) -> int | None:
+        """Return the value of a word; None if the word has bits that the register lacks."""
+        value = word >> self.shift
+        return value if self.encode(value) == word and 0 <= value < 1 << self.width else None
+
+
+@record
+class PortRegisters:
+    """Ports of a device with their bases, and the registers that each has, by name."""
+
+    ports: Mapping[str, int]
+    registers: Mapping[str, PortRegister]
+
+
+@cache
+def port_registers(device: str) -> PortRegisters:
+    """Return the description of a device whose ports have the same registers."""
+    document = _document(device)
+    registers = (
+        PortRegister(r["name"], int(r["offset"], 16), r["access"], *map(int, r["field"])) for r in document["registers"]
+    )
+    ports = {name: int(base, 16) for name, base in document["ports"].items()}
+    return PortRegisters(ports, {register.name: register for register in registers})
+
+
 @cache
 def _description(device: str) -> tuple[tuple[str, str], tuple[tuple[str, str, str, int], ...]]:
-    name = f"{device}.yaml"
-    document = parse_yaml(resources.files(__package__).joinpath(name).read_bytes(), name)
+    document = _document(device)
     claim, registers = document["claim"], document["registers"]
     return (claim["name"], claim["access"]), tuple(
         (r["name"], r["access"], r.get("count", ""), int(r.get("width", WORD))) for r in registers
     )
+
+
+def _document(device: str) -> Any:
+    name = f"{device}.yaml"
+    return parse_yaml(resources.files(__package__).joinpath(name).read_bytes(), name)

@@ -17,6 +17,7 @@ from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UN
 from halpipe.deploy.regulator.loading import choices, header_number, header_of, scripts_of
 from halpipe.deploy.regulator.promise import rate_steps
 from halpipe.deploy.regulator.reading import setting_frequency
+from halpipe.devices.registers import port_registers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,14 +46,10 @@ PUT = (
 """Writes a register and reads it back."""
 
 STEPS = 4096
-PORTS = {
-    "smmutbu3": 0xFD743100, "smmutbu4": 0xFD744100, "afifm0": 0xFD745100, "afifm1": 0xFD746100, "afifm2": 0xFD747100,
-    "smmutbu5": 0xFD748100, "dp": 0xFD749100, "afifm3": 0xFD74A100, "afifm4": 0xFD74B100, "afifm5": 0xFD74C100,
-    "gpu": 0xFD74D100, "pcie": 0xFD74E100, "gdma": 0xFD74F100, "sata": 0xFD750100, "rpu0": 0xFE142100,
-    "rpu1": 0xFE143100, "adma": 0xFE144100, "afifm6": 0xFE145100,
-}  # fmt: skip
-CONTROL = 0x0C
-REGISTERS = {0x1C: ("write", "b"), 0x20: ("write", "r"), 0x28: ("read", "b"), 0x2C: ("read", "r")}
+DESCRIPTION = port_registers("qos400")
+PORTS = DESCRIPTION.ports
+AT = {register.offset: register for register in DESCRIPTION.registers.values()}
+CONTROL = DESCRIPTION.registers["control"].offset
 ENABLES = {"write": 1, "read": 2}
 COMMAND = re.compile(r"jailhouse qos (\w+):((?:,?a[rw]_b=\d{1,9},a[rw]_r=\d{1,9}){1,2})")
 DIRECTIONS = {"ar": "read", "aw": "write"}
@@ -135,15 +132,15 @@ def _address(owners: dict[str, str], address: int) -> tuple[str, int] | None:
 
 def _decode(case: Case, owners: dict[str, str], address: int, value: int) -> Order | None:
     found = _address(owners, address)
-    register = REGISTERS.get(found[1]) if found else None
-    if found is None or register is None:
+    register = AT.get(found[1]) if found else None
+    if found is None or register is None or register.offset == CONTROL:
         case.note(DEVICE_REFUSES, HEADER, f"there is no such register of a unit: {address:#x}")
         return None
-    direction, what = register
-    unused = value & (0xFFFFF if what == "r" else 0xFFFF0000)
-    if unused or value >= 2**32:
+    held = register.decode(value)
+    if held is None:
         case.note(DEVICE_REFUSES, HEADER, f"{value:#x} sets bits that register {address:#x} does not have")
-    return f"{found[0]} {direction}", what, value >> 20 if what == "r" else value & 0xFFFF
+    direction, _, what = register.name.partition("_")
+    return f"{found[0]} {direction}", what[0], value >> register.shift if held is None else held
 
 
 def _init(case: Case, owners: dict[str, str], header: Header) -> None:

@@ -18,6 +18,7 @@ from halpipe.core.diagnostics import about
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.devices import DEVICES
+from halpipe.devices.registers import port_registers
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.owners import outward
@@ -41,19 +42,10 @@ if TYPE_CHECKING:
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 
-_FPD, _LPD = 0xFD700000, 0xFE100000
-PORTS = {
-    "afifm0": _FPD + 0x45100, "afifm1": _FPD + 0x46100, "afifm2": _FPD + 0x47100, "afifm3": _FPD + 0x4A100,
-    "afifm4": _FPD + 0x4B100, "afifm5": _FPD + 0x4C100, "smmutbu3": _FPD + 0x43100, "smmutbu4": _FPD + 0x44100,
-    "smmutbu5": _FPD + 0x48100, "dp": _FPD + 0x49100, "gpu": _FPD + 0x4D100, "pcie": _FPD + 0x4E100,
-    "gdma": _FPD + 0x4F100, "sata": _FPD + 0x50100, "rpu0": _LPD + 0x42100, "rpu1": _LPD + 0x43100,
-    "adma": _LPD + 0x44100, "afifm6": _LPD + 0x45100,
-}  # fmt: skip
-
 STEPS = 4096
-QOS_CNTL, ENABLE_RATES = 0x0C, 0x3
-BURSTINESS = {READ: 0x28, WRITE: 0x1C}
-RATE = {READ: 0x2C, WRITE: 0x20}
+ENABLE_RATES = 0x3
+DESCRIPTION = port_registers("qos400")
+PORTS = DESCRIPTION.ports
 PREFIX = {READ: "ar", WRITE: "aw"}
 
 
@@ -218,19 +210,24 @@ def _init(tables: Tables) -> Iterator[tuple[int, int]]:
     """Yield (address, value) once: burstiness, lowest rates, and only then both regulators on."""
     burstiness = int(tables.platform.settings[Qos400.name]["burstiness"])
     for unit in tables.units:
-        base = PORTS[tables.platform.units[unit.name].port]
+        port = tables.platform.units[unit.name].port
         for d in DIRECTIONS:
-            yield base + BURSTINESS[d], burstiness
-            yield base + RATE[d], 1 << 20
-        yield base + QOS_CNTL, ENABLE_RATES
+            yield _word(port, f"{d}_burstiness", burstiness)
+            yield _word(port, f"{d}_rate", 1)
+        yield _word(port, "control", ENABLE_RATES)
+
+
+def _word(port: str, register: str, value: int) -> tuple[int, int]:
+    """Return the address of a register of a port, and the word that holds a value."""
+    found = DESCRIPTION.registers[register]
+    return PORTS[port] + found.offset, found.encode(value)
 
 
 def _writes(tables: Tables, orders: Iterable[tuple[Setting, list[tuple[Row, int]]]]) -> Iterator[tuple[int, int, int]]:
     """Yield (nanoseconds, address, value) of a table: all rates at its start, then those that change."""
     for setting, writes in orders:
         for row, steps in writes:
-            address = PORTS[tables.platform.units[row.unit].port] + RATE[row.direction]
-            yield int(setting.at_ns), address, steps << 20
+            yield int(setting.at_ns), *_word(tables.platform.units[row.unit].port, f"{row.direction}_rate", steps)
 
 
 WRITER = Qos400()
