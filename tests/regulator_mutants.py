@@ -64,8 +64,10 @@ MUTANTS = {
     "requests to all are ignored": ("unit", "(all_req_valid | req_here)", "(req_here)"),
     "GO of all is ignored": ("unit", "go_here | all_go", "go_here"),
     "GO of a unit is ignored": ("unit", "go_here | all_go", "all_go"),
-    "tables open while they play": ("unit", "reg_write & ~go;", "reg_write;"),
-    "tables never open": ("unit", "reg_write & ~go;", "1'b0;"),
+    "tables open while they play": ("unit", "reg_write & (~go | spare);", "reg_write;"),
+    "tables never open": ("unit", "reg_write & (~go | spare);", "1'b0;"),
+    "the bank that is requested stays open": ("unit", " & ~(pending & (upper == asks_upper))", ""),
+    "the bank that is played is open": ("unit", "(upper != plays_upper)", "1'b1"),
     "headers beyond the last are written": ("unit", "({16'd0, index} < TABLES)", "1'b1"),
     "entries beyond the last are written": ("unit", "({16'd0, index} < DEPTH)", "1'b1"),
     "entries are one further": ("unit", "- 16'h0100 :", "- 16'h0101 :"),
@@ -127,6 +129,8 @@ UNSEEN = {
     "START counts again",
     "the phase of windows is kept",
     "what is held back is not counted",
+    "the bank that is requested stays open",
+    "the bank that is played is open",
     "bytes are counted before they pass",
 }
 """Those that no run of the tests shows, so that the proof has to."""

@@ -200,7 +200,7 @@ def test_the_registers_are_those_of_the_manual(files, tables, player):
         128,
         64,
         cycles,
-        2 << 24 | 3 << 8 | 3,
+        2 << 24 | 1 << 16 | 3 << 8 | 3,
         1,
         0,
         2**32 - 1,
@@ -454,6 +454,16 @@ def test_blocks_with_one_time_base_start_in_one_cycle(tmp_path):
         "armed 2 2",
         *(f"{block}: window {window} at {at}" for window, at in instants for block in ("one", "two")),
     ]
+
+
+@icarus
+@pytest.mark.parametrize(
+    ("banks", "windows"),
+    [(2, "200 300 400 300 400 300 400 300 400 300 400 300"), (1, "200 999 0 100 200 100 200 100 200 100 200 100")],
+)
+def test_a_schedule_is_replaced_while_another_is_played(tmp_path, banks, windows):
+    """With two banks no window has the defaults (999) or nothing; with one, the new tables were not written."""
+    assert " ".join(said_by("bank_bench", tmp_path, f"-Pbank_bench.BANKS={banks}")) == windows
 
 
 @icarus

@@ -8,7 +8,7 @@ module formal_frame (
 );
   wire [31:0] reg_rdata; wire tick;
   wire [@units@-1:0] s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid;
-  halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .SIZE(5), .CYCLES(32'd9)) dut (
+  halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .BANKS(2), .SIZE(5), .CYCLES(32'd9)) dut (
     .clk(clk), .rst_n(rst_n), .now(now), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(tick), .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready), .s_wvalid(s_wvalid),
@@ -64,7 +64,7 @@ module formal_frame (
     answers:  assert (reads_wrong == 0);
     if (here) case (reg_addr[19:0])
       20'h000: id:     assert (reg_rdata == 32'h48425746);
-      20'h004: params: assert (reg_rdata == {8'd2, 8'd0, 8'd5, 8'd@units@});
+      20'h004: params: assert (reg_rdata == {8'd2, 8'd2, 8'd5, 8'd@units@});
       20'h008: ctrl:   assert (reg_rdata == {30'd0, m_armed, m_go});
       20'h010: window: assert (reg_rdata == m_window);
       20'h018: cycles: assert (reg_rdata == m_cycles);
@@ -83,7 +83,7 @@ module formal_frame (
   end
 endmodule
 // In place of a unit, which is proven on its own: whatever it answers.
-module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter integer SIZE = 3, parameter TABFILE = "", parameter HDRFILE = "")(
+module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter integer BANKS = 1, parameter integer SIZE = 3, parameter TABFILE = "", parameter HDRFILE = "")(
   (* keep *) input wire clk, (* keep *) input wire rst_n, (* keep *) input wire tick, (* keep *) input wire all_go, (* keep *) input wire all_req_valid, (* keep *) input wire [7:0] all_req_table, (* keep *) input wire [15:0] longest,
   (* keep *) input wire reg_write, (* keep *) input wire [19:0] reg_addr, (* keep *) input wire [31:0] reg_wdata, (* keep *) output wire [31:0] reg_rdata,
   (* keep *) input wire s_arvalid, (* keep *) output wire s_arready, (* keep *) output wire m_arvalid, (* keep *) input wire m_arready,

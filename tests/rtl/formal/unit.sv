@@ -9,7 +9,7 @@ module formal_unit (
 );
   wire [31:0] reg_rdata;
   wire m_arvalid, s_arready, m_awvalid, s_awready, m_wvalid, s_wready;
-  halpipe_regulator_unit #(.DEPTH(4), .TABLES(4), .SIZE(5), .DEF_RD(32'd4096), .DEF_WR(32'd512)) dut (
+  halpipe_regulator_unit #(.DEPTH(4), .TABLES(4), .BANKS(2), .SIZE(5), .DEF_RD(32'd4096), .DEF_WR(32'd512)) dut (
     .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(all_go), .all_req_valid(all_req_valid), .all_req_table(all_req_table), .longest(longest),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .s_arvalid(s_arvalid), .m_arvalid(m_arvalid), .s_arready(s_arready), .m_arready(m_arready),
@@ -38,8 +38,8 @@ module formal_unit (
       if (reg_addr == 20'h008) m_go <= reg_wdata[0];
       if (reg_addr == 20'h014) m_rd <= reg_wdata;
       if (reg_addr == 20'h018) m_wr <= reg_wdata;
-      if (entries & ~plays & reg_addr[3:0] == 4'h0) m_held_wr <= reg_wdata;
-      if (entries & ~plays & reg_addr[3:0] == 4'h4) m_held_rd <= reg_wdata;
+      if (entries & reg_addr[3:0] == 4'h0) m_held_wr <= reg_wdata;
+      if (entries & reg_addr[3:0] == 4'h4) m_held_rd <= reg_wdata;
     end
   reg m_long_rd = 0, m_long_wr = 0; reg [31:0] m_rd_bytes = 0, m_wr_bytes = 0, m_rd_waits = 0, m_wr_waits = 0;
   always @(posedge clk)
@@ -55,6 +55,9 @@ module formal_unit (
     m_long_rd <= rst_n & ((m_long_rd & !settles) | (s_arvalid & r_bytes > longest));
     m_long_wr <= rst_n & ((m_long_wr & !settles) | (s_awvalid & w_bytes > longest));
   end
+  // the bank of a table or entry, and whether it is the one that is neither played nor requested
+  wire [1:0] bank = entries ? reg_addr[5:4] : reg_addr[4:3];
+  wire spare = p_running & bank[1] != (p_table >= 2) & !(p_pending & bank[1] == (p_pending_table >= 2));
   wire asks = all_req_valid | (reg_write & reg_addr == 20'h01c);
   wire [7:0] asked = all_req_valid ? all_req_table : reg_wdata[7:0];
   always @* if (!first) begin
@@ -65,14 +68,14 @@ module formal_unit (
     defaults: assert (p_def_rd == m_rd & p_def_wr == m_wr);
     requests: assert (p_req_valid == (asks & asked < 4) & (!p_req_valid | p_req_table == asked));
     // an entry is stored whole when its START is written, a header word by word; both only where there is one, and no table plays
-    if (p_entry_write != 0) stored: assert (reg_write & ~plays & entries & reg_addr[3:0] == 4'h8 & p_entry_write == 3'b111
+    if (p_entry_write != 0) stored: assert (reg_write & (!plays | spare) & entries & reg_addr[3:0] == 4'h8 & p_entry_write == 3'b111
                                             & reg_addr < 20'h01040 & p_index == (reg_addr - 20'h01000) >> 4
                                             & p_data == {reg_wdata, m_held_rd, m_held_wr});
-    if (reg_write & ~plays & entries & reg_addr[3:0] == 4'h8 & reg_addr < 20'h01040) storable: assert (p_entry_write == 3'b111);
-    if (p_header_write != 0) headed: assert (reg_write & ~plays & headers & reg_addr < 20'h00820
+    if (reg_write & (!plays | spare) & entries & reg_addr[3:0] == 4'h8 & reg_addr < 20'h01040) storable: assert (p_entry_write == 3'b111);
+    if (p_header_write != 0) headed: assert (reg_write & (!plays | spare) & headers & reg_addr < 20'h00820
                                              & p_index == (reg_addr - 20'h00800) >> 3 & p_header_write == (reg_addr[2] ? 2'b10 : 2'b01)
                                              & (reg_addr[2] ? p_data[63:32] : p_data[31:0]) == reg_wdata);
-    if (reg_write & ~plays & headers & reg_addr < 20'h00820) headable: assert (p_header_write != 0);
+    if (reg_write & (!plays | spare) & headers & reg_addr < 20'h00820) headable: assert (p_header_write != 0);
     if (control) case (reg_addr)
       20'h000: id:      assert (reg_rdata == 32'h48425754);
       20'h004: params:  assert (reg_rdata == {8'd2, 8'd4, 16'd4});

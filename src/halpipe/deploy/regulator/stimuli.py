@@ -433,7 +433,7 @@ class _Software:
             (unit_address(unit.index, UNIT_DEF_READ), unit.default["read"]),
             (unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"]),
             (unit_address(unit.index, PARAMS), VERSION | (self._headers & 0xFF) << 16 | self._entries & 0xFFFF),
-            (PARAMS, VERSION | beat_size(self._tables) << 8 | len(self._tables.units)),
+            (PARAMS, VERSION | 1 << 16 | beat_size(self._tables) << 8 | len(self._tables.units)),
             (FRAME_WINDOW, number + 1),
             (FRAME_CYCLES, self._cycles),
             (FRAME_EXTRA, self._extra.numerator),

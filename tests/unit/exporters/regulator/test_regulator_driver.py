@@ -1,6 +1,7 @@
 """The driver of the unit for Linux, compiled and run on a file in place of its registers; and its core description."""
 
 import mmap
+import re
 import shutil
 import struct
 import subprocess
@@ -13,6 +14,7 @@ import yaml
 
 import halpipe
 import regulator_bundles as bundles
+from halpipe.deploy.regulator import stimuli
 from halpipe.deploy.regulator.counters import compare_counters
 from halpipe.deploy.regulator.forms import entry_words, header_words
 from halpipe.deploy.regulator.reading import read_tables
@@ -144,6 +146,52 @@ def test_counters_are_what_compare_reads(bundle, driver, device, tables):
     assert ("HAL1065", 2) in {(found.code, found.at.line) for found in counted.diagnostics}
     assert not any(found.code == "HAL1065" and found.at.line != 2 for found in counted.diagnostics)
     assert counted.usage["full", "u2", "read"].used == 64
+
+
+def described():
+    """The registers of unit and windows as SystemRDL has them: name, offset and access."""
+    maps = []
+    for text in (TABLE / "regulator.rdl").read_text().split("\naddrmap ")[1:]:
+        registers, begin = {}, 0
+        for found in re.finditer(r"\} (\w+)(?:\[\w+\])? @(0x[0-9a-f]+)( \+=)?", text):
+            access = {word for word in re.findall(r"\bsw = (\w+);", text[begin : found.start()]) if word != "r"}
+            kind = "rw" if "rw" in access else "wo" if "w" in access else "ro"
+            registers[found[1]] = (int(found[2], 16), kind)
+            begin = found.end()
+        maps.append(registers)
+    return maps
+
+
+def test_manual_driver_bench_and_verilog_have_the_registers_of_the_description():
+    unit, windows = described()
+    page = (TABLE.parents[4] / "docs" / "reference" / "regulator-unit.md").read_text()
+    parts = page.split("## Registers of the windows")
+    for registers, part in ((unit, parts[0]), (windows, parts[1])):
+        rows = re.findall(r"^\| (0x[0-9a-f]+) \| ([A-Z_]+) \| (\w+) \|", part, re.MULTILINE)
+        inner = ("LO", "HI", "WR", "RD", "START")  # of a header, and of an entry
+        single = {name: fact for name, fact in registers.items() if fact[0] < 0x800 and name not in inner}
+        assert {name: (int(at, 16), kind) for at, name, kind in rows} == single
+    source = (TABLE / "linux" / "bw_regulator.c").read_text()
+    for name, at in re.findall(r"\b([A-Z_]+) = (0x[0-9a-f]+)", source):
+        known = {"REQUEST": "REQ_TABLE", "HEADERS": "HDR", "ENTRIES": "TAB"}.get(name, name)
+        assert int(at, 16) in {registers[known][0] for registers in (unit, windows) if known in registers}
+    bench = {
+        "GO": "CTRL",
+        "REQUEST": "REQ_TABLE",
+        "DEF_READ": "DEF_RD",
+        "DEF_WRITE": "DEF_WR",
+        "HEADERS": "HDR",
+        "ENTRIES": "TAB",
+    }
+    for name, value in vars(stimuli).items():
+        for prefix, registers in (("FRAME_", windows), ("UNIT_", unit)):
+            if name.startswith(prefix):
+                plain = name.removeprefix(prefix)
+                assert registers[bench.get(plain, plain)][0] == value
+    for registers, name, digits in ((unit, "_unit", 11), (windows, "", 20)):
+        text = (TABLE / "rtl" / f"halpipe_regulator{name}.v").read_text()
+        read = {int(at, 16) for at in re.findall(rf"{digits}'h([0-9a-f]+): *(?:reg_rdata|mine)", text)}
+        assert read == {at for at, kind in registers.values() if kind != "wo" and at < 0x800}
 
 
 def test_the_core_description_lists_all_sources():

@@ -2,7 +2,7 @@
 //
 // Register space: 1 MiB each. 0: the windows (below); 1 + i: unit i, see regulator.rdl.
 //   0x000 ID           ro  0x48425746 ("HBWF")
-//   0x004 PARAMS       ro  units[7:0], log2 of the bytes of a beat[15:8], version[31:24] = 2
+//   0x004 PARAMS       ro  units[7:0], log2 of the bytes of a beat[15:8], banks[23:16], version[31:24] = 2
 //   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on; bit 1 ARM: while GO is 0, set it when `now` is START
 //   0x010 WINDOW       ro  windows since reset
 //   0x018 CYCLES       rw  cycles of a window, 4 at least; counts from the next window on
@@ -18,6 +18,7 @@ module halpipe_regulator #(
   parameter integer UNITS  = 4,          // 1 to 63
   parameter integer DEPTH  = 1024,
   parameter integer TABLES = 16,
+  parameter integer BANKS  = 1,          // 2: a bank of tables may be written while the other is played
   parameter integer SIZE   = 3,          // log2 of the bytes of a beat of the bus, 0 to 7
   parameter [31:0]  CYCLES = 32'd4096,   // of a window, until software states others
   parameter         IMAGES = ""          // folder of unitN.tab.memh and unitN.hdr.memh, with its slash
@@ -73,7 +74,7 @@ module halpipe_regulator #(
   reg  [31:0] mine;
   always @* case (reg_addr[19:0])
     20'h00000: mine = 32'h48425746;
-    20'h00004: mine = {8'd2, 8'd0, SIZE[7:0], UNITS[7:0]};
+    20'h00004: mine = {8'd2, BANKS[7:0], SIZE[7:0], UNITS[7:0]};
     20'h00008: mine = {30'd0, armed, go};
     20'h00010: mine = window;
     20'h00018: mine = cycles;
@@ -94,7 +95,7 @@ module halpipe_regulator #(
     localparam [7:0] ONES = 8'h30 + i % 10;
     // verilator lint_off WIDTH
     halpipe_regulator_unit #(   // names of unlike length
-      .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE),
+      .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .SIZE(SIZE),
       .TABFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".tab.memh"} : {IMAGES, "unit", TENS, ONES, ".tab.memh"}),
       .HDRFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".hdr.memh"} : {IMAGES, "unit", TENS, ONES, ".hdr.memh"})
     // verilator lint_on WIDTH

@@ -5,6 +5,7 @@ module halpipe_regulator_axi4 #(
   parameter integer UNITS  = 4,
   parameter integer DEPTH  = 1024,
   parameter integer TABLES = 16,
+  parameter integer BANKS  = 1,
   parameter integer SIZE   = 3,          // log2 of the bytes of a beat of the bus, 0 to 7
   parameter [31:0]  CYCLES = 32'd4096,
   parameter         IMAGES = "",
@@ -105,7 +106,7 @@ module halpipe_regulator_axi4 #(
     .s_rdata(l_rdata), .s_rresp(l_rresp),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata));
   halpipe_regulator #(
-    .UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE), .CYCLES(CYCLES), .IMAGES(IMAGES)
+    .UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .SIZE(SIZE), .CYCLES(CYCLES), .IMAGES(IMAGES)
   ) regulators (
     .clk(clk), .rst_n(rst_n), .now(now),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata), .tick(tick),

@@ -10,6 +10,7 @@
 module halpipe_regulator_unit #(
   parameter integer   DEPTH   = 1024,
   parameter integer   TABLES  = 16,
+  parameter integer   BANKS   = 1,       // 2: while a table of one half is played, those of the other may be written
   parameter integer   SIZE    = 3,       // log2 of the bytes of a beat of the bus, 0 to 7
   parameter           TABFILE = "",
   parameter           HDRFILE = "",
@@ -46,12 +47,20 @@ module halpipe_regulator_unit #(
   reg         go_here;
   reg  [31:0] def_rd, def_wr, held_wr, held_rd;
   wire        go = go_here | all_go;
+  wire        running, pending;
+  wire [7:0]  table_now, pending_table;
   wire        in_tables  = (reg_addr >= 20'h01000);
   wire        in_headers = ~in_tables & reg_addr[11];
   wire        in_control = ~in_tables & ~reg_addr[11];
   wire        control_write = reg_write & in_control;
-  wire        open = reg_write & ~go;                // tables may be written only while none is played
   wire [15:0] index = in_tables ? reg_addr[19:4] - 16'h0100 : {8'd0, reg_addr[10:3]};
+  // Tables may be written while none is played; of two banks, halves of headers and of entries, also those of the bank that
+  // has neither the table being played nor the one requested. A table and its successor are in one bank.
+  wire        upper = ({16'd0, index} >= (in_tables ? DEPTH : TABLES) / 2);
+  wire        plays_upper = ({24'd0, table_now} >= TABLES / 2);
+  wire        asks_upper = ({24'd0, pending_table} >= TABLES / 2);
+  wire        spare = (BANKS == 2) & running & (upper != plays_upper) & ~(pending & (upper == asks_upper));
+  wire        open = reg_write & (~go | spare);
   wire        known = in_tables ? ({16'd0, index} < DEPTH) : ({16'd0, index} < TABLES);
   wire        commit = open & in_tables & known & (reg_addr[3:0] == 4'h8);
   wire [1:0]  header_write = {2{open & in_headers & known}} & {reg_addr[2], ~reg_addr[2]};
@@ -67,14 +76,12 @@ module halpipe_regulator_unit #(
       if (control_write & (reg_addr[10:0] == 11'h008)) go_here <= reg_wdata[0];
       if (control_write & (reg_addr[10:0] == 11'h014)) def_rd <= reg_wdata;
       if (control_write & (reg_addr[10:0] == 11'h018)) def_wr <= reg_wdata;
-      if (open & in_tables & (reg_addr[3:0] == 4'h0)) held_wr <= reg_wdata;
-      if (open & in_tables & (reg_addr[3:0] == 4'h4)) held_rd <= reg_wdata;
+      if (reg_write & in_tables & (reg_addr[3:0] == 4'h0)) held_wr <= reg_wdata;
+      if (reg_write & in_tables & (reg_addr[3:0] == 4'h4)) held_rd <= reg_wdata;
     end
 
-  wire        running, pending;
   reg  [31:0] rd_bytes, wr_bytes, rd_waits, wr_waits;
   reg         long_rd, long_wr;                      // a burst longer than `longest` was shown
-  wire [7:0]  table_now, pending_table;
   wire [31:0] window_now, next_rd, next_wr, rd_left, wr_left;
   always @* begin
     reg_rdata = 32'd0;
