@@ -92,7 +92,7 @@ MUTANTS = {
     "what is left of a cycle is lost": ("frame", "stretch ? over :", "stretch ? 32'd0 :"),
     "windows are counted twice": ("frame", "window <= window + 32'd1", "window <= window + 32'd2"),
     "one unit hears of requests": ("frame", ".all_req_valid(req_valid)", ".all_req_valid(req_valid & (i == 0))"),
-    "one unit hears of GO": ("frame", ".all_go(go)", ".all_go(go & (i == 0))"),
+    "one unit hears of GO": ("frame", ".all_go(go | due)", ".all_go((go | due) & (i == 0))"),
     "registers are those of the next unit": ("frame", "(reg_addr[25:20] == i + 1)", "(reg_addr[25:20] == i + 2)"),
     "the last unit cannot be read": ("frame", "<= UNITS[5:0])", "< UNITS[5:0])"),
     "tables start a cycle late": ("frame", "(now >= start)", "(now > start)"),
