@@ -120,13 +120,7 @@ def _as_one(group: Sequence[Diagnostic]) -> Diagnostic:
     return replace(first, message=f"{first.message}; {len(rest)} more like it: {named}")
 
 
-def _kind() -> type:
-    from halpipe.pipeline.explain.explanation import ExplainOptions
-
-    return ExplainOptions
-
-
-@takes(_kind, shows_all=True)
+@takes("halpipe.pipeline.explain.explanation:ExplainOptions", shows_all=True)
 def explain(
     subject: Annotated[
         str,

@@ -22,13 +22,7 @@ COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst"
 CHAINS = ("chain", "figure", "count", "least", "median", "p99", "worst", "verified", "limit")
 
 
-def _kind() -> type:
-    from halpipe.pipeline.compare.learning import LearnOptions
-
-    return LearnOptions
-
-
-@takes(_kind)
+@takes("halpipe.pipeline.compare.learning:LearnOptions")
 def compare(
     schedule: Annotated[
         str, typer.Argument(metavar="SCHEDULE", help="Schedule XML, or a bundle of regulators; - is standard input.")

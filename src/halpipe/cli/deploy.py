@@ -61,13 +61,7 @@ def prepare(model: ModelFile, output_file: Output, options: Values) -> int:
     return Exit.OK
 
 
-def _prepare_options() -> type:
-    from halpipe.exporters.riscv import PrepareOptions
-
-    return PrepareOptions
-
-
-app.command("prepare")(takes(_prepare_options)(prepare).made())
+app.command("prepare")(takes("halpipe.exporters.riscv:PrepareOptions")(prepare).made())
 
 
 def _what(prepared: Prepared) -> str:
@@ -103,7 +97,7 @@ def check(
     return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
 
 
-app.command("check")(takes(lambda: CheckOptions)(check).made())
+app.command("check")(takes("halpipe.deploy.base:CheckOptions")(check).made())
 
 
 @app.command("trace")

@@ -6,6 +6,7 @@ import inspect
 import json
 import re
 from enum import StrEnum
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
@@ -167,7 +168,7 @@ ANSWERS = (parameter("format", Answers, AnswerFormat.TEXT), *FORMS[1:])
 class Verb:
     """A command whose options are added when it is needed: to describe all of them takes longer than most do."""
 
-    def __init__(self, run: Run, kind: Callable[[], type], shows_all: bool, answers: bool) -> None:
+    def __init__(self, run: Run, kind: str, shows_all: bool, answers: bool) -> None:
         self._run, self._kind, self._shows_all, self._answers = run, kind, shows_all, answers
         self.__doc__ = run.__doc__
 
@@ -176,12 +177,15 @@ class Verb:
         hints = get_type_hints(self._run, include_extras=True)
         own = [p.replace(annotation=hints[p.name]) for p in inspect.signature(self._run).parameters.values()]
         place = [p.name for p in own].index("options")
-        after = own[place + 1 :]
-        return command(self._run, own[:place], self._kind(), after, shows_all=self._shows_all, answers=self._answers)
+        module, _, name = self._kind.partition(":")
+        kind, after = getattr(import_module(module), name), own[place + 1 :]
+        return command(self._run, own[:place], kind, after, shows_all=self._shows_all, answers=self._answers)
 
 
-def takes(kind: Callable[[], type], *, shows_all: bool = False, answers: bool = False) -> Callable[[Run], Verb]:
+def takes(kind: str, *, shows_all: bool = False, answers: bool = False) -> Callable[[Run], Verb]:
     """Give a command the options of a `kind`, whose values are its argument `options`, and how diagnostics look.
+
+    The kind is named by module and class, ``halpipe.module:Kind``, and loaded with the command that is asked for.
 
     A command that `shows_all` diagnostics has no ``--verbose``; one that `answers` prints text or JSON.
     """

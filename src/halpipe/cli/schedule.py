@@ -28,13 +28,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.schedule import SearchOptions
 
 
-def _kind() -> type:
-    from halpipe.pipeline.solve.schedule import SearchOptions
-
-    return SearchOptions
-
-
-@takes(_kind)
+@takes("halpipe.pipeline.solve.schedule:SearchOptions")
 def schedule(
     model: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Task models XML; - is standard input.")],
     output_file: Annotated[

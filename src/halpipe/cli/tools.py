@@ -192,13 +192,7 @@ def selftest(
     return Exit.FINDINGS if outcome.differing or outcome.unseen or failed else Exit.OK
 
 
-def _set_parameters() -> type:
-    from halpipe.pipeline.generate import SetParameters
-
-    return SetParameters
-
-
-@takes(_set_parameters)
+@takes("halpipe.pipeline.generate:SetParameters")
 def generate(
     output_file: Output,
     options: Values,

@@ -28,13 +28,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.whatif.size import Answer, SizeOptions
 
 
-def _size_options() -> type:
-    from halpipe.pipeline.whatif.size import SizeOptions
-
-    return SizeOptions
-
-
-@takes(_size_options, answers=True)
+@takes("halpipe.pipeline.whatif.size:SizeOptions", answers=True)
 def size(model: ModelFile, options: Values) -> int:
     """Find how small the platform can be, or how slow: the smallest size with a schedule, and what is proven.
 
@@ -117,13 +111,7 @@ def _show_size(answer: Answer, system: TaskModel, resource: str) -> None:
         output.result(f"  tried without success, which proves nothing: {shown}")
 
 
-def _sensitivity_options() -> type:
-    from halpipe.pipeline.whatif.sensitivity import SensitivityOptions
-
-    return SensitivityOptions
-
-
-@takes(_sensitivity_options, answers=True)
+@takes("halpipe.pipeline.whatif.sensitivity:SensitivityOptions", answers=True)
 def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> int:
     """Show for each version how much its WCET can grow before the schedule breaks, and what would break.
 
