@@ -76,7 +76,9 @@ def invoke(arguments: list[str]) -> int:
     """Run one command; never let a traceback out."""
     try:
         code = _invoke(arguments)
-        _flush()
+        from halpipe.cli import output
+
+        output.flush_results()
     except KeyboardInterrupt:
         return _interrupted()
     except BrokenPipeError:
@@ -101,7 +103,9 @@ def _invoke(arguments: list[str]) -> int:
 
 
 def _interrupted() -> int:
-    _say("interrupted")
+    from halpipe.cli import output
+
+    output.say("interrupted")
     return INTERRUPTED
 
 
@@ -114,18 +118,6 @@ def _is_interrupt(failure: BaseException) -> bool:
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__
     return cause is not None
-
-
-def _flush() -> None:
-    from halpipe.cli import output
-
-    output.flush_results()
-
-
-def _say(text: str) -> None:
-    from halpipe.cli import output
-
-    output.say(text)
 
 
 def _ended_by_reader() -> int:

@@ -84,7 +84,6 @@ class TableUnit:
             files[f"unit{words.unit.index}.hdr.memh"] = words.header_image()
         files["bw_tables.h"] = _header(tables, units, digest)
         files["bw_tables.bin"] = _binary(tables, units, digest)
-        files["regulator.rdl"] = register_description()
         return files | unit_sources()
 
 
@@ -146,18 +145,13 @@ def _binary(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
     return body + struct.pack("<I", zlib.crc32(body))
 
 
-_SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso")
-
-
-def register_description() -> bytes:
-    """Return the registers of the unit as SystemRDL."""
-    return resources.files(__package__).joinpath("regulator.rdl").read_bytes()
+_SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso", ".rdl")
 
 
 def unit_sources() -> dict[str, bytes]:
-    """Return the unit's Verilog, constraints and core description, and its driver for Linux, by name in the bundle."""
-    folders = ((name, resources.files(__package__).joinpath(name)) for name in ("linux", "rtl"))
-    found = {f"{name}/{file.name}": file for name, folder in folders for file in folder.iterdir()}
+    """Return Verilog, constraints, core and register description and the driver for Linux, by name in the bundle."""
+    here = resources.files(__package__)
+    found = {f"{name}{file.name}": file for name in ("", "linux/", "rtl/") for file in here.joinpath(name).iterdir()}
     return {name: found[name].read_bytes() for name in sorted(found) if name.endswith(_SHIPPED)}
 
 
