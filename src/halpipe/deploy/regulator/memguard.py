@@ -212,11 +212,9 @@ def _rise(case: Case, name: str, table: Table, before: Limits, lines: list[tuple
     module = Module(case)
     module.limits = dict(before)
     for line, direction, text in lines:
-        known = len(case.findings)
         module.write(direction, text)
         granted = {owner: module.rate(n) for owner, n in module.limits.items()}
-        rates.hold(case, name, table, granted, f" while limits change in line {line.number}")
-        if len(case.findings) > known:
+        if rates.hold(case, name, table, granted, f" while limits change in line {line.number}"):
             return
 
 

@@ -252,14 +252,13 @@ def _rise(
     case: Case, name: str, table: Table, start: dict[str, int], orders: list[Order], step: Fraction, instant: int
 ) -> None:
     """Note the first write after which all rates together are above the capacity."""
-    state, known = dict(start), len(case.findings)
+    state = dict(start)
     for owner, what, value in orders:
         if what == "r":
             state[owner] = value
             granted = {who: count * step for who, count in state.items()}
-            rates.hold(case, name, table, granted, f" while rates change at {instant} ns")
-        if len(case.findings) > known:
-            return
+            if rates.hold(case, name, table, granted, f" while rates change at {instant} ns"):
+                return
 
 
 def _promised(case: Case, plan: Planned) -> list[Setting]:

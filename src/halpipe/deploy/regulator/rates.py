@@ -66,12 +66,13 @@ def compare(
     hold(case, name, table, {owner: given(setting) for owner, setting in have.items()}, "")
 
 
-def hold(case: Case, name: str, table: Table, granted: Mapping[str, Fraction], when: str) -> None:
-    """Note a sum above the capacity; `when` says at which instant, empty for the whole table."""
+def hold(case: Case, name: str, table: Table, granted: Mapping[str, Fraction], when: str) -> bool:
+    """Note a sum above the capacity, and return whether it is; `when` is the instant, empty for the whole table."""
     total = sum(granted.values(), ZERO)
     if total > limit(case):
         message = f"{text(total)} are granted together{when}, there is room for {text(limit(case))}"
         case.note(DEVICE_OVER_CAPACITY, name, message, path=about(table=table.name))
+    return total > limit(case)
 
 
 def fall_first(

@@ -183,13 +183,11 @@ def _rise(
         return
     system, table = FileSystem(case), case.tables.tables[index]
     system.groups = {group: dict(domains) for group, domains in final[before].groups.items()}
-    known = len(case.findings)
     for group, in_force in _run(case, FileSystem(case), script, is_noted=False):
         system.groups.setdefault(group, {})[system.domain] = in_force
         values = {names.get(g, g): d[system.domain] for g, d in system.groups.items() if system.domain in d}
         granted = {owner: system.rate(value) for owner, value in values.items()}
-        rates.hold(case, script.name, table, granted, f" while {group} changes")
-        if len(case.findings) > known:
+        if rates.hold(case, script.name, table, granted, f" while {group} changes"):
             return
 
 
