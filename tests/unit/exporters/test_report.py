@@ -16,7 +16,7 @@ from halpipe.exporters.common.base import TitledOptions
 from halpipe.exporters.common.palette import FILLS, INK
 from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report import FORMAT
-from halpipe.exporters.report.axis import MAX_TICKS, approximate, percent, ticks
+from halpipe.exporters.report.chart import MAX_TICKS, approximate, percent, ticks
 from halpipe.models import Schedule, Status
 from support import access, job, model, ms, schedule, task, version
 

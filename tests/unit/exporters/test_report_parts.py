@@ -14,9 +14,9 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.report import FORMAT, ReportOptions
-from halpipe.exporters.report.account import build_account
 from halpipe.exporters.report.chains import path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
+from halpipe.exporters.report.page import build_account
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.common.coverage import format_account
 from halpipe.models import Anchor, Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
@@ -178,13 +178,13 @@ def test_the_account_counts_what_was_read_and_says_why_not(account):
     owner = model(task("a", "10ms", version()))
     owner = replace(owner, tasks=(replace(owner.tasks[0], origin=Origin("graph.yaml", 3)),))
     built = build_account(owner, str(account))
-    assert built.elements == (("node", 3, 3, 0), ("topic", 1, 0, 1))
-    assert built.share == "3 of 4 elements shaped the model (75%)"
-    assert (built.reasons, built.defaults) == ((("plumbing", 1),), (("units", "core0", 1),))
-    counts = {row.file: dict(zip(built.kinds, row.counts, strict=True)) for row in built.sources}
+    assert built["elements"] == [("node", 3, 3, 0), ("topic", 1, 0, 1)]
+    assert built["share"] == "3 of 4 elements shaped the model (75%)"
+    assert (built["reasons"], built["defaults"]) == ([("plumbing", 1)], [("units", "core0", 1)])
+    counts = {row["file"]: dict(zip(built["kinds"], row["counts"], strict=True)) for row in built["sources"]}
     assert counts["graph.yaml"]["tasks"] == counts["graph.yaml"]["versions"] == 1
     assert counts[""]["units"] == 1
-    assert built.sources[-1].file == ""
+    assert built["sources"][-1]["file"] == ""
 
 
 def test_a_model_written_by_hand_has_no_account():

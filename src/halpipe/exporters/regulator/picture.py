@@ -21,7 +21,7 @@ from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
 from halpipe.exporters.regulator.rates import segments
 from halpipe.exporters.regulator.tables import run_starts
-from halpipe.exporters.report.axis import ticks
+from halpipe.exporters.report.chart import ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.regulator.frames import Frame
     from halpipe.exporters.regulator.tables import Table, Tables
-    from halpipe.exporters.report.axis import Tick
+    from halpipe.exporters.report.chart import Tick
     from halpipe.models import Schedule, TaskModel
 
 COLUMNS = 900

@@ -14,7 +14,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.report.axis import Tick, decimal, elide, position, ticks
+from halpipe.exporters.report.chart import Tick, decimal, elide, position, ticks
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from fractions import Fraction
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.durations import ZERO
+from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
+from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
 from halpipe.exporters.common.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.exporters.regulator.picture import draw_bounds
-from halpipe.exporters.report.account import build_account
-from halpipe.exporters.report.axis import approximate, decimal, percent
 from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.chart import (
     BASE_WIDTH,
@@ -24,7 +26,10 @@ from halpipe.exporters.report.chart import (
     REGION_HEIGHT,
     ZOOM_LEVELS,
     Caption,
+    approximate,
     build_chart,
+    decimal,
+    percent,
     region,
 )
 from halpipe.exporters.report.modegraph import build_mode_graph
@@ -32,6 +37,8 @@ from halpipe.exporters.report.scene import embedded, figures, jobs_by_task, scen
 from halpipe.models import Anchor, Status
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import jinja2
 
     from halpipe.core.durations import Duration
@@ -42,6 +49,7 @@ if TYPE_CHECKING:
         Chain,
         ChainLatency,
         ModeSchedule,
+        Origin,
         Schedule,
         Split,
         Task,
@@ -402,3 +410,81 @@ def _some(names: tuple[str, ...], most: int = 6) -> str:
     if len(names) <= most:
         return ", ".join(names)
     return f"{', '.join(names[: most // 2])} … ({len(names)} units)"
+
+
+# ---------------------------------------------------------------------------------------------- account of the import
+
+_KINDS = ("units", "resources", "tasks", "versions", "chains", "modes", "transitions")
+_MOST_REASONS = 30
+
+
+def build_account(model: TaskModel, report: str) -> Row | None:
+    """Return what the import was, with the import report in the file `report`; None if neither says anything.
+
+    Elements, reasons and defaults are empty without an import report.
+    """
+    kinds = [kind for kind in _KINDS if getattr(model, kind, ()) or kind == "versions"]
+    sources = _sources(model, kinds)
+    account = {"kinds": kinds, "sources": sources, "elements": [], "share": "", "reasons": [], "defaults": []}
+    if not report:
+        return account if any(row["file"] for row in sources) else None
+    document = _read(report)
+    elements = [(e["kind"], e["read"], e["mapped"], e["ignored"]) for e in document["elements"]]
+    read, mapped = sum(e[1] for e in elements), sum(e[2] for e in elements)
+    reasons = Counter(entry["reason"] for entry in document["ignored"])
+    defaults = Counter((entry["what"], entry["value"]) for entry in document["defaults"])
+    share = f" ({percent(Fraction(mapped, read))})" if read else ""
+    return account | {
+        "elements": elements,
+        "share": f"{mapped} of {read} elements shaped the model{share}",
+        "reasons": sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))[:_MOST_REASONS],
+        "defaults": [(what, value, count) for (what, value), count in sorted(defaults.items())],
+    }
+
+
+def _sources(model: TaskModel, kinds: list[str]) -> list[Row]:
+    """Count the elements of each kind by the file they came from; elements without an origin come last."""
+    counts: dict[str, Counter[str]] = {}
+    for kind, origin in _origins(model):
+        counts.setdefault(origin.file if origin else "", Counter())[kind] += 1
+    names = sorted(counts, key=lambda name: (not name, name))
+    return [{"file": name, "counts": [counts[name][kind] for kind in kinds]} for name in names]
+
+
+def _origins(model: TaskModel) -> Iterator[tuple[str, Origin | None]]:
+    for kind in _KINDS:
+        for element in getattr(model, kind, ()):
+            yield kind, element.origin
+    for task in model.tasks:
+        for version in task.versions:
+            # A version without an origin of its own came with its task.
+            yield "versions", version.origin or task.origin
+
+
+def _read(file: str) -> dict[str, Any]:
+    """Return the import report in `file`; raise `HalpipeError` if it is none."""
+    try:
+        document = json.loads(read_bytes(file))
+    except (ValueError, RecursionError) as failure:
+        raise _no_report(file, f"it is no JSON: {failure}") from None
+    shapes: dict[str, dict[str, type]] = {
+        "elements": {"kind": str, "read": int, "mapped": int, "ignored": int},
+        "ignored": {"reason": str},
+        "defaults": {"what": str, "value": str},
+    }
+    if not isinstance(document, dict) or document.get("halpipe-import-report") != 1:
+        raise _no_report(file, 'it does not state "halpipe-import-report": 1')
+    for key, shape in shapes.items():
+        rows = document.get(key)
+        if not isinstance(rows, list) or not all(_has_shape(row, shape) for row in rows):
+            raise _no_report(file, f'"{key}" is no list of entries with {", ".join(shape)}')
+    return document
+
+
+def _has_shape(row: object, shape: dict[str, type]) -> bool:
+    return isinstance(row, dict) and all(isinstance(row.get(name), kind) for name, kind in shape.items())
+
+
+def _no_report(file: str, message: str) -> HalpipeError:
+    help = "write one with `halpipe import ... --report FILE`"
+    return HalpipeError(NO_IMPORT_REPORT(message, at=Location(file), help=help))
