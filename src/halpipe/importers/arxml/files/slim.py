@@ -18,34 +18,14 @@ if TYPE_CHECKING:
 
 _CONTAINER, _ADMIN, _PACKAGE = "ECUC-CONTAINER-VALUE", "ADMIN-DATA", "AR-PACKAGE"
 _PARAMETERS = ("ECUC-NUMERICAL-PARAM-VALUE", "ECUC-TEXTUAL-PARAM-VALUE")
-# How the definitions of containers begin that say what runs, when and where, by their module.
-_KEPT = {
-    "Os": (
-        "OsAlarm",
-        "OsApp",
-        "OsCore",
-        "OsCounter",
-        "OsEvent",
-        "OsIsr",
-        "OsOS",
-        "OsResource",
-        "OsSched",
-        "OsSpin",
-        "OsTask",
-    ),
-    "Rte": ("RteSwComponentInstance", "RteBswModuleInstance", "RteEventTo", "RteBswEventTo"),
-    "EcuC": ("Ecuc",),
+# How the definitions of containers begin that say what runs, when and where, by their module; of parameters last.
+_BEGINNINGS = {
+    "Os": "OsAlarm OsApp OsCore OsCounter OsEvent OsIsr OsOS OsResource OsSched OsSpin OsTask",
+    "Rte": "RteSwComponentInstance RteBswModuleInstance RteEventTo RteBswEventTo",
+    "EcuC": "Ecuc",
+    "": "Ecuc Os RteActivation RteBswActivation RteBswPeriod RteBswPosition RtePeriod RtePosition",
 }
-_KEPT_PARAMETERS = (
-    "Ecuc",
-    "Os",
-    "RteActivation",
-    "RteBswActivation",
-    "RteBswPeriod",
-    "RteBswPosition",
-    "RtePeriod",
-    "RtePosition",
-)
+_KEPT = {module: tuple(names.split()) for module, names in _BEGINNINGS.items()}
 _OWN = "halpipe:"
 # Elements of packages: types of data, communication, diagnostics, definitions of parameters.
 _ELEMENTS = """
@@ -137,7 +117,8 @@ class Slimming:
 
     def _drops_container(self, container: etree._Element) -> bool:
         steps = self._steps(container)
-        kinds = _KEPT.get(module_of(steps), ())
+        module = module_of(steps)
+        kinds = _KEPT[module] if module else ()
         is_kept = bool(kinds) and (self._marks or steps[-1].startswith(kinds))
         return not is_kept and self._count(container)
 
@@ -147,7 +128,7 @@ class Slimming:
     def _drops_parameter(self, value: etree._Element) -> bool:
         """Drop a parameter that nothing reads; one that a symbolic period may be the name of is remembered."""
         steps = self._steps(value)
-        if steps[-1].startswith(_KEPT_PARAMETERS) or (value.tag == self._numerical and module_of(steps) == "Os"):
+        if steps[-1].startswith(_KEPT[""]) or (value.tag == self._numerical and module_of(steps) == "Os"):
             return False
         definition = value.find(self._definition)
         if definition is not None and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF"):

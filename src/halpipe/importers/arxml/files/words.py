@@ -111,26 +111,12 @@ def is_symbolic(text: str) -> bool:
 
 MODULES = ("Os", "Rte", "EcuC")
 # Containers that stand directly in the module, and in no other.
-_CONTAINERS = {
-    **dict.fromkeys(("RteSwComponentInstance", "RteBswModuleInstance", "RteOsInteraction"), "Rte"),
-    **dict.fromkeys(("EcucHardware", "EcucPartitionCollection"), "EcuC"),
-    **dict.fromkeys(
-        (
-            "OsAlarm",
-            "OsAppMode",
-            "OsApplication",
-            "OsCounter",
-            "OsEvent",
-            "OsIsr",
-            "OsOS",
-            "OsResource",
-            "OsScheduleTable",
-            "OsSpinlock",
-            "OsTask",
-        ),
-        "Os",
-    ),
+_NAMES = {
+    "Rte": "RteSwComponentInstance RteBswModuleInstance RteOsInteraction",
+    "EcuC": "EcucHardware EcucPartitionCollection",
+    "Os": "OsAlarm OsAppMode OsApplication OsCounter OsEvent OsIsr OsOS OsResource OsScheduleTable OsSpinlock OsTask",
 }
+_CONTAINERS = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
 def steps_of(definition: str | None) -> list[str]:
