@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
@@ -27,7 +27,6 @@ class Place:
 
     drafts: tuple[Draft, ...]
     anchor: Anchor
-    runnable: Item | None = None
     label: Item | None = None
     writers: tuple[Draft, ...] = ()
 
@@ -100,13 +99,12 @@ class Entities:
         drafts = self._drafts(event, entity)
         if event.kind == "ProcessEvent":  # the parts of a task that waits: its start is that of the first
             drafts = [d for d in drafts if d.part.index == (self._last(d) if is_end else 0)]
-        runnable = entity if event.kind == "RunnableEvent" else None
         if not drafts:
             return None
         if event.kind != "LabelEvent":
-            return Place(tuple(drafts), anchor, runnable)
+            return Place(tuple(drafts), anchor)
         writers = self.writers(entity) if event.get("eventType") != "read" else []
-        return Place(tuple(drafts), anchor, runnable, entity, tuple(draft for draft in drafts if draft in writers))
+        return Place(tuple(drafts), anchor, entity, tuple(draft for draft in drafts if draft in writers))
 
     def _last(self, draft: Draft) -> int:
         return max(other.part.index for other in self._by_task[draft.task])
@@ -161,6 +159,12 @@ class Chained:
     to: Anchor | None = None
     is_polled: bool = False
     is_triggered: bool = False
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """The attributes of a chain of the model that the source states."""
+        limits = {"max_latency": self.latency, "max_reaction": self.reaction, "max_age": self.age}
+        return limits | {"anchor": self.anchor, "to": self.to}
 
 
 def read_chains(forest: Forest, entities: Entities) -> list[Chained]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -41,21 +41,8 @@ class Built:
     resources: list[str]
 
 
-@dataclass(slots=True)
-class _Limits:
-    """What limits a draft: slack, deadline, and of a task that waits, the age of the whole."""
-
-    slack: Fraction
-    deadline: Duration | None = None
-
-
-@dataclass(slots=True)
-class _State:
-    versions: dict[Draft, tuple[Version, ...]] = field(default_factory=dict)
-    runnables: dict[Item, tuple[Draft, int]] = field(default_factory=dict)
-    by_mode: dict[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
-    resources: dict[str, None] = field(default_factory=dict)
-    unbound: list[Item] = field(default_factory=list)
+_Limits = tuple[Fraction, "Duration | None"]
+"""Slack and deadline of a draft."""
 
 
 class TaskBuilder:
@@ -81,63 +68,53 @@ class TaskBuilder:
         self._spare: dict[Draft, Duration] = {}
         """How long after its trigger a task that waits starts."""
         self._parts: Mapping[Item, Sequence[Part]] = {}
-        self._state = _State()
+        self._made: dict[Draft, tuple[Version, ...]] = {}
+        self._by_mode: dict[str, Mapping[str, Sequence[str]]] = {}
+        self._resources: dict[str, None] = {}
+        self._unbound: list[Item] = []
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
         """Return the tasks in the order of the drafts, and the chains."""
         for draft in drafts.items:
             self._versions(draft, several=sum(other.part is draft.part for other in drafts.of(draft.task)) > 1)
         self._report_unbound(len(drafts.items))
-        chains = [
-            self._chain(
-                chain.name,
-                chain.drafts,
-                chain.item,
-                max_latency=chain.latency,
-                max_reaction=chain.reaction,
-                max_age=chain.age,
-                anchor=chain.anchor,
-                to=chain.to,
-            )
-            for chain in timing.chains
-        ]
-        limits: dict[Draft, _Limits] = {}
-        for draft in drafts.items:
-            first = draft.part.index == 0
-            limits[draft] = self._limits(draft, drafts, timing, chains) if first else _Limits(FREE)
+        chains = [self._chain(chain.name, chain.drafts, chain.item, **chain.stated) for chain in timing.chains]
+        limits = {
+            draft: (FREE, None) if draft.part.index else self._limits(draft, drafts, timing, chains)
+            for draft in drafts.items
+        }
         precedences = self._precedences(drafts, timing)
         self._parts = drafts.parts
         tasks = tuple(self._task(draft, limits[draft], precedences) for draft in drafts.items)
         help = "let a periodic task without waits make them, or state the LET in an overlay"
         what = "timed accesses are made by tasks that wait, are triggered or poll, and read as others"
         self._forest.report_each(codes.NOT_READ, what, list(dict.fromkeys(self._untimed)), help)
-        return Built(tasks, tuple(chains), self._state.by_mode, list(self._state.resources))
+        return Built(tasks, tuple(chains), self._by_mode, list(self._resources))
 
     # --------------------------------------------------------------------------------------- versions
 
     def _versions(self, draft: Draft, *, several: bool) -> None:
         """Make the versions of a draft; jobs of one task never overlap, so one with several activations is a lock."""
         bound = None if self._mapping is None else self._mapping.units(draft.task)
-        state = self._state
         candidates = self._candidates(draft, bound)
         made = self._maker.make(draft, candidates)
         alone = several and len(candidates) > 1
-        state.versions[draft] = tuple(map(self._maker.alone(draft), made.items) if alone else made.items)
-        state.by_mode[draft.name] = made.by_mode
-        state.resources |= {a.resource: None for v in state.versions[draft] for a in v.accesses}
+        self._made[draft] = tuple(map(self._maker.alone(draft), made.items) if alone else made.items)
+        self._by_mode[draft.name] = made.by_mode
+        self._resources |= {a.resource: None for v in self._made[draft] for a in v.accesses}
 
     def _candidates(self, draft: Draft, bound: Sequence[Item] | None) -> list[Pu]:
         if bound is not None:
             return [unit for unit in self._hardware.units if unit.item in bound]
         if draft.part.index == 0:
-            self._state.unbound.append(draft.task)
+            self._unbound.append(draft.task)
         return list(self._hardware.units)
 
     def _report_unbound(self, count: int) -> None:
         if self._mapping is not None and len(self._hardware.units) > 1:
             what = f"of {count} tasks are bound to no unit"
             help = "bind them under units: in an overlay, or leave the choice to the scheduler"
-            self._forest.report_each(codes.UNMAPPED, what, self._state.unbound, help)
+            self._forest.report_each(codes.UNMAPPED, what, self._unbound, help)
 
     # ------------------------------------------------------------------------------------------ limits
 
@@ -145,7 +122,7 @@ class TaskBuilder:
         """Return the limits of a task, or of the first part of a task that waits."""
         deadline = timing.deadlines.get(draft.task)
         if draft.activation is None:
-            return _Limits(Fraction(0))
+            return Fraction(0), None
         period = draft.activation.period
         whole = self._whole(draft, drafts)
         if len(whole) > 1:
@@ -157,7 +134,7 @@ class TaskBuilder:
         else:
             at = draft.task.at
             self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts at any time within the deadline", at)
-        return _Limits(slack, None if draft.trigger is not None else deadline)  # of a trigger, a window
+        return slack, None if draft.trigger is not None else deadline  # of a trigger, a window
 
     def _whole(self, first: Draft, drafts: Drafts) -> list[Draft]:
         """Return the parts of a task from its first on, each after what it waits for."""
@@ -180,16 +157,16 @@ class TaskBuilder:
         name = f"{draft.name}.response"
         if deadline is None:
             chains.append(self._chain(name, whole, draft.task))
-            return _Limits(FREE)
-        work = _longest_within(deadline, [[v.wcet or ZERO for v in self._state.versions[d]] for d in whole])
+            return FREE, None
+        work = _longest_within(deadline, [[v.wcet or ZERO for v in self._made[d]] for d in whole])
         spare = _MICROSECOND * (max(ZERO, deadline - work) / 2 // _MICROSECOND)
         chains.append(self._chain(name, whole, draft.task, max_age=deadline - spare))
         what = f"{spare} for its start, {deadline - spare} from there to the end of its last part"
         self._coverage.defaulted(f'task "{draft.name}"', "deadline of a task that waits", what, draft.task.at)
         if draft.trigger is not None:
             self._spare[draft] = spare
-            return _Limits(FREE)
-        return _Limits(min(FREE, spare / draft.activation.period))
+            return FREE, None
+        return min(FREE, spare / draft.activation.period), None
 
     def _chain(self, name: str, drafts: Sequence[Draft], item: Item, **limits: Any) -> Chain:
         origin = Origin(item.at.file, item.at.line, item.name)
@@ -248,16 +225,6 @@ class TaskBuilder:
             match=Match.CYCLE,
         )
 
-    def _with(self, version: Version, index: int, draft: Draft, windows: Sequence[Window]) -> Version:
-        """Return a version with the constraints that hold for it."""
-        kept = []
-        for window in windows:
-            home = None if window.runnable is None else self._state.runnables.get(window.runnable)
-            if home is not None and home != (draft, index):
-                continue
-            kept.append(_precedence(window, version))
-        return replace(version, precedences=tuple(kept))
-
     def _binding(self, draft: Draft) -> Binding:
         """Return `system` for a task that is allocated to one unit: a job of it never runs elsewhere."""
         bound = None if self._mapping is None else self._mapping.units(draft.task)
@@ -285,20 +252,20 @@ class TaskBuilder:
     def _task(self, draft: Draft, limits: _Limits, windows: Mapping[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
         versions = tuple(
-            self._with(version, index, draft, windows[draft])
-            for index, version in enumerate(self._state.versions[draft])
+            replace(version, precedences=tuple(_precedence(window, version) for window in windows[draft]))
+            for version in self._made[draft]
         )
         if not preemption_of(draft.task):
             self._coverage.defaulted(f'task "{draft.name}"', "preemption", "none: jobs run in one piece", at)
         return Task(
             name=draft.name,
             period=None if draft.activation is None else draft.activation.period,
-            slack=limits.slack,
+            slack=limits[0],
             offset=None if draft.activation is None else draft.activation.offset,
-            deadline=limits.deadline,
+            deadline=limits[1],
             distance=None if draft.activation is None else draft.activation.distance,
             binding=self._binding(draft),
-            let=self._let(draft, limits.deadline),
+            let=self._let(draft, limits[1]),
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )

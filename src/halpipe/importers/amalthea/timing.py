@@ -176,8 +176,8 @@ _UNREAD = (
 class Window:
     """The start of `later` lies `low` to `high` after the instant `anchor` of `earlier`; `high` None: not stated.
 
-    `shifted` and `to_end`: the window is for the end of `later`. `runnable`: it holds where that runnable runs only.
-    `point`: the execution time of `earlier`, for that anchor. `match`: any job of `earlier`, or that of the same cycle.
+    `shifted` and `to_end`: the window is for the end of `later`. `point`: the execution time of `earlier`, for that
+    anchor. `match`: any job of `earlier`, or that of the same cycle.
     """
 
     earlier: Draft
@@ -188,7 +188,6 @@ class Window:
     anchor: Anchor = Anchor.END
     shifted: bool = False
     to_end: bool = False
-    runnable: Item | None = None
     point: Duration | None = None
     match: Match = Match.WINDOW
 
@@ -287,11 +286,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
         if anchor is Anchor.RELEASE and any(earlier.release is None for earlier, _ in pairs):
             bad.append(item)
             continue
-        runnable = target.runnable if target.runnable is not None and not target.is_end else None
-        windows = [
-            Window(earlier, later, item, low or ZERO, high, anchor, target.is_end, runnable=runnable)
-            for earlier, later in pairs
-        ]
+        windows = [Window(earlier, later, item, low or ZERO, high, anchor, target.is_end) for earlier, later in pairs]
         mapping = item.get("mappingType")
         if mapping not in (*MAPPINGS, *_NO_MAPPING):
             help = f"write one of {', '.join(MAPPINGS)}"
