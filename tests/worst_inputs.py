@@ -178,6 +178,10 @@ WORST = {
     "csv: one task": (COMPARE, "t.csv", lambda n: times(n, "a,{i},1{i}\n", "task,start,end\n")),
     "csv: columns": (COMPARE, "t.csv", lambda n: times(n, "c{i},", "task,start,end,")),
     "trace: one task": (COMPARE, "t.json", lambda n: times(n, '{"name":"a","ph":"X","ts":{i},"dur":1,"pid":1,"tid":1},', '{"traceEvents":[', "{}]}")),
+    "signals: rows": (COMPARE, "t.csv", lambda n: times(n, "{i},0,1\n", "time_us,a,b\n")),
+    "ftrace: switches": (COMPARE, "t.txt", lambda n: times(n, "a-1 [000] d... {i}.000001: sched_switch: prev_comm=a prev_pid=1 prev_prio=1 prev_state=S ==> next_comm=b next_pid={i} next_prio=1\n", "# tracer: nop\n")),
+    "ftrace: a line": (COMPARE, "t.txt", lambda n: "# tracer: nop\na-1 " + "[0] " * (n // 4) + "1.0: sched_switch: " + "1:1 [1] " * 50 + "\n"),
+    "ftrace: digits": (COMPARE, "t.txt", lambda n: "# tracer: nop\n" + "1" * n + "\n"),
     "trace: depth": (COMPARE, "t.json", lambda n: "[" * n),
     "trace: digits": (COMPARE, "t.json", lambda n: '{"traceEvents":[{"ts":' + "1" * n + "}]}"),
 }  # fmt: skip

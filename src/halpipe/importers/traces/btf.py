@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Executions, Job, Jobs
+from halpipe.importers.traces.jobs import Executions, Job, Jobs, report_unused
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
 from halpipe.models.trace import Trace
 
@@ -139,9 +139,7 @@ class _Reader(Jobs):
 
     def result(self, marks: Sequence[tuple[int | Fraction, str, int]] = ()) -> Executions:
         """Return what ran, by start, with the table it belongs to where marks tell."""
-        if self.others:
-            kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(self.others.items()))
-            self.findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(self.file)))
+        report_unused(self.others, self.file, self.findings)
         self.marks.sort(key=lambda mark: mark[0])
         if any(later[2] <= earlier[2] for earlier, later in pairwise(self.marks)):
             # halpipe counts all tables, other writers the instances of each stimulus: then the order counts.

@@ -9,11 +9,12 @@ Both spellings of a switch are read: that of ftrace (``prev_comm=A prev_pid=1 ..
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Job, Jobs
+from halpipe.importers.traces.jobs import Job, Jobs, report_unused
 from halpipe.importers.traces.numbers import SCALES_NS, instant
 from halpipe.models.trace import Trace
 
@@ -33,6 +34,8 @@ _LONG = re.compile(r"prev_pid=(\d+) .*?prev_state=(\S+) .*?next_comm=(.*) next_p
 _SHORT = re.compile(r".*:(\d+) \[\d+\] (\S+) ==> (.*):(\d+) \[\d+\]")
 _EVENT = re.compile(r"\d+\.\d+:\s+(?:\w+:)?(\w+):")
 _LOST = re.compile(r"CPU:\s*\d+ \[(?:LOST )?(\d+) EVENTS(?: DROPPED)?\]")
+_LONGEST = 300
+"""Characters of a line that patterns are tried on: two names of threads and all numbers are shorter."""
 _RUNNABLE = "R"
 _IDLE = 0
 
@@ -69,12 +72,13 @@ class Switches(Jobs):
 def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time of the text."""
     switches = Switches(file, findings)
-    others: dict[str, int] = {}
+    others: Counter[str] = Counter()
     lost = 0
     for number, line in enumerate(lines, 1):
         where, is_switch, what = line.partition(_SWITCH)
         if is_switch:
-            place, found = _PLACE.search(where), _LONG.search(what) or _SHORT.search(what)
+            place, what = _PLACE.search(where[-_LONGEST:]), what[:_LONGEST]
+            found = _LONG.search(what) or _SHORT.search(what)
             if place is None or found is None:
                 help = "let its clock count seconds (`trace_clock` local, global or mono), and print all fields"
                 message = "its CPU, its time in seconds or its threads cannot be read"
@@ -82,11 +86,9 @@ def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
                 continue
             at, (left, state, name, entered) = instant(place[2], SCALES_NS["s"]), found.groups()
             switches.switch(int(place[1]), at, int(left), state.startswith(_RUNNABLE), int(entered), name, number)
-        elif event := _EVENT.search(line):
-            others[event[1]] = others.get(event[1], 0) + 1
-        elif dropped := _LOST.search(line):
+        elif event := _EVENT.search(line[:_LONGEST]):
+            others[event[1]] += 1
+        elif dropped := _LOST.search(line[:_LONGEST]):
             lost += int(dropped[1])
-    if others:
-        kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(others.items()))
-        findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(file)))
+    report_unused(others, file, findings)
     return [switches.trace(lost)]

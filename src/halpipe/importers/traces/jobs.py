@@ -18,7 +18,7 @@ from halpipe.importers.traces import codes
 from halpipe.models.trace import Execution
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Mapping
     from fractions import Fraction
 
     from halpipe.core.diagnostics import Findings
@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     Times = array[int] | list[int | Fraction]
 
 _NONE = -(2**63)
+
+
+def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> None:
+    """Report how many events of which kinds make no jobs."""
+    if counts:
+        kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(counts.items()))
+        findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(file)))
 
 
 class Executions(Sequence[Execution]):

@@ -14,18 +14,21 @@ from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches
-from halpipe.importers.traces.slices import traces_of
+from halpipe.importers.traces.jobs import Job, Jobs, report_unused
+from halpipe.models.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.models.trace import Trace
 
 Fields = dict[int, list[Any]]
 """The values of a message by the number of their field: integers, and bytes of texts and messages."""
 
-_PHASES = {1: "B", 2: "E", 3: "i", 4: "C", 5: "state"}
+_BEGIN, _END = 1, 2
+_CHUNK = 2**20
+_LONGEST_HEAD = 20
+_NAMELESS = "(no name)"
 _CLEARED = 1
 _MALFORMED = (ValueError, IndexError, TypeError, AttributeError)
 _BOOTTIME = 6
@@ -52,6 +55,8 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
     """Return a number and the place behind it."""
+    if (value := data[at]) < 0x80:  # as most are
+        return value, at + 1
     value = shift = 0
     while True:
         byte = data[at]
@@ -90,18 +95,22 @@ def fields_of(data: bytes) -> Fields:
 
 def _packets(stream: BinaryIO) -> Iterator[bytes]:
     """Yield the packets of a trace: field 1 of it, over and over."""
-    while head := stream.read(16):
-        key, at = _varint(head, 0)
-        size, at = _varint(head, at)
+    data, at = b"", 0
+    while True:
+        if len(data) - at < _LONGEST_HEAD:
+            data, at = data[at:] + stream.read(_CHUNK), 0
+        if not data:
+            return
+        key, begin = _varint(data, at)
+        size, begin = _varint(data, begin)
         if key != (1 << 3 | 2) or size > MAX_INPUT_BYTES:
             raise ValueError("it is no list of packets")
-        begin = head[at : at + size]
-        if len(begin) < len(head) - at:
-            stream.seek(len(begin) + at - len(head), 1)
-        packet = begin + stream.read(size - len(begin))
-        if len(packet) < size:
+        if begin + size > len(data):
+            data, begin = data[begin:] + stream.read(max(size, _CHUNK)), 0
+        if size > len(data) - begin:
             raise ValueError("the last packet is cut off")
-        yield packet
+        yield data[begin : begin + size]
+        at = begin + size
 
 
 def _one(fields: Fields, number: int, default: Any = None) -> Any:
@@ -126,7 +135,6 @@ class _Sequence:
 
     def __init__(self) -> None:
         self.names: dict[int, str] = {}
-        self.keys: dict[int, str] = {}
         self.clock = _BOOTTIME
         self.track = 0
 
@@ -140,37 +148,46 @@ class _Reader:
         """Process, parent and name of each track."""
         self.processes: dict[int, str] = {}
         self.threads: dict[int, str] = {}
-        self.events: list[dict[str, Any]] = []
+        self.events: list[tuple[int, int, str]] = []
+        """Time, track and name of each begin of a slice; ends have no name."""
         self.switches: list[tuple[int, int, int, bool, int, str]] = []
         self.others: Counter[str] = Counter()
         self.has_lost = False
+        self.taken: dict[int, Callable[[Fields, _Sequence, Fields], None]] = {
+            12: self._interned,
+            59: self._defaults,
+            60: self._descriptor,
+            2: self._tree,
+            11: self._event,
+            1: self._bundle,
+        }
+        """What is done with the messages of a packet, by the number of their field and in this order."""
 
     def packet(self, fields: Fields) -> None:
         """Take one packet."""
         sequence = self.sequences.setdefault(_one(fields, 10, 0), _Sequence())
-        if _one(fields, 13, 0) & _CLEARED or _one(fields, 41, 0):
-            sequence.__init__()  # type: ignore[misc]
-        self.has_lost = self.has_lost or bool(_one(fields, 42, 0))
-        for interned in _messages(fields, 12):
-            for number, names in ((2, sequence.names), (3, sequence.keys)):
-                names.update({_one(name, 1, 0): _text(name, 2) for name in _messages(interned, number)})
-        for defaults in _messages(fields, 59):
-            sequence.clock = _one(defaults, 58, sequence.clock)
-            for track in _messages(defaults, 11):
-                sequence.track = _one(track, 11, sequence.track)
-        for descriptor in _messages(fields, 60):
-            self._descriptor(descriptor)
-        for tree in _messages(fields, 2):
-            for thread in _messages(tree, 2):
-                self.threads[_one(thread, 1, 0)] = _text(thread, 2)
-        for event in _messages(fields, 11):
-            self._event(event, sequence, fields)
-        for bundle in _messages(fields, 1):
-            self._bundle(bundle)
+        if _one(fields, 13, 0) & _CLEARED or 41 in fields:
+            self.sequences[_one(fields, 10, 0)] = sequence = _Sequence()
+        self.has_lost = self.has_lost or 42 in fields
+        for number, take in self.taken.items():
+            for value in fields.get(number, ()):
+                take(fields_of(value), sequence, fields)
         if 50 in fields:
             self.others["compressed packets"] += len(fields[50])
 
-    def _descriptor(self, fields: Fields) -> None:
+    def _interned(self, interned: Fields, sequence: _Sequence, _: Fields) -> None:
+        sequence.names.update({_one(name, 1, 0): _text(name, 2) for name in _messages(interned, 2)})
+
+    def _defaults(self, defaults: Fields, sequence: _Sequence, _: Fields) -> None:
+        sequence.clock = _one(defaults, 58, sequence.clock)
+        for track in _messages(defaults, 11):
+            sequence.track = _one(track, 11, sequence.track)
+
+    def _tree(self, tree: Fields, _: _Sequence, __: Fields) -> None:
+        for thread in _messages(tree, 2):
+            self.threads[_one(thread, 1, 0)] = _text(thread, 2)
+
+    def _descriptor(self, fields: Fields, _: _Sequence, __: Fields) -> None:
         process = name = None
         for found in _messages(fields, 3):
             process, name = _one(found, 1, 0), _text(found, 6)
@@ -185,17 +202,16 @@ class _Reader:
         if clock not in _NANOSECOND_CLOCKS:
             self.others[f"events on the clock {clock}"] += 1
             return
-        phase = _PHASES.get(_one(event, 9, 0), "0")
-        name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "")
-        arguments = {}
-        for noted in _messages(event, 4):
-            key = _text(noted, 10) or sequence.keys.get(_one(noted, 1, 0), "")
-            number = _one(noted, 3, _one(noted, 4))
-            arguments[key] = _text(noted, 6) if number is None else _signed(number)
-        track = _one(event, 11, sequence.track)
-        self.events.append({"ph": phase, "ns": _one(packet, 8, 0), "tid": track, "name": name, "args": arguments})
+        kind = _one(event, 9, 0)
+        if kind not in (_BEGIN, _END):
+            self.others[f"events of type {kind}"] += 1
+            return
+        name = ""
+        if kind == _BEGIN:
+            name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or _NAMELESS
+        self.events.append((_one(packet, 8, 0), _one(event, 11, sequence.track), name))
 
-    def _bundle(self, bundle: Fields) -> None:
+    def _bundle(self, bundle: Fields, _: _Sequence, __: Fields) -> None:
         cpu = _one(bundle, 1, 0)
         self.has_lost = self.has_lost or bool(_one(bundle, 3, 0))
         for event in _messages(bundle, 2):
@@ -228,19 +244,37 @@ class _Reader:
             track = parent
         return 0
 
+    def _slices(self) -> list[Trace]:
+        """Return the lines of the processes; slices of a track are nested."""
+        lines: dict[int, Jobs] = {}
+        depth: Counter[int] = Counter()
+        process_of: dict[int, int] = {}
+        unbegun = 0
+        for at, track, name in sorted(self.events, key=lambda event: event[0]):
+            if track not in process_of:
+                process_of[track] = self._process_of(track)
+            jobs = lines.setdefault(process_of[track], Jobs(self.file, self.findings))
+            if name:
+                unit = self.tracks[track][2] if track in self.tracks else ""
+                jobs.running[track, depth[track]] = Job(name, unit or str(track), at, 0)
+                depth[track] += 1
+            elif depth[track]:
+                depth[track] -= 1
+                jobs.end((track, depth[track]), at)
+            else:
+                unbegun += 1
+        if unbegun:
+            message = f"{unbegun} slices end that did not begin"
+            help = "check the recorder for lost events"
+            self.findings.add(codes.ODD_SEQUENCE(message, at=Location(self.file), help=help))
+        return [
+            Trace(name=self.processes.get(process, str(process)), executions=jobs.result())
+            for process, jobs in lines.items()
+        ]
+
     def traces(self) -> list[Trace]:
         """Return the lines of all processes with slices, and of the kernel."""
-        found: list[Trace] = []
-        names: list[dict[str, Any]] = []
-        for event in self.events:
-            event["pid"] = self._process_of(event["tid"])
-        for track, (_, _, name) in self.tracks.items():
-            place = {"ph": "M", "pid": self._process_of(track), "tid": track}
-            names.append(place | {"name": "thread_name", "args": {"name": name or str(track)}})
-        for process, name in self.processes.items():
-            names.append({"ph": "M", "pid": process, "name": "process_name", "args": {"name": name}})
-        if self.events:
-            found += traces_of([*names, *self.events], self.file, self.findings)
+        found = self._slices()
         if self.switches:
             switches = Switches(self.file, self.findings)
             last: dict[int, int] = {}
@@ -253,9 +287,7 @@ class _Reader:
             help = "record again with larger buffers"
             text = "packets or events were discarded while tracing, so jobs may be missing or joined"
             self.findings.add(codes.LOST_EVENTS(text, at=Location(self.file), help=help))
-        if self.others:
-            kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(self.others.items()))
-            self.findings.add(codes.LEFT_OUT(f"not used: {kinds}", at=Location(self.file)))
+        report_unused(self.others, self.file, self.findings)
         return found
 
 

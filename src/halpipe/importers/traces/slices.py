@@ -38,12 +38,7 @@ def read(text: str, file: str, findings: Findings) -> list[Trace]:
     events = document.get("traceEvents") if isinstance(document, dict) else document
     if not isinstance(events, list):
         raise HalpipeError(codes.UNKNOWN_TRACE("it has no list traceEvents", at=Location(file), help="record it again"))
-    return traces_of([event for event in events if isinstance(event, dict)], file, findings)
-
-
-def traces_of(events: list[dict[str, Any]], file: str, findings: Findings) -> list[Trace]:
-    """Return one line of time for each process; `events` have the keys of the format, or ``ns`` in place of ``ts``."""
-    return _Reader(file, findings).traces(events)
+    return _Reader(file, findings).traces([event for event in events if isinstance(event, dict)])
 
 
 def _closed(text: str) -> str:
@@ -105,12 +100,12 @@ class _Reader:
         numbered = list(enumerate(events))
         if not any(event.get("ph") in ("B", "E", "b", "e", "S", "F") for event in events):
             return numbered
-        times = [_instant(event) for event in events]
+        times = [_microseconds(event.get("ts")) for event in events]
         return sorted(numbered, key=lambda item: (times[item[0]] or ZERO).ns)
 
     def _end(self, event: dict[str, Any], number: int, begin: str, jobs: dict[Any, Execution]) -> None:
         begun = self.open.get(_pair(event, begin))
-        end = _instant(event)
+        end = _microseconds(event.get("ts"))
         if end is None:
             self._broken(number)
         elif not begun:
@@ -119,12 +114,12 @@ class _Reader:
             self.findings.add(codes.ODD_SEQUENCE(message, at=Location(self.file), help=help))
         else:
             first, position = begun.pop()
-            self._slice(first, position, _instant(first), end, jobs)
+            self._slice(first, position, _microseconds(first.get("ts")), end, jobs)
 
     def _unfinished(self, jobs: dict[Any, dict[Any, Execution]]) -> None:
         left = [begun for found in self.open.values() for begun in found]
         for event, number in left:
-            self._slice(event, number, _instant(event), None, jobs[_key(event.get("pid"))])
+            self._slice(event, number, _microseconds(event.get("ts")), None, jobs[_key(event.get("pid"))])
         if left:
             self.findings.add(codes.UNFINISHED(f"{len(left)} slices have no end", at=Location(self.file)))
 
@@ -133,7 +128,7 @@ class _Reader:
         self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file), help="record it again"))
 
     def _complete(self, event: dict[str, Any], number: int, jobs: dict[Any, Execution]) -> None:
-        start, length = _instant(event), _microseconds(event.get("dur"))
+        start, length = _microseconds(event.get("ts")), _microseconds(event.get("dur"))
         if start is None or length is None or length < ZERO:
             self._broken(number)
         else:
@@ -203,10 +198,6 @@ def _pair(event: dict[str, Any], begin: str) -> Any:
 def _key(value: Any) -> Any:
     """Return an identifier that can be looked up, whatever the JSON has."""
     return value if isinstance(value, int | str) else str(value)
-
-
-def _instant(event: dict[str, Any]) -> Duration | None:
-    return Duration(event["ns"]) if isinstance(event.get("ns"), int) else _microseconds(event.get("ts"))
 
 
 def _microseconds(value: Any) -> Duration | None:

@@ -7,6 +7,7 @@ whose text of the same file gives the same jobs.
 from __future__ import annotations
 
 import heapq
+import io
 import re
 import struct
 from typing import TYPE_CHECKING, BinaryIO
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches
+from halpipe.importers.traces.jobs import report_unused
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,6 +32,9 @@ _LARGEST_PART = 2**28
 _COMMIT = 0xFFFFF
 _MISSED = 1 << 31
 _LONGEST_NAME = 1000
+_LONGEST_FIELD = 300
+_LEAST_PAGE = 256
+_MOST_CPUS = 8192
 _LONGEST_CLOCK = 4096
 
 
@@ -44,8 +49,7 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     except _MALFORMED as failure:
         message = f"this trace.dat cannot be read: {failure}"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=_CONVERT)) from None
-    if trace.others:
-        findings.add(codes.LEFT_OUT(f"events not used: {trace.others} of other kinds", at=Location(file)))
+    report_unused({"other kinds": trace.others} if trace.others else {}, file, findings)
     if trace.is_cut:
         message = "pages of its buffers are not in the file, so their events are not used"
         findings.add(codes.CUT_OFF(message, at=Location(file), help="copy the file again"))
@@ -59,6 +63,7 @@ class _Reader:
         self.stream = stream
         self.lost = self.others = 0
         self.is_cut = False
+        self.size = stream.seek(0, io.SEEK_END)
         stream.seek(10)
         version = self._string()
         if version != "6":
@@ -67,6 +72,8 @@ class _Reader:
         self.order = "<" if self._bytes(1) == b"\0" else ">"
         self._bytes(1)  # the size of a long in programs, which no field here has
         self.page = self._number(4)
+        if self.page < _LEAST_PAGE:
+            raise ValueError(f"its pages have {self.page} bytes")
         page = self._sized("header_page")
         self._sized("header_event")
         fields = _fields(page)
@@ -125,7 +132,11 @@ class _Reader:
             kind = self._bytes(10)
         if kind != b"flyrecord\0":
             raise ValueError("it has no buffers of CPUs")
+        if cpus > _MOST_CPUS:
+            raise ValueError(f"it has {cpus} CPUs")
         found = [(self._number(8), self._number(8)) for _ in range(cpus)]
+        if sum(size for _, size in found) > self.size:
+            raise ValueError("its buffers are larger than the file")
         clock = self.stream.read(8)
         text = self.stream.read(int.from_bytes(clock, "little" if self.order == "<" else "big") % _LONGEST_CLOCK)
         selected = re.search(rb"\[(counter|uptime|x86-tsc|perf)\]", text)
@@ -171,7 +182,9 @@ class _Switch:
 
 def _fields(text: str) -> dict[str, tuple[int, int]]:
     """Return offset and size of each field of a format."""
-    return {name: (int(offset), int(size)) for name, offset, size in _FIELD.findall(text)}
+    lines = (line.strip() for line in text.split("\n") if len(line) <= _LONGEST_FIELD)
+    found = (match.groups() for line in lines if (match := _FIELD.match(line)))
+    return {name: (int(offset), int(size)) for name, offset, size in found}
 
 
 def _unsigned(data: bytes, at: int, size: int, order: str) -> int:
