@@ -20,14 +20,14 @@ print(json.dumps([code, sorted(set(sys.modules) - before)]), file=sys.stderr)
 
 # Arguments, and how many modules are loaded at most: of halpipe, and of all others.
 COMMANDS = {
-    "help": (["--help"], 55, 160),
-    "version": (["--version"], 55, 160),
-    "validate": (["validate", "model.xml"], 55, 125),
-    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 130, 122),
-    "verify": (["verify", "model.xml", "schedule.xml"], 62, 125),
-    "show": (["show", "schedule.xml"], 42, 125),
-    "diff": (["diff", "schedule.xml", "schedule.xml"], 42, 125),
-    "explain": (["explain", "model.xml"], 135, 130),
+    "help": (["--help"], 43, 115),
+    "version": (["--version"], 43, 115),
+    "validate": (["validate", "model.xml"], 51, 120),
+    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 108, 122),
+    "verify": (["verify", "model.xml", "schedule.xml"], 54, 120),
+    "show": (["show", "schedule.xml"], 37, 120),
+    "diff": (["diff", "schedule.xml", "schedule.xml"], 38, 120),
+    "explain": (["explain", "model.xml"], 114, 125),
 }
 
 HEAVY = {"numpy", "xmlschema", "jinja2", "graphviz", "rich.console", "yaml", "asyncio", "ortools", "concurrent.futures"}
