@@ -34,6 +34,7 @@ typedef struct {          /* counters have one writer; others read them while it
   _Atomic uint64_t head, tail, unrecorded, skipped, late_ends, lost_tables, no_data, faults;
   atomic_int is_done, is_demoted;
   _Atomic int64_t next;   /* no job that it is about to start has an earlier instant */
+  _Atomic int64_t after;  /* while a job runs: the next one has no earlier instant */
   _Atomic int64_t due;    /* the end of the slot of the job that runs, INT64_MAX: none */
   _Atomic int64_t noticed;            /* the `due` of the last job that the conductor found to be over */
   _Atomic int64_t planned, began;     /* of the job that runs */
@@ -117,16 +118,24 @@ static int is_ahead(const worker_state *self, int64_t at) {
   return 0;
 }
 
+/* A thread that was stopped within a job may be behind, too; one that does not return must not hold up the others for long. */
+static int is_behind(const worker_state *self, int64_t at) {
+  for (int i = 0; i < self->n_peers; i++)
+    if (atomic_load_explicit(&workers[self->peers[i]].after, memory_order_relaxed) <= at) return 1;
+  return 0;
+}
+
 /* Jobs of a unit start in the order of their instants, also when the machine was away for several of them. */
-static void wait_in_order(worker_state *self, int64_t at) {
+static void wait_in_order(worker_state *self, int64_t at, int64_t after) {
   atomic_store_explicit(&self->next, at, memory_order_relaxed);
   dispatch_until(at);
   for (int i = 0; i < 20 * YIELDS && lacks_copies(at); i++) sched_yield();   /* they take some microseconds */
-  for (int i = 0; i < PATIENCE && (lacks_copies(at) || is_ahead(self, at)); i++) {
+  for (int i = 0; i < PATIENCE && (lacks_copies(at) || is_ahead(self, at) || (i < 2 * YIELDS && is_behind(self, at))); i++) {
     const struct timespec moment = {0, 50000};
     if (i < YIELDS) sched_yield();
     else clock_nanosleep(CLOCK_MONOTONIC, 0, &moment, NULL);   /* without SCHED_FIFO, a yield prefers no thread */
   }
+  atomic_store_explicit(&self->after, after, memory_order_relaxed);
   atomic_store_explicit(&self->next, INT64_MAX, memory_order_relaxed);
 }
 
@@ -169,9 +178,9 @@ static void begin(worker_state *self, const dispatch_job *job, const turn *turn,
   atomic_store_explicit(&self->due, turn->at + job->end, memory_order_release);
 }
 
-static void play(worker_state *self, const dispatch_job *job, const turn *turn) {
+static void play(worker_state *self, const dispatch_job *job, const turn *turn, int64_t after) {
   const int64_t at = turn->at + job->start, due = turn->at + job->end;
-  wait_in_order(self, at);
+  wait_in_order(self, at, after);
   const int64_t began = time_now();
   if (began >= due) flee(self);
   if (began >= due && now_.policy != DISPATCH_LOG) {
@@ -228,8 +237,15 @@ static void *work(void *argument) {
     const turn turn = turn_of(&number, &self->lost_tables);
     if (turn.table < 0) break;
     const dispatch_rows *rows = &plan.workers[index].tables[turn.table];
-    for (int i = 0; i < rows->n_jobs; i++) play(self, &rows->jobs[i], &turn);
-    atomic_store(&self->next, turn.at + plan.tables[turn.table].length);
+    const int64_t length = plan.tables[turn.table].length;
+    for (int i = 0; i < rows->n_jobs; i++) {
+      const int is_last = i + 1 == rows->n_jobs, crosses = rows->jobs[i].end > length;   /* its gaps may be those of others */
+      const int64_t after = turn.at + (is_last ? length : rows->jobs[i + 1].start);
+      play(self, &rows->jobs[i], &turn, is_last && crosses ? INT64_MAX : after);
+      atomic_store(&self->next, after);
+    }
+    atomic_store(&self->next, turn.at + length);
+    atomic_store(&self->after, INT64_MAX);
   }
   atomic_store(&self->next, INT64_MAX);
   atomic_store(&self->is_done, 1);
@@ -456,6 +472,7 @@ static int check_cpus(void) {
 static int make_worker(int index) {
   worker_state *w = &workers[index];
   atomic_store(&w->due, INT64_MAX);
+  atomic_store(&w->after, INT64_MAX);
   w->events = room(now_.capacity + 1, sizeof *w->events);
   if (!w->events || find_peers(index)) return dispatch_fail(ENOMEM, "no memory for the recorder; lower --events", NULL);
   memset(w->events, 0, (now_.capacity + 1) * sizeof *w->events);   /* its pages are there */
