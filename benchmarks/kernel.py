@@ -16,8 +16,7 @@ from fractions import Fraction
 
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table
-from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, MOVES, Part, new_state
+from halpipe.pipeline.solve.kernel.kernel import ALL_PARTS, BEST, MOVES, Part, anneal, gumbel_table, new_state
 from halpipe.pipeline.solve.problem import Problem, build_problem
 
 RULES = Part.LANES | Part.WINDOWS | Part.DEMANDS | Part.CHAINS

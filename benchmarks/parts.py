@@ -23,7 +23,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.native import read_model
 from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
 from halpipe.pipeline.solve.kernel import search
-from halpipe.pipeline.solve.kernel.state import ALL_PARTS, Part, new_state
+from halpipe.pipeline.solve.kernel.kernel import ALL_PARTS, Part, new_state
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from search_benchmark import SUITES
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scheduler_systems import random_problem
 
 from halpipe.pipeline.solve.integers import Table
-from halpipe.pipeline.solve.kernel.kernel import COUNTED, anneal, gumbel_table, values
-from halpipe.pipeline.solve.kernel.state import new_state
+from halpipe.pipeline.solve.kernel.kernel import COUNTED, anneal, gumbel_table, new_state, values
 from profiles import examples
 
 unicorn = pytest.importorskip("unicorn", reason="halpipe[riscv] is not installed")

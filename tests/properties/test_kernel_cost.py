@@ -16,17 +16,21 @@ from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.integers import Table, filled, ints
 from halpipe.pipeline.solve.kernel.assign_units import deal_anyhow
 from halpipe.pipeline.solve.kernel.kernel import (
+    BEST,
+    COST,
+    CYCLE_LEFT,
+    INSERTED,
     anneal,
     gumbel_table,
     load,
     luby,
     move,
     move_swap,
+    new_state,
     next_temperature,
     restart,
     total_cost,
 )
-from halpipe.pipeline.solve.kernel.state import BEST, COST, CYCLE_LEFT, INSERTED, new_state
 from halpipe.pipeline.solve.kernel.warmstart import named_jobs
 from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples

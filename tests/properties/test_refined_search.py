@@ -15,8 +15,7 @@ from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Anchor, Edge, Match, ModeSchedule, Precedence, ResourceKind, Schedule, Status
 from halpipe.pipeline.checked import schedule_model, validate_model
 from halpipe.pipeline.jobs import expand, released
-from halpipe.pipeline.solve.kernel.kernel import total_cost
-from halpipe.pipeline.solve.kernel.state import COST
+from halpipe.pipeline.solve.kernel.kernel import COST, total_cost
 from halpipe.pipeline.solve.limits import stated_problem
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify

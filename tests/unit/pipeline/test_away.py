@@ -7,9 +7,8 @@ from halpipe.pipeline.solve import away as module
 from halpipe.pipeline.solve.away import Away
 from halpipe.pipeline.solve.checkpoint import SAVED
 from halpipe.pipeline.solve.kernel import portfolio
-from halpipe.pipeline.solve.kernel.kernel import total_cost
+from halpipe.pipeline.solve.kernel.kernel import BEST, FROZEN, MOVES, new_state, total_cost
 from halpipe.pipeline.solve.kernel.portfolio import Kept, here, race
-from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.workers import Workers
 from support import access, model, task, version

@@ -7,8 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.kernel import anneal, gather_cluster, gumbel_table, move_cluster, total_cost
-from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, CLUSTER, COST, FROZEN_HINT, INSERTED, Part, new_state
+from halpipe.pipeline.solve.kernel.kernel import (
+    ALL_PARTS,
+    BEST,
+    CLUSTER,
+    COST,
+    FROZEN_HINT,
+    INSERTED,
+    Part,
+    anneal,
+    gather_cluster,
+    gumbel_table,
+    move_cluster,
+    new_state,
+    total_cost,
+)
 from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples
 from support import access, after, chain, model, task, version

@@ -9,8 +9,17 @@ import pytest
 from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel.first_fit import construct
-from halpipe.pipeline.solve.kernel.kernel import fitting, removing, total_cost
-from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, NEVER, new_state
+from halpipe.pipeline.solve.kernel.kernel import (
+    BEST,
+    FROZEN,
+    INSERTED,
+    MOVES,
+    NEVER,
+    fitting,
+    new_state,
+    removing,
+    total_cost,
+)
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify

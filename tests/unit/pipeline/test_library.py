@@ -11,9 +11,8 @@ from halpipe.core.libraries import library
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.integers import Table, filled, ints
 from halpipe.pipeline.solve.kernel import kernel as border
-from halpipe.pipeline.solve.kernel import state
-from halpipe.pipeline.solve.kernel.kernel import SIZE, anneal
-from halpipe.pipeline.solve.kernel.state import Part, State, new_state
+from halpipe.pipeline.solve.kernel import kernel as state
+from halpipe.pipeline.solve.kernel.kernel import SIZE, Part, State, anneal, new_state
 from halpipe.pipeline.solve.problem import ANY_SET, Arrays, build_problem
 from support import access, after, chain, model, task, version
 

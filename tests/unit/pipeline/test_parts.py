@@ -6,8 +6,17 @@ import pytest
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.integers import filled
-from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, total_cost
-from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, COST, MOVES, Part, new_state
+from halpipe.pipeline.solve.kernel.kernel import (
+    ALL_PARTS,
+    BEST,
+    COST,
+    MOVES,
+    Part,
+    anneal,
+    gumbel_table,
+    new_state,
+    total_cost,
+)
 from halpipe.pipeline.solve.problem import build_problem
 from support import access, after, chain, model, task, version
 

@@ -6,8 +6,8 @@ import pytest
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel import portfolio
+from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, new_state
 from halpipe.pipeline.solve.kernel.portfolio import Kept, race
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.relay import Memory
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model

@@ -6,8 +6,19 @@ import pytest
 
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, move_swap, total_cost
-from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, COST, FROZEN_HINT, INSERTED, Part, new_state
+from halpipe.pipeline.solve.kernel.kernel import (
+    ALL_PARTS,
+    BEST,
+    COST,
+    FROZEN_HINT,
+    INSERTED,
+    Part,
+    anneal,
+    gumbel_table,
+    move_swap,
+    new_state,
+    total_cost,
+)
 from halpipe.pipeline.solve.problem import build_problem
 from support import after, model, task, version
 

@@ -13,15 +13,15 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.checkpoint import SAVED
+from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES
 from halpipe.pipeline.solve.kernel.portfolio import advance, best_of, slice_of
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES
 from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
     from typing import Any
 
+    from halpipe.pipeline.solve.kernel.kernel import State
     from halpipe.pipeline.solve.kernel.portfolio import Advance, Kept, OnSlice
-    from halpipe.pipeline.solve.kernel.state import State
     from halpipe.pipeline.solve.problem import Arrays, Problem
     from halpipe.pipeline.solve.run import Cluster
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import TaskModel
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.kernel.state import State
+    from halpipe.pipeline.solve.kernel.kernel import State
     from halpipe.pipeline.solve.schedule import SearchOptions
 
 NO_CHECKPOINT = error(

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.kernel.kernel import State
     from halpipe.pipeline.solve.kernel.portfolio import Keeper
     from halpipe.pipeline.solve.kernel.search import Outcome
-    from halpipe.pipeline.solve.kernel.state import State
 
 
 FIRST_SHARE = 64

@@ -13,13 +13,23 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.kernel.kernel import fitting, removing, total_cost
-from halpipe.pipeline.solve.kernel.state import BEST, COST, FROZEN, FROZEN_HINT, INSERTED, MOVES, NEVER
+from halpipe.pipeline.solve.kernel.kernel import (
+    BEST,
+    COST,
+    FROZEN,
+    FROZEN_HINT,
+    INSERTED,
+    MOVES,
+    NEVER,
+    fitting,
+    removing,
+    total_cost,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from halpipe.pipeline.solve.kernel.state import State
+    from halpipe.pipeline.solve.kernel.kernel import State
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
 TABLES = 64

@@ -14,8 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.kernel.kernel import anneal, gumbel_table, total_cost
-from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, State
+from halpipe.pipeline.solve.kernel.kernel import BEST, FROZEN, INSERTED, MOVES, State, anneal, gumbel_table, total_cost
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints

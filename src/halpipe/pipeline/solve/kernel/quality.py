@@ -23,9 +23,19 @@ from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import optimise
 from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
-from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
+from halpipe.pipeline.solve.kernel.kernel import (
+    BEST,
+    FROZEN,
+    FROZEN_HINT,
+    MOVES,
+    NEVER,
+    State,
+    load,
+    new_state,
+    worst_age,
+    worst_reaction,
+)
 from halpipe.pipeline.solve.kernel.portfolio import Kept, OnSlice, run
-from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, FROZEN_HINT, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.optimise import chain_bounds
 from halpipe.pipeline.solve.problem import NO_TICK
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
-from halpipe.pipeline.solve.kernel.kernel import load
+from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, NEVER, State, load, new_state
 from halpipe.pipeline.solve.kernel.portfolio import Advance, Kept, OnSlice, here, race, run
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers

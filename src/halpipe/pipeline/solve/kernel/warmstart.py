@@ -11,8 +11,18 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.pipeline.parts import job_of
 from halpipe.pipeline.solve.integers import filled, ints
-from halpipe.pipeline.solve.kernel.kernel import load, putting, total_cost
-from halpipe.pipeline.solve.kernel.state import BEST, COST, FROZEN, FROZEN_HINT, INSERTED, State, new_state
+from halpipe.pipeline.solve.kernel.kernel import (
+    BEST,
+    COST,
+    FROZEN,
+    FROZEN_HINT,
+    INSERTED,
+    State,
+    load,
+    new_state,
+    putting,
+    total_cost,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping

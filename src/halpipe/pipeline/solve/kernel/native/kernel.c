@@ -14,9 +14,8 @@
 
 #include "cycles.h"
 #include "first_fit.h"
-#include "move_cluster.h"
+#include "move_several.h"
 #include "move_entry.h"
-#include "move_swap.h"
 
 /* One move in so many of a task that is coupled with others takes along what is tightly linked to it; of one that is in a
  * body, all but one in so many: alone, it can only break the body apart. */
