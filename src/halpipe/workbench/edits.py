@@ -1,4 +1,4 @@
-"""One statement about a model: which element, which attribute, and the text of its new value."""
+"""Edits and pins: one statement about a model, and jobs that keep the place that a person gave them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from halpipe.core.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
 
 BAD_EDIT = error(
@@ -126,3 +127,14 @@ def _named(edit: Edit, elements: Iterable[Any], name: str) -> Any:
 
 def _bad(edit: Edit, message: str, help: str) -> HalpipeError:
     return HalpipeError(BAD_EDIT(message, path=edit.place, help=help))
+
+
+@record
+class Pin:
+    """A job with its start and, where it was moved to another one, its unit."""
+
+    mode: str
+    task: str
+    index: int
+    start: Duration
+    unit: str = ""

@@ -12,7 +12,7 @@ from halpipe.core.durations import Duration
 from halpipe.core.files import read_bytes, write_output
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
-from halpipe.workbench.pins import Pin
+from halpipe.workbench.edits import Pin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

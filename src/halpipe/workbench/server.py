@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration
 from halpipe.exporters.report.scene import scene
-from halpipe.workbench.edits import Edit
+from halpipe.workbench.edits import Edit, Pin
 from halpipe.workbench.picture import picture, plain
-from halpipe.workbench.pins import Pin
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
-    from halpipe.workbench.edits import Edit
-    from halpipe.workbench.pins import Pin
+    from halpipe.workbench.edits import Edit, Pin
 
 OUTDATED = error(
     "HAL0952",

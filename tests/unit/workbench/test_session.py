@@ -13,9 +13,8 @@ from halpipe.exporters.report.scene import scene
 from halpipe.importers.native import parse_model, read_model
 from halpipe.pipeline.checked import verify_schedule
 from halpipe.starters import first_model
-from halpipe.workbench.edits import Edit
+from halpipe.workbench.edits import Edit, Pin
 from halpipe.workbench.picture import picture
-from halpipe.workbench.pins import Pin
 from halpipe.workbench.session import Session
 
 

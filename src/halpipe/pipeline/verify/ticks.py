@@ -13,38 +13,6 @@ if TYPE_CHECKING:
     Found: TypeAlias = tuple[int, Placed] | None
 
 
-class Recurring:
-    """The instants x + q * period for every given x and every integer q.
-
-    Of equal instants the one given first counts as the earlier.
-    """
-
-    def __init__(self, points: Sequence[tuple[int, Placed]], period: int) -> None:
-        ordered = sorted(((x % period, p) for x, p in points), key=lambda pair: pair[0])
-        self.points = points
-        self.period = period
-        self._instants = [x for x, _ in ordered]
-        self._owners = [p for _, p in ordered]
-
-    def latest(self, until: int) -> Found:
-        """Return the last instant at or before `until`, with its job; None if there is none at all."""
-        if not self._instants:
-            return None
-        turn, rest = divmod(until, self.period)
-        place = bisect_right(self._instants, rest) - 1
-        # place -1 is the last instant of the turn before
-        return (turn - (place < 0)) * self.period + self._instants[place], self._owners[place]
-
-    def earliest(self, since: int) -> Found:
-        """Return the first instant at or after `since`, with its job; None if there is none at all."""
-        if not self._instants:
-            return None
-        turn, rest = divmod(since, self.period)
-        place = bisect_left(self._instants, rest)
-        turn, place = (turn, place) if place < len(self._instants) else (turn + 1, 0)
-        return turn * self.period + self._instants[place], self._owners[place]
-
-
 class Listed:
     """Finitely many instants."""
 
@@ -62,6 +30,34 @@ class Listed:
         """Return the first instant at or after `since`, with its job."""
         place = bisect_left(self._instants, since)
         return (self._instants[place], self._owners[place]) if place < len(self._instants) else None
+
+
+class Recurring:
+    """The instants x + q * period for every given x and every integer q.
+
+    Of equal instants the one given first counts as the earlier.
+    """
+
+    def __init__(self, points: Sequence[tuple[int, Placed]], period: int) -> None:
+        self.points = points
+        self.period = period
+        self._turn = Listed([(x % period, p) for x, p in points])
+
+    def latest(self, until: int) -> Found:
+        """Return the last instant at or before `until`, with its job; None if there is none at all."""
+        turn, rest = divmod(until, self.period)
+        found = self._turn.latest(rest)
+        if found is None:
+            turn, found = turn - 1, self._turn.latest(self.period)
+        return (turn * self.period + found[0], found[1]) if found else None
+
+    def earliest(self, since: int) -> Found:
+        """Return the first instant at or after `since`, with its job; None if there is none at all."""
+        turn, rest = divmod(since, self.period)
+        found = self._turn.earliest(rest)
+        if found is None:
+            turn, found = turn + 1, self._turn.earliest(0)
+        return (turn * self.period + found[0], found[1]) if found else None
 
 
 # A job longer than its hyperperiod overlaps itself, so its table is invalid whatever a search finds further off.
