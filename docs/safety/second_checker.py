@@ -527,7 +527,7 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         turns = [(job, (until - job.instant("write")) // self.total * self.total) for job in self.bound[task]]
         return max(
             turns,
-            key=lambda step: (step[0].instant("write") + step[1], step[0].instant("read") + step[1]),
+            key=lambda step: (*(step[0].instant(w) + step[1] for w in ("write", "read", "release")), step[0].index),
             default=None,
         )
 
@@ -577,7 +577,7 @@ class Switch(Table):
                 turns = [4 * len(tasks) + 2 + up(lets, mode.total) for mode in (self.source, self.target)]
                 line = sorted(self.line(*turns), key=lambda job: (job.instant("read"), job.start, job.index))
                 self.far = {task: [job for job in line if job.task == task] for task in tasks}
-                line.sort(key=lambda job: (job.instant("write"), job.instant("read"), -job.start))
+                line.sort(key=lambda job: (*map(job.instant, ("write", "read", "release")), -job.start, job.index))
                 self.writes = {task: [job for job in line if job.task == task] for task in tasks}
                 self.chain(chain, self.far[tasks[0]], self.far[tasks[-1]])
         return self.findings

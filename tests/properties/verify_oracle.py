@@ -16,7 +16,7 @@ from typing import NamedTuple
 import refined_oracle
 import split_oracle
 
-from halpipe.models import Edge, Match, Status
+from halpipe.models import Anchor, Edge, Match, Status
 
 
 class At(NamedTuple):
@@ -325,6 +325,11 @@ def reactions_of(chain, line):
             yield missed, last
 
 
+def order_of(placed):
+    """The order of jobs of one task that read and write together: by release, then by number."""
+    return refined_oracle.instant(placed, Anchor.RELEASE), placed.index
+
+
 def ages_of(chain, line):
     """(first job, last job) of every output."""
     for last in (a for a in line if a.job.task == chain.tasks[-1]):
@@ -333,7 +338,7 @@ def ages_of(chain, line):
             earlier = [a for a in line if a.job.task == name and a.write <= reached.read]
             if not earlier:
                 break
-            reached = max(earlier, key=lambda a: (a.write, a.read, -a.start))
+            reached = max(earlier, key=lambda a: (a.write, a.read, -a.start, *order_of(a)))
         else:
             yield reached, last
 
