@@ -1,4 +1,4 @@
-/* What Python hands over: `Arrays` (problem.py) and `State` (state.py), field by field in the same order and with the
+/* What Python hands over: `Arrays` (problem.py) and `State` (kernel.py), field by field in the same order and with the
  * same names. A test compares them with the Python sides; the loader fills them.
  *
  * A field that is a table in Python is a pointer to rows with named members here. Nothing is ever allocated, so there
