@@ -31,10 +31,11 @@ ANY_NAME = "name"
 
 
 class Outline(Fields):
-    """A mapping that has every key, and notes how each is read."""
+    """A mapping that has every key, and notes how each is read; `maps`: what may be a mapping is one."""
 
-    def __init__(self, keys: tuple[str, ...], meanings: dict[str, str]) -> None:
+    def __init__(self, keys: tuple[str, ...], meanings: dict[str, str], *, maps: bool = False) -> None:
         super().__init__("", Findings(), YamlMap(0), "", ())
+        self._maps = maps
         self._meanings = meanings
         self.required: list[str] = []
         self.asked: dict[str, dict[str, Any]] = {}
@@ -78,6 +79,10 @@ class Outline(Fields):
         """Return no place."""
         return Location()
 
+    def is_mapping(self, key: str) -> bool:
+        """Return whether the form at hand is a mapping."""
+        return self._maps
+
     def require(self, *keys: str) -> bool:
         """Note that the keys are required."""
         self.required += keys
@@ -107,19 +112,19 @@ class Outline(Fields):
 
     def section(self, key: str, keys: tuple[str, ...], path: str) -> Outline:
         """Note a mapping."""
-        inner = Outline(keys, self._meanings)
+        inner = Outline(keys, self._meanings, maps=self._maps)
         self.asked[key] = _Later(inner)
         return inner
 
     def entries(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[tuple[str, Fields, Location]]:
         """Note a mapping of mappings."""
         outer = self.section(key, (), path)
-        outer.each = Outline(keys, self._meanings)
+        outer.each = Outline(keys, self._meanings, maps=self._maps)
         yield "name", outer.each, Location()
 
     def items(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[Fields]:
         """Note a list of mappings."""
-        inner = Outline(keys, self._meanings)
+        inner = Outline(keys, self._meanings, maps=self._maps)
         self.asked[key] = _Later(inner, listed=True)
         yield inner
 
@@ -197,9 +202,24 @@ def _platform() -> dict[str, Any]:
 def _profile() -> dict[str, Any]:
     from halpipe.exporters.riscv import profile
 
-    outline = Outline((), meanings("riscv-bundle.md"))
-    profile._profile("profile", outline)
-    return _finished("halpipe profile of a RISC-V target", "halpipe-profile", outline)
+    forms = []
+    for maps in (False, True):
+        outline = Outline((), meanings("riscv-bundle.md"), maps=maps)
+        profile._profile("profile", outline)
+        forms.append(_finished("halpipe profile of a RISC-V target", "halpipe-profile", outline))
+    return _either(*forms)
+
+
+def _either(plain: dict[str, Any], mapped: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of what may be a single value or a mapping, wherever the two differ."""
+    if plain == mapped:
+        return plain
+    if "properties" in plain and "properties" in mapped:
+        pairs = ((key, form, mapped["properties"][key]) for key, form in plain["properties"].items())
+        return plain | {"properties": {key: _either(*forms) for key, *forms in pairs}}
+    described = {key: text for key, text in plain.items() if key == "description"}
+    forms = ({key: each[key] for key in each if key != "description"} for each in (plain, mapped))
+    return described | {"anyOf": list(forms)}
 
 
 def _drivers() -> dict[str, Any]:
