@@ -117,7 +117,7 @@ class Format(StrEnum):
 
 
 class Settings:
-    """What the options chose; there is one command per process."""
+    """Settings from the options; there is one command per process."""
 
     format: Format = Format.TEXT
     quiet: bool = False

@@ -167,7 +167,7 @@ def _refuse_twins(sources: Sequence[str]) -> None:
 
 
 class _Run:
-    """What is solved so far, by the name of its file."""
+    """Solved schedules so far, by the names of their files."""
 
     def __init__(self, ledger: Ledger, stop: Stop, total: int) -> None:
         self.ledger, self.stop, self.total = ledger, stop, total

@@ -39,7 +39,7 @@ ASPECTS = {
 
 @record
 class Extent:
-    """What a format carries, by aspect, with the element of the format that does; and what is lost, in sentences."""
+    """Extent of a format: aspects that it carries, each with its element; and losses, in sentences."""
 
     carried: Mapping[str, str]
     lost: tuple[str, ...] = ()

@@ -16,7 +16,7 @@ LONGEST = 200
 
 
 class _Budget:
-    """What is left of the comparisons of the command at hand; None where they are not counted."""
+    """Rest of the comparisons of the current command; None where they are not counted."""
 
     left: int | None = None
 

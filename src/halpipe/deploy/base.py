@@ -36,7 +36,7 @@ class CheckOptions:
 
     @property
     def execution(self) -> str:
-        """How long jobs take: ``real``, or ``modelled``."""
+        """Duration of jobs: ``real``, or ``modelled``."""
         return "modelled" if self.modelled else "real"
 
     def unused(self) -> tuple[str, ...]:

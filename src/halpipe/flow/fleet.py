@@ -28,7 +28,7 @@ MARK = "halpipe-fleet"
 
 
 class Outcome(StrEnum):
-    """What became of one model."""
+    """Result of one model."""
 
     VALID = "valid"
     KEPT = "kept"
@@ -68,13 +68,13 @@ class Variant:
 
     @property
     def key(self) -> str:
-        """What its schedule depends on, as a hash."""
+        """Hash of everything that the schedule depends on."""
         return sha256(repr((__version__, sha256(self.content), sorted(self.options.items()))).encode())
 
 
 @record
 class Solved:
-    """What became of a variant: the bytes of its schedule, if it has one, and what there is to say."""
+    """Result of a variant: the bytes of its schedule, if it has one, and the findings."""
 
     outcome: Outcome
     content: bytes = b""

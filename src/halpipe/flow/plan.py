@@ -38,7 +38,7 @@ _TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
 
 @record
 class ImportStep:
-    """What to read; see `halpipe.flow.formats.import_model`."""
+    """Sources to read; see `halpipe.flow.formats.import_model`."""
 
     format: str
     inputs: tuple[str, ...]
@@ -47,7 +47,7 @@ class ImportStep:
 
 @record
 class ExportStep:
-    """What to write from the verified schedule."""
+    """Export of the verified schedule."""
 
     format: str
     output: str

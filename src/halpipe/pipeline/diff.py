@@ -50,7 +50,7 @@ class JobChange:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What happened to the job: added, removed, or any of moved, parts, version, units."""
+        """Changes of the job: added, removed, or any of moved, parts, version, units."""
         before, after = self.before, self.after
         if before is None or after is None:
             return (ADDED,) if before is None else (REMOVED,)
@@ -66,7 +66,7 @@ class JobChange:
 
 @record
 class TaskSummary:
-    """How many jobs of a task in a table changed, and how; `shift` is set where all moved by the same time."""
+    """Changed jobs of a task in a table, by kind; `shift` is set where all moved by the same time."""
 
     table: str
     task: str

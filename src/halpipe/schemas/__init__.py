@@ -122,7 +122,7 @@ def _could_be_slow(root: etree._Element) -> bool:
 
 
 class _Nothing:
-    """What is made of a document that is parsed for its violations alone: no tree, which takes most of the time."""
+    """Parser target that builds no tree, for a document that is parsed for its violations alone."""
 
     def close(self) -> None:
         """Return what was made."""

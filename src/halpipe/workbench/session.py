@@ -68,7 +68,7 @@ class State:
 
 @record
 class Answered:
-    """How what is shown came about: jobs that stayed of how many, and seconds; None where nothing was solved for it."""
+    """Effort behind the shown schedule: jobs that stayed of all, and seconds; None where nothing was solved."""
 
     stayed: int = 0
     jobs: int = 0

@@ -59,7 +59,7 @@ _TIMED = {
 
 @record
 class Judgement:
-    """What was found; `start_errors` are the median, the 99th percentile and the maximum.
+    """Findings of a run; `start_errors` are the median, the 99th percentile and the maximum.
 
     `missing` and `disordered` count jobs that did not run, and that started out of order.
     """

@@ -41,7 +41,7 @@ MOST_WINDOWS = 2**20
 
 @record
 class Sample:
-    """What a unit moved in a direction, in [start, end) nanoseconds from the begin of a table; and its line."""
+    """Bytes that a unit moved in a direction, in [start, end) nanoseconds from the begin of a table; and its line."""
 
     table: Table
     unit: Unit

@@ -28,7 +28,7 @@ AGAIN = "export the bundle again; what is loaded was changed, or the exporter is
 
 @dataclass(slots=True)
 class Case:
-    """What a device is loaded with, and what it must then grant; `findings` are collected, `steps` counted."""
+    """Load of a device, and the budgets that it must then grant; `findings` are collected, `steps` counted."""
 
     bundle: Bundle
     tables: Tables

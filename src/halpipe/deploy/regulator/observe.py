@@ -48,7 +48,7 @@ class Count:
 
 @dataclass(slots=True)
 class Verdict:
-    """What a run showed, in figures, and what was wrong with it."""
+    """Figures of a run, and its findings."""
 
     windows: int = 0
     switches: int = 0

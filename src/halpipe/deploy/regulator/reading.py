@@ -55,12 +55,12 @@ class Platform:
 
     @property
     def promise_bytes(self) -> Fraction:
-        """What a bound of 1 promises in one window, in bytes."""
+        """Return the bytes that a bound of 1 promises in one window."""
         return self.guaranteed * (self.window_cycles + self.window_extra) / self.clock_hz
 
     @property
     def capacity_bytes(self) -> int:
-        """What all units together may get in one window, the shorter where they differ, in whole bytes."""
+        """Return the whole bytes that all units together may get in one window, the shorter where they differ."""
         return int(self.capacity * self.window_cycles / self.clock_hz)
 
 
@@ -119,7 +119,7 @@ class Table:
 
 @record
 class Switch:
-    """Which table software requests to go from one mode to another."""
+    """Table that software requests to go from one mode to another."""
 
     source: str
     target: str

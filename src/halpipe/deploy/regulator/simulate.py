@@ -44,7 +44,7 @@ RUN_SECONDS = 1800
 
 @record(kw_only=True)
 class Design:
-    """What an engine compiles: Verilog files by name, what only Verilator and only Icarus need, and parameters."""
+    """Sources of an engine: Verilog files by name, those for Verilator or Icarus alone, and parameters."""
 
     sources: Mapping[str, bytes]
     for_verilator: Mapping[str, bytes]

@@ -83,7 +83,7 @@ class Draw:
 
 @record(kw_only=True)
 class Traffic:
-    """How the managers of a run behave; of the memory, its queues' depth and its latency in cycles."""
+    """Behaviour of the managers of a run; of the memory, its queues' depth and its latency in cycles."""
 
     name: str
     greedy: bool = False
@@ -128,7 +128,7 @@ TRAFFIC = (
 
 @record(kw_only=True)
 class Expected:
-    """What a window must be: the table played and its window; none while the defaults hold, or no budget at all."""
+    """Expected window: the table played and its window; none while the defaults hold, or no budget at all."""
 
     table: int
     window: int
@@ -156,7 +156,7 @@ class Run:
 
     @property
     def switches(self) -> int:
-        """How often another table begins."""
+        """Return the number of begins of another table."""
         return sum(a.running and b.running and a.table != b.table for a, b in pairwise(self.expected))
 
 

@@ -45,7 +45,7 @@ _NUMBER = re.compile(r"[+-]?[0-9]{1,40}(\.[0-9]{0,40})?([eE][+-]?[0-9]{1,3})?")
 
 @dataclass(slots=True)
 class Definition:
-    """What a module, container, parameter or reference may be; `upper` None is any number, `inside` goes by name."""
+    """Definition of a module, container, parameter or reference; `upper` None is any number, `inside` goes by name."""
 
     name: str
     tag: str

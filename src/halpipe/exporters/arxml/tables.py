@@ -33,7 +33,7 @@ MOST_EVENTS = 64
 
 
 class Work(NamedTuple):
-    """What an OsTask executes: a task, in a version, on a unit; a bound task in whatever version the table means."""
+    """Work of an OsTask: a task, in a version, on a unit; a bound task in whatever version the table means."""
 
     task: str
     versions: tuple[str, ...]

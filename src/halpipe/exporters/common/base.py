@@ -66,7 +66,7 @@ class Exporter(Protocol):
 
 
 class PlainExporter:
-    """What most exporters are, and inherit."""
+    """Base of most exporters."""
 
     help = ""
     options: type[ExportOptions] = ExportOptions

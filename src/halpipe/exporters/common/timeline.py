@@ -71,7 +71,7 @@ class Window:
 
     @property
     def length(self) -> Duration:
-        """How long the stretch is."""
+        """Length of the stretch."""
         return self.end - self.start
 
     def shows(self, placement: Placement) -> bool:
@@ -120,7 +120,7 @@ def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Du
 
 
 class PhaseTimes:
-    """When the access phases of jobs are in force, from their starts; worked out once for what jobs have in common."""
+    """Spans in which access phases of jobs are in force, from their starts; computed once for alike jobs."""
 
     def __init__(self, model: TaskModel) -> None:
         self.versions = versions_of(model)

@@ -23,7 +23,7 @@ HIGHEST_PRIORITY = 98
 
 @record(kw_only=True)
 class LinuxOptions(ExportOptions):
-    """What may be chosen of a bundle.
+    """Options of a bundle.
 
     - `cpus`: the Linux CPU of each unit (None: in the order of the model); `priority` of SCHED_FIFO, 1 to 98, for the
       lowest thread.

@@ -168,7 +168,7 @@ def _ns(instant: Duration) -> int:
 
 
 class _Programs:
-    """Which functions of a job run from when on (MODEL 8.2, run time).
+    """Functions of a job, each with the run time from which it runs (MODEL 8.2).
 
     A job split by a list is held where it has a gap. In models of splits or interrupts, all are also held where an
     access phase begins, which must be where a function does.

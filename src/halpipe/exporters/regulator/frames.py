@@ -27,7 +27,7 @@ MODE, TRANSITION = "mode", "transition"
 
 
 class Row(NamedTuple):
-    """What is regulated on its own: one direction of one unit."""
+    """Regulated row: one direction of one unit."""
 
     unit: str
     direction: str
@@ -69,7 +69,7 @@ class Frame:
 
     @property
     def path(self) -> Path:
-        """How messages call the table."""
+        """Name of the table in messages."""
         return named(self.kind, self.name)
 
 

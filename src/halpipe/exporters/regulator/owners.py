@@ -11,7 +11,7 @@ T = TypeVar("T", int, str)
 
 
 class Free(Generic[T]):
-    """What is not owned: `taken` is owned by someone; `near` yields the others, from what is nearest to one on."""
+    """Free numbers: `taken` has an owner; `near` yields the others, from the nearest to one on."""
 
     def __init__(self, taken: Iterable[T], near: Callable[[T], Iterator[T]]) -> None:
         self._taken: set[T] = set(taken)

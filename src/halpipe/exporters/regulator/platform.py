@@ -62,7 +62,7 @@ _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 
 @record
 class UnitPort:
-    """How a unit reaches memory: its `manager` (bus port), default budgets in bytes per window (None: equal shares).
+    """Port of a unit to memory: its `manager` (bus port), default budgets in bytes per window (None: equal shares).
 
     `port` names it for QoS-400, `core` for MemGuard, `group` for resctrl.
     """

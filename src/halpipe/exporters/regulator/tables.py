@@ -116,7 +116,7 @@ def run_starts(values: Sequence[int]) -> Iterator[int]:
 
 @record
 class Switch:
-    """What software requests to go from one mode to another: a transition table, or the mode's own where none is."""
+    """Table that software requests to go from one mode to another: a transition table, or the mode's own."""
 
     source: str
     target: str

@@ -122,7 +122,7 @@ class Chart:
 
 @record(kw_only=True)
 class Caption:
-    """What a chart says of itself; `fine` asks for the ticks that zooming shows."""
+    """Caption of a chart; `fine` asks for the ticks that zooming shows."""
 
     name: str
     title: str

@@ -37,7 +37,7 @@ TARGET: dict[str, Callable[[], Any]] = {
 
 @record(kw_only=True)
 class RiscvOptions(ExportOptions):
-    """What may be chosen of a bundle.
+    """Options of a bundle.
 
     - `profile` is a name, or a file that ends in ``.yaml``; `toolchain` is ``auto``, ``zig`` or ``gcc``.
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
@@ -64,7 +64,7 @@ class RiscvOptions(ExportOptions):
 
 @record(kw_only=True)
 class PrepareOptions:
-    """What may be chosen of the preparation of a model; see `RiscvOptions`."""
+    """Options of the preparation of a model; see `RiscvOptions`."""
 
     profile: str = TARGET["profile"]()
     toolchain: str = TARGET["toolchain"]()

@@ -60,7 +60,7 @@ MONITOR = ("monitor.S", "monitor.c")
 
 @record
 class Site:
-    """What is known before anything is compiled."""
+    """Facts known before anything is compiled."""
 
     profile: Profile
     cores: dict[str, Core]
@@ -77,7 +77,7 @@ class Site:
 
 @record
 class Plan:
-    """What the management core does, and with which images."""
+    """Plan of the management core, and its images."""
 
     programs: list[Program]
     tables: list[Table]

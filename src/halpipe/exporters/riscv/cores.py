@@ -143,7 +143,7 @@ def _outside(transfer: Transfer, reserved: int, path: str) -> Diagnostic:
 
 @record
 class MainMemory:
-    """Where things lie: [runtime | control | images ... | buffers | trace | faults]."""
+    """Layout of main memory: [runtime | control | images ... | buffers | trace | faults]."""
 
     base: int
     control: int
@@ -250,7 +250,7 @@ class Slots:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of them."""
         return self.units + len(self.kept)
 
     def of(self, task: str, unit: int) -> int:

@@ -82,13 +82,13 @@ class Image:
 
     @property
     def bss(self) -> tuple[int, int]:
-        """Where the monitor clears: first address, and number of bytes."""
+        """Area that the monitor clears: first address, and number of bytes."""
         begin = self.elf.address("hp_bss_begin")
         return begin, self.elf.address("hp_bss_end") - begin
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """What is loaded, in order."""
+        """Segments to load, in order."""
         return self.elf.segments
 
 

@@ -62,7 +62,7 @@ class Operation:
 
 @record
 class Program:
-    """What is done for one job of a version on its units (core indices; the first leads), in a slot of the runtime."""
+    """Operations for one job of a version on its units (core indices; the first leads), in a slot of the runtime."""
 
     task: str
     version: str

@@ -118,7 +118,7 @@ class Dma:
 
     @property
     def bandwidth(self) -> int:
-        """What a channel moves at least, wherever to."""
+        """Least bandwidth of a channel, whatever the memory."""
         return min(self.into.values())
 
 

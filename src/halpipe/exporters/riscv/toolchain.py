@@ -186,7 +186,7 @@ class Elf:
 
     @property
     def stored(self) -> int:
-        """How many bytes of main memory the image takes, from its first to its last."""
+        """Bytes of main memory that the image takes, from its first to its last."""
         if not self.segments:
             return 0
         return max(s.source + s.size for s in self.segments) - min(s.source for s in self.segments)

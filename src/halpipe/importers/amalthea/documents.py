@@ -249,7 +249,7 @@ def _transitions(path: str, known: set[str], findings: Findings) -> list[Transit
 
 @dataclass(slots=True)
 class _Merged:
-    """What the modes come to together; `names` gives the tasks of each mode their names in the whole."""
+    """Union of the modes; `names` gives the tasks of each mode their names in the whole."""
 
     names: dict[tuple[str, str], str] = field(default_factory=dict)
     tasks: dict[str, Task] = field(default_factory=dict)

@@ -156,7 +156,7 @@ def is_uninterrupted(step: Item) -> bool:
 
 @record
 class Amount:
-    """What some steps come to: cycles of the unit, and how often each label is read and written.
+    """Sum of some steps: cycles of the unit, and the number of reads and writes of each label.
 
     `is_timed`: at least one of them states a time; `is_known`: none states a time without an upper bound;
     `is_possible`: none states a time for other kinds of units only.

@@ -30,7 +30,7 @@ _LATENCY_KINDS = ("readLatency", "writeLatency")
 
 @record
 class Path:
-    """How a unit reaches a memory: cycles of the unit for an access of `width` bytes, or a rate in bytes per second."""
+    """Access path to a memory: cycles of the unit for an access of `width` bytes, or a rate in bytes per second."""
 
     read: Fraction
     write: Fraction
@@ -224,7 +224,7 @@ class Phase:
 
 
 class Memories:
-    """Where labels are, and the resources of the model that this makes."""
+    """Memories of labels, and the resources of the model that they become."""
 
     def __init__(self, forest: Forest, hardware: Hardware) -> None:
         self._forest = forest

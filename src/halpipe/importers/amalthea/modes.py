@@ -108,7 +108,7 @@ def _literals(forest: Forest, label: Item) -> list[Item]:
 
 
 class Conditions:
-    """What conditions come to in one mode: True, False, or None where it depends on data."""
+    """Value of conditions in one mode: True, False, or None where it depends on data."""
 
     def __init__(self, forest: Forest, mode: SystemMode) -> None:
         self._forest = forest

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False, slots=True)
 class Part:
-    """What a task does between two waits; `waits` are the events that it waits for at its beginning."""
+    """Part of a task between two waits; `waits` are the events that it waits for at its beginning."""
 
     task: Item
     index: int
@@ -41,7 +41,7 @@ class Part:
 
 @record
 class Trigger:
-    """What activates a draft: `cause` within the step `top` of the jobs of `source`, as far as `count` lets pass."""
+    """Trigger of a draft: `cause` within the step `top` of the jobs of `source`, as far as `count` lets pass."""
 
     source: Draft
     cause: Item

@@ -187,12 +187,12 @@ class Item:
 
     @property
     def at(self) -> Location:
-        """Where the element stands."""
+        """Place of the element."""
         return Location(self.file, line_of(self.element))
 
     @property
     def path(self) -> str:
-        """What a message calls the element."""
+        """Name of the element in messages."""
         owner = self.owner
         while not self.name and owner is not None and not owner.name:
             owner = owner.owner

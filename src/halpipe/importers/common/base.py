@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Supplement(Protocol):
-    """What an importer asks of an overlay while it reads; the overlay remembers what it was asked for."""
+    """Overlay as an importer sees it; the overlay remembers what it was asked for."""
 
     def drops(self, name: str) -> bool:
         """Return whether the element `name` is to be left out."""

@@ -70,7 +70,7 @@ def expand(pattern: str, names: Iterable[str]) -> list[str]:
 
 @record(kw_only=True)
 class VersionEntry:
-    """What an overlay states of a version; what is not there is left to less specific entries, then to the source.
+    """Statements of an overlay on a version; absent ones are left to less specific entries, then to the source.
 
     `stated` has attributes of the version and of its split, by field; of `units`, patterns. Of `split` only the
     points, or that it is anywhere, are meant.
@@ -85,7 +85,7 @@ class VersionEntry:
 
 @record(kw_only=True)
 class TaskEntry:
-    """What an overlay states of the tasks that `pattern` matches; `common` holds for all their versions.
+    """Statements of an overlay on the tasks that `pattern` matches; `common` holds for all their versions.
 
     `stated` has attributes of the tasks by field.
     """

@@ -251,7 +251,7 @@ def health(
 
 
 class OverlayUse:
-    """What an importer asks of an overlay. It remembers what matched: an entry that matches nothing is an error."""
+    """Overlay during an import. It remembers its matches: an entry that matches nothing is an error."""
 
     def __init__(self, overlay: Overlay) -> None:
         self._overlay = overlay

@@ -33,7 +33,7 @@ _PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)
 
 @record
 class Activation:
-    """How a callback runs: `order` counts from 0 in the order in which data spreads; `cause` is for people."""
+    """Activation of a callback: `order` counts from 0 in the order in which data spreads; `cause` is for people."""
 
     period: Duration
     order: int
@@ -79,7 +79,7 @@ class Wiring:
 
 @dataclass(slots=True)
 class _Seeds:
-    """Where periods start: callbacks, and topics with the words that say who stated the period."""
+    """Sources of periods: callbacks, and topics with the words that say who stated the period."""
 
     callbacks: dict[str, tuple[Duration, str]] = field(default_factory=dict)
     topics: dict[str, tuple[Duration, str]] = field(default_factory=dict)

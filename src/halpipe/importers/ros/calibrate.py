@@ -56,7 +56,7 @@ FEWEST_SAMPLES = 10
 
 @record
 class Estimate:
-    """What the samples of a task give: the WCET, the sample that decided it, and the words that say how."""
+    """Estimate from the samples of a task: the WCET, the sample that decided it, and the words that say how."""
 
     wcet: Duration
     sample: Sample
@@ -197,7 +197,7 @@ class Measurements:
 
 @record
 class _Pair:
-    """Where the times of a callback stand in a row: start (None: the end is a duration) and end, with their scales."""
+    """Columns of the times of a callback: start (None: the end is a duration) and end, with their scales."""
 
     callback: str | None
     name: int

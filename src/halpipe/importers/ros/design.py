@@ -210,7 +210,7 @@ _HINTS = ("warn_rate", "error_rate", "timeout", "name")
 
 @dataclass(slots=True)
 class _Triggers:
-    """What starts a process: rates, ports and other processes; `once` are ports that it only waits for at first."""
+    """Triggers of a process: rates, ports and other processes; `once` are ports that it only waits for at first."""
 
     period: Duration | None = None
     ports: dict[str, None] = field(default_factory=dict)

@@ -40,7 +40,7 @@ DEADLINE = "QoS deadline"
 
 @dataclass(slots=True)
 class _Links:
-    """Who publishes and reads what, gathered from the edges; keys are (node, topic), values the first line."""
+    """Publishers and readers, gathered from the edges; keys are (node, topic), values the first line."""
 
     publishes: dict[tuple[str, str], int] = field(default_factory=dict)
     subscribes: dict[tuple[str, str], int] = field(default_factory=dict)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Kind(StrEnum):
-    """What makes a callback run; the value is its kind in the coverage report."""
+    """Trigger of a callback; the value is its kind in the coverage report."""
 
     TIMER = "timer_callback"
     SUBSCRIPTION = "subscription_callback"
@@ -37,7 +37,7 @@ class Kind(StrEnum):
 
 
 class Certainty(StrEnum):
-    """How the publishing callbacks of a publication are known."""
+    """Certainty of the publishing callbacks of a publication."""
 
     STATED = "stated"
     INFERRED = "inferred"
@@ -207,7 +207,7 @@ _FINE_GRIDS = tuple(Duration(step) for step in (100_000, 10_000, 1_000))
 
 @record
 class Tolerance:
-    """How far a period may be moved: a share of it, or an absolute amount (at most 1/1000 of it) if that is more."""
+    """Tolerance of a period: a share of it, or an absolute amount (at most 1/1000 of it) if that is more."""
 
     relative: Fraction
     absolute: Duration

@@ -30,7 +30,7 @@ _READS = "the importer reads CARET's architecture.yaml, DOT graphs, Autoware Sys
 
 
 class FileKind(Enum):
-    """What an input file is."""
+    """Kind of an input file."""
 
     CARET = "architecture.yaml"
     DOT = "DOT graph"
@@ -50,7 +50,7 @@ class Input:
 
 @dataclass(slots=True)
 class Inputs:
-    """What was found: one graph or any number of design files count; `skipped` are files that are nothing to us."""
+    """Inputs of an import: one graph or any number of design files count; `skipped` are other files."""
 
     graphs: list[Input] = field(default_factory=list)
     designs: list[Input] = field(default_factory=list)

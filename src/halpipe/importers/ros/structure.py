@@ -234,7 +234,7 @@ class _Scope:
 
 @dataclass(slots=True)
 class Structure:
-    """What one mode of a system consists of."""
+    """Structure of one mode of a system."""
 
     catalogue: Catalogue
     instances: list[Instance] = field(default_factory=list)

@@ -131,7 +131,7 @@ def _messages(fields: Fields, number: int) -> Iterator[Fields]:
 
 
 class _Sequence:
-    """What the packets of one writer refer to: names by number, and defaults."""
+    """State of one writer's packets: names by number, and defaults."""
 
     def __init__(self) -> None:
         self.names: dict[int, str] = {}

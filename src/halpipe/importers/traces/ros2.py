@@ -115,7 +115,7 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
 
 @dataclass(slots=True)
 class _Known:
-    """What addresses mean."""
+    """Meaning of addresses."""
 
     node: dict[Handle, str] = field(default_factory=dict)
     publisher: dict[Handle, tuple[str, str]] = field(default_factory=dict)
@@ -170,7 +170,7 @@ class _Join:
 
     @property
     def unended(self) -> int:
-        """How many jobs still ran at the end, or lost their end."""
+        """Return the number of jobs that still ran at the end, or lost their end."""
         return sum(map(len, self._open.values()))
 
     def take(self, event: Event) -> None:

@@ -162,7 +162,7 @@ class _Reader:
 
 
 class _Switch:
-    """Where the fields of a switch stand."""
+    """Places of the fields of a switch."""
 
     def __init__(self, text: str, order: str) -> None:
         self.order = order

@@ -35,7 +35,7 @@ EFFORT = 5
 
 @record
 class Kept:
-    """What is left of a mode: its tasks, which constraints of them, and the chains with their limits."""
+    """Reduced mode: its tasks, the constraints kept of them, and the chains with their limits."""
 
     tasks: tuple[ActiveTask, ...]
     chains: tuple[Chain, ...]
@@ -43,7 +43,7 @@ class Kept:
 
 @record
 class Conflict:
-    """What the exact engine says of a mode, and where it says infeasible, the part of it that already is.
+    """Answer of the exact engine for a mode; where infeasible, the part of the mode that already is.
 
     On a `grid`, all times are rounded so that the answer holds for the mode as it is.
     """

@@ -43,7 +43,7 @@ WORK = 2_000_000
 
 
 class Verdict(StrEnum):
-    """What became of the question whether a mode has a schedule."""
+    """Verdict on whether a mode has a schedule."""
 
     SCHEDULABLE = "schedulable"
     INFEASIBLE = "infeasible"

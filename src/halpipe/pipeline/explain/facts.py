@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @record
 class Witness:
-    """Why a mode has no schedule: the finding, and the tasks it is about."""
+    """Proof that a mode has no schedule: the finding, and its tasks."""
 
     diagnostic: Diagnostic
     tasks: tuple[str, ...]

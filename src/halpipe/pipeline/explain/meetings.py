@@ -44,7 +44,7 @@ class Part:
 
 @record
 class Step:
-    """How one more part meets those before it: they are together for `together`, again after a multiple of `gcd`."""
+    """Simultaneous demand of one more part: together for `together`, again after a multiple of `gcd`."""
 
     part: Part
     gcd: int
@@ -52,7 +52,7 @@ class Step:
 
 
 class Budget:
-    """What is left of the effort of a search."""
+    """Rest of the effort of a search."""
 
     def __init__(self, steps: int = MAX_STEPS) -> None:
         self.steps = steps

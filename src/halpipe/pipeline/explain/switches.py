@@ -82,7 +82,7 @@ def _remedy(
 
 @record
 class Need:
-    """How long every table of a switch is, since the first of `tasks`, which enters, must start before the mode."""
+    """Least length of every table of a switch, since the first of `tasks`, which enters, must start before the mode."""
 
     transition: Transition
     length: Duration

@@ -42,7 +42,7 @@ SEXTANTS = 6
 
 @record(kw_only=True)
 class SetParameters:
-    """What a synthetic task set is to be like; the first eight are the rows of Table III, the others are extensions.
+    """Parameters of a synthetic task set; the first eight are the rows of Table III, the others are extensions.
 
     `access_windows` None means one for every task. With a `resource_fill`, windows are added until the resources are
     in use for that share of the time on average. `gang` is the share of tasks that take two units at once. With

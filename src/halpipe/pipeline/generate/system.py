@@ -44,7 +44,7 @@ EARLIEST, LATEST = Fraction(1, 4), Fraction(7, 4)
 
 @record
 class Achieved:
-    """What a set really has: shares of the units' time, of the resources' time, and of the tasks; and its windows."""
+    """Properties of a set: shares of the units' time, of the resources' time, and of the tasks; and its windows."""
 
     jobs: int
     utilisation: Fraction

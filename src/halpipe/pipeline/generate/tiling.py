@@ -50,7 +50,7 @@ class Piece:
 
 @record
 class _Column:
-    """What starts `starts` times, first in `sextant`, and is `length` sextants long each time."""
+    """Column that starts `starts` times, first in `sextant`, and is `length` sextants long each time."""
 
     starts: int
     sextant: int

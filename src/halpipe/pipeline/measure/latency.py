@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Passage(NamedTuple):
-    """When a job reads and writes, and the events from and to which the figures of a chain count."""
+    """Instants at which a job reads and writes, and the events from and to which the figures of a chain count."""
 
     read: int
     write: int

@@ -39,7 +39,7 @@ NEVER = Fraction(10**30)
 
 
 class Objective(StrEnum):
-    """What may be optimised, see above."""
+    """Objective of the search, see above."""
 
     CHAINS = "chains"
     JITTER = "jitter"
@@ -83,7 +83,7 @@ class Judge:
 
     @property
     def chain_weights(self) -> tuple[int, ...]:
-        """What a tick of each chain's latencies counts, as whole numbers, of the chains whose tasks all run."""
+        """Return the whole weight of a tick of each chain's latencies, of the chains whose tasks all run."""
         return whole_weights(chain for chain in self.model.chains if self.expansion.by_name.keys() >= set(chain.tasks))
 
     @property

@@ -166,7 +166,7 @@ class Placement:
 
     @cached_property
     def claims(self) -> dict[str, list[Step]]:
-        """How many quanta of each resource that jobs access are claimed, over the hyperperiod."""
+        """Return the claimed quanta of each resource that jobs access, over the hyperperiod."""
         phases: dict[str, list[Interval]] = {}
         for job in self.jobs:
             for access, begin, end in job.phases:

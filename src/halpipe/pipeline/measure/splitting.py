@@ -74,7 +74,7 @@ def parts_cost(placement: Placement, job: PlacedJob) -> int:
 
 @record
 class _Boundaries:
-    """Where a version may be interrupted, in ticks of execution: at the points, or `anywhere` outside its phases."""
+    """Preemption points of a version, in ticks of execution: the points, or `anywhere` outside its phases."""
 
     anywhere: bool
     wcet: int

@@ -33,7 +33,7 @@ WAITING = 64
 
 
 class Away:
-    """Where the searches of one command have their moves made."""
+    """Place where the searches of one command have their moves made."""
 
     def __init__(self, cluster: Cluster) -> None:
         self._cluster = cluster

@@ -43,7 +43,7 @@ MAX_TICKS = 2**36
 
 
 class Answer(StrEnum):
-    """What the exact engine says; `UNKNOWN` when its effort is spent."""
+    """Answer of the exact engine; `UNKNOWN` when its effort is spent."""
 
     FEASIBLE = "feasible"
     INFEASIBLE = "infeasible"
@@ -69,7 +69,7 @@ class ExactResult:
 
 @record(kw_only=True)
 class Effort:
-    """How hard CP-SAT tries.
+    """Effort of CP-SAT.
 
     - `work` is its deterministic time, about a second each; None for no bound.
     - `workers` are the threads on which several programs run at a time, each on one; the answer is the same.

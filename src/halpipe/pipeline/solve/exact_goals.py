@@ -45,7 +45,7 @@ CHAINS_JOBS = 400
 
 @record
 class Shortest:
-    """What no weighted sum of latencies falls below, in nanoseconds, and the jobs of a better schedule, if any.
+    """Bound on the weighted sum of latencies, in nanoseconds, and the jobs of a better schedule, if any.
 
     `stopped` states that the caller stopped it before the effort was spent.
     """

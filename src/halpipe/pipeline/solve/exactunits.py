@@ -38,7 +38,7 @@ MAX_COLOURED = 50_000
 
 
 class Form(ABC):
-    """How a program says on which units its jobs run; without `is_circle`, it has fewer solutions than the mode."""
+    """Encoding of the units of jobs in a program; without `is_circle`, it has fewer solutions than the mode."""
 
     is_circle = True
     names_matter = False

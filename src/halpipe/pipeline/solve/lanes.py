@@ -91,7 +91,7 @@ class Lanes:
 
     @property
     def capacities(self) -> list[int]:
-        """How many quanta each lane holds."""
+        """Capacity of each lane, in quanta."""
         return [len(names) for names in self.groups] + self._quanta
 
     @property

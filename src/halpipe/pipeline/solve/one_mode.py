@@ -57,7 +57,7 @@ POLISH_TABLES = 4000
 
 @record
 class Found:
-    """What became of one mode."""
+    """Result of one mode."""
 
     table: ModeSchedule
     diagnostics: list[Diagnostic]
@@ -278,7 +278,7 @@ class _WholeJobs(_Search):
 
     @cached_property
     def keeper(self) -> Keeper | None:
-        """Who keeps the annealer's states: between its turns, and in a file."""
+        """Keeper of the annealer's states: between its turns, and in a file."""
         from halpipe.pipeline.solve.relay import Memory
 
         return Memory(self.options.keeper) if self.may_ask else self.options.keeper

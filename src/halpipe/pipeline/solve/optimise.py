@@ -112,7 +112,7 @@ def polish_of(
 
 @record
 class Reached:
-    """What became of one objective in a mode: its value at first and now, and what no valid schedule falls below."""
+    """Result of one objective in a mode: its value at first and now, and a bound on all valid schedules."""
 
     mode: str
     objective: Objective

@@ -111,7 +111,7 @@ class Arrays:
 
 @record
 class Option:
-    """What an option index means: a version and how many units of each group it takes (empty: not to run)."""
+    """Option of a job: a version and the number of units of each group that it takes (empty: not to run)."""
 
     version: Version | None
     groups: Choice

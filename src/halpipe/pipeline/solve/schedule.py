@@ -58,7 +58,7 @@ It is called from several threads.
 
 @record(kw_only=True)
 class SearchOptions:
-    """What the user may choose: the outcome depends on the model and on these alone.
+    """Options of the search: the outcome depends on the model and on these alone.
 
     - `budget` counts moves per task; without it there are `DEFAULT_BUDGET`, and `LEAST_MOVES` in all.
     - `tick` replaces the natural tick; `modes` are those to schedule (none: all).

@@ -24,7 +24,7 @@ MOST_CYCLES = 1000
 
 @record
 class Pace:
-    """How often a task of both modes must start, in ticks.
+    """Pace at which a task of both modes must start, in ticks.
 
     `last` and `last_end` are of its last job before the switch; `first` is the start of its first job in the mode
     after, `most` the longest distance of two starts, `shortest` the least length of a job.
@@ -193,7 +193,7 @@ class Change:
 
     @cached_property
     def depth(self) -> dict[str, int]:
-        """How many predecessors, one of the other, come before every task."""
+        """Return the length of the longest chain of predecessors of every task."""
         before: dict[str, set[str]] = {name: set() for name in self.after.shapes}
         for (task, _), windows in self.after.windows.items():
             before[task].update(window.task for window in windows if window.task in before)

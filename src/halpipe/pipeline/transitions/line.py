@@ -40,7 +40,7 @@ class Phase:
 
 @record
 class Shape:
-    """What a job occupies under a version: `gang` of `units` for `length`, and its access phases.
+    """Occupation of a job under a version: `gang` of `units` for `length`, and its access phases.
 
     A job with gaps occupies them during its `parts` only, which count from its start.
     """
@@ -62,7 +62,7 @@ class Shape:
 
     @property
     def busy(self) -> tuple[tuple[int, int], ...]:
-        """When units are occupied, from the job's start."""
+        """Spans in which units are occupied, from the job's start."""
         return tuple((part.start, part.end) for part in self.parts) or ((0, self.length),)
 
 
@@ -102,7 +102,7 @@ class LineJob:
 
 
 class Layer:
-    """Who occupies units and resources, sorted by time, so that what is near an instant is found quickly."""
+    """Occupation of units and resources, sorted by time, so that neighbours of an instant are found quickly."""
 
     def __init__(self, jobs: Iterable[LineJob] = ()) -> None:
         self._busy: dict[str, list[tuple[int, int]]] = {}
@@ -336,7 +336,7 @@ class GridMode:
 
     @cached_property
     def shapes(self) -> dict[str, tuple[Shape, ...]]:
-        """What a job of a table may occupy, for every active task: one piece of each version, or the parts of a job."""
+        """Occupations of a job of a table, for every active task: one piece of each version, or the parts of a job."""
         return {active.name: tuple(self._in_time(active)) for active in self.expansion.tasks}
 
     def _in_time(self, active: ActiveTask) -> Iterator[Shape]:

@@ -27,7 +27,7 @@ tasks, since large modes settle slowly."""
 
 @record
 class Blocked:
-    """Why no table of a length was found: the task and the rule, for people; `progress` says how far it came."""
+    """Obstacle to a table of a length: the task and the rule, for people; `progress` is how far the search came."""
 
     task: str
     rule: str

@@ -83,7 +83,7 @@ class ActiveMode:
 
     @property
     def path(self) -> str:
-        """How messages name the mode."""
+        """Name of the mode in messages."""
         return about(mode=self.mode.name)
 
     @cached_property

@@ -109,7 +109,7 @@ def _most_parts(version: Version) -> int:
 
 @record
 class _Cause:
-    """Why a hyperperiod explodes: the `guilty` periods do not fit `base`, the hyperperiod of all others.
+    """Cause of a long hyperperiod: the `guilty` periods do not fit `base`, the hyperperiod of all others.
 
     `jobs` is the number of jobs without the guilty ones; `weights` that of all jobs that one job of each period
     causes, with those on demand, summed over its tasks. `most` is how long the period of tasks that poll for arrivals

@@ -28,7 +28,7 @@ _HELP = "shorten or thin out these tasks, give them cheaper versions, or let som
 
 
 class Need(NamedTuple):
-    """What a task takes at least in a hyperperiod, in nanoseconds, and how many jobs it has."""
+    """Least demand of a task in a hyperperiod, in nanoseconds, and its number of jobs."""
 
     task: str
     amount: int | Fraction

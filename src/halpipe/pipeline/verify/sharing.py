@@ -170,7 +170,7 @@ def unit_claims(jobs: Iterable[Placed]) -> dict[str, list[Claim]]:
 
 @record
 class Shared:
-    """What is claimed of one resource, in parts of which the whole has `scale`: every bound is a whole number of them.
+    """Claims on one resource, in parts of which the whole has `scale`: every bound is a whole number of them.
 
     `scale` is None, and nothing claimed, where the common denominator of the bounds is out of reach.
     """

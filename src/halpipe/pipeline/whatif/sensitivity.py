@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @record(kw_only=True)
 class SensitivityOptions(TrialOptions):
-    """Which tasks are asked about, all where there are none, and whether schedules are looked for."""
+    """Tasks in question, all where none is named, and whether schedules are searched for."""
 
     tasks: tuple[str, ...] = option((), "This task only; repeatable.", name="task", metavar="NAME", form=Form.LIST)
     search: bool = option(False, "Look too for schedules with longer WCETs.", form=Form.SWITCH)
@@ -65,7 +65,7 @@ class Searched:
 
 @record(kw_only=True)
 class Sensitivity:
-    """How much the WCET of a version may grow; `growth` is None where the schedule does not use the version."""
+    """Margin of the WCET of a version; `growth` is None where the schedule does not use the version."""
 
     task: str
     version: str
@@ -278,7 +278,7 @@ def _longest(model: TaskModel, task: Task, wcet: Duration, step: Fraction) -> in
 
 
 class Limit(NamedTuple):
-    """How far the WCET may grow, in ticks, and what comes then."""
+    """Largest WCET, in ticks, and the limit beyond it."""
 
     growth: int
     reason: str

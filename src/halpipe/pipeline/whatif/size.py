@@ -42,7 +42,7 @@ STEP = Fraction(1, 100)
 
 @record(kw_only=True)
 class SizeOptions(TrialOptions):
-    """What is asked: one of `units` (a type), `bandwidth` (a resource) and `wcet_factor`; see `question_of`."""
+    """Question to answer: one of `units` (a type), `bandwidth` (a resource) and `wcet_factor`; see `question_of`."""
 
     units: str = option("", "Ask for the fewest units of this type.", metavar="TYPE")
     bandwidth: str = option("", "Ask for the lowest share of the bandwidth of this resource.", metavar="RESOURCE")

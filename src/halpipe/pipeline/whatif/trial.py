@@ -73,7 +73,7 @@ class TrialOptions:
 
 @record
 class Search:
-    """How schedules are looked for; with `switches`, tables between the modes must be found as well."""
+    """Search for schedules; with `switches`, tables between the modes must be found as well."""
 
     options: SearchOptions
     on_progress: OnProgress
@@ -123,7 +123,7 @@ def check_otherwise(model: TaskModel) -> None:
 
 @record
 class Bracket:
-    """What became of a question, in steps from the hardest number.
+    """Answer to a question, in steps from the hardest number.
 
     `possible` is the first that is not proven impossible (None: all are), `witness` the proof against the one before;
     `found` the first with a schedule; `failed` was tried without success.

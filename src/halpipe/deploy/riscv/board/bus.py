@@ -58,7 +58,7 @@ class Gate(Protocol):
 
 @dataclass(slots=True)
 class _Spent:
-    """What a gate has admitted in the window that it admitted something in last."""
+    """Bytes that a gate has admitted in the last window in which it admitted any."""
 
     window: Fraction = Fraction(-1)
     used: int = 0

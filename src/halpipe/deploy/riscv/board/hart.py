@@ -34,7 +34,7 @@ _ENABLED, _WAS_ENABLED = 1 << 3, 1 << 7  # mstatus.MIE, mstatus.MPIE
 
 
 class Device(Protocol):
-    """What stands at a range of addresses instead of memory."""
+    """Device at a range of addresses instead of memory."""
 
     base: int
     size: int

@@ -59,7 +59,7 @@ class Timing:
 
 @dataclass(slots=True)
 class Budget:
-    """What a run may take at most: instructions of each core by its number, traps, and uses of devices."""
+    """Limits of a run: instructions of each core by its number, traps, and uses of devices."""
 
     instructions: Mapping[int, int] = field(default_factory=dict)
     traps: int = 10**6

@@ -52,7 +52,7 @@ class Memory:
 
     @property
     def host(self) -> int:
-        """Where the allocation lies in the host."""
+        """Address of the allocation in the host."""
         return ctypes.addressof(self._anchor)
 
     def placed(self) -> list[tuple[Region, int]]:

@@ -20,7 +20,7 @@ TOP = 1 << 56
 
 
 class Right(IntFlag):
-    """What may be done with an address."""
+    """Right to read, write or execute an address."""
 
     NONE = 0
     READ = 1

@@ -43,7 +43,7 @@ _ADD, _MULTIPLY, _DIVIDE, _ACCESS, _MANAGEMENT = range(4, 9)
 
 @record
 class Constants:
-    """What was measured of a target, with margins; bandwidths in bytes per second, cycles of an instruction."""
+    """Measured constants of a target, with margins; bandwidths in bytes per second, cycles of an instruction."""
 
     into: dict[str, int]
     setup: Duration

@@ -96,7 +96,7 @@ def tolerance_of(site: Site) -> Duration:
 
 @dataclass(slots=True)
 class Outcome:
-    """What playing one tour gave: the tables, every job with what was seen of it, and the findings."""
+    """Result of one tour: the tables, every job with its observations, and the findings."""
 
     run: Run
     tables: Sequence[Played]
@@ -109,7 +109,7 @@ class Outcome:
 
 @dataclass(slots=True)
 class Totals:
-    """What all tours of a check gave together."""
+    """Result of all tours of a check."""
 
     outcomes: list[Outcome] = field(default_factory=list)
 

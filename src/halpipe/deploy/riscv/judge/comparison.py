@@ -53,13 +53,13 @@ class Seen:
 
     @property
     def begin(self) -> int | None:
-        """When the first of it began, in units."""
+        """Begin of the first part, in units."""
         begins = [t.begin for t in self.transfers if t] + [e.begin for e in self.executions if e]
         return min(begins, default=None)
 
     @property
     def end(self) -> int | None:
-        """When the last of it was over, in units."""
+        """End of the last part, in units."""
         ends = [t.end for t in self.transfers if t] + [e.left for e in self.executions if e]
         return max(ends, default=None)
 

@@ -38,7 +38,7 @@ PREFIX = "after faults were put into jobs: "
 
 @dataclass(slots=True)
 class Injected:
-    """What was injected: how often each kind, into which jobs, and the pairs that were not."""
+    """Injected faults: count of each kind, their jobs, and the pairs that were left out."""
 
     kinds: Counter[Kind] = field(default_factory=Counter)
     jobs: set[str] = field(default_factory=set)
@@ -205,7 +205,7 @@ class Firing:
 
 @dataclass(slots=True)
 class Course:
-    """How a run has to go: its tables, the jobs that fail in them, and the rules that fire."""
+    """Expected course of a run: its tables, the jobs that fail in them, and the rules that fire."""
 
     tables: list[Played]
     injections: list[Injection] = field(default_factory=list)

@@ -36,7 +36,7 @@ _HEADER = ("table", "played", "jobs", "worst start", "worst execution", "of its 
 
 @dataclass(slots=True)
 class Figures:
-    """What was measured of one table over all times that it was played."""
+    """Measurements of one table over all times that it was played."""
 
     played: int = 0
     jobs: int = 0

@@ -61,7 +61,7 @@ FINISHED = 2
 
 @record
 class Played:
-    """What a run left: the runtime's record, the words of its control block, and the contents of the buffers."""
+    """Remains of a run: the runtime's record, the words of its control block, and the contents of the buffers."""
 
     recording: Recording
     words: tuple[int, ...]
@@ -191,7 +191,7 @@ Key = tuple[str, str, str]
 
 @dataclass(slots=True)
 class Patched:
-    """What was injected: how often each kind, into how many images, and what did not fit."""
+    """Injected faults: count of each kind, number of images, and those that did not fit."""
 
     kinds: Counter[Kind] = field(default_factory=Counter)
     images: set[Key] = field(default_factory=set)
@@ -338,7 +338,7 @@ class Leg:
 
     @property
     def requests(self) -> tuple[Request, ...]:
-        """What is requested: before the start only."""
+        """Requests, which are made before the start only."""
         return (Request(ZERO, self.to),) if self.to else ()
 
 

@@ -62,7 +62,7 @@ class TableSeen:
 
 @dataclass(slots=True)
 class Run:
-    """What was seen of a run. Instants of executions and transfers are in units of the machine; `since` converts."""
+    """Observations of a run. Instants of executions and transfers are in units of the machine; `since` converts."""
 
     site: Site
     rate: int

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Board(Protocol):
-    """What a plant reaches of the target: the buffers in main memory, and the request for another mode."""
+    """Access of a plant to the target: the buffers in main memory, and the request for another mode."""
 
     def read(self, buffer: str) -> bytes:
         """Return what a buffer holds."""
@@ -123,7 +123,7 @@ class PlannedCall:
 
     @property
     def what(self) -> str:
-        """How messages name it."""
+        """Name in messages."""
         return f'driver {self.driver.function} of buffer "{self.driver.buffer}"'
 
 

@@ -80,7 +80,7 @@ class PlannedJob:
 
     @property
     def path(self) -> Path:
-        """How messages name it."""
+        """Name in messages."""
         table, task, index = self.table.name, self.job.task, self.job.index
         subjects = (Subject("table", table), Subject("task", task), Subject("job", str(index)))
         return Path(f'"{table}", job {index} of task "{task}"', subjects)
@@ -265,7 +265,7 @@ def _relative(job: Job) -> _Parts:
 
 @record
 class _Wall:
-    """Where the execution of a job lies on the wall: in its parts, after each gap by `resume` later (MODEL 8.2)."""
+    """Execution of a job in wall-clock time: in its parts, after each gap by `resume` later (MODEL 8.2)."""
 
     parts: _Parts
     resume: Duration

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Kind(StrEnum):
-    """What goes wrong."""
+    """Kind of an injected fault."""
 
     SPIN = "a loop without end"
     DEAF_SPIN = "interrupts switched off, then a loop without end"
@@ -107,7 +107,7 @@ class Injection:
 
     @property
     def flags(self) -> Flag:
-        """What the runtime has to record of it, one of these."""
+        """Flags of which the runtime has to record one."""
         if self.kind in (Kind.LATE_DMA, Kind.HELD):
             return Flag.LATE
         if self.kind is Kind.DMA_ERROR:
@@ -120,7 +120,7 @@ class Injection:
 
     @property
     def ends(self) -> frozenset[Outcome]:
-        """How the execution may end."""
+        """Permitted ends of the execution."""
         if self.kind is Kind.SPIN:
             return frozenset({Outcome.OVERRUN})
         return frozenset({Outcome.FAULT} | ({Outcome.OVERRUN} if self.kind is Kind.DEAF_SPIN else set()))

@@ -28,7 +28,7 @@ _STATUS = 80
 
 
 class Outcome(StrEnum):
-    """How an execution ended."""
+    """End of an execution."""
 
     RETURNED = "returned"
     OVERRUN = "overrun"  # ended by the timer

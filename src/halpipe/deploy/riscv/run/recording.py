@@ -35,7 +35,7 @@ class Word:
 
 
 class Kind(IntEnum):
-    """What a record is about."""
+    """Subject of a record."""
 
     TABLE = 0
     COPY = 1
@@ -48,7 +48,7 @@ class Kind(IntEnum):
 
 
 class Flag(IntFlag):
-    """What was wrong with an operation."""
+    """Fault of an operation."""
 
     LATE = 1
     OVERRUN = 2
@@ -103,7 +103,7 @@ class Abandoned:
 
 @record
 class Recording:
-    """What the rings hold; `lost` records were overwritten by later ones."""
+    """Contents of the rings; `lost` records were overwritten by later ones."""
 
     records: tuple[Record, ...]
     abandoned: tuple[Abandoned, ...]

@@ -149,14 +149,14 @@ _SHOWN = 3
 
 @record
 class Action:
-    """What an expiry point does: set an OsEvent of an OsTask, or activate the OsTask if it has none (paths)."""
+    """Action of an expiry point: set an OsEvent of an OsTask, or activate the OsTask if it has none (paths)."""
 
     os_task: str
     event: str = ""
 
     @property
     def key(self) -> str:
-        """What tells actions apart."""
+        """Identity of the action."""
         return self.event or self.os_task
 
 

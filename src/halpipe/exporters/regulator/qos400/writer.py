@@ -51,7 +51,7 @@ PREFIX = {READ: "ar", WRITE: "aw"}
 
 @record
 class Setting:
-    """What is set at `at_ns` of a table: steps for every port and direction, in the order of the units."""
+    """Settings at `at_ns` of a table: steps for every port and direction, in the order of the units."""
 
     at_ns: Fraction
     steps: dict[Row, int]

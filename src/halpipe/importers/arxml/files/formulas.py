@@ -32,7 +32,7 @@ _MAX_SHIFT = 256
 
 
 class FormulaError(ValueError):
-    """What is wrong with a formula."""
+    """Fault of a formula."""
 
 
 class UnsetError(Exception):

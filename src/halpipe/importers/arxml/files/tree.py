@@ -76,7 +76,7 @@ class Ref:
 
     @property
     def at(self) -> Location:
-        """Where it stands."""
+        """Place in the file."""
         return place(self.element, self.file)
 
     @property
@@ -112,7 +112,7 @@ class Node:
 
     @property
     def at(self) -> Location:
-        """Where the first part stands."""
+        """Place of the first part."""
         return place(self.parts[0].element, self.parts[0].file) if self.parts else Location()
 
     def report(self, findings: Findings, code: Code, message: str, help: str = "") -> None:

@@ -38,7 +38,7 @@ _REFS = ("SYSC-REF", "SYSC-STRING-REF")
 
 @record
 class Choice:
-    """What the user chose: the name of a variant, and ``NAME=VALUE`` of constants and criteria; nothing by default."""
+    """Choice of the user: the name of a variant, and ``NAME=VALUE`` of constants and criteria; nothing by default."""
 
     variant: str = ""
     conditions: tuple[str, ...] = ()

@@ -40,7 +40,7 @@ class Data:
 
     @property
     def at(self) -> Location:
-        """Where the group stands."""
+        """Place of the group."""
         return place(self.element, self.file)
 
     def texts(self, key: str) -> list[str]:
@@ -120,7 +120,7 @@ class Container:
 
     @property
     def place(self) -> Place:
-        """Where the container is, with the name of its definition as its kind."""
+        """Place of the container, with the name of its definition as its kind."""
         return Place(self.node.path, self.kind, self.node.at)
 
     def value(self, name: str) -> Stated | None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @record
 class Place:
-    """Where an element is: AUTOSAR path, kind (XML tag, or ECU configuration definition), file and line."""
+    """Place of an element: AUTOSAR path, kind (XML tag, or ECU configuration definition), file and line."""
 
     path: str
     kind: str
@@ -312,7 +312,7 @@ class ModeGroup:
 
 @record
 class Ordered:
-    """What an execution order names: a runnable or event (path), in one component prototype if that is stated."""
+    """Member of an execution order: a runnable or event (path), in one component prototype if that is stated."""
 
     path: str
     prototype: str | None = None
@@ -419,7 +419,7 @@ class Synchronisation:
 
 @record
 class LetGroup:
-    """What executes in one LET interval: runnables or events, and the event chain (path) that is the interval."""
+    """Contents of one LET interval: runnables or events, and the event chain (path) that is the interval."""
 
     place: Place
     interval: str
@@ -428,7 +428,7 @@ class LetGroup:
 
 @record(kw_only=True)
 class Timing:
-    """What the timing extension states: what can be observed, and what is required of it."""
+    """Timing extension: observable events, and the requirements on them."""
 
     observables: tuple[Observable, ...] = ()
     chains: tuple[EventChain, ...] = ()

@@ -79,7 +79,7 @@ class Activation:
 
     @property
     def work(self) -> Actor:
-        """What is executed: the runnable, or for a BSW entity the runnable that is the same function (`twin`)."""
+        """Executed entity: the runnable, or for a BSW entity the runnable that is the same function (`twin`)."""
         return self.twin or self.actor
 
 
@@ -339,7 +339,7 @@ class Draft:
 
     @property
     def origin(self) -> Origin:
-        """Where it comes from; an OsTask lists what it runs, in order."""
+        """Origin in the source; an OsTask lists its runnables, in order."""
         origin = self.place.origin
         if self.place.kind != "OsTask" or not any(member.event for member in self.members):
             return origin

@@ -67,7 +67,7 @@ class Spacing:
 
 @dataclass(slots=True)
 class Requirements:
-    """What is required of tasks, by name, and the elements that it was read from.
+    """Requirements on tasks, by name, and the elements that they were read from.
 
     `together` are tasks with the instant of each that are to be within a tolerance of each other.
     """
@@ -356,7 +356,7 @@ class Edge:
 
     @property
     def anchor(self) -> Anchor:
-        """What of the first task the window counts from."""
+        """Instant of the first task from which the window counts."""
         return self.spacing.anchor if self.spacing else Anchor.END
 
 

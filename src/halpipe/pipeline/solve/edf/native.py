@@ -178,7 +178,7 @@ def most_parts(way: Way) -> int:
 
 
 class Memory:
-    """What the library remembers of one simulation; `room` is how much of it there is, where that is not known."""
+    """Memory of the library for one simulation; `room` is its size, where that is not known."""
 
     def __init__(self, system: System, told: Told, room: Mapping[str, int]) -> None:
         """Make room, and some that grows with the system."""
@@ -236,7 +236,7 @@ class Memory:
 
     @property
     def lacks_room(self) -> tuple[str, ...]:
-        """What there was too little room for; then nothing counts."""
+        """Return the table that was too small; then no result counts."""
         return tuple(name for bit, name in enumerate(FIRST_ROOM) if self.words[LACK] >> bit & 1)
 
     def turn(self, begin: int, end: int) -> None:

@@ -64,7 +64,7 @@ class Table:
 
     @property
     def part_count(self) -> int:
-        """How many parts all jobs have."""
+        """Return the number of parts of all jobs."""
         return sum(self.counts)
 
     def is_whole(self, task: int) -> bool:

@@ -234,7 +234,7 @@ class _Search:
         return Found(trials.jobs(best), best.excess, trials.placed, trials.stopped, unimproved)
 
     def _nearer(self, best: Try) -> Try:
-        """Where chains are too long, try to put what follows each other in one on one unit."""
+        """Put the successive tasks of chains that are too long on one unit."""
         if not best.excess or not self.trials.limited:
             return best
         plan = together(self.mode, best.plan, self.allowed, self.trials.limited)

@@ -258,7 +258,7 @@ class Try:
 
 @record
 class Effort:
-    """How long to search, in jobs placed, and then to improve; `go_on` gets the jobs placed and the least excess."""
+    """Effort of search and improvement, in jobs placed; `go_on` gets the jobs placed and the least excess."""
 
     budget: int
     polish: int

@@ -56,7 +56,7 @@ FROZEN_HINT = -2
 
 
 class Part(IntFlag):
-    """What of the search can be switched off, to measure what it is worth; schedules are found with all of it."""
+    """Part of the search that can be switched off, to measure its worth; schedules are found with all parts."""
 
     # Rules. Without one of them, what the search calls valid is not.
     LANES = 1 << 0  # the capacity of units and resources

@@ -134,7 +134,7 @@ TURN = 64
 
 @record
 class Race:
-    """What became of the searches: the state of the best one, the moves of all, and whether they were told to stop."""
+    """Result of the searches: the state of the best one, the moves of all, and whether they were stopped."""
 
     state: State
     moves: int

@@ -179,7 +179,7 @@ class _Improvement:
 
 @record
 class _Step:
-    """What one search found, if anything."""
+    """Result of one search, if any."""
 
     state: State | None
     units: Units | None

@@ -29,7 +29,7 @@ MEMBER_SEED = 0x2127599BF4325C37
 
 @record
 class Effort:
-    """How many searches take turns, the threads that they share, and what makes their moves."""
+    """Number of searches that take turns, the threads that they share, and the maker of their moves."""
 
     members: int = 1
     workers: Workers = field(default_factory=Workers)
@@ -41,7 +41,7 @@ ALONE = Effort()
 
 @record
 class Outcome:
-    """What a search came to: all jobs of the mode, valid if `cost` is zero; `changed` shipped tasks could not stay.
+    """Result of a search: all jobs of the mode, valid if `cost` is zero; `changed` shipped tasks could not stay.
 
     `unimproved` tells that it was stopped while it improved a valid schedule.
     """

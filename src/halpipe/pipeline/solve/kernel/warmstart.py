@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @record
 class Earlier:
-    """Where earlier modes put the jobs: the phase of every periodic task, and the units of every job."""
+    """Placement in earlier modes: the phase of every periodic task, and the units of every job."""
 
     phases: dict[str, Duration] = field(default_factory=dict)
     units: dict[tuple[str, int], tuple[str, ...]] = field(default_factory=dict)
