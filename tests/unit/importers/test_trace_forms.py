@@ -2,7 +2,7 @@
 
 import pytest
 import trace_forms as forms
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import HalpipeError
@@ -121,6 +121,7 @@ def test_what_stands_before_the_cut_counts(data, jobs):
 SEEDS = [WRITERS[form]() for form in ("trace.dat", "perfetto", "perfetto in columns", "ftrace")]
 
 
+@example(SEEDS[1], [(0.07421875, 0)], 0.0)  # bytes in the place of a number
 @given(
     st.sampled_from(SEEDS), st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), max_size=4), st.floats(0, 1)
 )
@@ -132,6 +133,13 @@ def test_damaged_traces_are_read_or_refused_with_a_code(seed, changes, length):
         parse_traces(bytes(data[: int(length * len(data)) or len(data)]), "t")
     except HalpipeError:
         return  # with codes; anything else would escape
+
+
+def test_buffers_behind_the_end_of_the_file_are_refused():
+    data = bytearray(forms.trace_dat())
+    data[data.index(b"flyrecord\0") + 17] = 0x7F  # the highest byte of the place of the first buffer
+    with pytest.raises(HalpipeError, match="behind its end"):
+        parse_traces(bytes(data), "t")
 
 
 def test_measurement_files_have_tables_of_jobs_and_states_of_tasks(tmp_path):

@@ -113,12 +113,16 @@ def _packets(stream: BinaryIO) -> Iterator[bytes]:
         at = begin + size
 
 
-def _one(fields: Fields, number: int, default: Any = None) -> Any:
-    return fields[number][-1] if number in fields else default
+def _one(fields: Fields, number: int, default: int) -> int:
+    """Return the number in a field; raise ``ValueError`` where bytes are."""
+    value = fields[number][-1] if number in fields else default
+    if not isinstance(value, int):
+        raise ValueError(f"field {number} holds no number")
+    return value
 
 
 def _text(fields: Fields, number: int) -> str:
-    value = _one(fields, number, b"")
+    value = fields[number][-1] if number in fields else b""
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else ""
 
 

@@ -135,8 +135,8 @@ class _Reader:
         if cpus > _MOST_CPUS:
             raise ValueError(f"it has {cpus} CPUs")
         found = [(self._number(8), self._number(8)) for _ in range(cpus)]
-        if sum(size for _, size in found) > self.size:
-            raise ValueError("its buffers are larger than the file")
+        if sum(size for _, size in found) > self.size or any(offset > self.size for offset, _ in found):
+            raise ValueError("its buffers are larger than the file, or lie behind its end")
         clock = self.stream.read(8)
         text = self.stream.read(int.from_bytes(clock, "little" if self.order == "<" else "big") % _LONGEST_CLOCK)
         selected = re.search(rb"\[(counter|uptime|x86-tsc|perf)\]", text)
