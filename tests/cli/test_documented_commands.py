@@ -22,6 +22,7 @@ from halpipe.flow.plan import read_plan
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.importers.overlay import read_overlays
 from halpipe.pipeline.checked import validate_model, verify_schedule
+from halpipe.starters import first_table
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -158,6 +159,8 @@ LISTS = [
 def test_commands_that_are_listed_work_one_after_another(page, workplace, capfd):
     (workplace / "wcets.yaml").write_text('halpipe-overlay: 1\ntasks: {"*": {wcet: 1ms}}\n')
     shutil.copy(AMXMI, workplace / "system.amxmi")
+    for name, table in first_table().items():
+        (workplace / name).write_bytes(table)
     shutil.copy(ROOT / "examples" / "platforms" / "cores-table.yaml", workplace / "cores.yaml")
     tried = 0
     for command in commands_listed(page):
