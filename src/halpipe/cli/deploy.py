@@ -100,6 +100,9 @@ def check(
 app.command("check")(takes("halpipe.deploy.base:CheckOptions")(check).made())
 
 
+Base = Annotated[str, typer.Option(help="Address of a binary dump; by default main memory's.")]
+
+
 @app.command("trace")
 def trace(
     bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that an export wrote.")],
@@ -107,7 +110,7 @@ def trace(
         str, typer.Argument(metavar="DUMP", help="Memory after a run, binary or as a debugger prints it.")
     ],
     output_file: Output,
-    base: Annotated[str, typer.Option(help="Address of a binary dump; by default main memory's.")] = "",
+    base: Base = "",
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
@@ -133,7 +136,7 @@ def calibrate(
         str, typer.Argument(metavar="RESULT", help="Memory after its run, as for trace, or what the runtime printed.")
     ],
     output_file: Output,
-    base: Annotated[str, typer.Option(help="Address of a binary dump; by default main memory's.")] = "",
+    base: Base = "",
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:

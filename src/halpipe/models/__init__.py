@@ -20,21 +20,13 @@ from halpipe.models.schedule import (
 from halpipe.models.system import (
     WHOLE,
     Access,
-    AccessKind,
-    Anchor,
-    Binding,
     Chain,
-    Edge,
-    HealthAction,
-    HealthEvent,
     HealthRule,
     Interrupt,
-    Match,
     Mode,
     Origin,
     Precedence,
     Resource,
-    ResourceKind,
     Run,
     Source,
     Split,
@@ -45,6 +37,7 @@ from halpipe.models.system import (
     Unit,
     Version,
 )
+from halpipe.models.words import AccessKind, Anchor, Binding, Edge, HealthAction, HealthEvent, Match, ResourceKind
 
 __all__ = [
     "WHOLE",

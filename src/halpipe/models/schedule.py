@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.records import record
 from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, word
-from halpipe.models.system import HealthAction, HealthEvent, Word
+from halpipe.models.words import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
     from fractions import Fraction
