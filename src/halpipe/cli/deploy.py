@@ -117,14 +117,14 @@ def trace(
     """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
     from halpipe.core.bundles import open_bundle
     from halpipe.core.files import read_bytes, write_output
-    from halpipe.deploy.riscv.run.recording import board_csv, read_board, told
+    from halpipe.deploy.riscv.run.recording import board_csv, read_board, summary_of
 
     output.choose(None, quiet=quiet, verbose=verbose)
     target = open_bundle(bundle)
     recording = read_board(target, read_bytes(memory), memory, _address(base))
     content = board_csv(target, recording, memory)
     write_output(output_file, content)
-    for line in told(target, recording):
+    for line in summary_of(target, recording):
         output.inform(line)
     return Exit.OK
 

@@ -396,3 +396,11 @@ def test_the_long_form_of_calibrate_is_a_trace_where_it_has_instants():
     (found,) = executions("callback_name,callback_start_timestamp,callback_end_timestamp\n/n/a,5,9\n")
     assert (found.task, found.start.ns) == ("/n/a", 5)
     assert "starts and ends" in refusal("callback,duration_ns\n/n/a,5\n")[0].help
+
+
+def test_a_text_that_begins_with_a_number_sign_is_no_trace_for_that():
+    with pytest.raises(HalpipeError) as failure:
+        parse_traces(b"# A title\n\nWords, and more words.\n", "t")
+    assert [found.code for found in failure.value.diagnostics] == [codes.UNKNOWN_TRACE.id]
+    for head in (b"# A remark\n", b"#version 2.2.0\n", b"# A remark\n\n"):
+        assert parse_traces(head + b"0,c,0,T,t,0,start\n9,c,0,T,t,0,terminate\n", "t").traces[0].executions

@@ -49,13 +49,13 @@ class RegulatorDeployment:
                 + (" (name an --engine to play them all the same)" if tables.backend == "table" else "")
             )
         elif tables.backend != "table":
-            found, told = _execute(target, tables, facts, arithmetic.planned)
+            found, remarks = _execute(target, tables, facts, arithmetic.planned)
             findings += found
-            lines += told
+            lines += remarks
         else:
-            found, told = _simulate(target, tables, options)
+            found, remarks = _simulate(target, tables, options)
             findings += found
-            lines += told
+            lines += remarks
         return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines))
 
 
@@ -102,12 +102,12 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
 
     if options.engine == ARITHMETIC:
         return [], []
-    engine, told = choose_engine(options.engine)
+    engine, remark = choose_engine(options.engine)
     if engine is None:
-        return [], [told]
+        return [], [remark]
     runs = list(simulate(target.bundle, tables, engine, seed=options.seed, cycles=options.cycles))
     findings = [found for played in runs for found in played.verdict.findings]
-    lines = [f"simulation: {told}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
+    lines = [f"simulation: {remark}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
     trouble = why_no_cache(CACHE) if engine.is_kept else ""
     return findings, [*lines, f"  compiled anew each time: {trouble}"] if trouble else lines
 

@@ -123,8 +123,8 @@ class _Judge:
         for (code, path), text in self._first.items():
             more = self._times[code, path] - 1
             tail = f", and {more} windows more" if more else ""
-            told = f"{text}{tail} (traffic: {name}, seed {self._run.seed})"
-            self.verdict.findings.append(code(told, at=self._at, path=path, help=_HELP))
+            message = f"{text}{tail} (traffic: {name}, seed {self._run.seed})"
+            self.verdict.findings.append(code(message, at=self._at, path=path, help=_HELP))
 
     @property
     def _end(self) -> int:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
 
 TABLE_MARK = "STI_TABLE_"
+_KEY = re.compile("#[A-Za-z]")
 _EVENT = re.compile(r"-?[0-9]+,[^,]*,-?[0-9]+,[^,]*,[^,]*,-?[0-9]+,[^,]+(,.*)?")
 _SCALE = re.compile(r"#\s*timescale\s+(\w+)", re.IGNORECASE)
 _JOBS = frozenset(("T", "ISR", "I"))
@@ -38,9 +39,13 @@ _KEEPS = frozenset(("activate", "release", "release_parking", "mtalimitexceeded"
 """Events after which a job runs or pauses as before."""
 
 
-def is_event(line: str) -> bool:
-    """Whether a line is an event of this format."""
-    return _EVENT.fullmatch(line) is not None
+def is_begin(first: str, head: bytes) -> bool:
+    """Whether a text begins as this format does: with an event, a key such as ``#version``, or remarks before them."""
+    if not first.startswith("#"):
+        return _EVENT.fullmatch(first) is not None
+    lines = [line.strip() for line in head.decode("utf-8", "replace").splitlines()]
+    event = next((line for line in lines if line and not line.startswith("#")), None)
+    return event is None or _KEY.match(first) is not None or _EVENT.fullmatch(event) is not None
 
 
 def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:

@@ -149,7 +149,7 @@ def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str,
         return _json
     if ftrace.BEGIN.match(head):
         return ftrace.read
-    if first.startswith("#") or btf.is_event(first):
+    if btf.is_begin(first, head):
         return btf.read
     if table.is_header(first):
         return table.read

@@ -230,7 +230,7 @@ def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def told(bundle: Bundle, recording: Recording) -> Iterator[str]:
+def summary_of(bundle: Bundle, recording: Recording) -> Iterator[str]:
     """Yield the summary of a recording: how much there is, which jobs failed, which health rules fired."""
     site = read_site(bundle)
     operations: Any = json.loads(bundle.files["operations.json"])
