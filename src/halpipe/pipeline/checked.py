@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
+from halpipe.core.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error, warning
 from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.models import Schedule, TaskModel, TransitionTable
+    from halpipe.pipeline.solve.optimise import Reached
     from halpipe.pipeline.solve.quantise import BurstGrid
     from halpipe.pipeline.solve.schedule import OnProgress, Scheduled, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
@@ -26,6 +27,12 @@ INVALID_SOLUTION = error(
     "Solver and checker disagree",
     "The search called a schedule valid that verify does not accept. This is a bug of halpipe; please report it "
     "with the model. No schedule was written.",
+)
+KEPT_FOR_SWITCHES = warning(
+    "HAL1435",
+    "Improvement loses a switch",
+    "The schedule of a mode was improved by --optimise, and then a switch of the model had no transition table any "
+    "more. The mode keeps the schedule with which the switch has one. Its objectives are those of that schedule.",
 )
 ATTEMPTS = 32
 """Placements of the modes that are tried for switches between all allowed pairs, within the budget of moves."""
@@ -124,8 +131,22 @@ def _refuse_crowded(model: TaskModel, options: SearchOptions) -> None:
 
 
 def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
-    """Place the modes, and find tables between them; where some are missing, try other placements of the modes."""
+    """Place the modes with their switches; an improvement that loses a switch is given up, mode by mode."""
     from halpipe.pipeline.health import with_reactions
+
+    found, is_whole = _with_switches(model, options, on_progress)
+    if options.optimise and not is_whole and found.is_complete and not found.unimproved:
+        plain, _ = _with_switches(model, replace(options, optimise=(), keeper=None), on_progress)
+        if len(plain.schedule.transitions) > len(found.schedule.transitions):
+            found = _improved_where_switched(model, plain, found, options.workers, on_progress)
+    return replace(found, schedule=with_reactions(model, found.schedule))
+
+
+def _with_switches(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> tuple[Scheduled, bool]:
+    """Place the modes, and find tables between them; where some are missing, try other placements of the modes.
+
+    Return the schedule with the most tables, and whether it has all.
+    """
     from halpipe.pipeline.solve.schedule import schedule_model as search
 
     best: Scheduled | None = None
@@ -136,7 +157,7 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         _refuse_broken_claims(model, scheduled.schedule)
         moves += scheduled.moves
         if len(scheduled.schedule.modes) < 2:  # then there is no switch
-            return replace(scheduled, schedule=with_reactions(model, scheduled.schedule), moves=moves)
+            return replace(scheduled, moves=moves), True
         switched = _switched(model, scheduled, options.workers, on_progress, doubtful)
         doubtful = switched.failed
         scheduled = replace(
@@ -152,7 +173,41 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         if not scheduled.is_complete or scheduled.unimproved or not switched.failed or is_spent:
             break
     assert best is not None, "there is at least one attempt"
-    return replace(best, schedule=with_reactions(model, best.schedule), moves=moves, stopped=scheduled.stopped)
+    return replace(best, moves=moves, stopped=scheduled.stopped), not switched.failed
+
+
+def _improved_where_switched(
+    model: TaskModel, plain: Scheduled, improved: Scheduled, workers: Workers, on_progress: OnProgress
+) -> Scheduled:
+    """Return the `plain` modes, of which there are more switches, with those `improved` that lose none of them."""
+    kept = plain
+    given_up = []
+    for number, mode in enumerate(improved.schedule.modes):
+        modes = (*kept.schedule.modes[:number], mode, *kept.schedule.modes[number + 1 :])
+        other = replace(kept, schedule=kept.schedule.alone(modes))
+        if not any(found.is_error for found in verify_schedule(model.alone(*(m.name for m in modes)), other.schedule)):
+            tables = _switched(model, other, workers, on_progress, None).tables
+            if len(tables) >= len(kept.schedule.transitions):
+                kept = replace(other, schedule=replace(other.schedule, transitions=tables))
+                continue
+        given_up.append(mode.name)
+    text, help = "a switch has no table with the improved one", "relax the switch, or raise --budget"
+    warnings = [
+        KEPT_FOR_SWITCHES(f"keeps its first schedule: {text}", at=model.mode(name).at, path=about(mode=name), help=help)
+        for name in given_up
+    ]
+    reached = tuple(_at_first(model, kept.schedule, row) if row.mode in given_up else row for row in improved.reached)
+    return replace(kept, diagnostics=(*kept.diagnostics, *warnings), reached=reached)
+
+
+def _at_first(model: TaskModel, schedule: Schedule, row: Reached) -> Reached:
+    """Return what a mode reaches of an objective with its first schedule."""
+    from halpipe.pipeline.jobs import expand
+    from halpipe.pipeline.measure.objectives import Judge
+
+    judge = Judge(model, expand(model, model.mode(row.mode)), (row.objective,))
+    [value] = judge.worth(schedule.mode(row.mode).jobs).values
+    return replace(row, first=value, value=value)
 
 
 def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid, on_progress: OnProgress) -> Scheduled:

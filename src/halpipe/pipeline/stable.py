@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about, note
@@ -18,7 +19,7 @@ from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.solve.exact_goals import is_same, place
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -44,6 +45,9 @@ ROUNDS = 12
 MOST_PUT_BACK = 24
 """So many tasks that have moved are tried where they were."""
 
+NEIGHBOURS, SMALL = 6, 2
+"""Tasks of which small sets are free alone, and the tasks of such a set."""
+
 MOST_NAMED = 12
 """Tasks that are named in the note."""
 
@@ -54,10 +58,12 @@ def schedule_near(
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     found: Scheduled | None = None
     changed = _changed(model, earlier)
-    free = _displaced(earlier, options.shipped)
+    free = held = _displaced(earlier, options.shipped)
+    way: frozenset[str] = frozenset()
     for number in range(ROUNDS):
         try:
-            found = solve(_near(options, earlier, free, min(BUDGET, FOR_EACH_FREE * max(1, len(free)))))
+            budget = min(BUDGET, FOR_EACH_FREE * max(1, len(free)))
+            found = solve(_near(options, earlier, _without(earlier, free), budget))
         except HalpipeError:  # what cannot be frozen is searched for as a whole
             found = None
             break
@@ -65,8 +71,10 @@ def schedule_near(
             break
         if number == 0 and not changed.keys() <= free:
             free |= frozenset(changed)
+            way = _in_the_way(model, found.schedule, frozenset(changed))
             continue
         more = _in_the_way(model, found.schedule, free) or _nearest(model, free)
+        way |= more
         if not more:
             break
         free |= more
@@ -76,7 +84,9 @@ def schedule_near(
     if found.is_complete:
         found, fewest = _fewest(model, options, earlier, found, solve)
         if any(moved > fewest.get(mode, 0) for mode, moved in _moved_by_mode(earlier, found.schedule).items()):
-            found = _put_back(earlier, found, lambda free: solve(_near(options, earlier, free, BUDGET // 4)))
+            attempt = lambda kept: solve(_near(options, earlier, kept, BUDGET // 4))  # noqa: E731
+            found = _with_few_free(earlier, found, held, frozenset(changed), way, attempt)
+            found = _put_back(earlier, found, attempt)
     return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
 
 
@@ -106,7 +116,7 @@ def _fewest(
     wanted = found.schedule.alone(tuple(better))
     if wanted.modes != found.schedule.modes:
         try:
-            other = solve(_near(options, wanted, frozenset()))
+            other = solve(_near(options, wanted, wanted))
         except HalpipeError:
             return found, least
         if other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule):
@@ -132,28 +142,51 @@ def _count(earlier: Schedule, found: Schedule) -> int:
     return sum(_moved_by_mode(earlier, found).values())
 
 
-def _near(options: SearchOptions, earlier: Schedule, free: frozenset[str], budget: int = BUDGET) -> SearchOptions:
-    """Return the options of a search in which all tasks stay but those that are free."""
-    kept = _together(options.shipped, _without(earlier, free))
-    return replace(options, shipped=kept, near=None, like=earlier, budget=budget)
+def _near(options: SearchOptions, earlier: Schedule, kept: Schedule, budget: int = BUDGET) -> SearchOptions:
+    """Return the options of a search in which the kept jobs of the earlier schedule stay, and no others have to."""
+    return replace(options, shipped=_together(options.shipped, kept), near=None, like=earlier, budget=budget)
 
 
-def _put_back(earlier: Schedule, found: Scheduled, solve: Callable[[frozenset[str]], Scheduled]) -> Scheduled:
+def _with_few_free(
+    earlier: Schedule,
+    found: Scheduled,
+    held: frozenset[str],
+    changed: frozenset[str],
+    way: frozenset[str],
+    solve: Callable[[Schedule], Scheduled],
+) -> Scheduled:
+    """Return a schedule in which fewer jobs have moved, if there is one with one or two free tasks beside those held.
+
+    A changed task may stay where a task in its way has less to move.
+    """
+    jobs = Counter(job.task for mode in earlier.modes for job in mode.jobs)
+    near = sorted(jobs, key=lambda name: (name not in changed | way, jobs[name], name))[:NEIGHBOURS]
+    for names in (names for size in range(1, SMALL + 1) for names in combinations(near, size)):
+        found = _better(earlier, found, _without(earlier, held.union(names)), solve)
+    return found
+
+
+def _put_back(earlier: Schedule, found: Scheduled, solve: Callable[[Schedule], Scheduled]) -> Scheduled:
     """Return a schedule in which fewer jobs have moved, if there is one: some tasks were freed without need.
 
     One after the other stays where it was, those with the most jobs first, while the others that have moved are free.
     """
-    moved = _moved(earlier, found.schedule)
-    for name in sorted(moved, key=lambda name: (-moved[name], name))[:MOST_PUT_BACK]:
-        if name not in moved:
-            continue
-        try:
-            other = solve(frozenset(moved.keys() - {name}))
-        except HalpipeError:
-            continue
-        if other.is_complete and sum(_moved(earlier, other.schedule).values()) < sum(moved.values()):
-            found, moved = other, _moved(earlier, other.schedule)
+    counts = _moved(earlier, found.schedule)
+    for name in sorted(counts, key=lambda name: (-counts[name], name))[:MOST_PUT_BACK]:
+        moved = _moved(earlier, found.schedule).keys()
+        if name in moved:
+            found = _better(earlier, found, _without(earlier, moved - {name}), solve)
     return found
+
+
+def _better(earlier: Schedule, found: Scheduled, kept: Schedule, solve: Callable[[Schedule], Scheduled]) -> Scheduled:
+    """Return the schedule found with the kept jobs where fewer have moved in it; otherwise the present one."""
+    try:
+        other = solve(kept)
+    except HalpipeError:
+        return found
+    is_better = other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule)
+    return other if is_better else found
 
 
 def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
@@ -279,7 +312,7 @@ def _distance(model: TaskModel, changed: frozenset[str]) -> Callable[[str], tupl
     return shared
 
 
-def _without(earlier: Schedule, free: frozenset[str]) -> Schedule:
+def _without(earlier: Schedule, free: Collection[str]) -> Schedule:
     modes = (replace(mode, jobs=tuple(job for job in mode.jobs if job.task not in free)) for mode in earlier.modes)
     return earlier.alone(tuple(modes))
 

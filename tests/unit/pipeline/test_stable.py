@@ -7,8 +7,10 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
+from halpipe.models import Split
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
+from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.stable import NEAR
 from halpipe.pipeline.verify import verify
@@ -148,3 +150,26 @@ def test_never_more_move_than_with_freeze():
         assert moved(first, scheduled(longer, near=first).schedule) <= moved(first, frozen.schedule)
         compared += 1
     assert compared >= 5
+
+
+def without_exact_engine(monkeypatch):
+    monkeypatch.setattr("halpipe.pipeline.solve.exact_goals.is_installed", lambda: False)
+
+
+def test_a_changed_task_stays_where_another_has_fewer_jobs_to_move(monkeypatch):
+    """Both jobs of a would have to move, or the one job of b behind the first of them."""
+    without_exact_engine(monkeypatch)
+    owner = model(task("a", 5, version("v", 1)), task("b", 10, version("v", 1), slack=1))
+    places = (("a", 0, 0), ("b", 0, 1), ("a", 1, 5))
+    first = schedule(owner, 10, *(job(owner, name, index, start, "u1") for name, index, start in places))
+    found = scheduled(with_longer(owner, "a", 2), near=first)
+    assert moved(first, found.schedule) == 1
+
+
+def test_a_whole_job_of_a_preemptive_mode_stays_with_another_length():
+    preemptive = replace(version("v", 2), split=Split(anywhere=True, max_gaps=3))
+    owner = model(task("a", 10, version("v", 3)), task("b", 10, preemptive))
+    first = scheduled(owner).schedule
+    found = scheduled(with_longer(owner, "a", Fraction(2, 3)), near=first)
+    assert moved(first, found.schedule) == 0
+    assert not [d for d in found.diagnostics if d.code == CANNOT_STAY.id]

@@ -6,8 +6,9 @@ from fractions import Fraction
 import pytest
 
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Transition
-from halpipe.pipeline.checked import _is_sound_switch, schedule_model, verify_schedule
+from halpipe.models import Split, Transition
+from halpipe.pipeline.checked import KEPT_FOR_SWITCHES, _is_sound_switch, schedule_model, verify_schedule
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions import tables as tables_module
@@ -294,3 +295,21 @@ def test_the_least_length_lets_units_become_free():
     assert (change.after.tick * needed, name) == (milliseconds(2), "work")
     assert change.clash(needed - 1) == "work"
     assert change.clash(needed) is None
+
+
+def test_an_improvement_keeps_the_switches():
+    """Switches without any time between the modes, whose wider margins leave some job no place across the switch."""
+    preemptive = replace(version("v", 3, "u1 u2"), split=Split(points=(milliseconds(1), milliseconds(2))))
+    tasks = [
+        task("a", 24, version("v", 3, "u1 u2"), slack=Fraction(1, 2)),
+        task("b", 24, preemptive, slack=1),
+        task("c", 12, version("v", 3, "u1 u2"), slack=1),
+    ]
+    switches = [("m", "n", 0), ("n", "m", 0)]
+    system = model(*tasks, units="u1 u2", modes=[mode("m", tasks), mode("n", tasks)], transitions=switches)
+    plain = schedule_model(system, SearchOptions(budget=100), lambda *_: True)
+    better = schedule_model(system, SearchOptions(budget=100, optimise=(Objective.MARGIN,)), lambda *_: True)
+    assert len(plain.schedule.transitions) == len(better.schedule.transitions) == 2
+    assert sorted(row.value == row.first for row in better.reached) == [False, True]  # one mode is improved
+    assert [found.code for found in better.diagnostics] == [KEPT_FOR_SWITCHES.id]
+    assert not [found for found in verify_schedule(system, better.schedule) if found.is_error]

@@ -10,6 +10,7 @@ from dataclasses import field
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
+from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
@@ -161,10 +162,14 @@ def _fixed(mode: Mode, task: int, job: Job) -> FixedJob | None:
     ways = [way for way in mode.works[task].ways if way.version.name == job.version]
     used = {mode.units.index(name) for name in job.units if name in mode.units}
     way = next((way for way in ways if {*way.units} == used), ways[0] if ways else None)
-    if way is None or not {*job.units} <= {*names} or not _is_allowed(mode, way.version, job):
+    if way is None or not {*job.units} <= {*names}:
         return None
     version = way.version
     service = service_of({unit.name: unit for unit in mode.platform}, job.units)
+    if not job.parts and version.wcet:  # in one piece, it stays with the length that its version has now
+        job = job_of(job.task, job.index, version, job.units, [(job.start, ZERO, version.wcet)], service)
+    if not _is_allowed(mode, version, job):
+        return None
     claims = []
     for access, phase in zip(version.accesses, way.phases, strict=False):
         begin, end = phase_instants(access, parts_of(job, version), version.split.resume, service)
