@@ -64,7 +64,9 @@ def differences(folder, schedule, origins):
 
     `origins` has the path of the OsTask or runnable that each task of the model was made of.
     """
-    os, events = Os(folder), read_starts(folder)
+    events = read_starts(folder)
+    os = Os(folder)
+    os.mode = os.mode_of("Halpipe_")
     hosts = os.hosts()
     length = Fraction(schedule.modes[0].hyperperiod.in_unit("s"))
     wanted = defaultdict(list)
@@ -74,13 +76,13 @@ def differences(folder, schedule, origins):
         here = {task for task in tasks if os.core(task) == job.units[0]} or tasks
         for task in here:
             wanted[task].append(Fraction(job.start.in_unit("s")) % length)
-    acts = [act for act in os.play(3 * length) if 2 * length <= act.time < 3 * length]
-    shifts = {by: _shift(os, by) for by in {act.by for act in acts}}
+    begin = min((os.begin(table) for table in os.named("Halpipe_") if os.begins(table)), default=0)
+    acts = [act for act in os.play(3 * length + begin) if 2 * length <= act.time - begin]
     found = [f"contradiction at {path}" for path in os.contradictions()]
     found += [f"wrong expiry point at {path}" for path in os.misled()]
     done = defaultdict(list)
     for act in acts:
-        done[act.task, act.event].append((act.time - shifts[act.by]) % length)
+        done[act.task, act.event].append((act.time - begin) % length)
     for (task, event), times in done.items():
         if task in wanted:
             found += [f"{task} {event} twice at {time}" for time in set(times) if times.count(time) > 1]
@@ -90,13 +92,6 @@ def differences(folder, schedule, origins):
         started = {time for (name, _), all_of_it in done.items() if name == task for time in all_of_it}
         found += [f"{task} not started at {time}" for time in set(times) - started]
     return found, len(acts)
-
-
-def _shift(os, table):
-    """The instant at which a table begins first."""
-    counter = os.containers[table].refs["OsScheduleTableCounterRef"] or os.containers[table].refs["OsAlarmCounterRef"]
-    start = os.value(os.containers[table], "OsScheduleTableStartValue")
-    return (start or 0) * (os.tick(counter[0]) or 0)
 
 
 def _short(text):
@@ -147,9 +142,10 @@ def _read_xdm(element, path, found, kind=""):
 
 
 class Os:
-    """The alarms, tables and OsTasks of a project."""
+    """The alarms, tables and OsTasks of a project, in one of its application modes (path; empty: all of them)."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, mode=""):
+        self.mode = mode
         self.containers = read_project(folder)
         self.tasks = {c.path: c for c in self.containers.values() if c.kind == "OsTask"}
         self.calls = {}  # alarms and tables that the Rte starts, with the offset that it expects
@@ -160,6 +156,31 @@ class Os:
 
     def _of(self, *kinds):
         return [c for c in self.containers.values() if c.kind in kinds]
+
+    def named(self, prefix):
+        """The schedule tables whose short names begin so."""
+        return [t for t in self._of("OsScheduleTable") if t.path.rpartition("/")[2].startswith(prefix)]
+
+    def begins(self, starter):
+        """Whether an alarm or table has an autostart in the application mode."""
+        starts = [c for c in self._below(starter) if c.kind == f"{starter.kind}Autostart"]
+        modes = [mode for start in starts for mode in start.refs[f"{starter.kind}AppModeRef"]]
+        return bool(starts) and (not self.mode or not modes or self.mode in modes)
+
+    def mode_of(self, prefix):
+        """The application mode in which tables of such names are started."""
+        starts = [c for table in self.named(prefix) for c in self._below(table)]
+        return next((mode for start in starts for mode in start.refs["OsScheduleTableAppModeRef"]), "")
+
+    def modes(self):
+        """The application modes of the project."""
+        return [mode.path for mode in self._of("OsAppMode")]
+
+    def begin(self, table):
+        """The instant at which a table begins first."""
+        return (self.value(table, "OsScheduleTableStartValue") or 0) * self.tick(
+            table.refs["OsScheduleTableCounterRef"][0]
+        )
 
     def core(self, task):
         """The name of the core that an OsTask is bound to, empty if that is not stated."""
@@ -231,9 +252,8 @@ class Os:
     def _alarms(self, until):
         for alarm in self._of("OsAlarm"):
             deeds = list(self._deeds(alarm))
-            begins = any(c.kind == "OsAlarmAutostart" for c in self._below(alarm))
             cycle = self._cycle(alarm)
-            if not deeds or not begins or not cycle:
+            if not deeds or not self.begins(alarm) or not cycle:
                 continue
             in_ns = any(c.values.get("OsTimeUnit") == "NANOSECONDS" for c in self._below(alarm))
             tick = Fraction(1, 10**9) if in_ns else self.tick(alarm.refs["OsAlarmCounterRef"][0])
@@ -244,11 +264,11 @@ class Os:
 
     def _tables(self, until):
         for table in self._of("OsScheduleTable"):
-            begin = next((c for c in self._below(table) if c.kind == "OsScheduleTableAutostart"), None)
-            if begin is None and table.path not in self.calls:
+            begins = self.begins(table)
+            if not begins and table.path not in self.calls:
                 continue
             tick = self.tick(table.refs["OsScheduleTableCounterRef"][0])
-            start = self.value(table, "OsScheduleTableStartValue") or 0 if begin else self.calls[table.path] / tick
+            start = self.value(table, "OsScheduleTableStartValue") or 0 if begins else self.calls[table.path] / tick
             length = self.value(table, "OsScheduleTableDuration")
             repeats = table.values.get("OsScheduleTableRepeating", "false").lower() in ("true", "1")
             while start * tick < until:

@@ -113,6 +113,8 @@ class Starter:
 
     `autostart` is the container (path) by which the OS starts it, empty if it does not; `cycle` and `start` are in
     ticks. `calls` are the containers (paths) by which the Rte is to start it, without those that its generator made.
+    `mode` is the reference to the application mode of the schedule, if the OS starts it in others, too. `is_kept` tells
+    that only code starts the table, in place of one that the OS starts; `is_used` that a mapping of the Rte names it.
     """
 
     path: str
@@ -122,6 +124,9 @@ class Starter:
     cycle: str = "0"
     start: str = "0"
     calls: tuple[str, ...] = ()
+    mode: Value | None = None
+    is_kept: bool = False
+    is_used: bool = False
 
 
 @record(kw_only=True)
@@ -132,8 +137,9 @@ class Project:
     `items` has all containers and modules that may be named, `packages` the UUIDs of packages by path. `calls` has the
     event mappings of every task of the model, `alone` the OsTask of a task that no event makes, as a call without
     mapping. `starters` are the alarms and schedule tables that do something to OsTasks. `applications` has the unit of
-    each OsApplication, `references` what OsApplications and OsTasks refer to, `definitions` are the files that define
-    modules, `files` those that hold the configurations of Os and Rte.
+    each OsApplication, `app_mode` the application mode (path) that the model is of, empty if there is none;
+    `references` has what OsApplications and OsTasks refer to, `definitions` are the files that define modules, `files`
+    those that hold the configurations of Os and Rte.
     """
 
     schema: str
@@ -147,7 +153,7 @@ class Project:
     counters: tuple[ProjectCounter, ...]
     starters: tuple[Starter, ...]
     applications: Mapping[str, str]
-    app_modes: tuple[str, ...]
+    app_mode: str
     references: Mapping[str, tuple[Value, ...]]
     definitions: tuple[str, ...] = ()
     files: tuple[str, ...] = ()

@@ -1,11 +1,15 @@
 """Merged projects are played: each OsTask is started where the schedule says, once, whatever else is there."""
 
 import pytest
-from arxml_case import alarm, container, os_task
-from test_arxml_onto import acts, model_of, old_table, planned, project, put
+from arxml_case import alarm, component, configuration, container, core, every, mapped, os_task, package, rte
+from arxml_case import write as written
+from test_arxml_onto import acts, model_of, old_table, planned, project, put, removed
 
 from halpipe.exporters.arxml import codes
+from halpipe.flow.onto import export_onto
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from merged_os import Os, differences
+from support import job, schedule
 
 
 def played(path, onto=None, schedule=None):
@@ -45,7 +49,7 @@ def test_the_player_sees_a_second_start(tmp_path):
     assert (found, count) == ([], 3)
     path.write_bytes(text)
     found, count = played(path)
-    assert "/E/Os/Main  twice at 0" in found
+    assert "/E/Os/Main  started at 9/1000" in found  # the alarm begins a tick before the table
     assert any("contradiction" in told for told in found)
     assert count == 3 + 1 + 2
 
@@ -84,3 +88,88 @@ def test_a_project_in_which_nothing_starts_a_table_is_named(tmp_path):
     (told,) = [d for d in onto.findings if d.code == codes.NEVER_STARTED.id]
     assert "OsAppMode" in told.message
     assert "/E/Os/Main not started at 0" in played(path, onto)[0]
+
+
+# ------------------------------------------------------------------------------------------------ what else starts
+
+
+def in_modes(text, *modes):
+    """An alarm or autostart that names application modes."""
+    refs = [("OsAlarmAppModeRef", f"/E/Os/{mode}") for mode in modes]
+    more = container("X", "x", refs=refs)
+    return text.replace("<REFERENCE-VALUES></REFERENCE-VALUES>", more[more.index("<REF") : more.index("<SUB")], 1)
+
+
+def test_the_mode_that_the_alarms_name_is_played_and_others_stay_as_they_were(tmp_path):
+    begins = in_modes(alarm("Both", "10", activates="Main"), "Boot", "Normal")
+    more = [container("Os/OsAppMode", name) for name in ("Boot", "Normal")]
+    path = project(tmp_path, more=[*more, begins, in_modes(alarm("One", "20", start="2", activates="Lone"), "Normal")])
+    before = Os(tmp_path, "/E/Os/Boot").play(0.1)
+    onto = put(path)
+    assert removed(onto) == ["/E/Os/Al/s", "/E/Os/One/s"]
+    model = model_of(path)
+    assert played(path, onto)[0] == []
+    merged = Os(tmp_path, "/E/Os/Boot")
+    assert [act for act in before if not act.by.endswith("/Al")] == merged.play(0.1)
+    assert merged.mode_of("Halpipe_") == "/E/Os/Normal"
+    assert [(t.name, t.period, t.offset) for t in model_of(path).tasks] == [
+        (t.name, t.period, t.offset) for t in model.tasks
+    ]
+
+
+def test_what_only_code_starts_is_named_and_left_as_it_is(tmp_path):
+    action = [("OsAlarmActivateTaskRef", "/E/Os/Main")]
+    coded = container(
+        "Os/OsAlarm", "Coded", container("Os/OsAlarm/OsAlarmAction/OsAlarmActivateTask", "a", refs=action)
+    )
+    night = old_table({"0": acts("Main", "Lone")}, started=False).replace(">Old<", ">Night<")
+    path = project(tmp_path, more=[coded, night, old_table({"0": acts("Main")}), START])
+    onto = put(path)
+    told = [d.path for d in onto.findings if d.code == codes.CODE_STARTS.id]
+    assert told == ['OsAlarm "/E/Os/Coded"', 'OsScheduleTable "/E/Os/Night"']
+    assert removed(onto) == ["/E/Os/Al/s", "/E/Os/Old/go"]
+
+
+def two_cores(folder, *ticks):
+    """A runnable every 10 ms and one every 5 ms on two cores, which have counters of their own."""
+    names, periods = ("One", "Two"), ("0.01", "0.005")
+    types = [
+        component(n, every(period, "Tick", f"{n}/Step"), runnables="Step")
+        for n, period in zip(names, periods, strict=True)
+    ]
+    counters = [
+        container("Os/OsCounter", f"Ticks{name}", params={"OsSecondsPerTick": tick})
+        for name, tick in zip(names, ticks, strict=True)
+    ]
+    applications = [
+        container(
+            "Os/OsApplication",
+            f"App{name}",
+            refs=[
+                ("OsAppTaskRef", f"/E/Os/Task{name}"),
+                ("OsAppCounterRef", f"/E/Os/Ticks{name}"),
+                ("OsApplicationCoreRef", f"/E/EcuC/Core{name}"),
+            ],
+        )
+        for name in names
+    ]
+    os = configuration("Os", *(os_task(f"Task{name}") for name in names), *counters, *applications, START)
+    maps = configuration("Rte", rte(*(mapped(f"{name}/B/Tick", f"Task{name}", "1") for name in names)))
+    cores = configuration("EcuC", *(core(f"Core{name}", str(number)) for number, name in enumerate(names)))
+    path = written(folder, package("T", *types), package("E", os, maps, cores))
+    model = model_of(path)
+    jobs = [job(model, "Two/Step", index, f"{2 + 5 * index}ms", "CoreTwo") for index in range(2)]
+    jobs.append(job(model, "One/Step", 0, "4ms", "CoreOne"))
+    return path, model, schedule(model, 10, *jobs, mode_name="default")
+
+
+def test_the_tables_of_cores_with_other_ticks_begin_together(tmp_path):
+    path, model, planned = two_cores(tmp_path, "0.002", "0.0005")
+    onto = export_onto(model, planned, str(tmp_path), ArxmlImportOptions())
+    starts = {c.path.split("/")[3]: c.new for c in onto.changes if c.name == "OsScheduleTableStartValue"}
+    assert starts == {"Halpipe_default_CoreOne": "1", "Halpipe_default_CoreTwo": "4"}
+    assert played(path, onto, planned) == ([], 3)
+    path.with_name("delta.arxml").write_bytes(
+        onto.files["delta.arxml"].replace(b"<VALUE>4</VALUE>", b"<VALUE>1</VALUE>")
+    )
+    assert played(path, None, planned)[0] != []

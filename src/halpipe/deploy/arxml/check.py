@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.bundles import CHANGED_FILE
@@ -14,7 +15,6 @@ from halpipe.deploy.base import Checked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from fractions import Fraction
 
     from lxml import etree
 
@@ -26,8 +26,8 @@ OTHERWISE = error(
     "HAL1434",
     "Merged project does not do what the schedule states",
     "The alarms and schedule tables of the project, with the delta and the changed files, are played for three "
-    "hyperperiods of the first mode. In the third, each OsTask of the schedule is activated, or gets an event, at the "
-    "starts of its jobs and at no other instant.",
+    "hyperperiods of the first mode, which begin with the first table of the schedule. In the third, each OsTask of "
+    "the schedule is activated, or gets an event, at the starts of its jobs and at no other instant.",
 )
 _SHOWN = 6
 
@@ -37,15 +37,17 @@ def check(target: Target) -> Checked:
     findings = Findings()
     roots = list(_roots(target, findings))
     findings.stop_on_errors()
-    os, mode = Os(roots), target.schedule.modes[0]
+    tables = target.bundle.facts.get("tables", ())
+    os, mode = Os(roots, tables), target.schedule.modes[0]
     length = mode.hyperperiod.in_unit("s")
-    acts = [act for act in os.play(3 * length) if act.time >= 2 * length]
-    shifts = {by: os.begin(by) for by in {act.by for act in acts}}
+    begin = min(map(os.begin, tables), default=Fraction(0))  # all begin together, or jobs are at other instants
+    acts = [act._replace(time=act.time - begin) for act in os.play(3 * length + begin)]
+    acts = [act for act in acts if act.time >= 2 * length]
     at = Location(target.bundle.path)
-    for task, message in sorted(_differences(os, acts, shifts, mode, target.bundle.facts)):
+    for task, message in sorted(_differences(os, acts, mode, target.bundle.facts)):
         help = "export the schedule again, and remove what else starts the OsTask"
         findings.add(OTHERWISE(message, at=at, path=named("OsTask", task), help=help))
-    return Checked(diagnostics=tuple(findings.items), lines=tuple(_lines(acts, shifts, length)))
+    return Checked(diagnostics=tuple(findings.items), lines=tuple(_lines(acts, length)))
 
 
 def _roots(target: Target, findings: Findings) -> Iterator[etree._Element]:
@@ -74,9 +76,7 @@ def _starts(job: Job, length: Fraction) -> set[Fraction]:
     return {time.in_unit("s") % length for time in (job.start, *(part.start for part in job.parts))}
 
 
-def _differences(
-    os: Os, acts: list[Act], shifts: Mapping[str, Fraction], mode: ModeSchedule, facts: Mapping[str, Any]
-) -> Iterator[tuple[str, str]]:
+def _differences(os: Os, acts: list[Act], mode: ModeSchedule, facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield each OsTask of the schedule that something else, or nothing, starts, and when."""
     length = mode.hyperperiod.in_unit("s")
     needed: dict[str, set[Fraction]] = {}
@@ -87,7 +87,7 @@ def _differences(
             allowed.setdefault(task, set()).update(_starts(job, length))
     done: dict[tuple[str, str], Counter[Fraction]] = {}
     for act in acts:
-        done.setdefault((act.task, act.event), Counter())[(act.time - shifts[act.by]) % length] += 1
+        done.setdefault((act.task, act.event), Counter())[act.time % length] += 1
     for (task, event), times in done.items():
         if task not in needed:
             continue
@@ -105,12 +105,12 @@ def _differences(
             yield task, f"is not started at {seconds(time)}, where a job of it starts"
 
 
-def _lines(acts: list[Act], shifts: Mapping[str, Fraction], length: Fraction) -> Iterator[str]:
+def _lines(acts: list[Act], length: Fraction) -> Iterator[str]:
     """Yield what happens to each OsTask in one hyperperiod, in the order of the first instants."""
     yield f"{len(acts)} actions on {len({act.task for act in acts})} OsTasks in {seconds(length)}"
     found: dict[tuple[str, str, str], list[Fraction]] = {}
     for act in acts:
-        found.setdefault((act.task, act.event, act.by), []).append((act.time - shifts[act.by]) % length)
+        found.setdefault((act.task, act.event, act.by), []).append(act.time % length)
     for (task, event, by), times in sorted(found.items(), key=lambda item: (min(item[1]), item[0])):
         times.sort()
         shown = ", ".join(str(seconds(time)) for time in times[:_SHOWN])

@@ -12,12 +12,11 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from lxml import etree
 
 _AR = "{http://autosar.org/schema/r4.0}"
-_DEFAULT_MODE = "OSDEFAULTAPPMODE"
 _NO_LEVEL = ("AUTOSAR", "MODULE-CONFIGURATION")
 
 
@@ -68,7 +67,7 @@ def _last(text: str | None) -> str:
 class Os:
     """The alarms, tables and OsTasks of all files of a project."""
 
-    def __init__(self, roots: list[etree._Element]) -> None:
+    def __init__(self, roots: list[etree._Element], tables: Collection[str] = ()) -> None:
         self._found: dict[str, Container] = {}
         for root in roots:
             if root.tag == f"{_AR}AUTOSAR":
@@ -84,7 +83,7 @@ class Os:
         for task in self.tasks.values():
             for event in task.refs["OsTaskEventRef"]:
                 self._waiting[event].append(task.path)
-        self._mode = self._application_mode()
+        self._mode = self._application_mode(tables)
 
     def is_extended(self, task: str) -> bool:
         """Whether an OsTask waits for events."""
@@ -140,11 +139,10 @@ class Os:
 
     # ------------------------------------------------------------------------------------------------- playing
 
-    def _application_mode(self) -> str:
-        """Return the application mode (path) that is played: the default one, or else the first that is named."""
-        starts = self._of("OsAlarmAutostart", "OsScheduleTableAutostart")
-        named = [m for c in starts for n in ("OsAlarm", "OsScheduleTable") for m in c.refs[f"{n}AppModeRef"]]
-        return next((mode for mode in named if mode.endswith(f"/{_DEFAULT_MODE}")), next(iter(named), ""))
+    def _application_mode(self, tables: Collection[str]) -> str:
+        """Return the application mode (path) in which the given tables, those of the schedule, are started."""
+        begins = (c for table in self._of("OsScheduleTable") if table.path in tables for c in table.all())
+        return next((mode for c in begins for mode in c.refs["OsScheduleTableAppModeRef"]), "")
 
     def play(self, until: Fraction) -> list[Act]:
         """Return every action on an OsTask before an instant, in order; of one instant the higher priority first."""
@@ -153,7 +151,7 @@ class Os:
         for starter in self._of("OsAlarm", "OsScheduleTable"):
             begin = next((c for c in starter.all() if c.kind == f"{starter.kind}Autostart"), None)
             modes = begin.refs[f"{starter.kind}AppModeRef"] if begin else []
-            if modes and self._mode not in modes:
+            if modes and self._mode and self._mode not in modes:
                 begin = None
             if begin is not None or starter.path in called:
                 offset = None if begin is not None else called[starter.path]

@@ -104,6 +104,13 @@ DOUBLE_START = error(
     "OS or the Rte configuration starts it, that is taken away in place; where it does more than the schedule, or only "
     "code starts it (Rte_Start, BswM), it must be removed by hand, or each activation would come twice.",
 )
+CODE_STARTS = warning(
+    "HAL1441",
+    "Code of the project may start OsTasks of the schedule",
+    "An alarm without autostart, or the schedule table of another mode of the project, is started by code alone. "
+    "Nothing in the configuration tells when, so that it is left as it is. While it runs beside the tables of the "
+    "schedule, it starts the same OsTasks once more.",
+)
 STARTS_ONCE = warning(
     "HAL0888",
     "OsTask starts once before the schedule",

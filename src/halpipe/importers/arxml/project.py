@@ -20,7 +20,7 @@ from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.options import GRANULARITIES
 from halpipe.importers.arxml.system.containers import Containers, standard_modules
-from halpipe.importers.arxml.system.ecuc import DEFAULT_MODE, Ticks, started_elsewhere
+from halpipe.importers.arxml.system.ecuc import Ticks, chosen_mode, replaced, started_elsewhere
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.versions import FULL
 from halpipe.models.project import Call, Deed, Item, Project, ProjectCounter, ProjectTask, Starter, Value
@@ -40,6 +40,8 @@ _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _GENERATED = ("DV:RTE", "@CALC")
 _OLD_SCHEMA = re.compile(r"http://(?:www\.)?autosar\.org/[23]")
 _LONGEST_TICK = seconds(1)
+_MAPPINGS = ("RteEventToTaskMapping", "RteBswEventToTaskMapping")
+_ALARMS = ("RteUsedOsAlarmRef", "RteBswUsedOsAlarmRef")
 _CAUSES = (SKIPPED_FILE.id, VARIANT.id)
 
 
@@ -218,6 +220,7 @@ class _Reader:
         self._findings = findings
         self._containers = Containers(tree)
         self._standard = standard_modules(tree)
+        self._app_mode = chosen_mode(self._containers)
         units = [unit.name for unit in built.model.units]
         self._only = units[0] if len(units) == 1 else ""
         self._waits = {c.node.path: {r.path for r in c.refs("OsTaskEventRef")} for c in self._containers.of("OsTask")}
@@ -265,12 +268,7 @@ class _Reader:
                 )
             ),
             definitions=tuple(dict.fromkeys(node.at.file for node in self._tree.tagged("ECUC-MODULE-DEF"))),
-            app_modes=tuple(
-                sorted(
-                    (c.node.path for c in self._containers.of("OsAppMode") if _in(c.node.path, os_module)),
-                    key=lambda path: not path.endswith(f"/{DEFAULT_MODE}"),
-                )
-            ),
+            app_mode=self._app_mode,
         )
 
     def _references(self, container: Container) -> tuple[Value, ...]:
@@ -447,26 +445,35 @@ class _Reader:
                 for ref in start.refs("RteActivationOsAlarmRef", "RteActivationOsSchTblRef"):
                     called.setdefault(ref.path, []).append(start.node.path)
         elsewhere = started_elsewhere(self._containers)
+        others = replaced(self._containers, self._containers.of("OsScheduleTable"))
+        used = {t for mapping in self._containers.of(*_MAPPINGS) for t in mapping.targets(*_ALARMS)}
         for starter in self._containers.of("OsAlarm", "OsScheduleTable"):
-            if starter in elsewhere and starter.node.path not in called:
-                continue  # it starts in another application mode, in which the schedule is not played
+            path = starter.node.path
             deeds = tuple(self._deeds(starter))
-            if not deeds:
-                continue
+            if not deeds or (starter in elsewhere and path not in called):
+                continue  # one of another application mode starts nothing in that which is played
             is_table = starter.kind == "OsScheduleTable"
             begins = next((c for c in self._containers.below(starter) if c.kind == f"{starter.kind}Autostart"), None)
             length = starter.value("OsScheduleTableDuration") if is_table else None
             cycle = length or (begins.value("OsAlarmCycleTime") if begins else None)
             first = begins.value("OsScheduleTableStartValue" if is_table else "OsAlarmAlarmTime") if begins else None
             yield Starter(
-                path=starter.node.path,
+                path=path,
                 is_table=is_table,
                 deeds=deeds,
                 autostart=begins.node.path if begins else "",
                 cycle=cycle.text if cycle else "0",
                 start=first.text if first else "0",
-                calls=tuple(called.get(starter.node.path, ())),
+                calls=tuple(called.get(path, ())),
+                mode=self._mode(begins, starter.kind) if begins else None,
+                is_kept=starter in others and path not in called,
+                is_used=path in used or _is_generated(starter.node.parts[0].element),
             )
+
+    def _mode(self, begins: Container, kind: str) -> Value | None:
+        """Return the reference of an autostart to the mode of the schedule, if it has another one, too."""
+        modes = list(self._values(begins, f"{kind}AppModeRef"))
+        return next((m for m in modes if m.text == self._app_mode), None) if len(modes) > 1 else None
 
 
 def _in(path: str, holder: str) -> bool:

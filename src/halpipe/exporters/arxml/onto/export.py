@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, named
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.core.records import record
-from halpipe.exporters.arxml.codes import DOUBLE_START, IN_THE_WAY, NEVER_STARTED, STARTS_ONCE
+from halpipe.exporters.arxml.codes import CODE_STARTS, DOUBLE_START, IN_THE_WAY, NEVER_STARTED, STARTS_ONCE
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.delta import Delta, mark
@@ -49,12 +49,15 @@ class _Stopper:
         self._played = played
         self._findings = findings
         self._removed: list[str] = []
+        self._switched: list[Edit] = []
         self._stopped: list[Starter] = []
 
     def run(self) -> Stopped:
         for starter in self._project.starters:
             doubled = [deed for deed in starter.deeds if deed.os_task in self._played]
-            if doubled and len(doubled) == len(starter.deeds):
+            if doubled and (starter.is_kept or self._is_coded(starter)):
+                self._leave(starter)
+            elif doubled and len(doubled) == len(starter.deeds):
                 self._stop(starter)
             elif doubled and starter.is_table:
                 self._cut(starter, doubled)
@@ -68,14 +71,34 @@ class _Stopper:
                 self._findings.report(
                     STARTS_ONCE, message, at=at, path=named("OsTask", path), help="nothing, if meant so"
                 )
-        edits = (Edit(self._project.items[path].at.file, path) for path in self._removed)
-        return Stopped(tuple(edits), tuple(self._stopped))
+        edits = [Edit(self._project.items[path].at.file, path) for path in self._removed]
+        return Stopped((*edits, *self._switched), tuple(self._stopped))
+
+    @staticmethod
+    def _is_coded(starter: Starter) -> bool:
+        """Whether only code starts an alarm, and not that of the RTE, which has no use for it beside a table."""
+        return not (starter.is_table or starter.autostart or starter.calls or starter.is_used)
+
+    def _leave(self, starter: Starter) -> None:
+        """Report a table of another mode, or an alarm, that only code of the project starts."""
+        kind = "OsScheduleTable" if starter.is_table else "OsAlarm"
+        tasks = sorted({deed.os_task for deed in starter.deeds if deed.os_task in self._played})
+        self._findings.report(
+            CODE_STARTS,
+            f"is left as it is, and starts {', '.join(tasks)} when code of the project starts it",
+            at=self._project.items[starter.path].at,
+            path=named(kind, starter.path),
+            help="stop the tables of the schedule in the code that starts it, or start it nowhere",
+        )
 
     def _stop(self, starter: Starter) -> None:
         """Take away what starts an alarm or table that only does what the schedule plays."""
-        begins = [starter.autostart] if starter.autostart else []
-        if begins or starter.calls:
+        mode = starter.mode
+        if starter.autostart or starter.calls:
+            begins = [starter.autostart] if starter.autostart and mode is None else []
             self._removed += [*begins, *starter.calls]
+            if mode is not None:  # it starts in other application modes as before
+                self._switched.append(Edit(mode.at.file, starter.autostart, mode.name, mode.text, None))
             self._stopped.append(starter)
         elif starter.is_table:
             self._refuse(
@@ -141,6 +164,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
         MANIFEST_KEY: 1,
         "kind": "arxml-onto",
         "project": {file: _state(*files[file], contents) for file in project.files},
+        "tables": [writer.path(placed) for placed in plan.tables if writer.begins(placed)],
         "tasks": {task: _os_tasks(project, task) for task in sorted({*project.calls, *project.alone})},
         "files": {name: sha256(contents[name]) for name in sorted(contents)},
     }
@@ -201,7 +225,7 @@ class _Writer:
         stopped = stop_others(self._project, {a.os_task for a in self._plan.actions.values()}, self._findings)
         self._findings.stop_on_errors()
         self.edits += stopped.edits
-        if not self._project.app_modes:
+        if not self._project.app_mode:
             at, path = self._project.items[self._project.os_module].at, self._project.os_module
             message, help = "has no OsAppMode", "add an OsAppMode, or start the tables by code"
             self._findings.report(NEVER_STARTED, message, at=at, path=path, help=help)
@@ -241,12 +265,21 @@ class _Writer:
         if application:
             box.refer("OsSchTblAccessingApplication", application)
             self.delta.box(application).refer("OsAppScheduleTableRef", box.path)
-        if table.is_repeating and table.mode == self._schedule.modes[0].name and self._project.app_modes:
-            autostart(box, placed.counter.min_cycle, self._project.app_modes[:1])
+        if self.begins(placed):
+            autostart(box, placed.begin, [self._project.app_mode])
         for point in table.points:
             at = box.new(point_name(point.offset), _POINT).fill(OsScheduleTblExpPointOffset=point.offset)
             for number, key in enumerate(point.tasks):
                 self._action(at, number, key, application)
+
+    def begins(self, placed: Placed) -> bool:
+        """Whether the OS starts a table: one of the first mode."""
+        table = placed.table
+        return table.is_repeating and table.mode == self._schedule.modes[0].name and bool(self._project.app_mode)
+
+    def path(self, placed: Placed) -> str:
+        """Return the path of a table."""
+        return f"{self._project.os_module}/{placed.table.name}"
 
     def _action(self, at: Box, number: int, key: str, application: str) -> None:
         action = self._plan.actions[key]
@@ -267,18 +300,15 @@ class _Writer:
         """Return the path of the expiry point at which a task first starts in the first mode that has it."""
         for placed in self._plan.tables:
             if placed.table.is_repeating and task in placed.first:
-                return self._path(placed, placed.first[task])
+                return f"{self.path(placed)}/{point_name(placed.first[task])}"
         return ""
 
     def _later_point(self, call: Call) -> str:
         """Return the path of the expiry point of the part that a call begins with, empty if that is the first."""
         for placed in self._plan.tables:
             if placed.table.is_repeating and call.mapping in placed.later:
-                return self._path(placed, placed.later[call.mapping])
+                return f"{self.path(placed)}/{point_name(placed.later[call.mapping])}"
         return ""
-
-    def _path(self, placed: Placed, offset: int) -> str:
-        return f"{self._project.os_module}/{placed.table.name}/{point_name(offset)}"
 
     def _call(self, call: Call, point: str) -> None:
         """Name the expiry point that starts an event; an alarm chosen by hand excludes it (SWS_Rte_07808)."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, Location, about, named
-from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, seconds
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, seconds
 from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import (
     BASIC_SHARED,
@@ -164,13 +164,15 @@ class Action:
 class Placed:
     """A table with its counter, and where each task of the model first starts in it.
 
-    `later` has the offsets of calls (their mappings) that begin with a later part of the job.
+    `later` has the offsets of calls (their mappings) that begin with a later part of the job, `begin` is the value of
+    the counter at which the table begins, which is the same instant for all.
     """
 
     table: Table
     counter: ProjectCounter
     first: dict[str, int]
     later: dict[str, int]
+    begin: int = 0
 
 
 @record
@@ -222,7 +224,18 @@ class _Planner:
             check_table(item.table, _ticks_of(item.counter), findings)
         self._findings.extend(findings.items)
         self._findings.stop_on_errors()
-        return OntoPlan(tuple(placed), tuple(new), self._actions)
+        return OntoPlan(tuple(self._together(placed)), tuple(new), self._actions)
+
+    def _together(self, placed: Sequence[Placed]) -> Iterator[Placed]:
+        """Yield the tables with the instant at which all begin: whole ticks of each counter, and not 0, which is now.
+
+        The hyperperiod is such an instant, and in the range of each counter.
+        """
+        counters = [(item.counter, item.counter.tick) for item in placed if item.counter.tick is not None]
+        step = least_common_multiple(tick for _, tick in counters)
+        turns = max((-(-(tick * counter.min_cycle) // step) for counter, tick in counters), default=0)
+        for item, (_, tick) in zip(placed, counters, strict=True):
+            yield replace(item, begin=int(step * turns / tick))
 
     # ------------------------------------------------------------------------------------------------- starts
 

@@ -26,7 +26,7 @@ from halpipe.importers.arxml.system.values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.system.containers import Data
@@ -219,7 +219,7 @@ def _instance(containers: Containers, mapping: Container) -> str | None:
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
 _COUNTER = "OsScheduleTableCounterRef"
-DEFAULT_MODE = "OSDEFAULTAPPMODE"
+_DEFAULT_MODE = "OSDEFAULTAPPMODE"
 _FREQUENCIES = ("OsTickFrequency", "ArcOsTickFrequency")  # of the OsOS of some vendors, in ticks per second
 
 
@@ -349,19 +349,29 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data
     )
 
 
-def started_elsewhere(containers: Containers) -> list[Container]:
-    """Return the alarms and tables that the OS starts in other application modes than the one to schedule.
+def chosen_mode(containers: Containers) -> str:
+    """Return the application mode (path) to schedule: that of an export before, OSDEFAULTAPPMODE, or the most named."""
+    inside = (c for added in containers.added.values() for c in containers.below(added))
+    own = [mode for c in inside for mode in c.targets("OsScheduleTableAppModeRef")]
+    counts = Counter(mode for named in _modes(containers).values() for mode in dict.fromkeys(named))
+    known = own or list(counts) or [container.node.path for container in containers.of("OsAppMode")]
+    return max(known, key=lambda mode: (mode.endswith(f"/{_DEFAULT_MODE}"), counts[mode]), default="")
 
-    That mode is OSDEFAULTAPPMODE, or else the one that most autostarts name.
-    """
-    modes: dict[str, list[str]] = {}
-    starters = containers.of("OsAlarm", "OsScheduleTable")
-    for starter in starters:
+
+def _modes(containers: Containers) -> dict[str, list[str]]:
+    """Return the application modes that the autostarts of alarms and tables (paths) name."""
+    found = {}
+    for starter in containers.of("OsAlarm", "OsScheduleTable"):
         own = [m for c in containers.below(starter) for m in c.targets(f"{starter.kind}AppModeRef")]
         if own:
-            modes[starter.node.path] = own
-    counts = Counter(mode for own in modes.values() for mode in dict.fromkeys(own))
-    chosen = max(counts, key=lambda mode: (mode.endswith(f"/{DEFAULT_MODE}"), counts[mode]), default="")
+            found[starter.node.path] = own
+    return found
+
+
+def started_elsewhere(containers: Containers) -> list[Container]:
+    """Return the alarms and tables that the OS starts in other application modes than the one to schedule."""
+    modes, chosen = _modes(containers), chosen_mode(containers)
+    starters = containers.of("OsAlarm", "OsScheduleTable")
     return [starter for starter in starters if chosen not in modes.get(starter.node.path, [chosen])]
 
 
@@ -381,20 +391,24 @@ def _running(
     """Return the repeating tables that run together: of those in each other's way, the ones that the OS starts."""
     own = [table for table in containers.of("OsScheduleTable") if table not in elsewhere]
     tables = [table for table in own if _repeats(containers, table)]
-    started = [t for t in tables if t.node.path in stopped or _autostart(containers, t) is not None]
-    running = []
-    for table in tables:
-        other = None if table in started else next((s for s in started if _meets(containers, table, s)), None)
-        if other is None:
-            running.append(table)
-            continue
+    others = replaced(containers, tables, stopped)
+    for table, other in others.items():
         table.place.report(
             containers.tree.findings,
             codes.UNSTARTED_TABLE,
             f"is not started by the OS, but {other.node.path} is, which it cannot run beside; it is left out",
             help="state an autostart for the table of the mode to schedule, or periods in the overlay (sources)",
         )
-    return running
+    return [table for table in tables if table not in others]
+
+
+def replaced(
+    containers: Containers, tables: Iterable[Container], stopped: Collection[str | None] = ()
+) -> dict[Container, Container]:
+    """Return the tables of other modes, which only code starts, each with one that the OS starts in its place."""
+    started = [t for t in tables if t.node.path in stopped or _autostart(containers, t) is not None]
+    others = ((t, next((s for s in started if _meets(containers, t, s)), None)) for t in tables if t not in started)
+    return {table: other for table, other in others if other is not None}
 
 
 def _repeats(containers: Containers, table: Container) -> bool:
