@@ -14,6 +14,8 @@ from halpipe.importers.traces.ctf.metadata import MAGIC, parse, text_of
 from halpipe.importers.traces.ros2 import Key, read_ros_trace
 from profiles import examples
 
+HEAD = "/* CTF 1.8 */ trace { major = 1; minor = 8; byte_order = le; };"
+
 
 def all_events(folder):
     damage = Damage()
@@ -78,7 +80,7 @@ def test_metadata_that_is_none(data, said):
 @pytest.mark.parametrize(
     "text",
     [
-        "trace {",
+        "env {",
         "nonsense",
         "event { name = ; };",
         "typealias integer { size = 8; } := a; typealias b := c;",
@@ -90,7 +92,7 @@ def test_metadata_that_is_none(data, said):
 )
 def test_declarations_that_are_none(text):
     with pytest.raises(CtfError):
-        parse(text)
+        parse(f"{HEAD} {text}")
 
 
 @pytest.mark.parametrize(
@@ -110,6 +112,70 @@ def test_numbers_and_names_that_are_none(tmp_path, sound, damaged):
     (folder / "metadata").write_text(text.replace(sound, damaged))
     with pytest.raises(CtfError):
         list(events([str(folder)], Damage()))
+
+
+@pytest.mark.parametrize(
+    ("sound", "damaged"),
+    [
+        ("byte_order = le;", ""),
+        ("major = 1", "major = 2"),
+        ("size = 16", "size = 0"),
+        ("size = 16", "size = 72"),
+        ("size = 16; align = 8; signed = false", "size = 16; align = 8; signed = fxlse"),
+        ("size = 16; align = 8; signed = false", "size = 16; align = 8; singed = false"),
+        ("freq = 1000000000; offset", "freq = 1000000000; uint8_t"),
+        ("uint64_t packet_size", "uint64_t 9"),
+        ("0 ... 65534", "0 . . 65534"),
+        ("compact = 0 ... 65534,", "com>act = 0 ... 65534,"),
+        ("stream_id = 0;", "stream_id>= 0;"),
+        (":= uint8_t;", ":= ;"),
+        (":= uint16_t;", ":= uint8_t;"),
+        ("struct small {", "struct large {"),
+        ("  id = 0;", "  id = 0; id = 0;"),
+        ("uint64_t timestamp_end;", "uint64_t timestamp_begin;"),
+        ("integer { size = 27;", "integer { size = 27; map = clock.other.value;"),
+        ("clock { name", 'clock { name = "monotonic"; }; clock { name'),
+        ("event { name", 'event { name = "a:one"; id = 0; stream_id = 0; }; event { name'),
+        ("stream {", "stream { id = 0; }; stream {"),
+        ("trace {", "trace { major = 1; minor = 8; byte_order = le; }; trace {"),
+    ],
+)
+def test_declarations_that_babeltrace2_refuses(tmp_path, sound, damaged):
+    folder = ros_trace(3).write(tmp_path)
+    text = (folder / "metadata").read_text()
+    assert sound in text
+    (folder / "metadata").write_text(text.replace(sound, damaged, 1))
+    with pytest.raises(CtfError):
+        list(events([str(folder)], Damage()))
+
+
+def test_streams_of_which_no_event_can_be_read(tmp_path):
+    folder = ros_trace(3).write(tmp_path)
+    text = (folder / "metadata").read_text()
+    (folder / "metadata").write_text(text[: text.index("struct large")] + "stream { id = 0; }; event { name = e; };\n")
+    with pytest.raises(HalpipeError) as raised:
+        read_traces(str(folder))
+    assert [found.code for found in raised.value.diagnostics] == [codes.NO_CTF.id]
+    assert "an event has no bytes" in raised.value.diagnostics[0].message
+
+
+def test_events_that_precede_those_of_the_packet_before(tmp_path):
+    trace = Trace()
+    trace.declare("a:one")
+    for time in (5, 6):
+        trace.add("a:one", time)
+    folder = trace.write(tmp_path)
+    text = (
+        (folder / "metadata")
+        .read_text()
+        .replace("uint64_t timestamp_begin; uint64_t timestamp_end;", "uint64_t a; uint64_t b;")
+    )
+    (folder / "metadata").write_text(text)
+    stream = folder / "channel_0"
+    stream.write_bytes(stream.read_bytes() * 2)
+    found, damage = all_events(folder)
+    assert [event.time - trace.offset for event in found] == [5, 6]
+    assert ["precedes" in text for text in damage.broken] == [True]
 
 
 @examples(60)
@@ -256,7 +322,7 @@ event { name = "e"; id = 0; stream_id = 0; fields := struct { integer { size = 8
 
 
 def test_events_without_bytes_end_the_stream(tmp_path):
-    text = "/* CTF 1.8 */ trace { byte_order = le; }; stream { id = 0; }; event { name = e; id = 0; stream_id = 0; };"
+    text = HEAD + " stream { id = 0; }; event { name = e; id = 0; stream_id = 0; };"
     (tmp_path / "metadata").write_text(text)
     (tmp_path / "s").write_bytes(b"abc")
     found, damage = all_events(tmp_path)
@@ -350,7 +416,7 @@ def test_events_after_the_end_of_a_packet_as_old_tracers_wrote_them(tmp_path, mi
 
 @pytest.mark.parametrize("kind", ["struct", "variant"])
 def test_types_that_double_with_each_level_are_refused(kind):
-    text = f"/* CTF 1.8 */ trace {{ byte_order = le; }};\n{kind} s0 {{ integer {{ size = 8; }} a; }};\n"
+    text = f"{HEAD}\n{kind} s0 {{ integer {{ size = 8; }} a; }};\n"
     tag = "" if kind == "struct" else "<t>"
     for level in range(1, 39):
         text += f"{kind} s{level} {{ {kind} s{level - 1} {tag} a; {kind} s{level - 1} {tag} b[2]; }};\n"

@@ -11,7 +11,7 @@ from ctf_writer import Trace, ros_trace
 from halpipe.core.diagnostics import Findings
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
 from halpipe.importers.traces.ctf.decoding import Array, Float, Int, String, Struct
-from halpipe.importers.traces.ctf.metadata import parse_fragments
+from halpipe.importers.traces.ctf.fragments import parse_fragments
 from halpipe.importers.traces.ros2 import read_ros_trace
 from profiles import examples
 

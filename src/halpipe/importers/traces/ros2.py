@@ -74,12 +74,14 @@ def read_ros_trace(root: str, findings: Findings) -> RosTrace:
         found = folders(root)
         if not found:
             raise CtfError("there is no file called metadata in it")
-        join = _Join(root)
+        join, event = _Join(root), None
         for event in events(found, damage):
             join.take(event)
+        if event is None and damage.broken:
+            raise CtfError(f"no event of it can be read: {damage.broken[0]}")
     except (CtfError, OSError) as failure:
         text = str(failure) if isinstance(failure, CtfError) else failure.strerror or "it cannot be read"
-        help = "name the directory that lttng or `ros2 trace` wrote"
+        help = "name the directory that lttng or `ros2 trace` wrote; of CTF 2, `lttng create --trace-format=ctf-1.8`"
         raise HalpipeError(codes.NO_CTF(text, at=Location(root), help=help)) from None
     trace = join.result(damage)
     _report(trace, join, damage, findings)

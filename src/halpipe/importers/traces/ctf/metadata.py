@@ -1,24 +1,26 @@
-"""Declarations of CTF: the TSDL text of CTF 1.8, in packets or plain, and the JSON fragments of CTF 2.
+"""Declarations of CTF 1.8: the text in TSDL, in packets or plain.
 
-Fragments become the same declarations: the roles of fields become the names that CTF 1.8 gives them, and the ranges
-that select a choice become labels of an enumeration. Optional fields and integers of variable length have no
-counterpart, and are refused.
+The grammar is read strictly, as babeltrace2 does: an attribute that is unknown or stated twice is a fault, since it may
+decide sizes or times.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import struct
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from halpipe.importers.traces.ctf.decoding import Array, CtfError, Enum, Float, Int, String, Struct, Type, Variant
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
 
 MAGIC = 0x75D11D57
 _HEADER = 37
 """Bytes before the text of a packet: magic, UUID, checksum, two sizes in bits, three schemes, version."""
 _MOST_BYTES = 64 * 2**20
+_MOST_BITS = 64
 MOST_LEVELS = 40
 LONGEST_ARRAY = 2**24
 MOST_FIELDS = 10_000
@@ -31,6 +33,16 @@ _TOKEN = re.compile(
     r"|(?P<word>[A-Za-z_]\w*)|\s+",
     re.DOTALL,
 )
+_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+_ATTRIBUTES = {
+    "trace": ("major", "minor", "uuid", "byte_order", "packet.header"),
+    "clock": ("name", "uuid", "description", "freq", "precision", "offset_s", "offset", "absolute"),
+    "stream": ("id", "event.header", "event.context", "packet.context"),
+    "event": ("name", "id", "stream_id", "loglevel", "model.emf.uri", "context", "fields"),
+    "integer": ("size", "align", "signed", "byte_order", "base", "encoding", "map"),
+    "floating_point": ("exp_dig", "mant_dig", "align", "byte_order"),
+    "string": ("encoding",),
+}
 _ORDERS = {"be": ">", "network": ">", "le": "<"}
 
 
@@ -78,7 +90,9 @@ class Metadata:
 def parse(text: str) -> Metadata:
     """Read the declarations; raise `CtfError` where the text does not follow the grammar."""
     stated = re.search(r"\bbyte_order\s*=\s*(\w+)", text)
-    parser = _Parser(text, _ORDERS.get(stated[1], "<") if stated else "<")
+    if stated is None or stated[1] not in _ORDERS:
+        raise CtfError("the metadata states no byte order")
+    parser = _Parser(text, _ORDERS[stated[1]])
     try:
         parser.run()
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as failure:
@@ -95,8 +109,10 @@ class _Parser:
         self._tokens: list[tuple[str, str | int, int]] = []
         self._weights: dict[int, int] = {}
         self._weighed: list[Type] = []
+        self._mapped: set[str] = set()
+        self._declared: set[tuple[str, Hashable]] = set()
         self._at = 0
-        self._level = 0
+        self._level = self._depth = 0
         line, position = 1, 0
         while position < len(text):
             match = _TOKEN.match(text, position)
@@ -121,22 +137,37 @@ class _Parser:
             word = self._peek()
             if word in ("trace", "env", "clock", "stream", "event", "callsite"):
                 self._next()
-                self._keep(str(word), self._block())
+                self._keep(str(word), self._block(str(word)))
                 self._want(";")
             else:
                 self._declaration()
+        if unknown := self._mapped - {str(clock["name"]) for clock in self.found.clocks}:
+            raise CtfError(f'the metadata declares no clock "{min(unknown)[:40]}"')
 
     def _keep(self, kind: str, body: dict[str, Any]) -> None:
         if kind == "trace":
+            self._once(kind, "")
+            if (body.get("major"), body.get("minor")) != (1, 8):
+                raise CtfError(f"the metadata is of CTF {body.get('major')}.{body.get('minor')}")
             self.found.trace = body
         elif kind == "env":
+            self._once(kind, "")
             self.found.env = body
         elif kind == "clock":
+            self._once(kind, body["name"])
             self.found.clocks.append(body)
         elif kind == "stream":
-            self.found.streams[int(body.get("id", 0))] = body
+            self._once("stream", number := int(body.get("id", 0)))
+            self.found.streams[number] = body
         elif kind == "event":
+            self._once("event", (body.get("stream_id", 0), body.get("id", 0)))
             self.found.events.append(body)
+
+    def _once(self, kind: str, name: Hashable) -> None:
+        """Refuse a second declaration: it is open which one holds."""
+        if (kind, name) in self._declared:
+            raise CtfError(f"line {self.line} of the metadata declares a {kind} for the second time")
+        self._declared.add((kind, name))
 
     # ------------------------------------------------------------------------------------------- tokens
 
@@ -152,6 +183,13 @@ class _Parser:
         self._at += 1
         return value
 
+    def _word(self) -> str:
+        kind, line = self._tokens[self._at][0], self.line
+        word = str(self._next())
+        if kind != "word":
+            raise CtfError(f"line {line} of the metadata has {word[:40]!r} for a name")
+        return word
+
     def _want(self, sign: str) -> None:
         line, found = self.line, self._next()
         if found != sign:
@@ -165,27 +203,38 @@ class _Parser:
             type = self._type()
             if is_alias:
                 self._want(":=")
-            words = []
+            words = [self._word()]
             while self._peek() != ";":
-                words.append(str(self._next()))
+                words.append(self._word())
+            if not self._depth:
+                self._once("type", " ".join(words))
             self._types[" ".join(words)] = type
         else:
             self._type()
         self._want(";")
 
-    def _block(self) -> dict[str, Any]:
+    def _block(self, kind: str) -> dict[str, Any]:
+        """Read attributes; those that `kind` does not have are refused, since they may decide sizes or times."""
         body: dict[str, Any] = {}
         self._want("{")
+        self._depth += 1
         while self._peek() != "}":
             declares = self._peek() in ("struct", "enum", "variant") and self._peek(2) == "{"
             if self._peek() in ("typealias", "typedef") or declares:
                 self._declaration()
                 continue
-            key = str(self._next())
-            while self._peek() not in ("=", ":="):
-                key += str(self._next())
-            body[key] = self._type() if self._next() == ":=" else self._value()
+            line, key = self.line, self._word()
+            while self._peek() == ".":
+                self._next()
+                key += f".{self._word()}"
+            if key in body or key not in _ATTRIBUTES.get(kind, (key,)):
+                raise CtfError(f'line {line} of the metadata has the attribute "{key}" of a {kind}, unknown or twice')
+            sign = self._next()
+            if sign not in ("=", ":="):
+                raise CtfError(f"line {line} of the metadata has {str(sign)[:40]!r} for a sign of equality")
+            body[key] = self._type() if sign == ":=" else self._value()
             self._want(";")
+        self._depth -= 1
         self._want("}")
         return body
 
@@ -211,12 +260,12 @@ class _Parser:
         if word == "integer":
             return self._integer()
         if word == "floating_point":
-            stated = self._block()
+            stated = self._block("floating_point")
             size = int(stated["exp_dig"]) + int(stated["mant_dig"])
             return Float(size, int(stated.get("align", 8)), self._order(stated))
         if word == "string":
             if self._peek() == "{":
-                self._block()
+                self._block("string")
             return String()
         if word in ("struct", "variant", "enum"):
             return self._compound(word)
@@ -230,16 +279,26 @@ class _Parser:
         return _ORDERS.get(str(stated.get("byte_order")), self.found.order)
 
     def _integer(self) -> Int:
-        stated = self._block()
-        size = int(stated["size"])
+        stated = self._block("integer")
+        size, clock = int(stated["size"]), str(stated.get("map", "")).split(".")
+        if not 1 <= size <= _MOST_BITS:
+            raise CtfError(f"line {self.line} of the metadata has an integer of {size} bits")
+        if clock[0] == "clock":
+            self._mapped.add(clock[1])
         return Int(
             size,
             power_of_two(int(stated.get("align", 8 if size % 8 == 0 else 1))),
-            str(stated.get("signed", 0)).lower() in ("1", "true"),
+            self._flag(stated.get("signed", 0)),
             self._order(stated),
             str(stated.get("encoding", "none")).lower() in ("utf8", "ascii"),
-            str(stated.get("map", "")).startswith("clock."),
+            clock[0] == "clock",
         )
+
+    def _flag(self, stated: Any) -> bool:
+        text = str(stated).lower()
+        if text not in _FLAGS:
+            raise CtfError(f"line {self.line} of the metadata has {text[:40]!r} for true or false")
+        return _FLAGS[text]
 
     def _compound(self, word: str) -> Type:
         name = str(self._next()) if self._tokens[self._at][0] == "word" and self._peek() != "align" else None
@@ -268,6 +327,8 @@ class _Parser:
             type = Struct(fields, align) if word == "struct" else Variant(tag or "", fields)
             self._weigh(type, fields)
         if name:
+            if not self._depth:
+                self._once(word, name)
             self._types[f"{word} {name}"] = type
         return type
 
@@ -298,7 +359,7 @@ class _Parser:
         self._want("{")
         ranges, following = [], 0
         while self._peek() != "}":
-            label = str(self._next())
+            label = self._word() if self._peek() is not None else str(self._next())
             low = high = following
             if self._peek() == "=":
                 self._next()
@@ -308,8 +369,8 @@ class _Parser:
                     high = int(self._next())
             ranges.append((low, high, label))
             following = high + 1
-            if self._peek() == ",":
-                self._next()
+            if self._peek() != "}":
+                self._want(",")
         self._want("}")
         return Enum(base, tuple(ranges))
 
@@ -321,7 +382,7 @@ class _Parser:
                 self._declaration()
                 continue
             type = self._type()
-            name = str(self._next())
+            name = self._word()
             while self._peek() == "[":
                 if self._tokens[self._at + 1][0] == "number":
                     self._next()
@@ -333,6 +394,8 @@ class _Parser:
                 else:
                     type = Array(type, self._reference("[", "]"))
             self._want(";")
+            if any(name == known for known, _ in found):
+                raise CtfError(f'line {self.line} of the metadata has the field "{name[:40]}" twice')
             found.append((name, type))
         self._want("}")
         return tuple(found)
@@ -343,145 +406,3 @@ def power_of_two(align: int) -> int:
     if align < 1 or align > 2**16 or align & (align - 1):
         raise CtfError(f"an alignment of {align} bits is none")
     return align
-
-
-SEPARATOR = "\x1e"
-_BYTE_ORDERS = {"little-endian": "<", "big-endian": ">"}
-_NAMES = {
-    "packet-magic-number": "magic",
-    "metadata-stream-uuid": "uuid",
-    "data-stream-class-id": "stream_id",
-    "packet-total-length": "packet_size",
-    "packet-content-length": "content_size",
-    "packet-end-default-clock-timestamp": "timestamp_end",
-    "discarded-event-record-counter-snapshot": "events_discarded",
-    "packet-sequence-number": "packet_seq_num",
-    "event-record-class-id": "id",
-}
-"""Names in CTF 1.8 of the fields that have a role."""
-_BYTE = Int(8, 8, False, "<")
-
-
-def parse_fragments(text: str) -> Metadata:
-    """Read the declarations; raise `CtfError` where a fragment cannot be read."""
-    found, aliases = Metadata(), dict[str, Any]()
-    for number, fragment in enumerate(filter(str.strip, text.split(SEPARATOR)), 1):
-        try:
-            _take(json.loads(fragment), found, _Classes(aliases))
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as failure:
-            what = str(failure) if isinstance(failure, CtfError) else "it is malformed"
-            raise CtfError(f"fragment {number} of the metadata cannot be read: {what}") from None
-    return found
-
-
-def _take(stated: dict[str, Any], found: Metadata, classes: _Classes) -> None:
-    kind = stated["type"]
-    if kind == "preamble" and stated["version"] != 2:
-        raise CtfError(f"it is of version {stated['version']}")
-    if kind == "preamble" and "uuid" in stated:
-        found.trace["uuid"] = bytes(stated["uuid"]).hex()
-    elif kind == "field-class-alias":
-        classes.aliases[stated["name"]] = stated["field-class"]
-    elif kind == "clock-class":
-        offset = stated.get("offset-from-origin", {})
-        clock = {"freq": stated["frequency"], "offset_s": offset.get("seconds", 0), "offset": offset.get("cycles", 0)}
-        found.clocks.append(clock)
-    elif kind == "trace-class":
-        found.env = stated.get("environment", {})
-        classes.put(found.trace, "packet.header", stated.get("packet-header-field-class"))
-    elif kind == "data-stream-class":
-        stream = found.streams.setdefault(stated.get("id", 0), {})
-        classes.put(stream, "packet.context", stated.get("packet-context-field-class"), "timestamp_begin")
-        classes.put(stream, "event.header", stated.get("event-record-header-field-class"))
-        classes.put(stream, "event.context", stated.get("event-record-common-context-field-class"))
-    elif kind == "event-record-class":
-        stream = stated.get("data-stream-class-id", 0)
-        event = {"name": stated.get("name", ""), "id": stated.get("id", 0), "stream_id": stream}
-        classes.put(event, "context", stated.get("specific-context-field-class"))
-        classes.put(event, "fields", stated.get("payload-field-class"))
-        found.events.append(event)
-
-
-class _Classes:
-    """Translates field classes, by `aliases` where they have one."""
-
-    def __init__(self, aliases: dict[str, Any]) -> None:
-        self.aliases = aliases
-        self._level = self._made_so_far = 0
-        self._clock = ""
-
-    def put(self, into: dict[str, Any], key: str, stated: Any, clock: str = "") -> None:
-        """Declare the type `key` if a class is stated; `clock` names the field that holds the time."""
-        self._clock = clock
-        if stated is not None:
-            into[key] = self._type(stated)
-
-    def _type(self, stated: Any) -> Type:
-        self._level += 1
-        self._made_so_far += 1
-        if self._level > MOST_LEVELS or self._made_so_far > MOST_FIELDS:
-            raise CtfError(f"it nests deeper than {MOST_LEVELS}, or has more than {MOST_FIELDS} fields")
-        stated = self._resolved(stated)
-        type = self._made(stated, stated["type"])
-        self._level -= 1
-        return type
-
-    def _resolved(self, stated: Any) -> Any:
-        """Return a field class itself where an alias is stated."""
-        for _ in range(MOST_LEVELS):
-            if not isinstance(stated, str):
-                return stated
-            stated = self.aliases[stated]
-        raise CtfError("an alias stands for itself")
-
-    def _made(self, stated: dict[str, Any], kind: str) -> Type:
-        if kind.startswith("fixed-length-"):
-            size, align, order = (
-                stated["length"],
-                power_of_two(stated.get("alignment", 1)),
-                _BYTE_ORDERS[stated["byte-order"]],
-            )
-            if kind == "fixed-length-floating-point-number":
-                return Float(size, align, order)
-            is_time = "default-clock-timestamp" in stated.get("roles", ())
-            return Int(size, align, kind == "fixed-length-signed-integer", order, is_time=is_time)
-        if kind == "null-terminated-string":
-            return String()
-        if kind == "structure":
-            fields: dict[str, tuple[str, Type]] = {}
-            for member in stated.get("member-classes", ()):
-                self._member(fields, member["name"], self._resolved(member["field-class"]))
-            return Struct(tuple(fields.values()), power_of_two(stated.get("minimum-alignment", 1)))
-        if kind.startswith(("static-length-", "dynamic-length-")):
-            length = stated["length"] if kind.startswith("static") else stated["length-field-location"]["path"][-1]
-            if isinstance(length, int) and not 0 <= length <= LONGEST_ARRAY:
-                raise CtfError(f"an array has {length} elements")
-            if kind.endswith("array"):
-                return Array(self._type(stated["element-field-class"]), length)
-            return Array(replace(_BYTE, text=kind.endswith("string")), length)
-        raise CtfError(f'fields of the class "{kind[:60]}" are not read')
-
-    def _member(self, fields: dict[str, tuple[str, Type]], name: str, stated: Any) -> None:
-        if stated["type"] == "variant":
-            self._variant(fields, name, stated)
-            return
-        type = self._type(stated)
-        roles = stated.get("roles", ())
-        known = next((_NAMES[role] for role in roles if role in _NAMES), None)
-        if self._clock and "default-clock-timestamp" in roles:
-            known = self._clock
-        fields[name] = known or name, type
-
-    def _variant(self, fields: dict[str, tuple[str, Type]], name: str, stated: dict[str, Any]) -> None:
-        """Append a variant, and make its selector the enumeration by which CTF 1.8 selects."""
-        selecting = stated["selector-field-location"]["path"][-1]
-        tag, selector = fields.get(selecting, ("", None))
-        if not isinstance(selector, Int):
-            raise CtfError("the selector of a variant is no integer beside it")
-        choices, ranges = [], []
-        for number, option in enumerate(stated["options"]):
-            label = option.get("name") or f"option {number}"
-            choices.append((label, self._type(option["field-class"])))
-            ranges += [(low, high, label) for low, high in option["selector-field-ranges"]]
-        fields[selecting] = tag, Enum(selector, tuple(ranges))
-        fields[name] = name, Variant(tag, tuple(choices))

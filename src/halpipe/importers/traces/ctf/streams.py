@@ -25,8 +25,9 @@ from halpipe.importers.traces.ctf.decoding import (
     decoder,
     field_name,
 )
+from halpipe.importers.traces.ctf.fragments import SEPARATOR, parse_fragments
 from halpipe.importers.traces.ctf.metadata import MAGIC as METADATA_MAGIC
-from halpipe.importers.traces.ctf.metadata import SEPARATOR, Metadata, parse, parse_fragments, text_of
+from halpipe.importers.traces.ctf.metadata import Metadata, parse, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -210,7 +211,7 @@ class _Trace:
 
     def _file(self, path: str) -> Iterator[Event]:
         with mapped(path) as data:
-            at = discarded = ended = 0
+            at = discarded = ended = now = 0
             first: _Stream | None = None
             following: int | None = None
             while at < len(data):
@@ -224,14 +225,15 @@ class _Trace:
                         self._damage.packets += max(0, number - (number if following is None else following))
                         following = number + 1
                     packet = data[at : at + size]
+                    now = max(now, begin)
                     for event in self._events(stream, context, packet, start, end):
-                        if event.time < begin:
+                        if event.time < now:
                             raise CtfError("an event precedes its packet, or the event before it")
                         if ended and event.time > ended and not self._ends_late:
                             raise CtfError("an event follows the end of its packet")
-                        begin = event.time
+                        now = event.time
                         yield event
-                    ended = max(begin, ended)
+                    ended = max(now, ended)
                     lost = int(context.get("events_discarded", discarded))
                     if lost < discarded:
                         raise CtfError("the count of discarded events decreases")

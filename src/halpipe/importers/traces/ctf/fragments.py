@@ -1,0 +1,155 @@
+"""Declarations of CTF 2: JSON fragments, translated into those of CTF 1.8.
+
+The roles of fields become the names that CTF 1.8 gives them, and the ranges that select a choice become labels of an
+enumeration. Optional fields and integers of variable length have no counterpart, and are refused.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+from halpipe.importers.traces.ctf.decoding import Array, CtfError, Enum, Float, Int, String, Struct, Type, Variant
+from halpipe.importers.traces.ctf.metadata import LONGEST_ARRAY, MOST_FIELDS, MOST_LEVELS, Metadata, power_of_two
+
+SEPARATOR = "\x1e"
+_BYTE_ORDERS = {"little-endian": "<", "big-endian": ">"}
+_NAMES = {
+    "packet-magic-number": "magic",
+    "metadata-stream-uuid": "uuid",
+    "data-stream-class-id": "stream_id",
+    "packet-total-length": "packet_size",
+    "packet-content-length": "content_size",
+    "packet-end-default-clock-timestamp": "timestamp_end",
+    "discarded-event-record-counter-snapshot": "events_discarded",
+    "packet-sequence-number": "packet_seq_num",
+    "event-record-class-id": "id",
+}
+"""Names in CTF 1.8 of the fields that have a role."""
+_BYTE = Int(8, 8, False, "<")
+
+
+def parse_fragments(text: str) -> Metadata:
+    """Read the declarations; raise `CtfError` where a fragment cannot be read."""
+    found, aliases = Metadata(), dict[str, Any]()
+    for number, fragment in enumerate(filter(str.strip, text.split(SEPARATOR)), 1):
+        try:
+            _take(json.loads(fragment), found, _Classes(aliases))
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as failure:
+            what = str(failure) if isinstance(failure, CtfError) else "it is malformed"
+            raise CtfError(f"fragment {number} of the metadata cannot be read: {what}") from None
+    return found
+
+
+def _take(stated: dict[str, Any], found: Metadata, classes: _Classes) -> None:
+    kind = stated["type"]
+    if kind == "preamble" and stated["version"] != 2:
+        raise CtfError(f"it is of version {stated['version']}")
+    if kind == "preamble" and "uuid" in stated:
+        found.trace["uuid"] = bytes(stated["uuid"]).hex()
+    elif kind == "field-class-alias":
+        classes.aliases[stated["name"]] = stated["field-class"]
+    elif kind == "clock-class":
+        offset = stated.get("offset-from-origin", {})
+        clock = {"freq": stated["frequency"], "offset_s": offset.get("seconds", 0), "offset": offset.get("cycles", 0)}
+        found.clocks.append(clock)
+    elif kind == "trace-class":
+        found.env = stated.get("environment", {})
+        classes.put(found.trace, "packet.header", stated.get("packet-header-field-class"))
+    elif kind == "data-stream-class":
+        stream = found.streams.setdefault(stated.get("id", 0), {})
+        classes.put(stream, "packet.context", stated.get("packet-context-field-class"), "timestamp_begin")
+        classes.put(stream, "event.header", stated.get("event-record-header-field-class"))
+        classes.put(stream, "event.context", stated.get("event-record-common-context-field-class"))
+    elif kind == "event-record-class":
+        stream = stated.get("data-stream-class-id", 0)
+        event = {"name": stated.get("name", ""), "id": stated.get("id", 0), "stream_id": stream}
+        classes.put(event, "context", stated.get("specific-context-field-class"))
+        classes.put(event, "fields", stated.get("payload-field-class"))
+        found.events.append(event)
+
+
+class _Classes:
+    """Translates field classes, by `aliases` where they have one."""
+
+    def __init__(self, aliases: dict[str, Any]) -> None:
+        self.aliases = aliases
+        self._level = self._made_so_far = 0
+        self._clock = ""
+
+    def put(self, into: dict[str, Any], key: str, stated: Any, clock: str = "") -> None:
+        """Declare the type `key` if a class is stated; `clock` names the field that holds the time."""
+        self._clock = clock
+        if stated is not None:
+            into[key] = self._type(stated)
+
+    def _type(self, stated: Any) -> Type:
+        self._level += 1
+        self._made_so_far += 1
+        if self._level > MOST_LEVELS or self._made_so_far > MOST_FIELDS:
+            raise CtfError(f"it nests deeper than {MOST_LEVELS}, or has more than {MOST_FIELDS} fields")
+        stated = self._resolved(stated)
+        type = self._made(stated, stated["type"])
+        self._level -= 1
+        return type
+
+    def _resolved(self, stated: Any) -> Any:
+        """Return a field class itself where an alias is stated."""
+        for _ in range(MOST_LEVELS):
+            if not isinstance(stated, str):
+                return stated
+            stated = self.aliases[stated]
+        raise CtfError("an alias stands for itself")
+
+    def _made(self, stated: dict[str, Any], kind: str) -> Type:
+        if kind.startswith("fixed-length-"):
+            size, align, order = (
+                stated["length"],
+                power_of_two(stated.get("alignment", 1)),
+                _BYTE_ORDERS[stated["byte-order"]],
+            )
+            if kind == "fixed-length-floating-point-number":
+                return Float(size, align, order)
+            is_time = "default-clock-timestamp" in stated.get("roles", ())
+            return Int(size, align, kind == "fixed-length-signed-integer", order, is_time=is_time)
+        if kind == "null-terminated-string":
+            return String()
+        if kind == "structure":
+            fields: dict[str, tuple[str, Type]] = {}
+            for member in stated.get("member-classes", ()):
+                self._member(fields, member["name"], self._resolved(member["field-class"]))
+            return Struct(tuple(fields.values()), power_of_two(stated.get("minimum-alignment", 1)))
+        if kind.startswith(("static-length-", "dynamic-length-")):
+            length = stated["length"] if kind.startswith("static") else stated["length-field-location"]["path"][-1]
+            if isinstance(length, int) and not 0 <= length <= LONGEST_ARRAY:
+                raise CtfError(f"an array has {length} elements")
+            if kind.endswith("array"):
+                return Array(self._type(stated["element-field-class"]), length)
+            return Array(replace(_BYTE, text=kind.endswith("string")), length)
+        raise CtfError(f'fields of the class "{kind[:60]}" are not read')
+
+    def _member(self, fields: dict[str, tuple[str, Type]], name: str, stated: Any) -> None:
+        if stated["type"] == "variant":
+            self._variant(fields, name, stated)
+            return
+        type = self._type(stated)
+        roles = stated.get("roles", ())
+        known = next((_NAMES[role] for role in roles if role in _NAMES), None)
+        if self._clock and "default-clock-timestamp" in roles:
+            known = self._clock
+        fields[name] = known or name, type
+
+    def _variant(self, fields: dict[str, tuple[str, Type]], name: str, stated: dict[str, Any]) -> None:
+        """Append a variant, and make its selector the enumeration by which CTF 1.8 selects."""
+        selecting = stated["selector-field-location"]["path"][-1]
+        tag, selector = fields.get(selecting, ("", None))
+        if not isinstance(selector, Int):
+            raise CtfError("the selector of a variant is no integer beside it")
+        choices, ranges = [], []
+        for number, option in enumerate(stated["options"]):
+            label = option.get("name") or f"option {number}"
+            choices.append((label, self._type(option["field-class"])))
+            ranges += [(low, high, label) for low, high in option["selector-field-ranges"]]
+        fields[selecting] = tag, Enum(selector, tuple(ranges))
+        fields[name] = name, Variant(tag, tuple(choices))
