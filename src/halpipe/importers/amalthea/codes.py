@@ -1,4 +1,4 @@
-"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254."""
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -218,8 +218,8 @@ EDITED = warning(
 DEFAULT_WINDOW = note(
     "HAL1248",
     "AMALTHEA precedence windows were assumed",
-    "The model states an order, but no times. A task starts between 0 and the longer of both periods after the "
-    "end of its predecessor.",
+    "The model states an order, but no times. A task starts between 0 and the longer of both periods after its "
+    "trigger, or the end of its predecessor.",
 )
 RENAMED = note(
     "HAL1249",
@@ -238,6 +238,12 @@ CUT_RUNNABLES = note(
     "A preemptive task may be interrupted anywhere. Where a runnable is longer than the longest piece (--pieces), jobs "
     "may be interrupted at multiples of that, too: the target has to hold the job there, for example by a call of the "
     "scheduler.",
+)
+STARTS_APART = error(
+    "HAL1420",
+    "Limit between starts is shorter than the distance of activations",
+    "Each activation starts one job, so starts on average follow on each other no faster than activations do. No "
+    "schedule keeps a StartToStart limit below the longest distance of two activations.",
 )
 NOT_READ = warning(
     "HAL1252",

@@ -129,6 +129,18 @@ def branches(switch: Item) -> list[Item]:
     return [*switch.all("entries"), *switch.all("defaultEntry")]
 
 
+def candidates(switch: Item, conditions: Conditions) -> list[Item]:
+    """Return the branches that a switch may take in a mode: up to the first whose condition surely holds."""
+    found = []
+    for entry in switch.all("entries"):
+        holds = None if "Probability" in switch.kind else conditions.branch(switch, entry)
+        if holds is not False:
+            found.append(entry)
+        if holds:
+            return found
+    return [*found, *switch.all("defaultEntry")]
+
+
 def everything(forest: Forest, found: Iterable[Item]) -> Iterator[Item]:
     """Yield some steps and all within them, in order: in groups, in branches and in the runnables that they call."""
     seen: set[Item] = set()
@@ -176,6 +188,7 @@ class Amount:
 
 
 _NOTHING = Amount()
+Span = tuple[Fraction, Fraction]
 
 
 def call_count(forest: Forest, step: Item, statistic: str) -> Fraction:
@@ -238,6 +251,7 @@ class Evaluator:
         self._statistic = statistic
         self._conditions: dict[str, Conditions] = {}
         self._known: dict[tuple[Item, str, Item], Amount] = {}
+        self._spans: dict[tuple[Item, Item, str, Item, bool], Span | None] = {}
         self._calling: dict[Item, None] = {}
         self._depth = 0
         self.branched: dict[Item, None] = {}
@@ -258,6 +272,46 @@ class Evaluator:
         total = _sum([self._step(step, mode, unit) for step in found])
         self._depth -= 1
         return total
+
+    def span(self, found: Sequence[Item], wanted: Item, mode: SystemMode, unit: Pu, *, after: bool) -> Span | None:
+        """Return the cycles from the begin of some steps to the first and last `wanted` step; None if it is not there.
+
+        With `after`, to its end.
+        """
+        at, spans = Fraction(0), []
+        for step in found:
+            length = self.amount([step], mode, unit).cycles
+            inner = self._span_in(step, wanted, mode, unit, length, after=after)
+            if inner is not None:
+                spans.append((at + inner[0], at + inner[1]))
+            at += length
+        return (spans[0][0], spans[-1][1]) if spans else None
+
+    def _span_in(
+        self, step: Item, wanted: Item, mode: SystemMode, unit: Pu, length: Fraction, *, after: bool
+    ) -> Span | None:
+        is_repeated = step.kind == "WhileLoop" or step.one("statistic") is not None
+        if step is wanted:
+            found: Span | None = (length, length) if after else (Fraction(0), Fraction(0))
+        elif step.kind in SWITCHES:
+            ways = [
+                self.span(steps(e), wanted, mode, unit, after=after) for e in candidates(step, self.conditions(mode))
+            ]
+            known = [way for way in ways if way is not None]
+            found = (min(low for low, _ in known), max(high for _, high in known)) if known else None
+        elif step.kind in CALLS:
+            called = self._forest.ref(step, CALLS[step.kind])
+            found = None if called is None else self._span_of(called, wanted, mode, unit, after=after)
+        else:
+            found = self.span(steps(step), wanted, mode, unit, after=after)
+        return (Fraction(0), length) if found and is_repeated else found
+
+    def _span_of(self, called: Item, wanted: Item, mode: SystemMode, unit: Pu, *, after: bool) -> Span | None:
+        key = called, wanted, mode.name, unit.item, after
+        if key not in self._spans:
+            allowed = self.conditions(mode).allows(called)
+            self._spans[key] = self.span(steps(called), wanted, mode, unit, after=after) if allowed else None
+        return self._spans[key]
 
     def _step(self, step: Item, mode: SystemMode, unit: Pu) -> Amount:
         if step.kind in TIMED:
@@ -327,20 +381,9 @@ class Evaluator:
         switch.use()
         if self._depth > _MOST_LEVELS:
             self._stop(switch)
-        conditions = self.conditions(mode)
-        candidates: list[Item] = []
-        decided = False
-        for entry in switch.all("entries"):
-            holds = None if "Probability" in switch.kind else conditions.branch(switch, entry)
-            if holds is not False:
-                candidates.append(entry)
-            if holds:
-                decided = True
-                break
-        if not decided:
-            candidates += switch.all("defaultEntry")
-        if len(candidates) > 1:
+        found = candidates(switch, self.conditions(mode))
+        if len(found) > 1:
             self.branched[switch] = None
-        for entry in candidates:
+        for entry in found:
             entry.use()
-        return _largest([self.amount(steps(entry), mode, unit) for entry in candidates])
+        return _largest([self.amount(steps(entry), mode, unit) for entry in found])

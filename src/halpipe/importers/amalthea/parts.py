@@ -41,29 +41,29 @@ class Part:
 
 @record
 class Trigger:
-    """Trigger of a draft: `cause` within the step `top` of the jobs of `source`, as far as `count` lets pass."""
+    """Trigger of a draft: `step` within the step `top` of the jobs of `source`, in the modes in which it occurs.
+
+    `cause` is the step, or an event of it; without a step, an event of the source itself. `count` says which pass.
+    """
 
     source: Draft
     cause: Item
+    step: Item | None
     top: Item | None
     count: Count
-
-    @property
-    def is_last(self) -> bool:
-        """Whether it is the last step of the source, or its end."""
-        if self.top is None:
-            return self.cause.get("eventType") == "terminate"
-        return self.top is self.cause and self.top is self.source.part.steps[-1]
+    modes: frozenset[str]
 
 
 @record
 class _Source:
-    """A part whose jobs trigger a task."""
+    """A part whose jobs trigger a task in some modes."""
 
     part: Part
     cause: Item
+    step: Item | None
     top: Item | None
     count: Count
+    modes: frozenset[str]
 
 
 @dataclass(eq=False, slots=True)
@@ -188,14 +188,24 @@ class _Drafting:
         """Note which parts trigger stimuli and custom events, call runnables, and set events."""
         for parts in self.result.parts.values():
             for part in parts:
-                for found in self.occurrences.of(part.steps):
-                    source = _Source(part, found.cause, found.top, found.count)
-                    self.triggers.setdefault(found.target, []).append(source)
-                if self.occurrences.is_too_much:
-                    self._stop(part.task)
+                self._index_triggers(part)
                 for step in everything(self.forest, part.steps):
                     for event in _events(self.forest, step) if step.kind == "SetEvent" else ():
                         self.setters.setdefault(event, []).append((part, step))
+
+    def _index_triggers(self, part: Part) -> None:
+        """Note what a part triggers; the same trigger in several modes, by whichever branch, is one source."""
+        found: dict[tuple[Item, Item, Count, int], tuple[Item, set[str]]] = {}
+        for mode in self.modes:
+            times: dict[tuple[Item, Item, Count], int] = {}
+            for one in self.occurrences.of(part.steps, self.evaluator.conditions(mode)):
+                key = one.target, one.top, one.count
+                times[key] = times.get(key, 0) + 1
+                found.setdefault((*key, times[key]), (one.cause, set()))[1].add(mode.name)
+        if self.occurrences.is_too_much:
+            self._stop(part.task)
+        for (target, top, count, _), (cause, modes) in found.items():
+            self.triggers.setdefault(target, []).append(_Source(part, cause, cause, top, count, frozenset(modes)))
 
     # ------------------------------------------------------------------------------------- activation
 
@@ -272,7 +282,9 @@ class _Drafting:
                 if len(self.by_task.get(task, ())) >= MOST:
                     self._stop(task)
                 stimulus.use()
-                trigger = Trigger(draft, source.cause, source.top, self._passing(draft, source))
+                trigger = Trigger(
+                    draft, source.cause, source.step, source.top, self._passing(draft, source), source.modes
+                )
                 new = self._add(task, _triggered(draft, trigger.count, stimulus), set())
                 new[0].trigger = trigger
                 rest += new
@@ -319,7 +331,7 @@ class _Drafting:
         if len(sources) == 1 and drafts < 2:
             return [replace(sources[0], count=sources[0].count.then(own))]
         passing = thinned(len(sources), own) if all(source.count == Count() for source in sources) else None
-        if passing is None or len(parts) > 1 or drafts > 1:
+        if passing is None or len(parts) > 1 or drafts > 1 or len({source.modes for source in sources}) > 1:
             self.occurrences.unread[stimulus] = None
             return sources
         return [replace(sources[0], count=count) for count in passing]
@@ -333,7 +345,8 @@ class _Drafting:
                 found += self.triggers.get(event, ())
             elif event.kind == "ProcessEvent" and entity is not None and entity in self.result.parts:
                 index = -1 if event.get("eventType") == "terminate" else 0
-                found.append(_Source(self.result.parts[entity][index], event, None, Count()))
+                modes = frozenset(mode.name for mode in self.modes)
+                found.append(_Source(self.result.parts[entity][index], event, None, None, Count(), modes))
             elif event.kind == "RunnableEvent" and entity is not None:
                 found += [replace(source, cause=event) for source in self.triggers.get(entity, ())]
             else:
@@ -408,6 +421,8 @@ class _Drafting:
                     continue
                 allowed = self._allowed(stimulus)
                 found = {mode for source in draft.after for mode in source.modes} & allowed
+                if draft.trigger is not None:
+                    found &= draft.trigger.modes
                 if not found <= draft.modes:
                     draft.modes |= found
                     changed = True

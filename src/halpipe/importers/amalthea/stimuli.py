@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import CALLS, SWITCHES, branches, call_count, most, steps
+from halpipe.importers.amalthea.graph import CALLS, SWITCHES, call_count, candidates, most, steps
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from halpipe.core.durations import Duration
+    from halpipe.importers.amalthea.modes import Conditions
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 PERIODIC = ("PeriodicStimulus", "Periodic")
@@ -200,7 +201,7 @@ class Triggers:
 
     def __init__(self, forest: Forest) -> None:
         self._forest = forest
-        self._of_runnable: dict[Item, list[Occurrence]] = {}
+        self._of_runnable: dict[tuple[Item, Conditions], list[Occurrence]] = {}
         self._calling: set[Item] = set()
         self.unread: dict[Item, None] = {}
         self.counted: dict[Item, None] = {}
@@ -208,11 +209,9 @@ class Triggers:
         events = [e for s in forest.kinds("EventStimulus") for e in forest.refs(s, "triggeringEvents")]
         self._wanted = {forest.ref(event, "entity") for event in events if event.kind == "RunnableEvent"}
 
-    def of(self, found: Iterable[Item]) -> list[Occurrence]:
-        """Return what some steps of a job trigger and call, each as often as they do."""
-        made = [occurrence for step in found for occurrence in self._step(step)]
-        self.is_too_much = self.is_too_much or len(made) > MOST
-        return self._followed(made[:MOST])
+    def of(self, found: Iterable[Item], conditions: Conditions) -> list[Occurrence]:
+        """Return what some steps of a job trigger and call in a mode, each as often as they do."""
+        return self._followed(self._steps(found, conditions))
 
     def counter(self, item: Item) -> Count:
         """Return the counter of a stimulus or a step."""
@@ -236,34 +235,37 @@ class Triggers:
             found += [Occurrence(target, cause, same[0].top, each) for each in passing]
         return found
 
-    def _step(self, step: Item) -> list[Occurrence]:
+    def _step(self, step: Item, conditions: Conditions) -> list[Occurrence]:
         if step.kind in TRIGGERS:
             target = self._forest.ref(step, TRIGGERS[step.kind])
             return [] if target is None else [Occurrence(target, step, step, self.counter(step))]
         if step.kind in CALLS:
             called = self._forest.ref(step, CALLS[step.kind])
-            return [] if called is None else self._call(step, called)
+            return [] if called is None else self._call(step, called, conditions)
         if step.kind in SWITCHES:
-            return self._densest([self._steps(steps(entry)) for entry in branches(step)], step)
-        return [Occurrence(o.target, o.cause, step, o.count) for o in self._steps(steps(step))]
+            ways = [self._steps(steps(entry), conditions) for entry in candidates(step, conditions)]
+            return self._densest(ways, step)
+        return [Occurrence(o.target, o.cause, step, o.count) for o in self._steps(steps(step), conditions)]
 
-    def _steps(self, found: Iterable[Item]) -> list[Occurrence]:
-        made = [occurrence for step in found for occurrence in self._step(step)]
+    def _steps(self, found: Iterable[Item], conditions: Conditions) -> list[Occurrence]:
+        made = [occurrence for step in found for occurrence in self._step(step, conditions)]
         self.is_too_much = self.is_too_much or len(made) > MOST
         return made[:MOST]
 
-    def _call(self, step: Item, called: Item) -> list[Occurrence]:
+    def _call(self, step: Item, called: Item, conditions: Conditions) -> list[Occurrence]:
         if called in self._calling or len(self._calling) > _MOST_LEVELS:
             return []  # which is an error wherever times are added up
-        if called not in self._of_runnable:
+        if not conditions.allows(called):
+            return []
+        if (called, conditions) not in self._of_runnable:
             self._calling.add(called)
-            self._of_runnable[called] = self._steps(steps(called))
+            self._of_runnable[called, conditions] = self._steps(steps(called), conditions)
             self._calling.remove(called)
         own = self.counter(step)
         if own.each > 1:
             self.counted[step] = None
         own_event = [Occurrence(called, step, step)] if called in self._wanted else []
-        inner = [*own_event, *self._of_runnable[called]]
+        inner = [*own_event, *self._of_runnable[called, conditions]]
         times = min(MOST + 1, math.ceil(call_count(self._forest, step, "upper")))
         return [Occurrence(o.target, o.cause, step, own.then(o.count)) for _ in range(times) for o in inner]
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from halpipe.importers.amalthea.hardware import Hardware, Memories, Pu
     from halpipe.importers.amalthea.mapping import Allocations
-    from halpipe.importers.amalthea.parts import Draft, Drafts, Part
+    from halpipe.importers.amalthea.parts import Draft, Drafts, Part, Trigger
     from halpipe.importers.amalthea.timing import Timing
-    from halpipe.importers.amalthea.versions import VersionMaker
+    from halpipe.importers.amalthea.versions import Instant, VersionMaker
     from halpipe.importers.amalthea.xmi import Forest, Item
     from halpipe.importers.common.base import Coverage
     from halpipe.models import Version
@@ -65,6 +65,8 @@ class TaskBuilder:
         self._maker = versions
         self._coverage = coverage
         self._untimed: list[Item] = []
+        self._next: dict[Draft, Duration | None] = {}
+        """The time to the next activation of the task."""
         self._spare: dict[Draft, Duration] = {}
         """How long after its trigger a task that waits starts."""
         self._parts: Mapping[Item, Sequence[Part]] = {}
@@ -72,11 +74,15 @@ class TaskBuilder:
         self._by_mode: dict[str, Mapping[str, Sequence[str]]] = {}
         self._resources: dict[str, None] = {}
         self._unbound: list[Item] = []
+        self._unlimited: list[Item] = []
+        """Tasks with a limit that the model has no instant for."""
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
         """Return the tasks in the order of the drafts, and the chains."""
         for draft in drafts.items:
-            self._versions(draft, several=sum(other.part is draft.part for other in drafts.of(draft.task)) > 1)
+            self._next[draft] = _to_next(draft, drafts)
+            several = sum(other.part is draft.part for other in drafts.of(draft.task)) > 1
+            self._versions(draft, several=several)
         self._report_unbound(len(drafts.items))
         chains = [self._chain(chain.name, chain.drafts, chain.item, **chain.stated) for chain in timing.chains]
         limits = {
@@ -87,8 +93,11 @@ class TaskBuilder:
         self._parts = drafts.parts
         tasks = tuple(self._task(draft, limits[draft], precedences) for draft in drafts.items)
         help = "let a periodic task without waits make them, or state the LET in an overlay"
-        what = "timed accesses are made by tasks that wait, are triggered or poll, and read as others"
+        what = "timed accesses are made by tasks that wait, are triggered or poll, or by activations that meet"
         self._forest.report_each(codes.NOT_READ, what, list(dict.fromkeys(self._untimed)), help)
+        help = "state what matters of them as deadline, slack or precedence in an overlay"
+        what = "limits of tasks count from instants that the model does not have"
+        self._forest.report_each(codes.NOT_IMPORTED, what, list(dict.fromkeys(self._unlimited)), help)
         return Built(tasks, tuple(chains), self._by_mode, list(self._resources))
 
     # --------------------------------------------------------------------------------------- versions
@@ -123,18 +132,32 @@ class TaskBuilder:
         deadline = timing.deadlines.get(draft.task)
         if draft.activation is None:
             return Fraction(0), None
-        period = draft.activation.period
         whole = self._whole(draft, drafts)
         if len(whole) > 1:
+            if draft.task in timing.most_between_starts:
+                self._unlimited.append(draft.task)
             return self._waiting(draft, whole, deadline, chains)
-        slack = FREE
+        deadline = None if draft.trigger is not None else deadline  # of a trigger, a window
         most = timing.most_between_starts.get(draft.task)
         if most is not None:
-            slack = min(FREE, max(Fraction(0), most / period - 1))
-        else:
-            at = draft.task.at
-            self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts at any time within the deadline", at)
-        return slack, None if draft.trigger is not None else deadline  # of a trigger, a window
+            return self._slack(draft, drafts, most), deadline
+        at = draft.task.at
+        self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts at any time within the deadline", at)
+        return FREE, deadline
+
+    def _slack(self, draft: Draft, drafts: Drafts, most: Duration) -> Fraction:
+        """Return by how much starts may be late, as a share of the period, so that they are at most so far apart."""
+        gaps = [self._next[other] for other in drafts.of(draft.task)]
+        known = [gap for gap in gaps if gap is not None]
+        assert draft.activation is not None
+        if len(known) < len(gaps):
+            self._unlimited.append(draft.task)
+            return FREE
+        if most < max(known):
+            message = f"starts are to be at most {most} apart, but activations are {max(known)} apart"
+            help = f"set the limit to at least {max(known)}"
+            self._forest.report(codes.STARTS_APART, message, draft.task, help)
+        return min(FREE, max(Fraction(0), (most - max(known)) / draft.activation.period))
 
     def _whole(self, first: Draft, drafts: Drafts) -> list[Draft]:
         """Return the parts of a task from its first on, each after what it waits for."""
@@ -196,13 +219,30 @@ class TaskBuilder:
 
         It does where a response time counts from it, and where a counter says which jobs trigger.
         """
-        windows = [Window(source, draft, cause) for source, cause in draft.after.items()]
         trigger = draft.trigger
-        if trigger is None or (response is None and trigger.count.each == 1):
-            return windows
-        high = None if response is None else response.high
-        changed = [replace(w, high=high, match=Match.CYCLE) if w.earlier is trigger.source else w for w in windows]
-        return changed if response is None else [*changed, response]
+        if trigger is None:
+            return [Window(source, draft, cause) for source, cause in draft.after.items()]
+        source, _, (anchor, point) = self._instants(trigger)
+        order = Window(source, draft, trigger.cause, anchor=anchor, point=point)
+        if response is None:
+            return [order if trigger.count.each == 1 else replace(order, match=Match.CYCLE)]
+        return [replace(order, high=response.high, match=Match.CYCLE), response]
+
+    def _instants(self, trigger: Trigger) -> tuple[Draft, Instant, Instant]:
+        """Return the first and the last instant of a trigger, and the draft that they are instants of.
+
+        The activation of a triggered task is that of its trigger. That of a polled task is no instant of the model: the
+        start, which is later, serves for the order.
+        """
+        source, kind = trigger.source, trigger.cause.get("eventType")
+        if trigger.step is not None:
+            return source, *self._maker.instants(trigger)
+        if kind == "activate" and source.trigger is not None:
+            return self._instants(source.trigger)
+        anchor = {"activate": Anchor.RELEASE, "terminate": Anchor.END}.get(kind, Anchor.START)
+        if anchor is Anchor.RELEASE and source.release is None:
+            anchor = Anchor.START
+        return source, (anchor, None), (anchor, None)
 
     def _response(self, draft: Draft, drafts: Drafts, timing: Timing) -> Window | None:
         """Return the window of a response time that counts from the trigger: to the end, for the job of its cycle."""
@@ -210,19 +250,12 @@ class TaskBuilder:
         is_whole = len(self._whole(draft, drafts)) == 1  # else the rest of the limit is that of a chain
         if limit is None or trigger is None or (not is_whole and draft not in self._spare):
             return None
-        anchor, point = Anchor.END, None
-        if not trigger.is_last:
-            point = self._maker.earliest(trigger)
-            anchor = Anchor.POINT if point else Anchor.START
+        source, (anchor, point), _ = self._instants(trigger)
+        if trigger.cause.get("eventType") == "activate" and source.release is None:
+            self._unlimited.append(draft.task)  # of a polled task: the arrival
+        high = limit if is_whole else self._spare[draft]
         return Window(
-            trigger.source,
-            draft,
-            draft.task,
-            high=limit if is_whole else self._spare[draft],
-            anchor=anchor,
-            to_end=is_whole,
-            point=point or None,
-            match=Match.CYCLE,
+            source, draft, draft.task, high=high, anchor=anchor, to_end=is_whole, point=point, match=Match.CYCLE
         )
 
     def _binding(self, draft: Draft) -> Binding:
@@ -240,14 +273,14 @@ class TaskBuilder:
         timed = [step for step in steps if step.get("implementation") == "timed"]
         if not timed:
             return None
-        if draft.release is None or len(self._parts[draft.task]) > 1:
+        longest = self._next[draft]
+        if draft.release is None or len(self._parts[draft.task]) > 1 or not longest:
             self._untimed += timed
             return None
-        period = draft.release.period
         if len(timed) < len(steps):
             at = draft.task.at
             self._coverage.defaulted(f'task "{draft.name}"', "logical execution time", "all accesses are timed", at)
-        return period if deadline is None else min(period, deadline)
+        return longest if deadline is None else min(longest, deadline)
 
     def _task(self, draft: Draft, limits: _Limits, windows: Mapping[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
@@ -269,6 +302,25 @@ class TaskBuilder:
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )
+
+
+def _to_next(draft: Draft, drafts: Drafts) -> Duration | None:
+    """Return the time from an activation to the next one of the task; None where the model does not say it."""
+    others = [other for other in drafts.of(draft.task) if other.part is draft.part]
+    own = draft.activation
+    if own is None or own.distance is not None:
+        return None
+    if len(others) == 1:
+        return own.period
+    offsets = []
+    for other in others:
+        known = other.activation
+        if known is None or other.modes != draft.modes or known.period != own.period or known.offset is None:
+            return None
+        offsets.append(known.offset % known.period)
+    first = (own.offset or ZERO) % own.period
+    later = [(offset - first) % own.period for offset in offsets]
+    return ZERO if later.count(ZERO) > 1 else min((gap for gap in later if gap), default=own.period)
 
 
 def _longest_within(limit: Duration, choices: Sequence[Sequence[Duration]]) -> Duration:
@@ -296,7 +348,7 @@ def _precedence(window: Window, version: Version) -> Precedence:
         task=window.earlier.name,
         min=max(ZERO, window.low - shift),
         max=max(ZERO, _high(window) - shift),
-        anchor=window.anchor if window.high is not None else Anchor.END,
+        anchor=window.anchor,
         point=window.point,
         to=Anchor.END if window.to_end or (window.shifted and not is_moved) else Anchor.START,
         match=window.match,

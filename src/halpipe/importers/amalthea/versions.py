@@ -17,7 +17,7 @@ from halpipe.importers.amalthea.graph import CALLS, GROUPS, SWITCHES, everything
 from halpipe.importers.amalthea.hardware import Pu, length_of, placed
 from halpipe.importers.amalthea.xmi import Names, legal
 from halpipe.importers.common.pieces import cuts
-from halpipe.models import WHOLE, Access, AccessKind, Split, Version
+from halpipe.models import WHOLE, Access, AccessKind, Anchor, Split, Version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -234,6 +234,9 @@ def _is_allowed(point: Duration, wcet: Duration, accesses: Sequence[Access]) -> 
     return ZERO < point < wcet and not any(access.start < point < access.end for access in accesses)
 
 
+Instant = tuple[Anchor, Duration | None]
+"""An instant of a job, and the execution time to it for a point."""
+
 UNIT = "core0"
 VERSION = "default"
 
@@ -362,15 +365,37 @@ class VersionMaker:
 
         return held
 
-    def earliest(self, trigger: Trigger) -> Duration:
-        """Return the least execution time of a source before the step that triggers, over modes and units."""
-        before = trigger.source.part.steps[: trigger.source.part.steps.index(trigger.top)] if trigger.top else []
-        times = [ZERO] if not self._units or not before else []
-        for unit in self.candidates.get(trigger.source, ()) if before else ():
-            for mode in self._modes:
-                amount = self._evaluator.amount(before, mode, unit)
-                times.append(seconds(amount.cycles / unit.frequency) if unit.frequency and amount.is_known else ZERO)
-        return min(times, default=ZERO)
+    def instants(self, trigger: Trigger) -> tuple[Instant, Instant]:
+        """Return the first and the last instant at which a step of a source may trigger, over modes and units.
+
+        Where the execution time before the step is not known, these are the start and the end of the job.
+        """
+        source = trigger.source
+        spans = [span for unit in self.candidates.get(source, ()) for span in self._spans(trigger, unit)]
+        if not spans or None in spans:
+            return (Anchor.START, None), (Anchor.END, None)
+        known = [span for span in spans if span is not None]
+        if all(low == whole for low, _, whole in known):
+            return (Anchor.END, None), (Anchor.END, None)
+        low, high = min(low for low, _, _ in known), max(high for _, high, _ in known)
+        shortest = min(whole for _, _, whole in known)
+        is_stated = self._memory != "added" and source.task not in self.too_long
+        return _point(low), _point(high) if high < shortest and is_stated else (Anchor.END, None)
+
+    def _spans(self, trigger: Trigger, unit: Pu) -> Iterator[tuple[Duration, Duration, Duration] | None]:
+        """Yield for each mode the least and most time to the trigger, and that of the whole job; None: not known."""
+        after = trigger.cause.get("eventType") == "terminate"
+        found, amount = trigger.source.part.steps, self._evaluator.amount
+        for mode in self._modes:
+            if mode.name not in trigger.modes or trigger.step is None or trigger.top is None:
+                continue
+            before, whole = amount(found[: found.index(trigger.top)], mode, unit), amount(found, mode, unit)
+            span = self._evaluator.span([trigger.top], trigger.step, mode, unit, after=after)
+            if span is None or not unit.frequency or not whole.is_known:
+                yield None
+            else:
+                low, high = (seconds((before.cycles + cycles) / unit.frequency) for cycles in span)
+                yield low, high, seconds(whole.cycles / unit.frequency)
 
     def report(self) -> None:
         """Report what concerns all tasks."""
@@ -384,6 +409,10 @@ class VersionMaker:
         help = "use --memory added, if the ticks do not contain the accesses"
         message = "tasks access memory for longer than the time they state"
         self._forest.report_each(codes.TOO_LONG_ACCESSES, message, list(self.too_long), help)
+
+
+def _point(time: Duration) -> Instant:
+    return (Anchor.POINT, time) if time else (Anchor.START, None)
 
 
 def _groups(units: Sequence[Pu]) -> list[list[Pu]]:

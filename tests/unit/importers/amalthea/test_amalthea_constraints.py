@@ -62,7 +62,7 @@ def test_the_least_limit_of_the_response_time_is_the_deadline(tmp_path):
 def test_the_distance_between_starts_bounds_the_slack(tmp_path):
     assert given(tmp_path, "").model.task("T").slack == 1
     assert given(tmp_path, limit("StartToStart", 12)).model.task("T").slack * 5 == 1
-    assert given(tmp_path, limit("StartToStart", 9)).model.task("T").slack == 0
+    assert given(tmp_path, limit("StartToStart", 10)).model.task("T").slack == 0
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,16 @@
 """Requirements by their instants: responses to triggers, limits from activations, latencies, locks, timed accesses."""
 
 import pytest
-from amalthea_case import PLAIN_STIMULI, call, found, read, runnable, stimulus, task, ticks
+from amalthea_case import PLAIN_STIMULI, call, found, read, refusal, runnable, stimulus, task, ticks
 
 from halpipe.importers.amalthea import codes
 
 TRIGGER = '<items xsi:type="am:InterProcessTrigger" stimulus="go?type=InterProcessStimulus"/>'
+WHILE = f'<items xsi:type="am:WhileLoop">{ticks(400)}{TRIGGER}{ticks(100)}</items>'
+TWICE = (
+    '<items xsi:type="am:RunnableCall" runnable="R?type=Runnable">'
+    '<statistic><statistic xsi:type="am:SingleValueStatistic" value="2"/></statistic></items>'
+)
 GO = stimulus("go", "InterProcessStimulus")
 EVENTS = "".join(
     f'<events xsi:type="am:ProcessEvent" name="{task}{kind}" eventType="{kind}" entity="{task}?type=Task"/>'
@@ -34,21 +39,129 @@ def triggering(*steps):
 
 # A tick of the units of type A, whose version comes first, is 10 ns; those of type B are twice as fast.
 @pytest.mark.parametrize(
-    ("steps", "anchor", "point"),
+    ("steps", "first", "last"),
     [
-        ([ticks(500), TRIGGER], "end", "None"),
-        ([TRIGGER, ticks(500)], "start", "None"),
-        ([ticks(200), TRIGGER, ticks(500)], "point", "1us"),
-        ([ticks(200), call("R")], "point", "1us"),
+        ([ticks(500), TRIGGER], ("end", "None"), ("end", "None")),
+        ([TRIGGER, ticks(500)], ("start", "None"), ("start", "None")),
+        ([ticks(200), TRIGGER, ticks(500)], ("point", "1us"), ("point", "2us")),
+        ([ticks(200), call("R")], ("end", "None"), ("end", "None")),
+        ([call("R"), ticks(500)], ("point", "1.5us"), ("point", "3us")),
+        ([call("R"), ticks(10), call("R"), ticks(900)], ("point", "1.5us"), ("point", "3us")),
+        ([ticks(10), TWICE, ticks(900)], ("point", "50ns"), ("point", "6.1us")),
+        ([ticks(10), WHILE, ticks(900)], ("point", "50ns"), ("point", "5.1us")),
     ],
 )
-def test_a_response_time_counts_from_the_trigger_to_the_end(tmp_path, steps, anchor, point):
+def test_a_response_time_counts_from_the_trigger_to_the_end(tmp_path, steps, first, last):
+    """The task starts after the last instant at which the trigger may come, and ends in time after the first."""
     imported = read(tmp_path, sw=triggering(*steps), stimuli=PLAIN_STIMULI + GO, constraints=response(5))
-    assert windows(imported, "U") == [
-        ("T", "end", "None", "start", "cycle", "5ms"),
-        ("T", anchor, point, "end", "cycle", "5ms"),
+    name = "U" if len(imported.model.tasks) == 2 else "U@go"
+    assert windows(imported, name) == [
+        ("T", *last, "start", "cycle", "5ms"),
+        ("T", *first, "end", "cycle", "5ms"),
     ]
-    assert imported.model.task("U").deadline is None
+    assert imported.model.task(name).deadline is None
+
+
+EVENT_STIMULUS = '<stimuli xsi:type="am:EventStimulus" name="go" triggeringEvents="T{0}?type=ProcessEvent"/>'
+
+
+@pytest.mark.parametrize(("kind", "anchor"), [("activate", "release"), ("start", "start"), ("terminate", "end")])
+def test_a_response_time_counts_from_the_event_that_activates(tmp_path, kind, anchor):
+    sw = task("T", ticks(500)) + task("U", ticks(100), stimuli="go?type=EventStimulus")
+    stimuli = PLAIN_STIMULI + EVENT_STIMULUS.format(kind)
+    imported = read(tmp_path, sw=sw, stimuli=stimuli, events=EVENTS, constraints=response(5))
+    assert windows(imported, "U") == [
+        ("T", anchor, "None", "start", "cycle", "5ms"),
+        ("T", anchor, "None", "end", "cycle", "5ms"),
+    ]
+
+
+def test_the_activation_of_a_triggered_task_is_that_of_its_trigger(tmp_path):
+    sw = task("S", ticks(100), TRIGGER.replace("go", "first"), ticks(800))
+    sw += task("T", ticks(500), stimuli="first?type=InterProcessStimulus")
+    sw += task("U", ticks(100), stimuli="go?type=EventStimulus")
+    stimuli = PLAIN_STIMULI + stimulus("first", "InterProcessStimulus") + EVENT_STIMULUS.format("activate")
+    imported = read(tmp_path, sw=sw, stimuli=stimuli, events=EVENTS, constraints=response(5))
+    assert windows(imported, "U") == [
+        ("S", "point", "1us", "start", "cycle", "5ms"),
+        ("S", "point", "500ns", "end", "cycle", "5ms"),
+    ]
+
+
+def test_a_response_time_from_an_arrival_that_is_polled_for_warns(tmp_path):
+    sw = task("T", ticks(500), stimuli="s?type=SporadicStimulus") + task(
+        "U", ticks(100), stimuli="go?type=EventStimulus"
+    )
+    stimuli = SPORADIC + EVENT_STIMULUS.format("activate")
+    imported = read(tmp_path, sw=sw, stimuli=stimuli, events=EVENTS, constraints=response(5))
+    [finding] = found(imported.diagnostics, codes.NOT_IMPORTED)
+    assert "limits of tasks count from instants that the model does not have: U" in finding.message
+
+
+MODES = (
+    '<modes xsi:type="am:EnumMode" name="M"><literals name="x"/><literals name="y"/></modes>'
+    '<modeLabels name="m" mode="M?type=EnumMode"/>'
+)
+IN_X = '<entries xsi:type="am:ModeValueCondition" label="m?type=ModeLabel" value="x"/>'
+OTHER = TRIGGER.replace("go", "other")
+BRANCHED = f"""<items xsi:type="am:Switch"><entries name="e">{TRIGGER}<condition>{IN_X}</condition></entries>
+<defaultEntry>{OTHER}</defaultEntry></items>"""
+GUARDED = f"""<runnables name="G"><executionCondition>{IN_X}</executionCondition>
+<activityGraph>{TRIGGER}{ticks(1)}</activityGraph></runnables>"""
+
+
+@pytest.mark.parametrize(
+    ("steps", "expected"),
+    [
+        ([BRANCHED], {"x": ["T", "U"], "y": ["T", "V"]}),
+        ([call("G"), OTHER], {"x": ["T", "U", "V"], "y": ["T", "V"]}),
+        ([BRANCHED, OTHER], {"x": ["T", "U", "V"], "y": ["T", "V", "V"]}),
+        ([BRANCHED.replace("other", "go")], {"default": ["T", "U"]}),
+    ],
+)
+def test_a_task_runs_in_the_modes_in_which_it_is_triggered(tmp_path, steps, expected):
+    sw = task("T", ticks(500), *steps) + MODES + GUARDED
+    sw += "".join(
+        task(name, ticks(9), stimuli=f"{go}?type=InterProcessStimulus") for name, go in (("U", "go"), ("V", "other"))
+    )
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO + stimulus("other", "InterProcessStimulus"))
+    ran = {m.name: sorted(run.task.partition("@")[0] for run in m.runs) for m in imported.model.modes}
+    assert ran == expected
+
+
+SYNTHETIC = stimulus(
+    "p20",
+    "PeriodicSyntheticStimulus",
+    '<recurrence value="20" unit="ms"/>',
+    '<occurrenceTimes value="3" unit="ms"/><occurrenceTimes value="8" unit="ms"/>',
+)
+
+
+def apart(limit):
+    return response(limit, "T").replace("ResponseTime", "StartToStart")
+
+
+@pytest.mark.parametrize(
+    ("source", "limit", "slacks"),
+    [
+        ("p10?type=PeriodicStimulus", 10, ["0"]),
+        ("p10?type=PeriodicStimulus", 14, ["2/5"]),
+        ("p20?type=PeriodicSyntheticStimulus", 15, ["0", "0"]),
+        ("p20?type=PeriodicSyntheticStimulus", 17, ["1/10", "1/10"]),
+    ],
+)
+def test_starts_are_as_far_apart_as_the_longest_gap_of_activations_allows(tmp_path, source, limit, slacks):
+    sw = task("T", ticks(500), stimuli=source)
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + SYNTHETIC, constraints=apart(limit))
+    assert [str(found.slack) for found in imported.model.tasks] == slacks
+    refused = refusal(read, tmp_path, sw=sw, stimuli=PLAIN_STIMULI + SYNTHETIC, constraints=apart(10 - 1))
+    assert len(found(refused.diagnostics, codes.STARTS_APART)) == 1
+
+
+def test_starts_of_a_task_that_waits_or_has_stimuli_of_several_periods_warn(tmp_path):
+    sw = task("T", ticks(5), stimuli="p10?type=PeriodicStimulus p20?type=PeriodicSyntheticStimulus")
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + SYNTHETIC, constraints=apart(12))
+    assert len(found(imported.diagnostics, codes.NOT_IMPORTED)) == 1
 
 
 def test_a_response_time_of_every_second_trigger_counts_from_the_job_of_that_cycle(tmp_path):
@@ -263,6 +376,24 @@ def test_timed_accesses_make_a_logical_execution_time(tmp_path, deadline, let):
     imported = read(tmp_path, sw=sw, constraints=response(deadline, "T") if deadline else "")
     assert str(imported.model.task("T").let) == let
     assert found(imported.diagnostics, codes.NOT_READ) == []
+
+
+@pytest.mark.parametrize(("deadline", "lets"), [(None, ["5ms", "15ms"]), (7, ["5ms", "7ms"])])
+def test_a_logical_execution_time_ends_at_the_next_activation_of_several(tmp_path, deadline, lets):
+    sw = task("T", ticks(5), access("timed"), stimuli="p20?type=PeriodicSyntheticStimulus") + '<labels name="L"/>'
+    stimuli = PLAIN_STIMULI + SYNTHETIC
+    imported = read(tmp_path, sw=sw, stimuli=stimuli, constraints=response(deadline, "T") if deadline else "")
+    assert [str(found.let) for found in imported.model.tasks] == lets
+
+
+@pytest.mark.parametrize("other", ["q10", "p20"])
+def test_timed_accesses_of_activations_that_meet_or_have_no_common_period_warn(tmp_path, other):
+    both = PLAIN_STIMULI + PLAIN_STIMULI.replace("p10", "q10") + SYNTHETIC
+    kind = "PeriodicSyntheticStimulus" if other == "p20" else "PeriodicStimulus"
+    sw = task("T", ticks(5), access("timed"), stimuli=f"p10?type=PeriodicStimulus {other}?type={kind}")
+    imported = read(tmp_path, sw=sw + '<labels name="L"/>', stimuli=both)
+    assert {found.let for found in imported.model.tasks} == {None}
+    assert len(found(imported.diagnostics, codes.NOT_READ)) == 1
 
 
 def test_other_accesses_beside_timed_ones_are_a_listed_default(tmp_path):
