@@ -11,7 +11,9 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import CoSimulation
 from halpipe.deploy.riscv import codes as declared
 from halpipe.deploy.riscv.judge.check import check_by_simulation
-from halpipe.deploy.riscv.judge.conditions import tells_the_truth
+from halpipe.deploy.riscv.judge.tables import Tables
+from halpipe.deploy.riscv.judge.truth import tells_the_truth
+from halpipe.deploy.riscv.run.cosimulation import load_program
 from halpipe.deploy.riscv.run.recording import Flag
 from support import ms
 
@@ -302,8 +304,9 @@ def test_a_runtime_that_records_something_else(sound, play, lie):
     records = tuple(lie(outcome.run.recording.records))
     assert records != outcome.run.recording.records
     run = replace(outcome.run, recording=replace(outcome.run.recording, records=records))
-    assert {d.code for d in tells_the_truth(run)} == {declared.TRACE_DISAGREES.id}
-    assert list(tells_the_truth(outcome.run)) == []
+    tables = Tables(load_program(sound.bundle, run.site), sound.model)
+    assert {d.code for d in tells_the_truth(run, tables, outcome.tables)} == {declared.TRACE_DISAGREES.id}
+    assert list(tells_the_truth(outcome.run, tables, outcome.tables)) == []
 
 
 @pytest.mark.parametrize(

@@ -86,6 +86,38 @@ OTHERS = {
     "half of each transfer": ("dma.c", "c->bytes = o->size;", "c->bytes = o->size / 2U;", declared.FOREIGN_TRANSFER),
     "a trap of the monitor for ever": ("monitor.S", "call trapped", ".word 0", declared.SPENT),
     "the management core polls": ("runtime.c", "wait_for_interrupt();", "", None),
+    "the deadline is a tick late": (
+        "runtime.c",
+        "+ o->limit;\n        box->entry",
+        "+ o->limit + 1U;\n        box->entry",
+        declared.WRONG_CALL,
+    ),
+    "software interrupts end jobs": (
+        "monitor.c",
+        "MIE_TIMER);\n    __asm",
+        "MIE_TIMER | MIE_SOFTWARE);\n    __asm",
+        declared.WRONG_CALL,
+    ),
+    "a register that no job uses is not cleared": ("monitor.S", ", t5, t6", ", t5", declared.WRONG_CALL),
+    "monitors are fetched from before": ("start.S", "fence.i", "", declared.WRONG_CALL),
+    "the core sleeps a tick too long": (
+        "runtime.c",
+        "wait_until(key >> 2U)",
+        "wait_until((key >> 2U) + 1U)",
+        declared.SLOW_DISPATCH,
+    ),
+    "requests are read early": ("runtime.c", "(end - HP_DECISION)", "(end - HP_DECISION - 40U)", declared.WRONG_TABLE),
+    "transactions of one byte": ("dma.c", "0x66000000U", "0U", declared.TRANSFER_OUTSIDE_PHASE),
+    "channels are not given up": ("dma.c", "c->control = 0U;", "", declared.TRACE_DISAGREES),
+    "records of other rows": ("runtime.c", "= current.row |", "= (current.row + 1U) |", declared.TRACE_DISAGREES),
+    "records a tick late": (
+        "runtime.c",
+        "at.time = now - base;",
+        "at.time = now - base + 1U;",
+        declared.TRACE_DISAGREES,
+    ),
+    "tables are not counted": ("runtime.c", "CONTROL->played = current.cycle;", "", declared.TRACE_DISAGREES),
+    "failures of other operations": ("runtime.c", "(uint32_t)s->place;", "0U;", declared.TRACE_DISAGREES),
     "requests are never read": ("runtime.c", 'amoswap.d %0, zero, (%1)"', 'li %0, 0"', declared.WRONG_TABLE),
 }
 

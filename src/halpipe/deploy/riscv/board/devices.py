@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 CONTROL, CONFIG, BYTES, TARGET, SOURCE = 0x0, 0x4, 0x8, 0x10, 0x18
 CLAIM, RUN, DONE, ERROR = 1, 2, 1 << 30, 1 << 31
+TRANSACTION = 64
+"""Bytes of the transactions whose bandwidth a profile states."""
+
 _REGISTERS = 0x20
 
 
@@ -21,7 +24,7 @@ _REGISTERS = 0x20
 class Transfer:
     """One transfer that was seen: `begin` and `end` in units of the machine's time; `data` is what was read.
 
-    `held` is how long a regulator kept its bursts waiting, in all.
+    `held` is how long a regulator kept its bursts waiting, in all; it moves in pieces of `transaction` bytes.
     """
 
     channel: int
@@ -33,6 +36,7 @@ class Transfer:
     data: bytes = b""
     fails: bool = False
     held: int = 0
+    transaction: int = TRANSACTION
 
 
 class Channel:
@@ -55,20 +59,27 @@ class Channel:
             if offset + size <= _REGISTERS:
                 self._registers[offset : offset + size] = value.to_bytes(size, "little")
             return False
-        claimed = self.control & CLAIM
+        if self.control & RUN:
+            return False  # neither given up nor started anew while it moves
         if not value & CLAIM:
             self.control = 0
-        elif not claimed:  # claiming resets the registers of the next transfer
+        elif not self.control & CLAIM:  # claiming resets the registers of the next transfer
             self.control = CLAIM
             self._registers = bytearray(_REGISTERS)
-        elif value & RUN and not self.control & RUN:
-            self.control = CLAIM | RUN
+        elif value & RUN:
+            self.control |= RUN  # done and error stay set until the claim is given up
             return True
         return False
 
     def finish(self, error: bool = False) -> None:
         """Say to software that the transfer is over."""
         self.control = self.control & ~RUN | (ERROR if error else DONE)
+
+    @property
+    def transaction(self) -> int:
+        """Bytes of the smaller of its transactions, reads and writes: their logarithms are in the configuration."""
+        config = int.from_bytes(self._registers[CONFIG : CONFIG + 4], "little")
+        return 1 << min(config >> 28, config >> 24 & 15)
 
     def next(self) -> tuple[int, int, int]:
         """Return source, target and size of the transfer that software described."""

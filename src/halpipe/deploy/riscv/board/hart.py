@@ -30,6 +30,7 @@ _FOREVER = 0xFFFFFFFFFFFFFFFE
 SOFTWARE, TIMER = 3, 7
 FETCH_FAULT, ILLEGAL, BREAKPOINT, LOAD_FAULT, STORE_FAULT = 1, 2, 3, 5, 7
 LOAD_MISALIGNED, STORE_MISALIGNED = 4, 6
+_LEFT_BEHIND = 0xA5A5A5A500
 _ENABLED, _WAS_ENABLED = 1 << 3, 1 << 7  # mstatus.MIE, mstatus.MPIE
 
 
@@ -71,7 +72,7 @@ class Hart:
         self._known_enabled = 0
         self._raised: tuple[int, int] | None = None
         self._left_open = (0, 0)  # at the last mret: mcounteren and mstatus.FS, which user mode does not let us read
-        self._fenced = True  # the instruction cache has seen what was loaded
+        self.is_fenced = True  # the instruction cache has seen what was loaded
         self._excepted = -1  # where the emulator took an exception of its own
         self._mapped: dict[
             tuple[int, int], tuple[Right, int]
@@ -313,8 +314,15 @@ class Hart:
             yield "counters that it may read"
         if floating:
             yield "floating point switched on"
-        if not self._fenced:
+        if self._known_enabled != 1 << TIMER:
+            yield f"interrupts enabled other than its timer's (mie {self._known_enabled:#x})"
+        if not self.is_fenced:
             yield "no fence.i since its code was loaded"
+
+    def scramble(self) -> None:
+        """Put something else into every general register, as boot ROMs and jobs may leave it."""
+        for number in range(1, 32):
+            self._set(f"X{number}", _LEFT_BEHIND + number)
 
     # ------------------------------------------------------------------------------------------ watching
 
@@ -338,7 +346,7 @@ class Hart:
         word = int.from_bytes(self._memory.read(address, 4), "little")
         access = registers.decode(word)
         if word == registers.FENCE_I:
-            self._fenced = True
+            self.is_fenced = True
         elif self.level is Level.USER and access is not None and access.csr in registers.OURS:
             self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
             self.pc = address
@@ -401,7 +409,7 @@ class Hart:
 
     def forget_code(self, address: int, size: int) -> None:
         """Drop what the emulator has translated of memory that changed."""
-        self._fenced = False
+        self.is_fenced = False
         self.engine.ctl_remove_cache(address, address + size)
         self._page.forget()
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.bus import Bus
-from halpipe.deploy.riscv.board.devices import Clint, CopyWatcher, DmaPort, Finisher, Transfer, Uart
+from halpipe.deploy.riscv.board.devices import TRANSACTION, Clint, CopyWatcher, DmaPort, Finisher, Transfer, Uart
 from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
 
@@ -118,6 +118,7 @@ class Machine:
             if hart.number:
                 hart.weigh(multiply=math.ceil(site.multiply / Fraction(jobs)) - 1)
             hart.pc = program.entry
+            hart.scramble()
         self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.management))
         self._power_up()
         self._load(program)
@@ -277,6 +278,7 @@ class Machine:
             other.software_at = hart.now
             if number and number not in self._begun:  # its monitor has been put there
                 self._begun.add(number)
+                other.is_fenced = False
                 monitor = self.site.unit_of(number).ispm
                 other.hook_registers(self.memory.read(monitor.base, min(monitor.size, PAGE)), monitor.base)
         other.software = bool(value)
@@ -333,6 +335,8 @@ class Machine:
         region = self.memory.region(target, size)
         memory = region.kind if region is not None else ""
         bandwidth = self._bandwidths.get((channel.number, memory), self.site.dma.bandwidth[memory])
+        transfer.transaction = channel.transaction
+        bandwidth = max(bandwidth * min(transfer.transaction, TRANSACTION) // TRANSACTION, 1)
         self._bus.take(transfer, now + self._latency, bandwidth, self._gate_before(transfer))
         fate = self.fate(transfer)
         if fate is not None:

@@ -19,7 +19,8 @@ from halpipe.deploy.riscv.judge.containment import Course, Injected
 from halpipe.deploy.riscv.judge.contents import contradictions
 from halpipe.deploy.riscv.judge.figures import Dispatch, measured, summary_lines, trace_csv
 from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
-from halpipe.deploy.riscv.judge.tables import wrong_operations
+from halpipe.deploy.riscv.judge.tables import Tables, wrong_operations
+from halpipe.deploy.riscv.judge.truth import tells_the_truth
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, plan, read_images
 from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
@@ -373,6 +374,8 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     findings.extend(conditions.plays(run, course.tables, tolerance))
     # After a wrong turn everything else is judged by the tables that are really played, so that it is one finding.
     played = tables_named(target.schedule, [table.name for table in run.tables])
+    findings.extend(conditions.decides(run, played, tolerance))
+    findings.extend(conditions.starts_afresh(run))
     expectation = Expectation(target.bundle, target.model, run.site, simulation.images)
     jobs = expectation.jobs(played)
     findings.extend(expectation.findings.items)
@@ -380,10 +383,12 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     comparison = Comparison(run, containment.planned(jobs, injections), tolerance)
     findings.extend(comparison.findings.items)
     findings.extend(conditions.calls_drivers(run, containment.planned(jobs, injections), tolerance))
-    findings.extend(conditions.tells_the_truth(run))
+    records = Tables(simulation.program, target.model)
+    truth = [*tells_the_truth(run, records, played)]
+    findings.extend(truth)
     findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
     findings.extend(containment.rules_recorded(run, target.model, course.firings))
-    taken = measured(run, simulation.program, target.model, played)
+    taken = Dispatch() if truth else measured(run, records, played)
     return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about, named
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.board.devices import UNKNOWN
+from halpipe.deploy.riscv.board.devices import TRANSACTION, UNKNOWN
 from halpipe.deploy.riscv.run.observation import Outcome
 
 if TYPE_CHECKING:
@@ -174,13 +174,15 @@ class Comparison:
     def _judge_transfer(self, seen: Seen, planned: PlannedTransfer, transfer: Transfer) -> None:
         begin, end = self._at(planned.begin), self._at(planned.end)
         same = transfer.channel in (planned.channel, UNKNOWN)
-        if begin <= transfer.begin and transfer.end <= end and same:
+        if begin <= transfer.begin and transfer.end <= end and same and transfer.transaction == TRANSACTION:
             return
         ran = f"{self._run.since(transfer.begin)} to {self._run.since(transfer.end)}"
         phase = f"{self._run.since(begin)} to {self._run.since(end)}"
         where = "" if same else f" on {self._channel(transfer.channel)}"
         what = f"the {planned.kind} of {planned.what} ({planned.size} bytes)"
         held = f"; it was held back for {self._run.length(transfer.held)}" if transfer.held else ""
+        if transfer.transaction != TRANSACTION:
+            held += f"; it moves {transfer.transaction} bytes at a time, the bandwidth is that of {TRANSACTION}"
         message = f"{what} ran from {ran}{where}, its phase is {phase}{held}"
         help = _MORE_BANDWIDTH if transfer.held else _MORE_TIME
         self._report(codes.TRANSFER_OUTSIDE_PHASE, seen.planned, message, help)
@@ -249,6 +251,9 @@ class Comparison:
         if execution.stack != unit.dspm.base + self._run.site.stack:
             stack = unit.dspm.base + self._run.site.stack
             wrong.append(f"a stack from {execution.stack:#x} down, it has to be from {stack:#x}")
+        if execution.deadline != self._at(planned.end) // self._run.tick:
+            late = execution.deadline - self._at(planned.end) // self._run.tick
+            wrong.append(f"a timer that ends it {late} ticks after its time" if late < 1 << 62 else "no timer")
         wrong += execution.unclean
         for what in wrong:
             self._report(codes.WRONG_CALL, seen.planned, f"gets {what} on {unit.name}", FROM_EXPORT)

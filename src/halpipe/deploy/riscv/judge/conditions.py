@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from fractions import Fraction
 from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Path, about
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.registers import TOP, Level, Right
-from halpipe.deploy.riscv.run.observation import Outcome
-from halpipe.deploy.riscv.run.recording import Flag, Kind, Word
+from halpipe.deploy.riscv.run.recording import Word
+from halpipe.deploy.riscv.run.sequence import DECISION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.drivers import PlannedCall
     from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.run.recording import Record
     from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site, UnitSite
 
@@ -112,12 +109,30 @@ def plays(run: Run, expected: Sequence[Played], tolerance: Duration) -> Iterator
             yield codes.WRONG_TABLE(message, path=f"cycle {i}", help=REPORT)
 
 
+def decides(run: Run, played: Sequence[Played], tolerance: Duration) -> Iterator[Diagnostic]:
+    """Yield the first table at whose end requests were taken at another instant than the interface promises."""
+    modes = [table for table in played if not table.is_transition]
+    for table, now in zip(modes, run.recorder.decisions, strict=False):
+        due, seen = table.start + table.length - run.site.tick * DECISION, run.since(now)
+        if not due <= seen <= due + tolerance:
+            message = f'at the end of "{table.name}" requests are taken at {seen}, it has to be at {due}'
+            yield codes.WRONG_TABLE(message, path=f"cycle {table.cycle}", help=REPORT)
+            return
+
+
+def starts_afresh(run: Run) -> Iterator[Diagnostic]:
+    """Yield the cores whose monitors began with what the instruction cache held before they were put there."""
+    for hart in sorted(run.recorder.unfenced):
+        message = "begins its monitor without a fence.i since it was put there"
+        yield codes.WRONG_CALL(message, path=about(unit=run.site.unit_of(hart).name), help=REPORT)
+
+
 def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> Iterator[Diagnostic]:
     """Yield where drivers were not called as planned, or otherwise; the same of other cycles is only counted."""
     late = int(tolerance / run.site.tick)
     left: dict[tuple[str, int, int], list[int]] = defaultdict(list)
     for call in run.recorder.calls:
-        left[call.function, call.data, call.size].append(_tick(run, call.now))
+        left[call.function, call.data, call.size].append(tick_of(run, call.now))
     lacking: dict[tuple[Path, str], list[PlannedCall]] = defaultdict(list)
     for job in jobs:
         for planned in job.calls:
@@ -138,63 +153,6 @@ def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> 
             yield codes.WRONG_DRIVER(message, help=REPORT)
 
 
-def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
-    """Yield where the runtime's record differs from what the simulator saw, by more than reading the clock takes."""
-    recording = run.recording
-    if recording.lost:
-        return  # what was overwritten cannot be compared
-    slack = 1 + math.ceil(_STEPS * run.site.management_cpi * Fraction(run.rate, run.site.clock * run.tick))
-    executions = [(_tick(run, e.begin), _tick(run, e.left)) for e in run.executions if e.outcome is Outcome.RETURNED]
-    stops = [(r.begin, r.end) for r in recording.records if r.kind == Kind.STOP and not r.flags]
-    yield from _pairs("executions", sorted(executions), sorted(stops), slack)
-    transfers = [(_tick(run, t.begin),) for t in run.recorder.transfers if t.begin >= (run.zero or 0)]
-    copies = [(r.time,) for r in recording.records if r.kind == Kind.COPY and not r.flags]
-    # What the management core copies itself, it begins to copy when it has nothing else to do.
-    if run.site.dma.kind != "copy":
-        yield from _pairs("transfers", sorted(transfers), sorted(copies), slack)
-    calls = [(_tick(run, call.now),) for call in run.recorder.calls]
-    told = [(r.time,) for r in recording.records if r.kind in (Kind.INPUT, Kind.OUTPUT) and not r.flags]
-    yield from _pairs("calls of drivers", sorted(calls), sorted(told), slack)
-    tables = [(int(t.start / run.site.tick),) for t in run.tables]
-    begun = [(r.begin,) for r in recording.records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
-    yield from _pairs("tables", tables, begun, 0)
-    yield from _abnormal(run, recording.records)
-
-
-def _abnormal(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
-    outcomes = {Flag.FAULT: Outcome.FAULT, Flag.OVERRUN: Outcome.OVERRUN}
-    told = {Outcome.RETURNED: 0, Outcome.FAULT: Flag.FAULT, Outcome.OVERRUN: Flag.OVERRUN}
-    for execution in run.executions:
-        if execution.end and execution.status != told.get(execution.outcome, 0):
-            message = f"the monitor of {run.site.unit_of(execution.hart).name} says {execution.status} of an execution "
-            message += f"that {execution.outcome} at {run.since(execution.left)}"
-            yield codes.TRACE_DISAGREES(message, path="mailbox", help=REPORT)
-            break
-    for flag, outcome in outcomes.items():
-        seen = sum(e.outcome is outcome for e in run.executions)
-        recorded = sum(bool(r.flags & flag) for r in records if r.kind == Kind.STOP)
-        if seen != recorded:
-            message = f"it records {recorded} executions that ended by {outcome}, {seen} were seen"
-            yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
-
-
-def _pairs(
-    what: str, seen: Sequence[tuple[int, ...]], recorded: Sequence[tuple[int, ...]], slack: int
-) -> Iterator[Diagnostic]:
-    if len(seen) != len(recorded):
-        message = f"it records {len(recorded)} {what}, {len(seen)} were seen"
-        yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
-        return
-    for one, other in zip(seen, recorded, strict=True):
-        if any(abs(a - b) > slack for a, b in zip(one, other, strict=True)):
-            message = f"it records {what} at tick {_shown(other)} where {_shown(one)} was seen"
-            yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
-            return
-
-
-def _shown(instants: tuple[int, ...]) -> str:
-    return " to ".join(map(str, instants))
-
-
-def _tick(run: Run, instant: int) -> int:
+def tick_of(run: Run, instant: int) -> int:
+    """Return the tick of the run in which an instant of the machine lies."""
     return (instant - (run.zero or 0)) // run.tick

@@ -22,14 +22,12 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
-    from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.judge.check import Outcome
     from halpipe.deploy.riscv.judge.comparison import Seen
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.recording import Record
     from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site
-    from halpipe.models import TaskModel
 
 _HEADER = ("table", "played", "jobs", "worst start", "worst execution", "of its time", "DMA busy")
 
@@ -191,9 +189,8 @@ class Dispatch:
     at: Duration = ZERO
 
 
-def measured(run: Run, program: Program, model: TaskModel, played: Sequence[Played]) -> Dispatch:
+def measured(run: Run, tables: Tables, played: Sequence[Played]) -> Dispatch:
     """Return the worst operation of a run; zero if records were overwritten, or the run was not over in order."""
-    tables = Tables(program, model)
     reserved = run.site.service + seconds(
         Fraction(PER_SLOT * tables.further_slots(run.site)) * run.site.management_cpi / run.site.clock
     )
@@ -231,7 +228,7 @@ def due_of(tables: Tables, record: Record, starts: Sequence[int] | Mapping[int, 
     if record.kind == Kind.TABLE:
         return starts[record.cycle], order
     at = tables.operations(record.program)[record.operation].at
-    return starts[record.cycle] + tables.releases(record.table)[record.release] + at, order
+    return starts[record.cycle] + tables.releases(record.table)[record.release][0] + at, order
 
 
 def _is_held(record: Record) -> bool:
@@ -251,7 +248,7 @@ def _unrecorded(
     """Yield instants and orders of what leaves no record: releases, and looks at the mailbox."""
     index = {table.name: i for i, table in enumerate(site.tables)}
     for table, start in zip(played, starts, strict=True):
-        yield from ((start + time, _RELEASE) for time in tables.releases(index[table.name]))
+        yield from ((start + time, _RELEASE) for time, _ in tables.releases(index[table.name]))
         if not table.is_transition:
             yield start + int(table.length / site.tick) - DECISION, _DECIDE
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.expectation import Expectation, Image, PlannedJob
+    from halpipe.deploy.riscv.run.recording import Abandoned, Record
     from halpipe.deploy.riscv.target import Site
     from halpipe.models import Schedule, TaskModel
 
@@ -36,7 +37,7 @@ _RELEASE = struct.Struct("<QII")
 _TABLE = struct.Struct("<QQII")
 _INDEX = struct.Struct("<I")
 _ADDRESS = struct.Struct("<Q")
-_COPY, _DONE, _RUN, _STOP, _INPUT, _OUTPUT = 1, 2, 3, 4, 6, 7
+_COPY, _DONE, _RUN, _STOP, _HEALTH, _INPUT, _OUTPUT = 1, 2, 3, 4, 5, 6, 7
 _NO_TABLE = 0xFFFFFFFF
 _EVENTS = {
     HealthEvent.OVERRUN: Flag.LATE | Flag.OVERRUN,
@@ -100,7 +101,7 @@ class Tables:
         self._program, self._model = program, model
         self._drivers = frozenset(drivers)
         self._programs: dict[int, list[Operation]] = {}
-        self._releases: dict[int, list[int]] = {}
+        self._releases: dict[int, list[tuple[int, int]]] = {}
 
     def _at(self, address: int, form: struct.Struct) -> tuple[int, ...]:
         found = stored(self._program, address, form.size)
@@ -127,13 +128,24 @@ class Tables:
                 yield f"rule {place} is {found}, that of the model is {wanted}"
             first += rule.count
 
-    def releases(self, index: int) -> list[int]:
-        """Return the ticks at which a table releases jobs, by row."""
+    def releases(self, index: int) -> list[tuple[int, int]]:
+        """Return the tick and the program of every job that a table releases, by row."""
         if index not in self._releases:
             base, _, count, _ = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)
-            rows = range(min(count, _MOST))
-            self._releases[index] = [self._at(base + row * _RELEASE.size, _RELEASE)[0] for row in rows]
+            rows = (self._at(base + row * _RELEASE.size, _RELEASE) for row in range(min(count, _MOST)))
+            self._releases[index] = [(tick, program) for tick, program, _ in rows]
         return self._releases[index]
+
+    def has(self, entry: Record | Abandoned) -> bool:
+        """Whether the operation that a record names is one of the job that it names."""
+        jobs = self.releases(entry.table)
+        if entry.release >= len(jobs) or jobs[entry.release][1] != entry.program:
+            return False
+        operations = self.operations(entry.program)
+        if entry.operation >= len(operations):
+            return False
+        operation = operations[entry.operation]
+        return entry.kind in (operation.kind, _HEALTH) and entry.hart == operation.hart
 
     def further_slots(self, site: Site) -> int:
         """Return how many slots there are beside one for each unit."""
@@ -169,10 +181,10 @@ class Tables:
         self, index: int, length: int, jobs: Sequence[PlannedJob], images: Mapping[tuple[str, str, str], Image]
     ) -> Iterator[tuple[str, str]]:
         """Yield path and message of what a table has otherwise than the plan."""
-        base, ticks, count, _ = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)
+        ticks = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)[1]
         if ticks != length:
             yield "", f"lasts {ticks} ticks, target.json says {length}"
-        releases = [self._at(base + i * _RELEASE.size, _RELEASE)[:2] for i in range(min(count, _MOST))]
+        releases = self.releases(index)
         if any(later[0] < earlier[0] for earlier, later in pairwise(releases)):
             yield "", "its releases are not in the order of time"
         left = list(releases)

@@ -314,6 +314,8 @@ class CoSimulation:
             self._begin()
         elif word == Word.REQUEST and value:
             self._asked.append((now, value))
+        elif word == Word.REQUEST and self._zero is not None:
+            self._recorder.decisions.append(now)
         elif word == Word.TABLE and self._zero is not None:
             self._table(value, now)
         elif word == Word.TRACED and value:

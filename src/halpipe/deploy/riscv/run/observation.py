@@ -61,6 +61,7 @@ class Execution:
     ranks: int = 1
     stack: int = 0
     unclean: tuple[str, ...] = ()  # what of the core's state is not as a job has to find it
+    deadline: int = 0  # mtimecmp of its core when it was entered
     status: int = 0  # as the monitor tells the management core
 
 
@@ -95,6 +96,8 @@ class Recorder:
         self.disturbances: list[Disturbance] = []
         self.traced: list[tuple[int, int]] = []  # of every record: now, and when the management core woke up last
         self.restarts: Counter[int] = Counter()
+        self.unfenced: set[int] = set()  # cores whose monitors began without fence.i
+        self.decisions: list[int] = []  # when the management core took the requests
         self.stale: list[tuple[Transfer, str]] = []
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None
         self.after_write: Callable[[str, int], None] = lambda buffer, now: None
@@ -143,9 +146,12 @@ class Recorder:
         running = self._running.get(hart)
         if running is None and address == self._site.unit_of(hart).ispm.base:
             self._begun.add(hart) if hart not in self._begun else self.restarts.update([hart])
+            if not self.machine.harts[hart].is_fenced:
+                self.unfenced.add(hart)
         elif running is not None and running.back == address:
             running.left = now
             running.outcome = Outcome.RETURNED
+            self.machine.harts[hart].scramble()
         elif running is None and address in self._functions[hart]:
             core = self.machine.harts[hart]
             back = core.x(1)
@@ -154,6 +160,7 @@ class Recorder:
             execution.level = core.level
             execution.rank, execution.ranks, execution.stack = core.x(10), core.x(11), core.x(2)
             execution.unclean = tuple(core.unclean())
+            execution.deadline = core.compare
             self._compare(execution)
             self._running[hart] = execution
             self.executions.append(execution)

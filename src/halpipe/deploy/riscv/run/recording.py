@@ -97,6 +97,8 @@ class Abandoned:
     table: int
     release: int
     program: int
+    operation: int
+    kind: int
     hart: int
     flags: Flag
 
@@ -126,8 +128,8 @@ def _record(raw: bytes) -> Record:
 
 
 def _abandoned(raw: bytes) -> Abandoned:
-    time, cause, epc, tval, cycle, table, release, program, _, _, flags, hart = _FAULT.unpack(raw)
-    return Abandoned(time, cause, epc, tval, cycle, table, release, program, hart, Flag(flags))
+    time, cause, epc, tval, cycle, table, release, program, operation, kind, flags, hart = _FAULT.unpack(raw)
+    return Abandoned(time, cause, epc, tval, cycle, table, release, program, operation, kind, hart, Flag(flags))
 
 
 def _ring(read: Callable[[int, int], bytes], ring: Ring, count: int) -> list[bytes]:
