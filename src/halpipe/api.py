@@ -101,10 +101,10 @@ def validate(model: TaskModel, tick: DurationLike | None = None) -> list[Diagnos
 
     With a `tick`, the grid of the start times, that includes a proof that it is too coarse.
     """
-    from halpipe.core.durations import Duration
-    from halpipe.pipeline.checked import validate_model
+    from halpipe.core.options import from_keywords
+    from halpipe.pipeline.checked import ValidateOptions, validate_model
 
-    return validate_model(model, Duration.parse(tick) if isinstance(tick, str) else tick)
+    return validate_model(model, **from_keywords("validate", ValidateOptions, {"tick": tick}))
 
 
 def schedule(
@@ -127,9 +127,10 @@ def schedule(
     from halpipe.flow.searching import search_options
     from halpipe.pipeline.checked import explain_failure, schedule_model
     from halpipe.pipeline.solve.schedule import SearchOptions
-    from halpipe.pipeline.solve.workers import Workers
+    from halpipe.pipeline.solve.workers import WorkerOptions, Workers
 
-    chosen = search_options(from_keywords("schedule", SearchOptions, options), workers=Workers(workers))
+    count = from_keywords("schedule", WorkerOptions, {"workers": workers})
+    chosen = search_options(from_keywords("schedule", SearchOptions, options), workers=Workers(**count))
     is_over = _clock(chosen.time_limit)
 
     def go_on(*done: Any) -> bool:

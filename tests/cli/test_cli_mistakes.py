@@ -163,3 +163,33 @@ def test_other_violations_of_the_schema_are_all_that_is_said(tmp_path):
     refused = run_here(tmp_path, "validate", "model.xml")
     assert refused.returncode == 1
     assert {line.split("[")[1][:7] for line in refused.stderr.splitlines() if "error[" in line} == {"HAL0102"}
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["import", "ros", "graph.dot", "-o", "o.xml", "--name", ""], 'the text after "--name" is empty'),
+        (["import", "ros", "graph.dot", "-o", "o.xml", "--name="], 'the text after "--name" is empty'),
+        (["import", "ros", "graph.dot", "-o", "o.xml", "--name", " "], "the text is empty"),
+        (["schedule", "model.xml", "-o", "o.xml", "--optimise", ","], "the text is empty"),
+        (["validate", "model.xml", "--tick", ""], 'the text after "--tick" is empty'),
+        (["show", "schedule.xml", "--mode", ""], 'the text after "--mode" is empty'),
+        (["show", ""], 'the text after "show" is empty'),
+        (["explain", "HAL0231", "--mode", "zz"], '"mode" has no effect here'),
+        (["explain", "HAL0231", "--freeze", "missing.xml"], '"freeze" has no effect here'),
+        (["generate", "-o", "o.xml", "--period", "5ms", "--tasks", "3"], '"tasks" has no effect here'),
+        (["generate", "-o", "o.xml", "--seed", "1_000"], "write a number from 0 on"),
+        (["generate", "-o", "o.xml", "--seed", "\uff11"], "write a number from 0 on"),
+        (["schedule", "model.xml", "-o", "o.xml", "--workers", "0"], "write a number from 1 on"),
+        (["size", "model.xml", "--units", "core", "--bandwidth", "memory"], '"bandwidth" has no effect here'),
+        (["size", "model.xml", "--units", "cores"], 'did you mean "core"?'),
+        (["compare", "schedule.xml", "played.btf", "--mode", "drive"], '"mode" has no effect here'),
+        (["export", "btf", "model.xml", "schedule.xml", "-o", "o.btf", "--title", "a\nb"], "has control characters"),
+    ],
+)
+def test_an_option_without_text_or_effect_is_refused(folder, words, text):
+    assert run_here(folder, "export", "btf", "model.xml", "schedule.xml", "-o", "played.btf").returncode == 0
+    done = run_here(folder, *words)
+    assert done.returncode == 2, done.stderr
+    assert text in " ".join(done.stderr.split())
+    assert not (folder / "o.xml").exists()

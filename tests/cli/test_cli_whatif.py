@@ -33,7 +33,7 @@ def test_size_in_text_and_json(halpipe, schedule):
     ("arguments", "said"),
     [
         ((), "ask for one of"),
-        (("--units", "core", "--wcet-factor"), "ask for one of"),
+        (("--units", "core", "--wcet-factor"), '"wcet-factor" has no effect here'),
         (("--units", "cores"), 'did you mean "core"'),
         (("--bandwidth", "men"), 'did you mean "mem"'),
         (("--wcet-factor", "--mode", "al"), 'did you mean "all"'),

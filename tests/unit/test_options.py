@@ -1,6 +1,7 @@
 """Options, each stated once: a verb takes all of its own through every door, and no other."""
 
 import re
+from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -173,6 +174,30 @@ def test_every_option_is_used_in_the_code_of_its_verb(verb, name):
     assert [each.name for each in options_of(KINDS[verb, name]) if not re.search(rf"\.{each.attribute}\b", text)] == []
 
 
+@pytest.mark.parametrize("text", ["", " "])
+@pytest.mark.parametrize(("verb", "name"), KINDS)
+def test_an_empty_text_is_no_value_of_any_option(verb, name, text):
+    for each in options_of(KINDS[verb, name]):
+        if each.form is not Form.SWITCH:
+            with pytest.raises(ValueError, match="empty"):
+                each.from_value(text)
+
+
+@pytest.mark.parametrize(("verb", "name"), IN_FILES)
+def test_an_empty_text_is_no_value_in_a_pipeline_file(verb, name, tmp_path):
+    for each in options_of(KINDS[verb, name]):
+        if each.form is Form.TEXT:
+            assert "HAL0023" in codes_of(tmp_path, verb, name, {each.name: '""'})
+
+
+@pytest.mark.parametrize(("verb", "name"), KINDS)
+def test_a_text_that_is_written_as_it_is_has_one_line(verb, name):
+    for each in options_of(KINDS[verb, name]):
+        if each.form is Form.TEXT and not each.is_path("a"):
+            with pytest.raises(ValueError, match="; "):
+                each.from_value("a\nb")
+
+
 # ---------------------------------------------------------------------------------------- each has an effect
 
 VALUES = {"mode": "limp", "cpus": {"core0": 7}, "max_points": 1, "ecuc_prefix": "/Vendor/Defs", "busy": 60}
@@ -224,6 +249,13 @@ def test_every_option_of_an_export_changes_what_is_written(name, planned):
         (exporter("ros").options(messages="oldest"), "messages"),
         (exporter("ros").options(graphs=("a.yaml",)), "graph"),
         (SearchOptions(engine="exact", portfolio=2), "portfolio"),
+        (SizeOptions(units="cpu", bandwidth="dram"), "bandwidth"),
+        (SizeOptions(units="cpu", wcet_factor=True), "wcet-factor"),
+        (SizeOptions(bandwidth="dram", wcet_factor=True), "wcet-factor"),
+        (SizeOptions(units="cpu", step=Fraction(1, 7)), "step"),
+        (SizeOptions(units="cpu", mode="m", switches=True), "switches"),
+        (SetParameters(periods=(ms(5),), tasks=3), "tasks"),
+        (SetParameters(periods=(ms(5),), hyperperiod=ms(60)), "hyperperiod"),
     ],
 )
 def test_what_has_no_effect_beside_the_others_is_refused(options, idle):
@@ -273,6 +305,10 @@ def test_a_bundle_has_the_options_of_its_kind(kind, options, idle, monkeypatch):
         ExportOptions(mode="m"),
         ImportOptions(name="n"),
         SearchOptions(engine="exact"),
+        SizeOptions(units="cpu", switches=True),
+        SizeOptions(bandwidth="dram", step=Fraction(1, 7)),
+        SizeOptions(wcet_factor=True, mode="m"),
+        SetParameters(periods=(ms(5),)),
     ],
 )
 def test_what_has_an_effect_is_taken(options):
@@ -317,6 +353,11 @@ def test_an_importer_of_others_brings_its_own_options(monkeypatch, tmp_path):
         {"portfolio": 0},
         {"modes": ["zz"]},
         {"near": 3.5},
+        {"near": model(task("b", 10, version("v", 3)))},
+        {"near": ""},
+        {"workers": 0},
+        {"workers": 1.5},
+        {"workers": True},
     ],
 )
 def test_values_that_an_option_cannot_have_are_refused_as_such(options):
@@ -326,7 +367,32 @@ def test_values_that_an_option_cannot_have_are_refused_as_such(options):
     assert all(found.help for found in refused.value.diagnostics)
 
 
-def test_several_wrong_values_are_told_together():
+@pytest.mark.parametrize("tick", ["0ms", "-1ms", "", 5, True])
+def test_a_tick_that_is_none_is_refused_by_validate(tick):
+    with pytest.raises(HalpipeError) as refused:
+        halpipe.validate(model(task("a", 10, version("v", 3))), tick)
+    assert [found.code for found in refused.value.diagnostics] == ["HAL0023"]
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [({"units": "zz"}, "HAL1411"), ({"bandwidth": "zz"}, "HAL1411"), ({"mode": "zz"}, "HAL0802")],
+)
+def test_a_size_is_asked_of_what_the_model_has(options, code):
+    with pytest.raises(HalpipeError) as refused:
+        halpipe.size(model(task("a", 10, version("v", 3))), **options)
+    assert ([found.code for found in refused.value.diagnostics], refused.value.exit) == ([code], Exit.USAGE)
+
+
+def test_a_sensitivity_is_that_of_tasks_of_the_model():
+    system = model(task("a", 10, version("v", 3)))
+    schedule = halpipe.schedule(system)
+    with pytest.raises(HalpipeError, match='no task "zz"'):
+        halpipe.sensitivity(system, schedule, tasks=["a", "zz"])
+    assert [row.task for row in halpipe.sensitivity(system, schedule, tasks=["a"])] == ["a"]
+
+
+def test_several_wrong_values_are_reported_together():
     with pytest.raises(HalpipeError) as refused:
         halpipe.schedule(model(task("a", 10, version("v", 3))), engine="zz", budget=0)
     assert len(refused.value.diagnostics) == 2

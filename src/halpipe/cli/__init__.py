@@ -93,6 +93,7 @@ def _invoke(arguments: list[str]) -> int:
     from halpipe.core.files import protecting_inputs
     from halpipe.core.suggest import bounded_suggestions
 
+    _refuse_empty(arguments)
     try:
         with protecting_inputs(), bounded_suggestions():
             return int(app_for(arguments)(args=arguments, prog_name="halpipe", standalone_mode=False) or 0)
@@ -100,6 +101,17 @@ def _invoke(arguments: list[str]) -> int:
         if isinstance(end.__context__, BrokenPipeError):
             raise end.__context__ from None
         raise
+
+
+def _refuse_empty(arguments: list[str]) -> None:
+    """Refuse an argument without text, as a variable of a shell leaves it: it would count as one not stated."""
+    import typer
+
+    for before, argument in zip(["halpipe", *arguments], arguments, strict=False):
+        name, sign, value = argument.partition("=")
+        if not argument or (sign and not value and name.startswith("--")):
+            place = name if sign else before
+            raise typer.BadParameter(f'the text after "{place}" is empty; write a value, or omit the option')
 
 
 def _interrupted() -> int:

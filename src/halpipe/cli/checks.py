@@ -10,19 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.options import (
-    DiagnosticFormat,
-    ModelFile,
-    Quiet,
-    ScheduleFile,
-    Verbose,
-    codes,
-    duration_of,
-    load_codes,
-    takes,
-)
+from halpipe.cli.options import ModelFile, ScheduleFile, codes, load_codes, takes
 from halpipe.core.diagnostics import REGISTER, Exit, sort_diagnostics
-from halpipe.core.options import Values
+from halpipe.core.options import Values, refuse_unused
 from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -32,22 +22,14 @@ if TYPE_CHECKING:
     from halpipe.pipeline.explain.explanation import Explanation
 
 
-def validate(
-    model: ModelFile,
-    tick: Annotated[
-        str, typer.Option(metavar="TIME", help="Grid of the start times; too coarse a one is an error.")
-    ] = "",
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> int:
+@takes("halpipe.pipeline.checked:ValidateOptions")
+def validate(model: ModelFile, options: Values) -> int:
     """Check a task model: form, names, windows, loads, hyperperiods. Every finding is listed, with its line."""
     from halpipe.importers.native import read_what_is_well_formed
     from halpipe.pipeline.checked import validate_model
 
-    output.choose(format, quiet=quiet, verbose=verbose)
     system, malformed = read_what_is_well_formed(model)
-    found = sort_diagnostics([*malformed, *validate_model(system, duration_of("--tick", tick))])
+    found = sort_diagnostics([*malformed, *validate_model(system, options["tick"])])
     output.report(found, as_result=True)
     if any(d.is_error for d in found):
         return Exit.FINDINGS
@@ -65,18 +47,12 @@ NAMED = 3
 """Further findings of a task that are named; --verbose shows all of them."""
 
 
-def verify(
-    model: ModelFile,
-    schedule: ScheduleFile,
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> int:
+@takes()
+def verify(model: ModelFile, schedule: ScheduleFile) -> int:
     """Check a schedule, from any tool, against its model: every violation with job, rule, amount and instant."""
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.checked import verify_schedule
 
-    output.choose(format, quiet=quiet, verbose=verbose)
     system, tables = read_model(model), read_schedule(schedule)
     found = verify_schedule(system, tables)
     output.report(gathered(found) if output.is_brief() else found, as_result=True)
@@ -132,7 +108,10 @@ def explain(
 
     Exit code 4 means proven infeasible; 3, that no schedule was found; 0, that there is one.
     """
+    from halpipe.pipeline.explain.explanation import ExplainOptions
+
     if re.fullmatch(r"(?i)HAL\d{4}", subject):
+        refuse_unused(ExplainOptions(**options), "explain of a code", options)
         return _explain_code(subject.upper())
     from halpipe.cli.searching import Stop
     from halpipe.flow.searching import explain_options

@@ -8,7 +8,7 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.app import Group
-from halpipe.cli.options import ModelFile, Output, Quiet, Verbose, takes
+from halpipe.cli.options import ModelFile, Output, takes
 from halpipe.core.diagnostics import Exit
 from halpipe.core.options import Values
 from halpipe.deploy.base import CheckOptions
@@ -100,10 +100,9 @@ def check(
 app.command("check")(takes("halpipe.deploy.base:CheckOptions")(check).made())
 
 
-Base = Annotated[str, typer.Option(help="Address of a binary dump; by default main memory's.")]
+Base = Annotated[str, typer.Option(metavar="ADDRESS", help="Address of a binary dump; by default main memory's.")]
 
 
-@app.command("trace")
 def trace(
     bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that an export wrote.")],
     memory: Annotated[
@@ -111,15 +110,12 @@ def trace(
     ],
     output_file: Output,
     base: Base = "",
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
     from halpipe.core.bundles import open_bundle
     from halpipe.core.files import read_bytes, write_output
     from halpipe.deploy.riscv.run.recording import board_csv, read_board, summary_of
 
-    output.choose(None, quiet=quiet, verbose=verbose)
     target = open_bundle(bundle)
     recording = read_board(target, read_bytes(memory), memory, _address(base))
     content = board_csv(target, recording, memory)
@@ -129,7 +125,9 @@ def trace(
     return Exit.OK
 
 
-@app.command("calibrate")
+app.command("trace")(takes()(trace).made())
+
+
 def calibrate(
     bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that export riscv --calibrate wrote.")],
     memory: Annotated[
@@ -137,21 +135,21 @@ def calibrate(
     ],
     output_file: Output,
     base: Base = "",
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Write a target profile with the bandwidths, times and cycles that a bundle measured on its target."""
     from halpipe.core.files import read_bytes, refuse_name, write_output
     from halpipe.deploy.riscv.judge.calibration import calibrate as constants
     from halpipe.flow.formats import open_target
 
-    output.choose(None, quiet=quiet, verbose=verbose)
     refuse_name(output_file, ".yaml")
     content, lines = constants(open_target(bundle), read_bytes(memory), memory, _address(base))
     write_output(output_file, content)
     for line in lines:
         output.inform(line)
     return Exit.OK
+
+
+app.command("calibrate")(takes()(calibrate).made())
 
 
 def _address(text: str) -> int | None:

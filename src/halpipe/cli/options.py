@@ -13,12 +13,11 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.output import Format
-from halpipe.core.options import Form, Option, OptionError, Values, from_command, options_of, positive_duration
+from halpipe.core.options import Form, Option, OptionError, Values, from_command, options_of
+from halpipe.core.quantities import whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-
-    from halpipe.core.durations import Duration
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     Run = Callable[..., int]
 
@@ -26,7 +25,22 @@ if TYPE_CHECKING:
 ModelFile = Annotated[str, typer.Argument(metavar="MODEL", help="Task model XML; - is standard input.")]
 ScheduleFile = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule XML; - is standard input.")]
 Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where to write; - is standard output.")]
-Seed = Annotated[int, typer.Option(min=0, help="Same model, options and seed: same bytes.")]
+
+
+def number(least: int, most: int | None = None, *names: str, **stated: Any) -> Any:
+    """Return an option that is a whole number, written as in every other place."""
+    read = whole(least, most)
+
+    def parse(text: str) -> int:
+        try:
+            return read(str(text))
+        except ValueError as failure:
+            raise typer.BadParameter(str(failure)) from None
+
+    return typer.Option(*names, parser=parse, metavar="N", **stated)
+
+
+Seed = Annotated[int, number(0, help="Same model, options and seed: same bytes.")]
 DiagnosticFormat = Annotated[
     Format | None, typer.Option("--format", help="Form of the diagnostics.", show_default="text")
 ]
@@ -34,9 +48,10 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show errors only.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show every diagnostic, notes too.")]
 WorkerCount = Annotated[
     int | None,
-    typer.Option(
+    number(
+        1,
+        None,
         "--workers",
-        min=1,
         help="Threads and processes; the result is the same for any number.",
         show_default="one per processor",
     ),
@@ -132,23 +147,6 @@ def print_json(value: Any) -> None:
     output.text(json.dumps(value, indent=2, ensure_ascii=True))
 
 
-def duration_of(option: str, text: str) -> Duration | None:
-    """Read a duration above zero; None where nothing is stated."""
-    try:
-        return positive_duration(text) if text else None
-    except ValueError as failure:
-        raise typer.BadParameter(str(failure), param_hint=option) from None
-
-
-def check_name(name: str, known: Collection[str], kind: str, option: str) -> None:
-    """Refuse a name that the model does not have."""
-    from halpipe.core.suggest import did_you_mean
-
-    if name not in known:
-        hint = did_you_mean(name, known, f"the model has: {', '.join(sorted(known)) or 'none'}")
-        raise typer.BadParameter(f'the model has no {kind} "{name}"; {hint}', param_hint=option)
-
-
 def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
     """Return a parameter of a command."""
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
@@ -168,7 +166,7 @@ ANSWERS = (parameter("format", Answers, AnswerFormat.TEXT), *FORMS[1:])
 class Verb:
     """A command whose options are added when it is needed: to describe all of them takes longer than most do."""
 
-    def __init__(self, run: Run, kind: str, shows_all: bool, answers: bool) -> None:
+    def __init__(self, run: Run, kind: str, *, shows_all: bool, answers: bool) -> None:
         self._run, self._kind, self._shows_all, self._answers = run, kind, shows_all, answers
         self.__doc__ = run.__doc__
 
@@ -176,26 +174,27 @@ class Verb:
         """Return the function that typer makes the command from."""
         hints = get_type_hints(self._run, include_extras=True)
         own = [p.replace(annotation=hints[p.name]) for p in inspect.signature(self._run).parameters.values()]
-        place = [p.name for p in own].index("options")
         module, _, name = self._kind.partition(":")
-        kind, after = getattr(import_module(module), name), own[place + 1 :]
+        kind = getattr(import_module(module), name) if name else None
+        place = [p.name for p in own].index("options") if kind else len(own)
+        after = own[place + 1 :]
         return command(self._run, own[:place], kind, after, shows_all=self._shows_all, answers=self._answers)
 
 
-def takes(kind: str, *, shows_all: bool = False, answers: bool = False) -> Callable[[Run], Verb]:
-    """Give a command the options of a `kind`, whose values are its argument `options`, and how diagnostics look.
+def takes(kind: str = "", *, shows_all: bool = False, answers: bool = False) -> Callable[[Run], Verb]:
+    """Give a command the form of its diagnostics, and options of a `kind`, whose values are its argument `options`.
 
     The kind is named by module and class, ``halpipe.module:Kind``, and loaded with the command that is asked for.
 
     A command that `shows_all` diagnostics has no ``--verbose``; one that `answers` prints text or JSON.
     """
-    return lambda run: Verb(run, kind, shows_all, answers)
+    return lambda run: Verb(run, kind, shows_all=shows_all, answers=answers)
 
 
 def command(
     run: Run,
     before: Iterable[inspect.Parameter],
-    kind: type,
+    kind: type | None,
     after: Iterable[inspect.Parameter] = (),
     *,
     help: str = "",
@@ -204,12 +203,13 @@ def command(
 ) -> Run:
     """Return the function that typer makes a command of: further parameters around the options of a `kind`."""
     forms = ANSWERS if answers else FORMS[:-1] if shows_all else FORMS
-    parameters = [*before, *map(_parameter, options_of(kind)), *after, *forms]
+    parameters = [*before, *map(_parameter, options_of(kind) if kind else ()), *after, *forms]
 
     def made(**given: Any) -> int:
         form = given.pop("format")
         output.choose(form and Format(form.value), quiet=given.pop("quiet"), verbose=given.pop("verbose", shows_all))
-        return run(**{p.name: given[p.name] for p in (*before, *after)}, options=_values(kind, given))
+        options = {"options": _values(kind, given)} if kind else {}
+        return run(**{p.name: given[p.name] for p in (*before, *after)}, **options)
 
     signature = inspect.Signature([p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters])
     made.__signature__ = signature  # type: ignore[attr-defined]
@@ -233,8 +233,8 @@ def _parameter(each: Option) -> inspect.Parameter:
         return parameter(each.attribute, Annotated[list[str] | None, option], None)
     if each.required:
         return parameter(each.attribute, Annotated[str, option])
-    default = "" if each.default in (None, ()) else str(each.default)
-    return parameter(each.attribute, Annotated[str, option], default)
+    default = None if each.default in (None, (), "") else str(each.default)
+    return parameter(each.attribute, Annotated[str | None, option], default)
 
 
 def _values(kind: type, given: dict[str, Any]) -> Values:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.options import DiagnosticFormat, Quiet, Verbose, WorkerCount, takes
+from halpipe.cli.options import WorkerCount, takes
 from halpipe.cli.searching import Stop
 from halpipe.core.diagnostics import Exit
 from halpipe.core.files import STDIO, make_folder, read_bytes, refuse_inputs
@@ -81,14 +81,12 @@ def _on_cluster(address: str) -> Iterator[Away | None]:
         yield Away(cluster)
 
 
+@takes()
 def run(
     pipeline: Annotated[
         str, typer.Argument(metavar="PIPELINE", help="YAML file that names sources, stages and exports.")
     ],
     workers: WorkerCount = None,
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Run a whole pipeline from one file: import, validate, schedule, verify, export."""
     from halpipe.cli.export import write_export
@@ -100,7 +98,6 @@ def run(
     from halpipe.flow.plan import read_plan
     from halpipe.importers.native import read_model, read_schedule
 
-    output.choose(format, quiet=quiet, verbose=verbose)
     plan = read_plan(pipeline)
     outputs = [step.output for step in plan.exports]
     refuse_inputs(*([plan.model] if plan.imports is not None else []), plan.schedule, *outputs)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.options import DiagnosticFormat, Quiet, Verbose, WorkerCount
+from halpipe.cli.options import WorkerCount, number, takes
 from halpipe.core.diagnostics import Exit, HalpipeError, error
 from halpipe.core.files.scratch import scratch_folder
 
@@ -23,14 +23,12 @@ PARTING_SECONDS = 2
 """How long Ctrl-C waits for browsers that keep their connection open."""
 
 
+@takes()
 def serve(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="Task model XML.")],
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: any that is free.")] = 0,
+    port: Annotated[int, number(0, 65535, help="Port on 127.0.0.1; 0: any that is free.")] = 0,
     browser: Annotated[bool, typer.Option("--browser", help="Open the page in a browser.")] = False,
     workers: WorkerCount = None,
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Open a model in the browser: edit it in place, drag jobs, and see a verified schedule at once.
 
@@ -39,7 +37,6 @@ def serve(
     import secrets
     import threading
 
-    output.choose(format, quiet=quiet, verbose=verbose)
     try:
         import uvicorn
 

@@ -82,7 +82,7 @@ class Form(StrEnum):
 def show(
     schedule: ScheduleFile,
     mode: Annotated[
-        str, typer.Option(help="This mode only; otherwise all, and the switches.", autocompletion=modes)
+        str, typer.Option(metavar="NAME", help="This mode only; otherwise all, and the switches.", autocompletion=modes)
     ] = "",
     jobs: Annotated[bool, typer.Option(help=f"List every job, also where there are more than {MOST_JOBS}.")] = False,
     format: Annotated[
@@ -95,9 +95,9 @@ def show(
     verbose: Verbose = False,
 ) -> int:
     """Show a schedule in the terminal: a Gantt chart, jobs, loads and chain latencies of every mode, and switches."""
-    from halpipe.cli.options import check_name
     from halpipe.cli.show import letters_of
     from halpipe.importers.native import read_schedule
+    from halpipe.models.modes import require_mode
 
     output.choose(output.Format.JSON if format is Form.JSON else None, quiet=quiet, verbose=verbose)
     tables = read_schedule(schedule)
@@ -110,7 +110,7 @@ def show(
         refuse_invalid(system, tables)
         tables = with_latencies(system, tables)
     if mode:
-        check_name(mode, {m.name for m in tables.modes}, "mode", "--mode")
+        require_mode(mode, tables.modes)
         tables = tables.alone((tables.mode(mode),))
     if format is not Form.TEXT:
         from halpipe.exporters.common.rows import as_csv, as_json

@@ -11,18 +11,7 @@ import typer
 
 from halpipe import __version__
 from halpipe.cli import output
-from halpipe.cli.options import (
-    AnswerFormat,
-    Answers,
-    DiagnosticFormat,
-    Output,
-    Quiet,
-    Seed,
-    Verbose,
-    examples,
-    print_json,
-    takes,
-)
+from halpipe.cli.options import AnswerFormat, Answers, Output, Quiet, Seed, examples, number, print_json, takes
 from halpipe.core.diagnostics import Exit
 from halpipe.core.options import Values
 
@@ -33,6 +22,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.generate import Achieved
 
 
+@takes()
 def new(
     folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder to make; it must not be there, or be empty.")],
     example: Annotated[
@@ -45,9 +35,6 @@ def new(
         ),
     ] = "",
     table: Annotated[bool, typer.Option("--table", help="Tables for a spreadsheet instead of XML.")] = False,
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Make a folder with a first model to read and change, overlay, pipeline and schemas for editors; or an example."""
     from halpipe.core.files import write_new_folder
@@ -55,7 +42,6 @@ def new(
     from halpipe.starters import EXAMPLES, first_model, first_table
     from halpipe.starters import example as files_of
 
-    output.choose(format, quiet=quiet, verbose=verbose)
     if example and example not in EXAMPLES:
         hint = did_you_mean(example, EXAMPLES, "there is: " + ", ".join(EXAMPLES))
         raise typer.BadParameter(f'there is no example "{example}"; {hint}', param_hint="--example")
@@ -149,7 +135,7 @@ _SHOWN = 20
 
 
 def selftest(
-    mutants: Annotated[int, typer.Option(min=1, help="Faulty schedules that both checkers judge.")] = 300,
+    mutants: Annotated[int, number(1, help="Faulty schedules that both checkers judge.")] = 300,
     seed: Seed = 1,
     evidence: Annotated[
         str, typer.Option(metavar="DIR", help="Write a folder for the argument of a tool's confidence.")
@@ -206,10 +192,12 @@ def generate(
     Shares are written as 0.7, 7/10 or 70%.
     """
     from halpipe.core.files import refuse_inputs, refuse_name, sha256, write_output
+    from halpipe.core.options import refuse_unused
     from halpipe.exporters.native import format_model, format_schedule
     from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 
     parameters = SetParameters(**options)
+    refuse_unused(parameters, "generate with --period")
     refuse_inputs(*filter(None, (output_file, witness)))
     for file in (output_file, witness):
         refuse_name(file, ".xml")

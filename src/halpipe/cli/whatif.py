@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.options import (
-    ModelFile,
-    ScheduleFile,
-    check_name,
-    print_json,
-    takes,
-)
+from halpipe.cli.options import ModelFile, ScheduleFile, print_json, takes
 from halpipe.core.diagnostics import Exit, Findings
 from halpipe.core.options import Values
 
@@ -25,7 +19,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.whatif.sensitivity import Searched, Sensitivity
-    from halpipe.pipeline.whatif.size import Answer, SizeOptions
+    from halpipe.pipeline.whatif.size import Answer
 
 
 @takes("halpipe.pipeline.whatif.size:SizeOptions", answers=True)
@@ -40,10 +34,9 @@ def size(model: ModelFile, options: Values) -> int:
     from halpipe.pipeline.whatif.size import SizeOptions, answer_of, complaint, question_of
 
     chosen = SizeOptions(**options)
-    if sum((bool(chosen.units), bool(chosen.bandwidth), chosen.wcet_factor)) != 1:
+    if not (chosen.units or chosen.bandwidth or chosen.wcet_factor):
         raise typer.BadParameter("ask for one of --units, --bandwidth and --wcet-factor")
     system = read_model(model)
-    _check_names(system, chosen)
     question = question_of(system, chosen)
     output.report(question.warnings)
     with Watch() as watch:
@@ -58,15 +51,6 @@ def size(model: ModelFile, options: Values) -> int:
     if wrong is not None:
         return Exit.INFEASIBLE if answer.bound is None else Exit.NOT_FOUND
     return Exit.OK
-
-
-def _check_names(system: TaskModel, chosen: SizeOptions) -> None:
-    if chosen.mode:
-        check_name(chosen.mode, [m.name for m in system.modes], "mode", "--mode")
-    if chosen.units:
-        check_name(chosen.units, {u.type for u in system.units if u.type}, "unit of type", "--units")
-    if chosen.bandwidth:
-        check_name(chosen.bandwidth, [r.name for r in system.resources], "resource", "--bandwidth")
 
 
 def _text(value: Fraction | None) -> str | None:
@@ -127,8 +111,6 @@ def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> in
     chosen = SensitivityOptions(**options)
     refuse_unused(chosen, "sensitivity without --search")
     system, tables = read_model(model), read_schedule(schedule)
-    for name in chosen.tasks:
-        check_name(name, [t.name for t in system.tasks], "task", "--task")
     findings = Findings(validate_model(system))
     findings.stop_on_errors()
     findings.extend(verify_schedule(system, tables))

@@ -37,6 +37,9 @@ Values = dict[str, Any]
 
 _OPTION = "option"
 
+EMPTY = "the text is empty; give a value, or omit the option"
+"""Refusal of a text as a variable of a shell leaves it: the option would count as not stated."""
+
 WITHOUT_EFFECT = error(
     "HAL0025",
     "Option has no effect beside the others",
@@ -102,17 +105,21 @@ class Option:
         """Read what stands on the command line: a text, a list of texts, or a switch."""
         if self.form is Form.SWITCH:
             return given
-        if self.form is Form.LIST:
-            return self.from_items([given] if isinstance(given, str) else list(given or ()))
-        if not given and not self.required:
+        if given is None:
             return self.default
+        if isinstance(given, str) and not given.strip():
+            raise ValueError(EMPTY)
+        if self.form is Form.LIST:
+            return self.from_items([given] if isinstance(given, str) else list(given))
         return _names(given, self.read) if self.form is Form.NAMES else self.read(given)
 
     def from_items(self, texts: Iterable[str]) -> tuple[Any, ...]:
         """Read the items of a list."""
         if not self.splits:
             return tuple(map(self.read, texts))
-        items = [item.strip() for text in texts for item in text.split(",") if item.strip()]
+        items = [item.strip() for text in texts for item in text.split(",")]
+        if "" in items:
+            raise ValueError(EMPTY)
         for place, item in enumerate(items):
             if item in items[:place]:
                 raise ValueError(f"{quoted(item)} is named twice; name it once")
@@ -122,6 +129,12 @@ class Option:
         """Read what a Python caller gives: a value of the type, or a text or number that stands for it."""
         if given is None or isinstance(given, self.takes or ()):
             return self.default if given is None else given
+        if (
+            self.form is Form.TEXT
+            and self.is_path("a")
+            and not (isinstance(given, str) or hasattr(given, "__fspath__"))
+        ):
+            raise ValueError(f"{quoted(str(given))} is no file name but a {type(given).__name__}; give a text")
         if self.form is Form.SWITCH:
             if not isinstance(given, bool):
                 raise ValueError(f"{given!r} is no switch; give True or False")
@@ -158,7 +171,8 @@ def option(
 ) -> Any:
     """Return a field that users may choose; see `Option`."""
     names_file = is_path if callable(is_path) else lambda text: bool(text) and bool(is_path)
-    stated = {"read": read, "help": help, "metavar": metavar, "form": form, "is_path": names_file}
+    read = one_line if read is str and is_path is not True else read
+    stated: dict[str, Any] = {"read": read, "help": help, "metavar": metavar, "form": form, "is_path": names_file}
     stated |= {"required": required, "takes": takes, "otherwise": otherwise, "completes": completes, "splits": splits}
     return field(default=default, compare=compare, metadata={_OPTION: stated | {"name": name}})
 
@@ -241,12 +255,11 @@ def _from_field(each: Option, stated: Fields, base: str) -> Any:
         found = {name: section.get(name, each.read) for name in section}
         return {name: value.value for name, value in found.items() if value is not None}
     if each.form is Form.LIST and each.splits:
-        texts = stated.texts(each.name, str)
-        joined = ",".join(text.value for text in texts)
-        return stated.checked(each.name, lambda: each.from_items([joined]), each.default)
+        texts = [text.value for text in stated.texts(each.name, str)]
+        return stated.checked(each.name, lambda: each.from_items(texts), each.default)
     if each.form is Form.LIST:
         return tuple(text.value for text in stated.texts(each.name, read)) or each.default
-    return stated.value(each.name, read, each.default)
+    return stated.value(each.name, lambda text: read(text) if text.strip() else each.from_text(text), each.default)
 
 
 def from_keywords(function: str, kind: type, given: Mapping[str, Any]) -> Values:
@@ -303,6 +316,13 @@ def file_name(text: str) -> str:
     """Read the name of a file or folder."""
     if not text:
         raise ValueError("the file name is empty; name a file")
+    return text
+
+
+def one_line(text: str) -> str:
+    """Read a text that is written into files as it is: control characters would be part of their form."""
+    if any(ord(sign) < ord(" ") or ord(sign) == 127 for sign in text):
+        raise ValueError(f"{quoted(text)} has control characters; write it in one line")
     return text
 
 

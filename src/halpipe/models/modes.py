@@ -1,4 +1,4 @@
-"""Modes by their names, as options state them."""
+"""Modes and other elements by their names, as options state them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,22 @@ UNKNOWN_MODE = error(
     "Mode does not exist",
     "The mode named in the options is not one that the model (or the schedule) has.",
 )
+UNKNOWN_ELEMENT = error(
+    "HAL1411",
+    "Option names an element that the model lacks",
+    "A task, unit type or resource in the options is none of the model: the answer would be about nothing.",
+)
+
+
+def require_names(names: Iterable[str], known: Iterable[str], kind: str) -> None:
+    """Raise `HalpipeError` with each of the `names` that is not known as the name of an element of a `kind`."""
+    known = list(known)
+    there_are = f"the model has: {', '.join(known) or 'none'}"
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        text = 'the model has no {} "{}"'.format
+        findings = (UNKNOWN_ELEMENT(text(kind, n), help=did_you_mean(n, known, there_are)) for n in unknown)
+        raise HalpipeError(*findings, exit=Exit.USAGE)
 
 
 def require_mode(name: str, modes: Iterable[Mode | ModeSchedule]) -> None:

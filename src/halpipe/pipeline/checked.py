@@ -9,6 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error, warning
+from halpipe.core.options import option, positive_duration
+from halpipe.core.records import record
 from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
@@ -40,6 +42,15 @@ ATTEMPTED_JOBS = 20_000
 """Jobs, times placements, that are tried for them: large systems get fewer placements."""
 PATIENCE = 16
 """Progress reports of a search before a proof of infeasibility is looked for."""
+
+
+@record(kw_only=True)
+class ValidateOptions:
+    """Options of a validation."""
+
+    tick: Duration | None = option(
+        None, "Grid of the start times; too coarse a one is an error.", positive_duration, metavar="TIME"
+    )
 
 
 def validate_model(model: TaskModel, tick: Duration | None = None) -> list[Diagnostic]:

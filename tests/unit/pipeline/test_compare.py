@@ -56,6 +56,8 @@ def play(pieces=PIECES, origin=ZERO, *, stated=True):
 
 def compared(seen, **options):
     seen = sorted(seen, key=lambda execution: execution.start.ns)
+    if all(each.table and each.cycle is not None for each in seen):
+        options.pop("mode", None)  # it is refused beside a trace that names its tables
     return compare(PLAN, Trace(name="", executions=tuple(seen)), CompareOptions(**options))
 
 

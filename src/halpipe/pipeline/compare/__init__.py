@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.options import option
+from halpipe.core.options import option, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.models.modes import require_mode
@@ -136,6 +136,8 @@ def compare(
     unknown_tables(executions, tables, judge)
     if executions and all(execution.cycle is not None and execution.table for execution in executions):
         names = {execution.table for execution in executions if execution.table in tables}
+        if names != {options.mode}:
+            refuse_unused(options, f"compare with a trace of {', '.join(sorted(names))}", ("mode",))
         first = schedule.modes[0].name if scope.is_whole else ""
         entries, pauses = played_tables(executions, tables, judge, first)
         played = {entry.cycle: entry.table.name for entry in entries}

@@ -61,7 +61,7 @@ class SetParameters:
     precedence: Fraction = option(ZERO, "Tasks with a predecessor.", parse_share, metavar=SHARE)
     utilisation: Fraction = option(Fraction(3, 5), "Busy time of the units.", parse_share, metavar=SHARE)
     hyperperiod: Duration = option(
-        HYPERPERIOD, "Time after which all repeats.", Duration.parse, metavar="DURATION", takes=(Duration,)
+        HYPERPERIOD, "Time after which all repeats.", Duration.parse, metavar="TIME", takes=(Duration,)
     )
     slack: Fraction = option(ZERO, "Slack of every task.", parse_share, metavar=SHARE)
     fractional: bool = option(False, "Let windows take parts of a resource.", form=Form.SWITCH)
@@ -72,12 +72,16 @@ class SetParameters:
     unlike_units: bool = option(False, "Make no two units alike.", form=Form.SWITCH)
     periods: tuple[Duration, ...] = option(
         (),
-        "One task of this period; repeatable; replaces --tasks.",
+        "One task of this period, instead of --tasks; repeatable.",
         Duration.parse,
         name="period",
-        metavar="DURATION",
+        metavar="TIME",
         form=Form.LIST,
     )
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others."""
+        return ("tasks", "hyperperiod") if self.periods else ()
 
     @property
     def task_count(self) -> int:

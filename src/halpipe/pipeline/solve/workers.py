@@ -9,6 +9,10 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from halpipe.core.options import option
+from halpipe.core.quantities import whole
+from halpipe.core.records import record
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
@@ -17,6 +21,13 @@ _Result = TypeVar("_Result")
 
 ASK_SECONDS = 0.1
 """Interval at which `go_on` is called."""
+
+
+@record(kw_only=True)
+class WorkerOptions:
+    """Number of threads, as Python callers state it."""
+
+    count: int = option(1, "The result is the same for any number.", whole(1, what="number of threads"), name="workers")
 
 
 def once(function: Callable[[], _Result]) -> Callable[[], _Result]:

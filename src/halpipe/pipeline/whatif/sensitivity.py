@@ -12,6 +12,7 @@ from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.options import Form, option
 from halpipe.core.records import record
 from halpipe.models import Anchor
+from halpipe.models.modes import require_names
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.latency import members_of, worst_age, worst_latency, worst_reaction
 from halpipe.pipeline.measure.placement import PlacedJob, Placement
@@ -82,6 +83,7 @@ def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -
     are split or interrupted, serve arrivals, or keep requirements of MODEL 10, verify itself says so: by a tick more it
     does not. There the last segment of a preemptive job grows.
     """
+    require_names(sorted(tasks), (task.name for task in model.tasks), "task")
     tick = common_tick(model, schedule)
     whole = _has_undisturbed_jobs(model) and not any(True for _ in model.refinements())
     modes = {mode.name: FixedStarts.of(model, mode, tick) for mode in schedule.modes} if whole else {}

@@ -7,8 +7,9 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.options import Form, option, positive_duration
+from halpipe.core.options import Form, option, positive_duration, refuse_unused
 from halpipe.core.records import record
+from halpipe.models.modes import require_mode, require_names
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate.context import Context, place, quoted
 from halpipe.pipeline.whatif import codes
@@ -47,7 +48,7 @@ class SizeOptions(TrialOptions):
     units: str = option("", "Ask for the fewest units of this type.", metavar="TYPE")
     bandwidth: str = option("", "Ask for the lowest share of the bandwidth of this resource.", metavar="RESOURCE")
     wcet_factor: bool = option(False, "Ask by how much all WCETs can grow.", form=Form.SWITCH)
-    mode: str = option("", "This mode only; otherwise the size is enough for each.", completes="modes")
+    mode: str = option("", "This mode only; otherwise the size is enough for each.", metavar="NAME", completes="modes")
     switches: bool = option(False, "Require the tables for the switches that the model lists, too.", form=Form.SWITCH)
     tick: Duration | None = option(
         None,
@@ -57,6 +58,11 @@ class SizeOptions(TrialOptions):
         takes=(Duration,),
         otherwise="the largest that loses nothing",
     )
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others."""
+        idle = ("bandwidth", "wcet_factor", "step") if self.units else ("wcet_factor",) if self.bandwidth else ()
+        return (*idle, *(("switches",) if self.mode else ()))
 
 
 @record(kw_only=True)
@@ -223,8 +229,17 @@ def _most_at_once(mode: ActiveMode, need: Callable[[ActiveTask], Fraction]) -> F
 
 
 def question_of(model: TaskModel, options: SizeOptions) -> Question:
-    """Return the question that is asked of a model; by how much WCETs can grow where nothing else is."""
+    """Return the question that is asked of a model; by how much WCETs can grow where nothing else is.
+
+    Raise `HalpipeError` for options that have no effect, and names that the model does not have.
+    """
+    refuse_unused(options, "size")
+    if options.mode:
+        require_mode(options.mode, model.modes)
     asked = of_modes(model, options.mode)
+    types = dict.fromkeys(unit.type for unit in model.units if unit.type)
+    require_names(filter(None, [options.units]), types, "unit of type")
+    require_names(filter(None, [options.bandwidth]), (r.name for r in model.resources), "resource")
     if options.units:
         return fewest_units(asked, options.units)
     if options.bandwidth:
