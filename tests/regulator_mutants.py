@@ -11,7 +11,7 @@ from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, plan
 from one_fault import with_fault
 from regulator_proof import ProofError, prove
 
-PARTS = {"gate": "_gate", "player": "_player", "unit": "_unit", "frame": "", "axil": "_axil"}
+PARTS = {part: "" if part == "frame" else f"_{part}" for part in ("gate", "player", "unit", "frame", "axil", "ports", "store", "axi4")}
 """Parts, as the proof calls them, and their files."""
 
 MUTANTS = {
@@ -60,14 +60,18 @@ MUTANTS = {
     "one beat of data settles a write": ("unit", "m_wvalid & m_wready & s_wlast", "m_wvalid & m_wready"),
     "writes are owed for ever": ("unit", " - {7'd0, last_passes}", ""),
     "data is taken before it passes": ("unit", "s_wready = m_wready & data_passes", "s_wready = m_wready"),
-    "requests out of range count": ("unit", "& ({24'd0, req_table} < TABLES)", ""),
-    "requests to all are ignored": ("unit", "(all_req_valid | req_here)", "(req_here)"),
+    "requests out of range count": ("unit", "& ({24'd0, reg_wdata[7:0]} < TABLES) &", "&"),
+    "requests to all are ignored": ("unit", "req_valid = all_req_valid | req_here", "req_valid = req_here"),
     "GO of all is ignored": ("unit", "go_here | all_go", "go_here"),
     "GO of a unit is ignored": ("unit", "go_here | all_go", "all_go"),
-    "tables open while they play": ("unit", "reg_write & (~go | spare);", "reg_write;"),
-    "tables never open": ("unit", "reg_write & (~go | spare);", "1'b0;"),
+    "tables open while they play": ("unit", "holds & (~go | spare);", "holds;"),
+    "tables never open": ("unit", "holds & (~go | spare);", "1'b0;"),
     "the bank that is requested stays open": ("unit", " & ~(pending & (upper == asks_upper))", ""),
     "the bank that is played is open": ("unit", "(upper != plays_upper)", "1'b1"),
+    "the bank that comes next is open": ("unit", " & (upper != next_upper)", ""),
+    "tables are written without the lock": ("unit", "reg_write & holds & (~go", "reg_write & (~go"),
+    "tables in work may be requested": ("unit", "(running & same_half)", "running"),
+    "what changes nothing is not refused": ("unit", "reg_write & ~(sets |", "reg_write & ~(1'b1 |"),
     "headers beyond the last are written": ("unit", "({16'd0, index} < TABLES)", "1'b1"),
     "entries beyond the last are written": ("unit", "({16'd0, index} < DEPTH)", "1'b1"),
     "entries are one further": ("unit", "- 16'h0100 :", "- 16'h0101 :"),
@@ -102,15 +106,34 @@ MUTANTS = {
     "units have another beat than the bus": ("frame", ".SIZE(SIZE),", ".SIZE(SIZE + 1),"),
     # ------------------------------------------------------------------------------------------------ axil
     "parts of words are written": ("axil", "reg_write = writes & (s_wstrb == 4'hf);", "reg_write = writes;"),
-    "parts of words are said to be written": ("axil", "(s_wstrb == 4'hf) ? 2'b00 : 2'b10", "2'b00"),
-    "reads are where writes were": ("axil", "writes ? s_awaddr : s_araddr", "s_awaddr"),
+    "parts of words are said to be written": ("axil", "((s_wstrb == 4'hf) & ~reg_refused) ? 2'b00 : 2'b10", "2'b00"),
+    "reads are where writes were": ("axil", "may_write ? s_awaddr : s_araddr", "s_awaddr"),
     "answers are lost": ("axil", "s_bvalid <= 1'b1;", "s_bvalid <= s_bready;"),
     "what was read is old": ("axil", "s_rdata <= reg_rdata;", "s_rdata <= s_rdata;"),
-    "reads and writes come together": ("axil", "s_arvalid & ~writes &", "s_arvalid &"),
+    "reads and writes come together": ("axil", "s_arvalid & ~may_write &", "s_arvalid &"),
     "answers are not waited for": ("axil", "s_wvalid & (~s_bvalid | s_bready)", "s_wvalid"),
+    # ------------------------------------------------------------------------------------------------ around them
+    "the lock is taken from its holder": ("frame", "(~locked | mine | (", "(~locked | 1'b1 | ("),
+    "a block that is locked hears requests": ("frame", "| (locked & ~(&running & link_same))", ""),
+    "a request reaches some blocks": ("frame", " & ~link_barred_i", ""),
+    "one port goes first for ever": ("ports", "turn <= ~turn", "turn <= 1'b1"),
+    "a full buffer shows an address": ("store", "(huge | (whole > 0))", "(huge | full | (whole > 0))"),
+    "a beat is pushed into a full buffer": ("store", "s_wvalid & ~full", "s_wvalid"),
+    "reads pass without their unit": ("axi4", "m_arvalid(m_arvalid)", "m_arvalid()"),
 }  # fmt: skip
 
 UNSEEN = {
+    "the bank that comes next is open",
+    "tables are written without the lock",
+    "tables in work may be requested",
+    "what changes nothing is not refused",
+    "the lock is taken from its holder",
+    "a block that is locked hears requests",
+    "a request reaches some blocks",
+    "one port goes first for ever",
+    "a full buffer shows an address",
+    "a beat is pushed into a full buffer",
+    "reads pass without their unit",
     "what was shown may cost more than there is",
     "tables are not stopped",
     "data is taken before it passes",

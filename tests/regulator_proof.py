@@ -82,6 +82,11 @@ def _units(units: int) -> dict[str, tuple[str, ...]]:
         "u_go": "all_go",
         "u_req_valid": "all_req_valid",
         "u_req_table": "all_req_table",
+        "u_holds": "holds",
+        "u_foreign": "foreign",
+        "u_refused": "refused",
+        "u_running": "running",
+        "u_upper": "plays_upper",
         "u_longest": "longest",
         "u_write": "reg_write",
         "u_addr": "reg_addr",
@@ -94,6 +99,7 @@ def _units(units: int) -> dict[str, tuple[str, ...]]:
     return {name: tuple(f"dut.unit[{n}].regulator.{port}" for n in each) for name, port in names.items()}
 
 
+_AXIL = "halpipe_regulator_axil.v"
 _ALL = ("halpipe_regulator_gate.v", "halpipe_regulator_player.v", "halpipe_regulator_unit.v", "halpipe_regulator.v")
 PARTS = (
     Part("gate", _ALL[:1], {}, 2),
@@ -119,6 +125,7 @@ PARTS = (
             "p_index": ("dut.player.write_index",),
             "p_data": ("dut.player.write_data",),
             "p_table": ("dut.player.table_now",),
+            "p_entry_table": ("dut.player.entry_table",),
             "p_window": ("dut.player.window_now",),
             **_gate("r", "read"),
             **_gate("w", "write"),
@@ -141,10 +148,30 @@ PARTS = (
             "go": ("dut.go",),
             "armed": ("dut.armed",),
             "start": ("dut.start",),
+            "locked": ("dut.locked",),
+            "holder": ("dut.holder",),
         },
         2,
     ),
-    Part("axil", ("halpipe_regulator_axil.v",), {}, 2),
+    Part("axil", (_AXIL,), {}, 2),
+    Part("ports", (_AXIL, "halpipe_regulator_ports.v"), {"turn": ("dut.turn",)}, 2),
+    Part("slice", ("halpipe_regulator_slice.v",), {"spare": ("dut.spare",), "kept": ("dut.kept",)}, 2),
+    Part(
+        "store",
+        ("halpipe_regulator_store.v",),
+        {name: (f"dut.{name}",) for name in ("head", "tail", "whole", "held", "huge")},
+        2,
+        memories=("beats",),
+    ),
+    Part(
+        "axi4",
+        (*_ALL, _AXIL, *(f"halpipe_regulator_{name}.v" for name in ("ports", "slice", "store", "axi4"))),
+        {
+            name: tuple(f"dut.manager[{n}].buffered.store.{name}" for n in (1, 0))
+            for name in ("head", "tail", "whole")
+        },
+        2,
+    ),
 )
 
 
@@ -197,7 +224,7 @@ def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
     depth = min(max(tables.platform.table_depth, 2), 1 << 16)  # an index has 16 bits
     sizes = {"depth": str(1 << (depth - 1).bit_length()), "tables": str(header_lines(tables))}
     units = min(len(tables.units), MOST_UNITS)
-    wired = {"frame": {"units": str(units)}, "player": sizes}
+    wired = {"frame": {"units": str(units)}, "player": sizes, "axi4": {"stage": "1"}}
     sized = (
         replace(
             part,

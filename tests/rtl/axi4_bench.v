@@ -1,7 +1,7 @@
 // Two managers of a memory that serves one write after the other: manager 0 shows an address and withholds its data, manager 1
 // writes all the time. Registers are set through AXI4-Lite, and reads pass with their IDs.
 `timescale 1ns/1ns
-module axi4_bench #(parameter integer BUFFER = 16);
+module axi4_bench #(parameter integer BUFFER = 16, parameter integer STAGE = 0);
   reg clk = 0, rst_n = 0;
   always #1 clk = ~clk;
   reg lwvalid = 0, larvalid = 0; reg [25:0] laddr = 0; reg [31:0] lwdata = 0;
@@ -14,8 +14,8 @@ module axi4_bench #(parameter integer BUFFER = 16);
   reg [63:0] now = 0;
   always @(posedge clk) now <= now + 1;
 
-  halpipe_regulator_axi4 #(.UNITS(2), .DEPTH(4), .TABLES(2), .CYCLES(64), .BUFFER(BUFFER)) dut (
-    .clk(clk), .rst_n(rst_n), .now(now), .tick(),
+  halpipe_regulator_axi4 #(.UNITS(2), .DEPTH(4), .TABLES(2), .CYCLES(64), .BUFFER(BUFFER), .STAGE(STAGE)) dut (
+    .clk(clk), .rst_n(rst_n), .now(now), .tick(), .link_valid_i(1'b0), .link_valid_o(), .link_table_i(8'd0), .link_table_o(), .link_barred_i(1'b0), .link_barred_o(),
     .l_awvalid(lwvalid), .l_awready(lwready), .l_awaddr(laddr), .l_wvalid(lwvalid), .l_wready(), .l_wdata(lwdata), .l_wstrb(4'hf),
     .l_bvalid(lbvalid), .l_bready(1'b1), .l_bresp(), .l_arvalid(larvalid), .l_arready(larready), .l_araddr(laddr),
     .l_rvalid(lrvalid), .l_rready(1'b1), .l_rdata(lrdata), .l_rresp(),

@@ -4,15 +4,15 @@ module axil_bench;
   always #1 clk = ~clk;
   reg awvalid = 0, wvalid = 0, arvalid = 0, bready = 0, rready = 0;
   reg [25:0] awaddr, araddr; reg [31:0] wdata; reg [3:0] wstrb;
-  wire awready, wready, arready, bvalid, rvalid, reg_write; wire [1:0] bresp, rresp;
+  wire awready, wready, arready, bvalid, rvalid, reg_write, reg_refused; wire [1:0] bresp, rresp;
   wire [25:0] reg_addr; wire [31:0] rdata, reg_wdata, reg_rdata;
   halpipe_regulator_axil axil (
     .clk(clk), .rst_n(rst_n), .s_awvalid(awvalid), .s_awready(awready), .s_awaddr(awaddr), .s_wvalid(wvalid),
     .s_wready(wready), .s_wdata(wdata), .s_wstrb(wstrb), .s_bvalid(bvalid), .s_bready(bready), .s_bresp(bresp),
     .s_arvalid(arvalid), .s_arready(arready), .s_araddr(araddr), .s_rvalid(rvalid), .s_rready(rready), .s_rdata(rdata),
-    .s_rresp(rresp), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata));
+    .s_rresp(rresp), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata), .asks(), .grant(1'b1), .reg_refused(reg_refused));
   halpipe_regulator #(.UNITS(2)) regulator (
-    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
+    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_port(1'b0), .reg_refused(reg_refused), .link_valid_i(1'b0), .link_valid_o(), .link_table_i(8'd0), .link_table_o(), .link_barred_i(1'b0), .link_barred_o(), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(), .s_arvalid(2'd0), .s_arready(), .m_arvalid(), .m_arready(2'd0), .s_awvalid(2'd0), .s_awready(), .m_awvalid(),
     .m_awready(2'd0), .s_wvalid(2'd0), .s_wready(), .m_wvalid(), .m_wready(2'd0), .s_wlast(2'd0), .arlen(16'd0), .awlen(16'd0));
 

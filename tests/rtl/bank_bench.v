@@ -4,7 +4,7 @@ module bank_bench #(parameter integer BANKS = 2);
   reg clk = 0, rst_n = 0, reg_write = 0; reg [25:0] addr = 0; reg [31:0] wdata = 0; wire [31:0] rdata;
   always #1 clk = ~clk;
   halpipe_regulator #(.UNITS(1), .DEPTH(8), .TABLES(4), .BANKS(BANKS), .CYCLES(16)) dut (
-    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(rdata), .tick(tick),
+    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_port(1'b0), .reg_refused(), .link_valid_i(1'b0), .link_valid_o(), .link_table_i(8'd0), .link_table_o(), .link_barred_i(1'b0), .link_barred_o(), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(rdata), .tick(tick),
     .s_arvalid(1'b0), .s_arready(), .m_arvalid(), .m_arready(1'b0), .s_awvalid(1'b0), .s_awready(), .m_awvalid(), .m_awready(1'b0),
     .s_wvalid(1'b0), .s_wready(), .m_wvalid(), .m_wready(1'b0), .s_wlast(1'b0), .arlen(8'd0), .awlen(8'd0));
   wire tick; reg looks = 0; integer seen = 0; reg [31:0] left;

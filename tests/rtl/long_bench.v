@@ -5,7 +5,7 @@ module long_bench;
   wire arshown, awshown; wire [31:0] rdata;
   always #1 clk = ~clk;
   halpipe_regulator #(.UNITS(1), .CYCLES(16)) regulator (
-    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(rdata), .tick(),
+    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_port(1'b0), .reg_refused(), .link_valid_i(1'b0), .link_valid_o(), .link_table_i(8'd0), .link_table_o(), .link_barred_i(1'b0), .link_barred_o(), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(rdata), .tick(),
     .s_arvalid(arvalid), .s_arready(), .m_arvalid(arshown), .m_arready(1'b1), .s_awvalid(awvalid), .s_awready(),
     .m_awvalid(awshown), .m_awready(1'b1), .s_wvalid(1'b0), .s_wready(), .m_wvalid(), .m_wready(1'b1), .s_wlast(1'b0),
     .arlen(arlen), .awlen(awlen));

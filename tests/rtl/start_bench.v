@@ -6,11 +6,11 @@ module start_bench;
   always @(posedge clk) now <= now + 1;
   wire [31:0] first, second;
   halpipe_regulator #(.UNITS(1), .DEPTH(4), .TABLES(2), .CYCLES(50)) one (
-    .clk(clk), .rst_n(rst_n), .now(now), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(first), .tick(),
+    .clk(clk), .rst_n(rst_n), .now(now), .reg_port(1'b0), .reg_refused(), .link_valid_i(1'b0), .link_valid_o(), .link_table_i(8'd0), .link_table_o(), .link_barred_i(1'b0), .link_barred_o(), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(first), .tick(),
     .s_arvalid(1'b0), .s_arready(), .m_arvalid(), .m_arready(1'b0), .s_awvalid(1'b0), .s_awready(), .m_awvalid(), .m_awready(1'b0),
     .s_wvalid(1'b0), .s_wready(), .m_wvalid(), .m_wready(1'b0), .s_wlast(1'b0), .arlen(8'd0), .awlen(8'd0));
   halpipe_regulator #(.UNITS(1), .DEPTH(4), .TABLES(2), .CYCLES(50)) two (
-    .clk(clk), .rst_n(late_rst_n), .now(now), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(second), .tick(),
+    .clk(clk), .rst_n(late_rst_n), .now(now), .reg_port(1'b0), .reg_refused(), .link_valid_i(1'b0), .link_valid_o(), .link_table_i(8'd0), .link_table_o(), .link_barred_i(1'b0), .link_barred_o(), .reg_write(reg_write), .reg_addr(addr), .reg_wdata(wdata), .reg_rdata(second), .tick(),
     .s_arvalid(1'b0), .s_arready(), .m_arvalid(), .m_arready(1'b0), .s_awvalid(1'b0), .s_awready(), .m_awvalid(), .m_awready(1'b0),
     .s_wvalid(1'b0), .s_wready(), .m_wvalid(), .m_wready(1'b0), .s_wlast(1'b0), .arlen(8'd0), .awlen(8'd0));
 

@@ -27,7 +27,8 @@ module formal_player #(
   always @* assume (rst_n == !first);
   always @* assume ({24'd0, req_table} < TABLES);
 
-  // Windows have 4 cycles at least. Tables are written while none is played, and not in the cycle before that.
+  // Windows have 4 cycles at least. While tables are played, neither the header nor the entry that is looked at for the next
+  // window is written (as is proven of the unit: they are in banks that it keeps closed).
   reg [2:0] since = 0;
   reg went = 0;
   always @(posedge clk) begin
@@ -35,10 +36,14 @@ module formal_player #(
     went <= go & rst_n;
   end
   always @* if (tick) assume (since >= 3 & rst_n);
-  always @* if (go | went) assume (entry_write == 0 & header_write == 0);
+  wire [7:0] looked = pending ? pending_table : running ? follower : 8'd0;
+  wire [23:0] looks = (!running | window_now + 32'd1 == length) ? looked_head[55:32] : place + 24'd1;
+  wire [63:0] looked_head = headers[looked[HA-1:0]];
+  always @* if (go | went) assume ((entry_write == 0 | write_index[EA-1:0] != looks[EA-1:0])
+                                   & (header_write == 0 | write_index[HA-1:0] != looked[HA-1:0]));
   reg wrote = 0;
   always @(posedge clk) wrote <= (entry_write != 0) | (header_write != 0);
-  always @* if (go & tick) assume (!wrote);
+  always @* if (go & tick & !went) assume (!wrote);
 
   // What comes next, from the state and the memories alone; a request counts that is there in the cycle before the tick.
   reg asked = 0; reg [7:0] asked_table = 0;

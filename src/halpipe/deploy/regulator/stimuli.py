@@ -26,7 +26,7 @@ GREEDY = 1
 LENGTHS, GAPS, CLUSTERS = 2, 4, 8
 FRAME_ID, FRAME_GO, FRAME_WINDOW, FRAME_CYCLES, FRAME_REQUEST = 0x000, 0x008, 0x010, 0x018, 0x01C
 FRAME_EXTRA, FRAME_OF, FRAME_LONGEST = 0x020, 0x024, 0x028
-PARAMS, VERSION = 0x004, 2 << 24
+PARAMS, VERSION = 0x004, 3 << 24
 UNIT_WINDOW, UNIT_DEF_READ, UNIT_DEF_WRITE, UNIT_REQUEST = 0x010, 0x014, 0x018, 0x01C
 UNIT_HEADERS, UNIT_ENTRIES = 0x800, 0x1000
 NOT_RUNNING = 2**32 - 1
@@ -433,7 +433,7 @@ class _Software:
             (unit_address(unit.index, UNIT_DEF_READ), unit.default["read"]),
             (unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"]),
             (unit_address(unit.index, PARAMS), VERSION | (self._headers & 0xFF) << 16 | self._entries & 0xFFFF),
-            (PARAMS, VERSION | 1 << 16 | beat_size(self._tables) << 8 | len(self._tables.units)),
+            (PARAMS, VERSION | 1 << 20 | 1 << 16 | beat_size(self._tables) << 8 | len(self._tables.units)),
             (FRAME_WINDOW, number + 1),
             (FRAME_CYCLES, self._cycles),
             (FRAME_EXTRA, self._extra.numerator),

@@ -63,7 +63,7 @@ def peaks(frame: Frame) -> dict[Row, Fraction]:
 def limit_of(tables: Tables) -> Fraction:
     """Return the bytes per second that all units may have together: the capacity less what is kept for overshoot."""
     p = tables.platform
-    return p.capacity - Fraction(tables.reserve * p.clock, p.cycles)
+    return p.capacity - tables.reserve / p.window.in_unit("s")
 
 
 def over_limit(

@@ -49,10 +49,10 @@ class Device:
             file.truncate((units + 1) * UNIT)
             self.memory = mmap.mmap(file.fileno(), 0)
         self.put(0, 0x48425746)
-        self.put(4, 2 << 24 | 3 << 8 | units)
+        self.put(4, 3 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | units)
         for n in range(units):
             self.put((n + 1) * UNIT, 0x48425754)
-            self.put((n + 1) * UNIT + 4, 2 << 24 | 16 << 16 | 1024)
+            self.put((n + 1) * UNIT + 4, 3 << 24 | 16 << 16 | 1024)
 
     def put(self, at, value):
         self.memory[at : at + 4] = struct.pack("<I", value)
@@ -95,10 +95,10 @@ def test_what_is_loaded_is_what_the_memory_images_have(driver, device, tables):
     [
         (0, 0, "no regulator"),
         (4, 1 << 24 | 3 << 8 | 3, "another version"),
-        (4, 2 << 24 | 3 << 8 | 2, "fewer units"),
-        (4, 2 << 24 | 4 << 8 | 3, "another width"),
-        (UNIT + 4, 2 << 24 | 16 << 16 | 2, "too few table entries"),
-        (2 * UNIT + 4, 2 << 24 | 2 << 16 | 1024, "too few tables"),
+        (4, 3 << 24 | 3 << 8 | 2, "fewer units"),
+        (4, 3 << 24 | 4 << 8 | 3, "another width"),
+        (UNIT + 4, 3 << 24 | 16 << 16 | 2, "too few table entries"),
+        (2 * UNIT + 4, 3 << 24 | 2 << 16 | 1024, "too few tables"),
         (3 * UNIT, 1, "does not answer"),
         (8, 1, "stop first"),
     ],
@@ -123,6 +123,53 @@ def test_orders_reach_their_registers(driver, device):
     assert "u1: table 0, window 0, a read was too long" in run(driver, device, "status").stdout
     for wrong in (("request", "9"), ("request", "x"), ("start",), ("fly",), ()):
         assert run(driver, device, *wrong).returncode == 1
+
+
+def test_a_schedule_is_written_into_the_bank_that_is_not_played(driver, device, tables):
+    """Headers, entries, bases and successors are those of the upper half; nothing of the lower one changes."""
+    assert run(driver, device, "load").returncode == 0
+    device.put(4, 3 << 24 | 1 << 20 | 2 << 16 | 3 << 8 | len(tables.units))
+    for unit in tables.units:
+        device.put((unit.index + 1) * UNIT + 0x0C, 1 << 8 | 1)
+    lower = {u.index: device.memory[(u.index + 1) * UNIT + 0x800 : (u.index + 1) * UNIT + 0x840] for u in tables.units}
+    assert run(driver, device, "replace", "1").returncode == 0
+    assert (device.get(0x1C), device.get(0x34)) == (8 + 1, 0)
+    for unit in tables.units:
+        base = (unit.index + 1) * UNIT
+        assert device.memory[base + 0x800 : base + 0x840] == lower[unit.index]
+        for number, word in enumerate(header_words(tables, unit)[: len(tables.tables)]):
+            high, low = (device.get(base + 0x840 + 8 * number + at) for at in (4, 0))
+            assert f"{high - (8 << 24 | 512):08x}{low:08x}" == word
+        for number, word in enumerate([*entry_words(tables, unit), "ffffffff" + "0" * 16]):
+            have = [device.get(base + 0x1000 + 16 * (512 + number) + at) for at in (8, 4, 0)]
+            assert "".join(f"{value:08x}" for value in have) == word
+        device.put(base + 0x0C, 1 << 8 | 9)
+    assert run(driver, device, "request", "2").returncode == 0
+    assert device.get(0x1C) == 8 + 2
+    assert "u1: table 1, window 0" in run(driver, device, "status").stdout
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "said"),
+    [
+        (4, 3 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | 3, "one bank"),
+        (0x18, 9, "other windows"),
+        (2 * UNIT + 0x0C, 1 << 8 | 1 << 9, "is requested"),
+        (2 * UNIT + 0x0C, 0, "none is played"),
+        (3 * UNIT + 0x0C, 1 << 8 | 8, "try again"),
+        (4, 3 << 24 | 2 << 20 | 2 << 16 | 3 << 8 | 3, "the other port"),
+    ],
+)
+def test_nothing_is_replaced_where_it_would_be_played_half_written(driver, device, tables, at, value, said):
+    assert run(driver, device, "load").returncode == 0
+    device.put(4, 3 << 24 | 1 << 20 | 2 << 16 | 3 << 8 | len(tables.units))
+    for unit in tables.units:
+        device.put((unit.index + 1) * UNIT + 0x0C, 1 << 8)
+    device.put(at, value)
+    before = [device.memory[(n + 1) * UNIT : (n + 2) * UNIT] for n in range(len(tables.units))]
+    done = run(driver, device, "replace", "1")
+    assert (done.returncode, said in done.stderr, device.get(0x1C)) == (1, True, 0)
+    assert before == [device.memory[(n + 1) * UNIT : (n + 2) * UNIT] for n in range(len(tables.units))]
 
 
 def test_counters_are_what_compare_reads(bundle, driver, device, tables):
@@ -190,7 +237,7 @@ def test_manual_driver_bench_and_verilog_have_the_registers_of_the_description()
                 assert registers[bench.get(plain, plain)][0] == value
     for registers, name, digits in ((unit, "_unit", 11), (windows, "", 20)):
         text = (TABLE / "rtl" / f"halpipe_regulator{name}.v").read_text()
-        read = {int(at, 16) for at in re.findall(rf"{digits}'h([0-9a-f]+): *(?:reg_rdata|mine)", text)}
+        read = {int(at, 16) for at in re.findall(rf"{digits}'h([0-9a-f]+): *(?:reg_rdata|word)", text)}
         assert read == {at for at, kind in registers.values() if kind != "wo" and at < 0x800}
 
 

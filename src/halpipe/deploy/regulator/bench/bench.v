@@ -56,7 +56,7 @@ module bench #(
   initial begin due = 0; address = 0; word = 0; order = 0; read_due = 0; read_address = 0; read_word = 0; read_order = 0; end
   wire acts = (order != 0) & (now == due) & rst_n;
   wire advance = rst_n ? acts : (settle == 3'd4);
-  wire [31:0] reg_rdata;
+  wire [31:0] reg_rdata; wire reg_refused;
   always @(posedge clk) begin
     now <= rst_n ? now + 1 : 0;
     if (advance) begin
@@ -77,7 +77,7 @@ module bench #(
     else if (lite_writes | lite_reads) begin since <= 2'd1; asked_at <= now; asked_address <= address; end
     else since <= ((since == 0) | answers) ? 2'd0 : since + 2'd1;
   // verilator lint_off UNUSEDSIGNAL
-  wire lite_awready, lite_wready, lite_arready; wire [1:0] lite_rresp;
+  wire lite_awready, lite_wready, lite_arready, lite_asks; wire [1:0] lite_rresp; wire link_valid, link_barred; wire [7:0] link_table;
   // verilator lint_on UNUSEDSIGNAL
   wire lite_bvalid, lite_rvalid, lite_write; wire [1:0] lite_bresp;
   wire [25:0] lite_addr; wire [31:0] lite_rdata, lite_wdata;
@@ -86,6 +86,7 @@ module bench #(
     .s_wvalid(lite_writes), .s_wready(lite_wready), .s_wdata(word), .s_wstrb(address[29:26]), .s_bvalid(lite_bvalid),
     .s_bready(answers), .s_bresp(lite_bresp), .s_arvalid(lite_reads), .s_arready(lite_arready),
     .s_araddr(lite_reads ? address[25:0] : 26'd0), .s_rvalid(lite_rvalid), .s_rready(answers), .s_rdata(lite_rdata), .s_rresp(lite_rresp),
+    .asks(lite_asks), .grant(1'b1), .reg_refused(reg_refused),
     .reg_write(lite_write), .reg_addr(lite_addr), .reg_wdata(lite_wdata), .reg_rdata(reg_rdata));
   wire is_lite = lite_writes | lite_reads;
 
@@ -111,7 +112,8 @@ module bench #(
   wire tick;
   reg gather = 0;                      // the figures of a window that just closed stand there
   halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE), .CYCLES(FIRST), .IMAGES("./")) dut (
-    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_write(lite_write | (acts & (order == "w"))),
+    .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_port(1'b0), .reg_refused(reg_refused), .link_valid_i(1'b0), .link_valid_o(link_valid), .link_table_i(8'd0),
+    .link_table_o(link_table), .link_barred_i(1'b0), .link_barred_o(link_barred), .reg_write(lite_write | (acts & (order == "w"))),
     .reg_addr(is_lite ? lite_addr : address[25:0]), .reg_wdata(is_lite ? lite_wdata : word),
     .reg_rdata(reg_rdata), .tick(tick),
     .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),

@@ -1,10 +1,12 @@
 /* Loads the tables of bw_tables.h into the regulators through UIO, starts them and reads their counters.
  *
  *   cc -std=c99 -O2 -I.. -o bw_regulator bw_regulator.c
- *   bw_regulator /dev/uio0 load | go | stop | start T | request N | status | counters SECONDS
+ *   bw_regulator /dev/uio0 load | replace N | go | stop | start T | request N | status | counters SECONDS
  *
- * Nothing is written to a device that was built for less than these tables. `counters` prints what
- * `halpipe compare` reads: bytes of each unit and direction, and the windows in which they moved. */
+ * Nothing is written to a device that was built for less than these tables. `replace` writes them into the bank that is not
+ * played and requests table N of them. Of two ports, only that of the lock writes tables: `load` and `replace` take it and give
+ * it back, `go`, `stop` and `start` too. `counters` prints what `halpipe compare` reads: bytes of each unit and direction, and
+ * the windows in which they moved. */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
 #include <fcntl.h>
@@ -17,9 +19,9 @@
 
 #include "bw_tables.h"
 
-enum { UNIT = 1 << 20, SPACE = (BW_UNITS + 1) * UNIT, INTERFACE = 2, RUNNING = 1 << 8 };
+enum { UNIT = 1 << 20, SPACE = (BW_UNITS + 1) * UNIT, INTERFACE = 3, RUNNING = 1 << 8, PENDING = 1 << 9 };
 enum { ID = 0x00, PARAMS = 0x04, CTRL = 0x08, STATUS = 0x0c, WINDOW = 0x10, DEF_RD = 0x14, DEF_WR = 0x18, REQUEST = 0x1c };
-enum { CYCLES = 0x18, EXTRA = 0x20, OF = 0x24, LONGEST = 0x28, START_LO = 0x2c, START_HI = 0x30 };
+enum { CYCLES = 0x18, EXTRA = 0x20, OF = 0x24, LONGEST = 0x28, START_LO = 0x2c, START_HI = 0x30, LOCK = 0x34, MINE = 2 };
 enum { RD_BYTES = 0x28, WR_BYTES = 0x2c, HEADERS = 0x800, ENTRIES = 0x1000, GO = 1, ARM = 2 };
 
 static volatile uint32_t *device;
@@ -37,7 +39,7 @@ static int fail(const char *text)
 /* Returns 0, or 1 with a message where the device is none of ours or too small. */
 static int refuse(void)
 {
-  uint32_t params = get(PARAMS), beat = 0;
+  uint32_t params = get(PARAMS), banks = (params >> 16 & 0xf) == 2 ? 2 : 1, beat = 0;
   while (1u << beat < BW_BUS_BYTES) beat++;
   if (get(ID) != 0x48425746u) return fail("there is no regulator at this address");
   if (params >> 24 != INTERFACE) return fail("the regulator has another version of its registers");
@@ -46,35 +48,93 @@ static int refuse(void)
   for (uint32_t n = 0; n < BW_UNITS; n++) {
     uint32_t built = get(unit(n, PARAMS)), tables = built >> 16 & 0xff;
     if (get(unit(n, ID)) != 0x48425754u || built >> 24 != INTERFACE) return fail("a unit does not answer as one");
-    if ((built & 0xffff) < bw_units[n].entries + 1) return fail("a unit has too few table entries");
-    if ((tables ? tables : 256) < BW_TABLES) return fail("a unit has too few tables");
+    if ((built & 0xffff) / banks < bw_units[n].entries + 1) return fail("a unit has too few table entries");
+    if ((tables ? tables : 256) / banks < BW_TABLES) return fail("a unit has too few tables");
   }
   return 0;
 }
 
+/* Returns the tables of a bank of a unit: half of all where there are two banks. */
+static uint32_t bank_tables(void)
+{
+  uint32_t tables = get(unit(0, PARAMS)) >> 16 & 0xff, banks = get(PARAMS) >> 16 & 0xf;
+  return (tables ? tables : 256) / (banks == 2 ? 2 : 1);
+}
+
+/* Returns the bank whose table is played; the lower one where none is. */
+static uint32_t played(void) { return (get(unit(0, STATUS)) & 0xff) / bank_tables(); }
+
+static int take(void)
+{
+  put(LOCK, 1);
+  return (get(PARAMS) >> 20 & 0xf) > 1 && !(get(LOCK) & MINE) ? fail("the other port writes tables; try again") : 0;
+}
+
+static int control(uint32_t value)
+{
+  if (take()) return 1;
+  put(CTRL, value);
+  put(LOCK, 0);
+  return 0;
+}
+
+static void write_tables(uint32_t bank)
+{
+  uint32_t table = bank * bank_tables();
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    const struct bw_unit *one = &bw_units[n];
+    uint32_t first = bank * ((get(unit(n, PARAMS)) & 0xffff) / 2);
+    for (uint32_t t = 0; t < BW_TABLES; t++) {
+      put(unit(n, HEADERS + 8 * (table + t)), one->tables[t].windows);
+      put(unit(n, HEADERS + 8 * (table + t) + 4), (one->tables[t].successor + table) << 24 | (one->tables[t].base + first));
+    }
+    for (uint32_t e = 0; e <= one->entries; e++) {  /* the last one ends the memory */
+      struct bw_entry end = {0xffffffffu, 0, 0}, entry = e < one->entries ? one->table[e] : end;
+      put(unit(n, ENTRIES + 16 * (first + e)), entry.wr_bytes);
+      put(unit(n, ENTRIES + 16 * (first + e) + 4), entry.rd_bytes);
+      put(unit(n, ENTRIES + 16 * (first + e) + 8), entry.start_window);
+    }
+  }
+}
+
+static int has_windows(void)
+{
+  return get(CYCLES) == BW_WINDOW_CYCLES && get(EXTRA) == BW_WINDOW_EXTRA && get(OF) == BW_WINDOW_OF && get(LONGEST) == BW_BURST_BYTES;
+}
+
 static int load(void)
 {
-  if (get(CTRL) & GO) return fail("tables are being played; stop first");
+  if (get(CTRL) & GO) return fail("tables are being played; stop first, or replace them");
+  if (take()) return 1;
   put(CYCLES, BW_WINDOW_CYCLES);
   put(EXTRA, BW_WINDOW_EXTRA);
   put(OF, BW_WINDOW_OF);
   put(LONGEST, BW_BURST_BYTES);
   for (uint32_t n = 0; n < BW_UNITS; n++) {
-    const struct bw_unit *one = &bw_units[n];
-    put(unit(n, DEF_RD), one->def_rd);
-    put(unit(n, DEF_WR), one->def_wr);
-    for (uint32_t t = 0; t < BW_TABLES; t++) {
-      put(unit(n, HEADERS + 8 * t), one->tables[t].windows);
-      put(unit(n, HEADERS + 8 * t + 4), one->tables[t].successor << 24 | one->tables[t].base);
-    }
-    for (uint32_t e = 0; e <= one->entries; e++) {  /* the last one ends the memory */
-      struct bw_entry end = {0xffffffffu, 0, 0}, entry = e < one->entries ? one->table[e] : end;
-      put(unit(n, ENTRIES + 16 * e), entry.wr_bytes);
-      put(unit(n, ENTRIES + 16 * e + 4), entry.rd_bytes);
-      put(unit(n, ENTRIES + 16 * e + 8), entry.start_window);
+    put(unit(n, DEF_RD), bw_units[n].def_rd);
+    put(unit(n, DEF_WR), bw_units[n].def_wr);
+  }
+  write_tables(0);
+  put(LOCK, 0);
+  return has_windows() ? 0 : fail("the device did not take the windows");
+}
+
+static int replace(uint32_t number)
+{
+  uint32_t bank = 1 - played();
+  if ((get(PARAMS) >> 16 & 0xf) != 2) return fail("the regulator has one bank of tables; stop, and load");
+  if (!has_windows()) return fail("these tables have other windows; stop, and load");
+  if (take()) return 1;
+  for (uint32_t n = 0; n < BW_UNITS; n++) {
+    uint32_t now = get(unit(n, STATUS));
+    if ((now & (RUNNING | PENDING)) != RUNNING || (now & 0xff) / bank_tables() == bank) {
+      put(LOCK, 0);
+      return fail("a table is requested, or none is played; try again");
     }
   }
-  if (get(CYCLES) != BW_WINDOW_CYCLES || get(LONGEST) != BW_BURST_BYTES) return fail("the device did not take the windows");
+  write_tables(bank);
+  put(REQUEST, bank * bank_tables() + number);
+  put(LOCK, 0);
   return 0;
 }
 
@@ -110,7 +170,7 @@ static int status(void)
 {
   for (uint32_t n = 0; n < BW_UNITS; n++) {
     uint32_t now = get(unit(n, STATUS));
-    printf("%s: table %u, window %u%s%s%s\n", bw_units[n].name, (unsigned)(now & 0xff), (unsigned)get(unit(n, WINDOW)),
+    printf("%s: table %u, window %u%s%s%s\n", bw_units[n].name, (unsigned)((now & 0xff) % bank_tables()), (unsigned)get(unit(n, WINDOW)),
            now & RUNNING ? "" : ", defaults", now >> 10 & 1 ? ", a read was too long" : "",
            now >> 11 & 1 ? ", a write was too long" : "");
   }
@@ -125,15 +185,17 @@ static int command(const char *verb, const char *value)
   if (value && (*end || end == value)) return fail("the value is no number");
   if (!strcmp(verb, "load")) return load();
   if (!strcmp(verb, "status")) return status();
-  if (!strcmp(verb, "go")) return put(CTRL, GO), 0;
-  if (!strcmp(verb, "stop")) return put(CTRL, 0), 0;
+  if (!strcmp(verb, "go")) return control(GO);
+  if (!strcmp(verb, "stop")) return control(0);
   if (!strcmp(verb, "start") && value) {
+    if (take()) return 1;
     put(START_LO, (uint32_t)number);
     put(START_HI, (uint32_t)(number >> 32));
-    return put(CTRL, ARM), 0;
+    return control(ARM);
   }
-  if (!strcmp(verb, "request") && value && number < BW_TABLES) return put(REQUEST, (uint32_t)number), 0;
-  return fail("usage: bw_regulator DEVICE load | go | stop | start T | request N | status | counters SECONDS");
+  if (!strcmp(verb, "replace") && value && number < BW_TABLES) return replace((uint32_t)number);
+  if (!strcmp(verb, "request") && value && number < BW_TABLES) return put(REQUEST, played() * bank_tables() + (uint32_t)number), 0;
+  return fail("usage: bw_regulator DEVICE load | replace N | go | stop | start T | request N | status | counters SECONDS");
 }
 
 int main(int count, char **words)

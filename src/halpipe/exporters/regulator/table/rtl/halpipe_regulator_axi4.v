@@ -1,29 +1,39 @@
 // The regulators with whole AXI4 ports, manager's side (s_) and memory's side (m_), unit 0 lowest; registers behind AXI4-Lite.
-// Reads and answers pass through. With BUFFER, data of writes is held back until a burst is whole (halpipe_regulator_store).
+// Answers pass through. With BUFFER, data of writes is held back until a burst is whole (halpipe_regulator_store). With STAGE,
+// a register stage takes what the managers send: READY then depends on no comparison of a budget, and a burst comes a cycle
+// later. With PORTS = 2 there are two AXI4-Lite ports for registers, and LOCK says whose writes count.
 `default_nettype none
 module halpipe_regulator_axi4 #(
   parameter integer UNITS  = 4,
   parameter integer DEPTH  = 1024,
   parameter integer TABLES = 16,
   parameter integer BANKS  = 1,
+  parameter integer PORTS  = 1,          // AXI4-Lite ports for registers, 1 or 2; port 0 lowest
   parameter integer SIZE   = 3,          // log2 of the bytes of a beat of the bus, 0 to 7
   parameter [31:0]  CYCLES = 32'd4096,
   parameter         IMAGES = "",
   parameter integer ADDR   = 40,
   parameter integer ID     = 4,
   parameter integer BUFFER = 16,         // beats of the write buffer of a unit, a power of two; 0: none
+  parameter integer STAGE  = 0,          // 1: a register stage in front of each unit
   parameter integer DATA   = 8 << SIZE   // follows from SIZE
 )(
   input  wire                    clk,
   input  wire                    rst_n,
   input  wire [63:0]             now,    // the time base that START counts in
   output wire                    tick,
+  // blocks of other memories, which one request switches in the same cycle; 0 where there are none
+  input  wire                    link_valid_i,  output wire         link_valid_o,
+  input  wire [7:0]              link_table_i,  output wire [7:0]   link_table_o,
+  input  wire                    link_barred_i, output wire         link_barred_o,
   // registers
-  input  wire                    l_awvalid, output wire        l_awready, input  wire [25:0] l_awaddr,
-  input  wire                    l_wvalid,  output wire        l_wready,  input  wire [31:0] l_wdata, input wire [3:0] l_wstrb,
-  output wire                    l_bvalid,  input  wire        l_bready,  output wire [1:0]  l_bresp,
-  input  wire                    l_arvalid, output wire        l_arready, input  wire [25:0] l_araddr,
-  output wire                    l_rvalid,  input  wire        l_rready,  output wire [31:0] l_rdata, output wire [1:0] l_rresp,
+  input  wire [PORTS-1:0]        l_awvalid, output wire [PORTS-1:0]    l_awready, input  wire [26*PORTS-1:0] l_awaddr,
+  input  wire [PORTS-1:0]        l_wvalid,  output wire [PORTS-1:0]    l_wready,  input  wire [32*PORTS-1:0] l_wdata,
+  input  wire [4*PORTS-1:0]      l_wstrb,
+  output wire [PORTS-1:0]        l_bvalid,  input  wire [PORTS-1:0]    l_bready,  output wire [2*PORTS-1:0]  l_bresp,
+  input  wire [PORTS-1:0]        l_arvalid, output wire [PORTS-1:0]    l_arready, input  wire [26*PORTS-1:0] l_araddr,
+  output wire [PORTS-1:0]        l_rvalid,  input  wire [PORTS-1:0]    l_rready,  output wire [32*PORTS-1:0] l_rdata,
+  output wire [2*PORTS-1:0]      l_rresp,
   // addresses of writes
   input  wire [UNITS-1:0]        s_awvalid, output wire [UNITS-1:0]        s_awready,
   output wire [UNITS-1:0]        m_awvalid, input  wire [UNITS-1:0]        m_awready,
@@ -67,52 +77,71 @@ module halpipe_regulator_axi4 #(
   output wire [2*UNITS-1:0]      s_rresp,   input  wire [2*UNITS-1:0]      m_rresp,
   output wire [UNITS-1:0]        s_rlast,   input  wire [UNITS-1:0]        m_rlast
 );
-  assign {m_arid, m_araddr, m_arlen, m_arsize, m_arburst} = {s_arid, s_araddr, s_arlen, s_arsize, s_arburst};
-  assign {m_arlock, m_arcache, m_arprot, m_arqos} = {s_arlock, s_arcache, s_arprot, s_arqos};
   assign {s_rvalid, m_rready, s_rid, s_rdata, s_rresp, s_rlast} = {m_rvalid, s_rready, m_rid, m_rdata, m_rresp, m_rlast};
   assign {s_bvalid, m_bready, s_bid, s_bresp} = {m_bvalid, s_bready, m_bid, m_bresp};
 
-  // ---------------------------------------------------------------------------------------------- write buffers
-  localparam integer INFO = ID + ADDR + 25;
-  wire [UNITS-1:0] awvalid, awready, wvalid, wready;
+  // ---------------------------------------------------------------------------------------------- stages and write buffers
+  localparam integer INFO = ID + ADDR + 25;   // of an address: length highest, so that the buffer finds it
+  localparam integer BEAT = DATA + DATA / 8 + 1;
+  wire [UNITS-1:0] arvalid, arready, awvalid, awready, wvalid, wready;
   genvar i;
   generate for (i = 0; i < UNITS; i = i + 1) begin : manager
-    wire [INFO-1:0] shown = {s_awid[ID*i +: ID], s_awaddr[ADDR*i +: ADDR], s_awlen[8*i +: 8], s_awsize[3*i +: 3],
+    wire [INFO-1:0] ar_in = {s_arlen[8*i +: 8], s_arid[ID*i +: ID], s_araddr[ADDR*i +: ADDR], s_arsize[3*i +: 3],
+                             s_arburst[2*i +: 2], s_arlock[i], s_arcache[4*i +: 4], s_arprot[3*i +: 3], s_arqos[4*i +: 4]};
+    wire [INFO-1:0] aw_in = {s_awlen[8*i +: 8], s_awid[ID*i +: ID], s_awaddr[ADDR*i +: ADDR], s_awsize[3*i +: 3],
                              s_awburst[2*i +: 2], s_awlock[i], s_awcache[4*i +: 4], s_awprot[3*i +: 3], s_awqos[4*i +: 4]};
-    wire [INFO-1:0] passed;
-    assign {m_awid[ID*i +: ID], m_awaddr[ADDR*i +: ADDR], m_awlen[8*i +: 8], m_awsize[3*i +: 3], m_awburst[2*i +: 2],
-            m_awlock[i], m_awcache[4*i +: 4], m_awprot[3*i +: 3], m_awqos[4*i +: 4]} = passed;
+    wire [BEAT-1:0] w_in = {s_wlast[i], s_wstrb[DATA/8*i +: DATA/8], s_wdata[DATA*i +: DATA]};
+    wire [INFO-1:0] ar, aw, aw_out; wire [BEAT-1:0] w, w_out; wire aw_valid, aw_ready, w_valid, w_ready;
+    assign {m_arlen[8*i +: 8], m_arid[ID*i +: ID], m_araddr[ADDR*i +: ADDR], m_arsize[3*i +: 3],
+            m_arburst[2*i +: 2], m_arlock[i], m_arcache[4*i +: 4], m_arprot[3*i +: 3], m_arqos[4*i +: 4]} = ar;
+    assign {m_awlen[8*i +: 8], m_awid[ID*i +: ID], m_awaddr[ADDR*i +: ADDR], m_awsize[3*i +: 3],
+            m_awburst[2*i +: 2], m_awlock[i], m_awcache[4*i +: 4], m_awprot[3*i +: 3], m_awqos[4*i +: 4]} = aw_out;
+    assign {m_wlast[i], m_wstrb[DATA/8*i +: DATA/8], m_wdata[DATA*i +: DATA]} = w_out;
+    if (STAGE != 0) begin : staged
+      halpipe_regulator_slice #(.WIDTH(INFO)) reads (
+        .clk(clk), .rst_n(rst_n), .s_valid(s_arvalid[i]), .s_ready(s_arready[i]), .s_data(ar_in),
+        .m_valid(arvalid[i]), .m_ready(arready[i]), .m_data(ar));
+      halpipe_regulator_slice #(.WIDTH(INFO)) writes (
+        .clk(clk), .rst_n(rst_n), .s_valid(s_awvalid[i]), .s_ready(s_awready[i]), .s_data(aw_in),
+        .m_valid(aw_valid), .m_ready(aw_ready), .m_data(aw));
+      halpipe_regulator_slice #(.WIDTH(BEAT)) beats (
+        .clk(clk), .rst_n(rst_n), .s_valid(s_wvalid[i]), .s_ready(s_wready[i]), .s_data(w_in),
+        .m_valid(w_valid), .m_ready(w_ready), .m_data(w));
+    end else begin : direct
+      assign {arvalid[i], s_arready[i], ar} = {s_arvalid[i], arready[i], ar_in};
+      assign {aw_valid, s_awready[i], aw} = {s_awvalid[i], aw_ready, aw_in};
+      assign {w_valid, s_wready[i], w} = {s_wvalid[i], w_ready, w_in};
+    end
     if (BUFFER != 0) begin : buffered
-      halpipe_regulator_store #(.BEATS(BUFFER), .DATA(DATA), .INFO(INFO)) store (
-        .clk(clk), .rst_n(rst_n), .s_awvalid(s_awvalid[i]), .s_awready(s_awready[i]), .s_aw(shown),
-        .s_wvalid(s_wvalid[i]), .s_wready(s_wready[i]), .s_wdata(s_wdata[DATA*i +: DATA]),
-        .s_wstrb(s_wstrb[DATA/8*i +: DATA/8]), .s_wlast(s_wlast[i]),
-        .m_awvalid(awvalid[i]), .m_awready(awready[i]), .m_aw(passed), .m_wvalid(wvalid[i]), .m_wready(wready[i]),
-        .m_wdata(m_wdata[DATA*i +: DATA]), .m_wstrb(m_wstrb[DATA/8*i +: DATA/8]), .m_wlast(m_wlast[i]));
+      halpipe_regulator_store #(.BEATS(BUFFER), .BEAT(BEAT), .INFO(INFO)) store (
+        .clk(clk), .rst_n(rst_n), .s_awvalid(aw_valid), .s_awready(aw_ready), .s_aw(aw),
+        .s_wvalid(w_valid), .s_wready(w_ready), .s_w(w),
+        .m_awvalid(awvalid[i]), .m_awready(awready[i]), .m_aw(aw_out),
+        .m_wvalid(wvalid[i]), .m_wready(wready[i]), .m_w(w_out));
     end else begin : plain
-      assign {awvalid[i], s_awready[i], passed} = {s_awvalid[i], awready[i], shown};
-      assign {wvalid[i], s_wready[i], m_wlast[i]} = {s_wvalid[i], wready[i], s_wlast[i]};
-      assign m_wdata[DATA*i +: DATA] = s_wdata[DATA*i +: DATA];
-      assign m_wstrb[DATA/8*i +: DATA/8] = s_wstrb[DATA/8*i +: DATA/8];
+      assign {awvalid[i], aw_ready, aw_out} = {aw_valid, awready[i], aw};
+      assign {wvalid[i], w_ready, w_out} = {w_valid, wready[i], w};
     end
   end endgenerate
 
   // ---------------------------------------------------------------------------------------------- regulators
-  wire reg_write; wire [25:0] reg_addr; wire [31:0] reg_wdata, reg_rdata;
-  halpipe_regulator_axil registers (
+  wire reg_port, reg_write, reg_refused; wire [25:0] reg_addr; wire [31:0] reg_wdata, reg_rdata;
+  halpipe_regulator_ports #(.PORTS(PORTS)) registers (
     .clk(clk), .rst_n(rst_n), .s_awvalid(l_awvalid), .s_awready(l_awready), .s_awaddr(l_awaddr), .s_wvalid(l_wvalid),
     .s_wready(l_wready), .s_wdata(l_wdata), .s_wstrb(l_wstrb), .s_bvalid(l_bvalid), .s_bready(l_bready), .s_bresp(l_bresp),
     .s_arvalid(l_arvalid), .s_arready(l_arready), .s_araddr(l_araddr), .s_rvalid(l_rvalid), .s_rready(l_rready),
-    .s_rdata(l_rdata), .s_rresp(l_rresp),
+    .s_rdata(l_rdata), .s_rresp(l_rresp), .reg_port(reg_port), .reg_refused(reg_refused),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata));
   halpipe_regulator #(
-    .UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .SIZE(SIZE), .CYCLES(CYCLES), .IMAGES(IMAGES)
+    .UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .PORTS(PORTS), .SIZE(SIZE), .CYCLES(CYCLES), .IMAGES(IMAGES)
   ) regulators (
-    .clk(clk), .rst_n(rst_n), .now(now),
+    .clk(clk), .rst_n(rst_n), .now(now), .reg_port(reg_port), .reg_refused(reg_refused),
+    .link_valid_i(link_valid_i), .link_valid_o(link_valid_o), .link_table_i(link_table_i), .link_table_o(link_table_o),
+    .link_barred_i(link_barred_i), .link_barred_o(link_barred_o),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata), .tick(tick),
-    .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
+    .s_arvalid(arvalid), .s_arready(arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(awvalid), .s_awready(awready), .m_awvalid(m_awvalid), .m_awready(m_awready),
     .s_wvalid(wvalid), .s_wready(wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(m_wlast),
-    .arlen(s_arlen), .awlen(m_awlen));
+    .arlen(m_arlen), .awlen(m_awlen));
 endmodule
 `default_nettype wire

@@ -33,6 +33,7 @@ module halpipe_regulator_player #(
   output reg  [31:0] window_now,     // ffffffff while not running
   output reg         pending,
   output reg  [7:0]  pending_table,
+  output reg  [7:0]  entry_table,    // whose entry is ready for the next window, if that is the first of a table
   output wire [31:0] next_rd,        // budgets of the window that begins after `tick`, in bytes
   output wire [31:0] next_wr
 );
@@ -63,7 +64,6 @@ module halpipe_regulator_player #(
   reg [95:0] entry;
   reg [31:0] entry_windows;
   reg [7:0]  entry_successor;
-  reg [7:0]  entry_table;
   reg [23:0] entry_address;
   reg        entry_begins, entry_requested, requested_late;
   always @(posedge clk) begin

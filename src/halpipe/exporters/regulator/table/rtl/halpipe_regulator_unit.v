@@ -23,12 +23,17 @@ module halpipe_regulator_unit #(
   input  wire        all_go,             // from the block that makes the windows: what concerns all units at once
   input  wire        all_req_valid,
   input  wire [7:0]  all_req_table,
+  input  wire        holds,              // the port of this access may write tables and set-up,
+  input  wire        foreign,            // or another port holds the lock, and may be writing tables
   input  wire [15:0] longest,            // bytes of the longest burst that may pass
   // registers, see regulator.rdl
   input  wire        reg_write,
   input  wire [19:0] reg_addr,
   input  wire [31:0] reg_wdata,
   output reg  [31:0] reg_rdata,          // of reg_addr, in the same cycle
+  output wire        refused,            // the write of this cycle changes nothing
+  output wire        running,            // a table is played,
+  output wire        plays_upper,        // of the upper half
   // manager's side                         memory's side
   input  wire        s_arvalid,          output wire        m_arvalid,
   output wire        s_arready,          input  wire        m_arready,
@@ -43,41 +48,50 @@ module halpipe_regulator_unit #(
 );
   // ---------------------------------------------------------------------------------------------- registers
   localparam [31:0] ID = 32'h48425754;
-  wire [31:0] params = {8'd2, TABLES[7:0], DEPTH[15:0]};
+  wire [31:0] params = {8'd3, TABLES[7:0], DEPTH[15:0]};
   reg         go_here;
   reg  [31:0] def_rd, def_wr, held_wr, held_rd;
   wire        go = go_here | all_go;
-  wire        running, pending;
-  wire [7:0]  table_now, pending_table;
+  wire        pending;
+  wire [7:0]  table_now, pending_table, entry_table;
   wire        in_tables  = (reg_addr >= 20'h01000);
   wire        in_headers = ~in_tables & reg_addr[11];
   wire        in_control = ~in_tables & ~reg_addr[11];
   wire        control_write = reg_write & in_control;
   wire [15:0] index = in_tables ? reg_addr[19:4] - 16'h0100 : {8'd0, reg_addr[10:3]};
   // Tables may be written while none is played; of two banks, halves of headers and of entries, also those of the bank that
-  // has neither the table being played nor the one requested. A table and its successor are in one bank.
+  // has neither the table being played, nor the one requested, nor the one whose first entry was read already: a request
+  // that is replaced in the last cycle of a table is followed all the same. A table and its successor are in one bank.
   wire        upper = ({16'd0, index} >= (in_tables ? DEPTH : TABLES) / 2);
-  wire        plays_upper = ({24'd0, table_now} >= TABLES / 2);
+  assign      plays_upper = ({24'd0, table_now} >= TABLES / 2);
   wire        asks_upper = ({24'd0, pending_table} >= TABLES / 2);
-  wire        spare = (BANKS == 2) & running & (upper != plays_upper) & ~(pending & (upper == asks_upper));
-  wire        open = reg_write & (~go | spare);
+  wire        next_upper = ({24'd0, entry_table} >= TABLES / 2);
+  wire        spare = (BANKS == 2) & running & (upper != plays_upper) & (upper != next_upper) & ~(pending & (upper == asks_upper));
+  wire        open = reg_write & holds & (~go | spare);
   wire        known = in_tables ? ({16'd0, index} < DEPTH) : ({16'd0, index} < TABLES);
-  wire        commit = open & in_tables & known & (reg_addr[3:0] == 4'h8);
+  wire        writes_entry = open & in_tables & known & (reg_addr[3:2] != 2'd3) & (reg_addr[1:0] == 2'd0);
+  wire        commit = writes_entry & (reg_addr[3:0] == 4'h8);
   wire [1:0]  header_write = {2{open & in_headers & known}} & {reg_addr[2], ~reg_addr[2]};
   wire        clears    = control_write & (reg_addr[10:0] == 11'h00c);
-  wire        req_here  = control_write & (reg_addr[10:0] == 11'h01c);
+  // While another port holds the lock, tables of the half that is played may be requested: those of the other are in work.
+  wire        same_half = (BANKS != 2) | (({24'd0, reg_wdata[7:0]} >= TABLES / 2) == plays_upper);
+  wire        req_here  = control_write & (reg_addr[10:0] == 11'h01c) & ~all_req_valid
+                          & ({24'd0, reg_wdata[7:0]} < TABLES) & (~foreign | (running & same_half));
   wire [7:0]  req_table = all_req_valid ? all_req_table : reg_wdata[7:0];
-  wire        req_valid = (all_req_valid | req_here) & ({24'd0, req_table} < TABLES);
+  wire        req_valid = all_req_valid | req_here;
+  wire        sets = control_write & holds
+                     & ((reg_addr[10:0] == 11'h008) | (reg_addr[10:0] == 11'h014) | (reg_addr[10:0] == 11'h018));
+  assign      refused = reg_write & ~(sets | clears | req_here | writes_entry | (header_write != 2'd0));
 
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       go_here <= 1'b0; def_rd <= DEF_RD; def_wr <= DEF_WR; held_wr <= 0; held_rd <= 0;
     end else begin
-      if (control_write & (reg_addr[10:0] == 11'h008)) go_here <= reg_wdata[0];
-      if (control_write & (reg_addr[10:0] == 11'h014)) def_rd <= reg_wdata;
-      if (control_write & (reg_addr[10:0] == 11'h018)) def_wr <= reg_wdata;
-      if (reg_write & in_tables & (reg_addr[3:0] == 4'h0)) held_wr <= reg_wdata;
-      if (reg_write & in_tables & (reg_addr[3:0] == 4'h4)) held_rd <= reg_wdata;
+      if (sets & (reg_addr[10:0] == 11'h008)) go_here <= reg_wdata[0];
+      if (sets & (reg_addr[10:0] == 11'h014)) def_rd <= reg_wdata;
+      if (sets & (reg_addr[10:0] == 11'h018)) def_wr <= reg_wdata;
+      if (writes_entry & (reg_addr[3:0] == 4'h0)) held_wr <= reg_wdata;
+      if (writes_entry & (reg_addr[3:0] == 4'h4)) held_rd <= reg_wdata;
     end
 
   reg  [31:0] rd_bytes, wr_bytes, rd_waits, wr_waits;
@@ -110,7 +124,7 @@ module halpipe_regulator_unit #(
     .entry_write({3{commit}}), .header_write(header_write), .write_index(index),
     .write_data(in_tables ? {reg_wdata, held_rd, held_wr} : {32'd0, reg_wdata, reg_wdata}),
     .running(running), .table_now(table_now), .window_now(window_now),
-    .pending(pending), .pending_table(pending_table), .next_rd(next_rd), .next_wr(next_wr));
+    .pending(pending), .pending_table(pending_table), .entry_table(entry_table), .next_rd(next_rd), .next_wr(next_wr));
 
   // ---------------------------------------------------------------------------------------------- gates
   wire [15:0] ar_bytes = ({8'd0, arlen} + 16'd1) << SIZE;
