@@ -11,7 +11,10 @@ from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, plan
 from one_fault import with_fault
 from regulator_proof import ProofError, prove
 
-PARTS = {part: "" if part == "frame" else f"_{part}" for part in ("gate", "player", "unit", "frame", "axil", "ports", "store", "axi4")}
+PARTS = {
+    part: "" if part == "frame" else f"_{part}"
+    for part in ("gate", "player", "unit", "frame", "axil", "ports", "store", "axi4")
+}
 """Parts, as the proof calls them, and their files."""
 
 MUTANTS = {

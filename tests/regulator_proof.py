@@ -166,10 +166,7 @@ PARTS = (
     Part(
         "axi4",
         (*_ALL, _AXIL, *(f"halpipe_regulator_{name}.v" for name in ("ports", "slice", "store", "axi4"))),
-        {
-            name: tuple(f"dut.manager[{n}].buffered.store.{name}" for n in (1, 0))
-            for name in ("head", "tail", "whole")
-        },
+        {name: tuple(f"dut.manager[{n}].buffered.store.{name}" for n in (1, 0)) for name in ("head", "tail", "whole")},
         2,
     ),
 )

@@ -61,7 +61,14 @@ DEVICES: Mapping[str, Device] = {
     device.name: device
     for device in (
         # As many entries as its registers have addresses for.
-        Device(name="table", carries=True, settings={"depth": Setting("1024", least=2, most=65280)}),
+        Device(
+            name="table",
+            carries=True,
+            settings={
+                "depth": Setting("1024", least=2, most=65280),
+                "switches": Setting("needed", "word", words=("needed", "all")),
+            },
+        ),
         Device(
             name="axi-realm",
             least=1,

@@ -185,15 +185,19 @@ class Arithmetic:
         """Return the table of a switch, if it is there, and whether the switch needs one."""
         schedule = self.target.schedule
         source, target = schedule.mode(transition.source), schedule.mode(transition.target)
-        timeline, cycles = self._line(source, transition, target)
         pair = (transition.source, transition.target)
         found = [t for t in self.tables.tables if t.is_transition and (t.source, t.mode) == pair]
-        if not found or not timeline.span:
+        timeline, cycles = self._line(source, transition, target)
+        if not found:
             return None, timeline.span > 0
+        if not timeline.span:  # a table that is there for its number: one cycle of the mode after
+            timeline, cycles = self._line(source, transition, target, 1)
         return Planned(found[0], timeline, cycles, transition.length.fraction), True
 
-    def _line(self, source: ModeSchedule, table: TransitionTable, target: ModeSchedule) -> tuple[Timeline, int]:
-        return promise.transition_timeline(self.target.model, self.tables.platform, source, table, target)
+    def _line(
+        self, source: ModeSchedule, table: TransitionTable, target: ModeSchedule, least: int = 0
+    ) -> tuple[Timeline, int]:
+        return promise.transition_timeline(self.target.model, self.tables.platform, source, table, target, least)
 
     def _surplus(self, planned: Sequence[Planned]) -> Iterator[Diagnostic]:
         wanted = {plan.table.index for plan in planned}

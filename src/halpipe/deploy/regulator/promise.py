@@ -98,20 +98,25 @@ def mode_timeline(model: TaskModel, platform: Platform, mode: ModeSchedule) -> T
 
 
 def transition_timeline(
-    model: TaskModel, platform: Platform, source: ModeSchedule, table: TransitionTable, target: ModeSchedule
+    model: TaskModel,
+    platform: Platform,
+    source: ModeSchedule,
+    table: TransitionTable,
+    target: ModeSchedule,
+    least: int = 0,
 ) -> tuple[Timeline, int]:
     """Return the line of a switch, and how many cycles of the new mode it covers.
 
     0 is the end of the old mode's last hyperperiod. Jobs of the old mode run to their end; from `length` on the new
     mode's jobs are started, and what would be wrapped into its first cycle was never started. The table continues until
-    the new mode's own table has at least what the line has, on every row at every instant.
+    the new mode's own table has at least what the line has, on every row at every instant; for `least` cycles anyway.
     """
     length, period = table.length.fraction, target.hyperperiod.fraction
     leaving = list(_before(phases_of(model, platform, source.jobs), source.hyperperiod.fraction, ZERO))
     early = [*leaving, *phases_of(model, platform, table.jobs)]
     entering = list(phases_of(model, platform, target.jobs))
     absent = [phase.moved(length) for phase in _before(entering, period, ZERO)]
-    cycles = max(0, ceil((_last_excess(early, absent, length) - length) / period))
+    cycles = max(least, ceil((_last_excess(early, absent, length) - length) / period))
     later = [p.moved(length + n * period) for n in range(cycles) for p in entering]
     span = length + cycles * period
     return Timeline(span, tuple(p for p in (*early, *later) if p.start < span), circular=False), cycles

@@ -107,9 +107,16 @@ def grid_of(model: TaskModel, schedule: Schedule, window: Duration) -> Grid:
 
 
 class Framer:
-    """Makes the frames of a schedule for one resource; accesses of no kind use the direction `unspecified`."""
+    """Makes the frames of a schedule for one resource; accesses of no kind use the direction `unspecified`.
 
-    def __init__(self, model: TaskModel, schedule: Schedule, resource: str, grid: Grid, unspecified: str) -> None:
+    With `every` a transition has a frame even where it needs none, of one cycle of the mode after, so that the tables
+    of several resources have the same numbers.
+    """
+
+    def __init__(
+        self, model: TaskModel, schedule: Schedule, resource: str, grid: Grid, unspecified: str, *, every: bool = False
+    ) -> None:
+        self.every = every
         self.schedule = schedule
         self.grid = grid
         self.resource = resource
@@ -136,7 +143,7 @@ class Framer:
         before = self._before(source)
         foreign = [p for p in (*before, *self._phases(table.jobs, 0)) if p.end > 0]
         own = list(self._phases(target.jobs, length))
-        cycles = _cycles(foreign, own, length, cycle)
+        cycles = _cycles(foreign, own, length, cycle) or int(self.every and not length)
         after = [_moved(phase, number * cycle) for number in range(cycles) for phase in own]
         return Frame(
             name=table.name,

@@ -179,7 +179,9 @@ class TableBuilder:
         self.findings.extend(check_windows(self.schedule, self.platform))
         self.findings.stop_on_errors()
         grid = grid_of(self.model, self.schedule, self.platform.window)
-        frames = Framer(self.model, self.schedule, self.resource, grid, self.platform.unspecified).frames()
+        every = self.backend.name == "table" and self.platform.settings["table"]["switches"] == "all"
+        framer = Framer(self.model, self.schedule, self.resource, grid, self.platform.unspecified, every=every)
+        frames = framer.frames()
         self._check_limits(frames)
         used = {phase.row for frame in frames for phase in frame.phases}
         units = self._units(used)

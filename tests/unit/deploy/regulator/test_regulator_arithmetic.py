@@ -1,5 +1,8 @@
 """The exact check of regulator tables: what is right passes, and every fault is named by its own code."""
 
+import json
+from dataclasses import replace
+
 import pytest
 
 import regulator_bundles as bundles
@@ -8,6 +11,7 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
 from halpipe.deploy.regulator.arithmetic import Arithmetic
 from halpipe.deploy.regulator.reading import read_tables
+from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.pipeline.verify import verify
 
 
@@ -251,3 +255,22 @@ def test_an_engine_that_does_not_exist_is_a_mistake_of_the_caller(files):
     assert refused.value.exit is Exit.USAGE
     assert refused.value.diagnostics[0].code == codes.NO_ENGINE.id
     assert "verilator" in refused.value.diagnostics[0].help
+
+
+def test_every_switch_has_a_table_where_several_memories_are_switched_together(tmp_path):
+    """The switch that needs none has one of a cycle of the mode after; tables have the same numbers for each memory."""
+    m, s = bundles.system("100ns")
+    other = replace(m, resources=(*m.resources, replace(m.resources[0], name="bus")))
+    requests = []
+    for resource, switches in (("mem", "needed"), ("mem", "all"), ("bus", "all")):
+        path = tmp_path / "platform.yaml"
+        units = "".join(f"  u{n}: {{manager: {n}}}\n" for n in (1, 2, 3))
+        text = bundles.PLATFORM.format(window="64", units=units, clock="100MHz", capacity="800MB/s")
+        text = text.replace("resource: mem", f"resource: {resource}")
+        path.write_text(f"{text}table: {{switches: {switches}}}\n")
+        files = RegulatorExporter().write(other, s, RegulatorOptions(platform=str(path)))
+        checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="arithmetic"))
+        assert checked.diagnostics == ()
+        data = json.loads(files["tables.json"])
+        requests.append([switch["request"] for switch in data["switches"]])
+    assert requests == [[2, 0], [2, 3], [2, 3]]
