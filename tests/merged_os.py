@@ -6,7 +6,7 @@ states; the actions that they take on OsTasks are listed by instant. Times are e
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -59,10 +59,11 @@ def read_starts(folder):
     return found
 
 
-def differences(folder, schedule, origins):
+def differences(folder, schedule, origins, coded=(), turns=1):
     """What a merged project does that its schedule does not say, or does not do; none if all is well.
 
-    `origins` has the path of the OsTask or runnable that each task of the model was made of.
+    `origins` has the path of the OsTask or runnable that each task of the model was made of, `coded` the tables that
+    code starts when those of the schedule begin. Some hyperperiods are played, after two.
     """
     events = read_starts(folder)
     os = Os(folder)
@@ -75,17 +76,19 @@ def differences(folder, schedule, origins):
         tasks = {path} if path in os.tasks else {task for event in events[path] for task in hosts[event]}
         here = {task for task in tasks if os.core(task) == job.units[0]} or tasks
         for task in here:
-            wanted[task].append(Fraction(job.start.in_unit("s")) % length)
+            start = Fraction(job.start.in_unit("s")) % length
+            wanted[task] += [start + turn * length for turn in range(turns)]
     begin = min((os.begin(table) for table in os.named("Halpipe_") if os.begins(table)), default=0)
-    acts = [act for act in os.play(3 * length + begin) if 2 * length <= act.time - begin]
+    os.calls.update(dict.fromkeys(coded, begin))
+    acts = [act for act in os.play((2 + turns) * length + begin) if 2 * length <= act.time - begin]
     found = [f"contradiction at {path}" for path in os.contradictions()]
     found += [f"wrong expiry point at {path}" for path in os.misled()]
     done = defaultdict(list)
     for act in acts:
-        done[act.task, act.event].append((act.time - begin) % length)
+        done[act.task, act.event].append(act.time - begin - 2 * length)
     for (task, event), times in done.items():
         if task in wanted:
-            found += [f"{task} {event} twice at {time}" for time in set(times) if times.count(time) > 1]
+            found += [f"{task} {event} twice at {time}" for time, count in Counter(times).items() if count > 1]
             found += [f"{task} {event} started at {time}" for time in set(times) - set(wanted[task])]
             found += [f"{task} is extended, but activated"] if os.is_extended(task) and not event else []
     for task, times in wanted.items():
@@ -271,11 +274,15 @@ class Os:
             start = self.value(table, "OsScheduleTableStartValue") or 0 if begins else self.calls[table.path] / tick
             length = self.value(table, "OsScheduleTableDuration")
             repeats = table.values.get("OsScheduleTableRepeating", "false").lower() in ("true", "1")
+            points = [
+                (int(point.values["OsScheduleTblExpPointOffset"], 0), list(self._deeds(point)))
+                for point in self._below(table)
+                if point.kind == "OsScheduleTableExpiryPoint"
+            ]
             while start * tick < until:
-                for point in self._below(table):
-                    if point.kind == "OsScheduleTableExpiryPoint":
-                        time = (start + int(point.values["OsScheduleTblExpPointOffset"], 0)) * tick
-                        deeds = self._deeds(point) if time < until else ()
+                for offset, deeds in points:
+                    time = (start + offset) * tick
+                    if time < until:
                         yield from (Act(time, task, event, table.path) for task, event in deeds)
                 if not repeats:
                     break

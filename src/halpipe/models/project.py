@@ -100,11 +100,15 @@ class ProjectCounter:
 
 @record
 class Deed:
-    """Action of an alarm or expiry point on an OsTask: its container, and the expiry point that holds it (paths)."""
+    """Action of an alarm or expiry point on an OsTask (paths): its container, its expiry point, and its event.
+
+    `event` is empty if the OsTask is activated.
+    """
 
     path: str
     os_task: str
     point: str = ""
+    event: str = ""
 
 
 @record(kw_only=True)
@@ -115,6 +119,7 @@ class Starter:
     ticks. `calls` are the containers (paths) by which the Rte is to start it, without those that its generator made.
     `mode` is the reference to the application mode of the schedule, if the OS starts it in others, too. `is_kept` tells
     that only code starts the table, in place of one that the OS starts; `is_used` that a mapping of the Rte names it.
+    `counter` is the OsCounter (path).
     """
 
     path: str
@@ -127,6 +132,12 @@ class Starter:
     mode: Value | None = None
     is_kept: bool = False
     is_used: bool = False
+    counter: str = ""
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether only code starts it, in no place that the configuration states."""
+        return not (self.autostart or self.calls)
 
 
 @record(kw_only=True)

@@ -5,10 +5,12 @@ from arxml_case import component, composition, every, found, named, orders, pack
 from test_arxml_ecus import mappings, on
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.arxml.codes import DOUBLE_START, PHASE, UNKNOWN_EVENT
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.options import ArxmlImportOptions
+from merged_os import differences
 from support import job, schedule
 
 HEAD = """<?xml version='1.0'?>
@@ -257,3 +259,114 @@ def test_the_changed_project_is_the_same_model(tmp_path):
     with pytest.raises(HalpipeError) as refused:
         put(folder, model)
     assert {d.code for d in refused.value.diagnostics if d.is_error} == {"HAL0884"}
+
+
+# ----------------------------------------------------------------------------------- tables that generated code starts
+
+
+def coded(folder, *, other="Slow"):
+    """Main waits for an event every 10 ms and one every 20 ms, and Other runs every 20 ms; code starts two tables."""
+    pump = component(
+        "Pump",
+        *(every(f"0.0{period}", name, f"Pump/{name}") for period, name in (("1", "A"), ("2", "B"), ("2", "C"))),
+        runnables="A B C",
+    )
+    write(folder, package("T", pump, composition("Car", "p:Pump")))
+    maps = [mapping(name.lower(), f"/T/Pump/B/{name}", str(at)) for at, name in enumerate("ABC")]
+    maps[2] = maps[2].replace("/Os/Os/Main", "/Os/Os/Other")
+    instance = ctr("p", ref("RteSoftwareComponentInstanceRef", "/T/Car/p"), many("RteEventToTaskMapping", *maps))
+    xdm(folder, "Rte", many("RteSwComponentInstance", instance))
+    events = "".join(f'<d:ref type="REFERENCE" value="ASPath:/Os/Os/{name}"/>' for name in ("Fast", "Slow", "Stop"))
+    tasks = many("OsTask", ctr("Main", f'<d:lst name="OsTaskEventRef">{events}</d:lst>'), ctr("Other"))
+    tables = many(
+        "OsScheduleTable",
+        coded_table("Schm", "20", {"0": [woken("Fast")], "10": [woken("Fast")], "15": [activated("Other")]}),
+        coded_table("Rte", "40", {"0": [woken(other)], "20": [woken(other)]}),
+    )
+    xdm(folder, "Os", COUNTER, tasks, many("OsEvent", *map(ctr, ("Fast", "Slow", "Stop"))), tables)
+    return folder
+
+
+def coded_table(name, length, points):
+    """A table without autostart, marked as calculated by the tool."""
+    calculated = '<a:a name="IMPORTER_INFO" value="@CALC(SvcAs,os.scheduleTables,1)"/>'
+    inner = [ctr(f"EP_{at}", var("OsScheduleTblExpPointOffset", at), *acts) for at, acts in points.items()]
+    return ctr(
+        name,
+        calculated,
+        var("OsScheduleTableDuration", length).replace("</d:var>", f"{calculated}</d:var>"),
+        var("OsScheduleTableRepeating", "true", "BOOLEAN"),
+        ref("OsScheduleTableCounterRef", "/Os/Os/Ticks"),
+        ctr("OsScheduleTableAutostart", var("OsScheduleTableStartValue", "0"), enabled="false"),
+        many("OsScheduleTableExpiryPoint", *inner),
+    )
+
+
+def woken(event):
+    refs = ref("OsScheduleTableSetEventRef", f"/Os/Os/{event}"), ref("OsScheduleTableSetEventTaskRef", "/Os/Os/Main")
+    return many("OsScheduleTableEventSetting", ctr(f"Set_{event}", *refs))
+
+
+def activated(task):
+    return many("OsScheduleTableTaskActivation", ctr("Act", ref("OsScheduleTableActivateTaskRef", f"/Os/Os/{task}")))
+
+
+def plan_of(model, last=9):
+    starts = {"Main@10ms": (3, 13), "Main@20ms": (6,), "Other": (last,)}
+    unit = model.units[0].name
+    jobs = [job(model, t, i, f"{at}ms", unit) for t, found in starts.items() for i, at in enumerate(found)]
+    return schedule(model, 20, *jobs, mode_name="default")
+
+
+def test_tables_that_code_starts_get_the_expiry_points_of_the_schedule(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(coded(folder))
+    planned, original = plan_of(model), (folder / "Os.xdm").read_text()
+    onto = export_onto(model, planned, str(folder), ArxmlImportOptions())
+    assert [name for name in onto.files if name.startswith(("changed/", "delta"))] == ["changed/Os.xdm"]
+    (told,) = [d for d in onto.findings if d.code == PHASE.id]
+    assert "/Os/Os/Schm, /Os/Os/Rte" in told.message
+    text = onto.files["changed/Os.xdm"].decode()
+    (folder / "Os.xdm").write_text(text)
+    origins = {task.name: task.origin.path for task in model.tasks}
+    assert differences(folder, planned, origins, ("/Os/Os/Schm", "/Os/Os/Rte")) == ([], 4)
+    assert [(t.name, t.period) for t in model_of(folder).tasks] == [(t.name, t.period) for t in model.tasks]
+    before, after = (each.split('<d:lst name="OsScheduleTable"')[0] for each in (original, text))
+    assert (before, "EP_" in text, text.count("At_")) == (after, False, 4)
+    assert 'value="20"/>' in text[text.index('"Rte"') :]
+    again = export_onto(model, planned, str(folder), ArxmlImportOptions())
+    assert again.files["changed/Os.xdm"].decode().count("At_") == 4
+
+
+def test_an_event_whose_rate_two_tables_make_is_not_known(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(coded(folder, other="Fast"))
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, plan_of(model), str(folder), ArxmlImportOptions())
+    assert {d.code for d in failure.value.diagnostics if d.is_error} == {UNKNOWN_EVENT.id}
+
+
+def test_a_table_whose_counter_is_too_coarse_is_refused(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(coded(folder))
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, plan_of(model, 9.5), str(folder), ArxmlImportOptions())
+    assert {d.code for d in failure.value.diagnostics if d.is_error} == {DOUBLE_START.id}
+
+
+def test_an_alarm_of_several_application_modes_loses_one_reference(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    whole(folder)
+    text = (folder / "Os.xdm").read_text()
+    refs = [f'<d:ref type="REFERENCE" value="ASPath:/Os/Os/{name}"/>' for name in ("OSDEFAULTAPPMODE", "Night")]
+    modes = f'<d:lst name="OsAlarmAppModeRef">{"".join(refs)}</d:lst>'
+    text = text.replace('<d:var name="OsAlarmAlarmTime"', f'{modes}<d:var name="OsAlarmAlarmTime"')
+    text = text.replace('<d:ctr name="OSD', '<d:ctr name="Night" type="IDENTIFIABLE"/><d:ctr name="OSD')
+    (folder / "Os.xdm").write_text(text)
+    changed = put(folder, model_of(folder)).files["changed/Os.xdm"].decode()
+    assert f'<d:lst name="OsAlarmAppModeRef">{refs[1]}</d:lst>' in changed
+    assert changed.count('name="ENABLE" value="false"') == text.count('name="ENABLE" value="false"')

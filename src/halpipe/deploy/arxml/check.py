@@ -37,11 +37,11 @@ def check(target: Target) -> Checked:
     findings = Findings()
     roots = list(_roots(target, findings))
     findings.stop_on_errors()
-    tables = target.bundle.facts.get("tables", ())
+    tables, coded = (target.bundle.facts.get(name, ()) for name in ("tables", "code"))
     os, mode = Os(roots, tables), target.schedule.modes[0]
     length = mode.hyperperiod.in_unit("s")
     begin = min(map(os.begin, tables), default=Fraction(0))  # all begin together, or jobs are at other instants
-    acts = [act._replace(time=act.time - begin) for act in os.play(3 * length + begin)]
+    acts = [act._replace(time=act.time - begin) for act in os.play(3 * length + begin, dict.fromkeys(coded, begin))]
     acts = [act for act in acts if act.time >= 2 * length]
     at = Location(target.bundle.path)
     for task, message in sorted(_differences(os, acts, mode, target.bundle.facts)):

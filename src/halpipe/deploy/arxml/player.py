@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Mapping
 
     from lxml import etree
 
@@ -144,9 +144,12 @@ class Os:
         begins = (c for table in self._of("OsScheduleTable") if table.path in tables for c in table.all())
         return next((mode for c in begins for mode in c.refs["OsScheduleTableAppModeRef"]), "")
 
-    def play(self, until: Fraction) -> list[Act]:
-        """Return every action on an OsTask before an instant, in order; of one instant the higher priority first."""
-        called = self._called()
+    def play(self, until: Fraction, coded: Mapping[str, Fraction]) -> list[Act]:
+        """Return every action on an OsTask before an instant, in order; of one instant the higher priority first.
+
+        `coded` has the instants (s) at which code starts tables (paths).
+        """
+        called = {**self._called(), **coded}
         acts = []
         for starter in self._of("OsAlarm", "OsScheduleTable"):
             begin = next((c for c in starter.all() if c.kind == f"{starter.kind}Autostart"), None)

@@ -111,6 +111,13 @@ CODE_STARTS = warning(
     "Nothing in the configuration tells when, so that it is left as it is. While it runs beside the tables of the "
     "schedule, it starts the same OsTasks once more.",
 )
+PHASE = warning(
+    "HAL1442",
+    "Code decides when tables of the schedule begin",
+    "In a project of EB tresos, generated code starts the schedule tables (SchM_Init, Rte_Start). Their expiry points "
+    "are replaced, and the code stays. The distance between the begins of two tables is in no configuration: the "
+    "starts of one table are as scheduled, but those of two only if both begin at the same instant.",
+)
 STARTS_ONCE = warning(
     "HAL0888",
     "OsTask starts once before the schedule",

@@ -6,6 +6,7 @@ The project is read again and its model made anew, so that what changed since th
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.containers import Container
+    from halpipe.importers.arxml.system.values import Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
     from halpipe.models import Task, TaskModel
 
@@ -242,6 +244,7 @@ class _Reader:
             if member.event is None and member.os_task is not None
         }
         tasks = {c.node.path: self._task(c) for c in self._containers.of("OsTask")}
+        calls = self._woken(calls)
         used = {call.os_task for found in calls.values() for call in found if call.os_task}
         used |= {call.os_task for call in alone.values()}
         os_module = self._module("Os", used)
@@ -270,6 +273,22 @@ class _Reader:
             definitions=tuple(dict.fromkeys(node.at.file for node in self._tree.tagged("ECUC-MODULE-DEF"))),
             app_mode=self._app_mode,
         )
+
+    def _woken(self, calls: dict[str, tuple[Call, ...]]) -> dict[str, tuple[Call, ...]]:
+        """Return the calls of each task, with the OsEvents that only the rate at which the OS sets them tells."""
+        rates = _rates(self._built.triggers)
+        periods = {draft.name: draft.period for draft in self._built.drafts}
+        groups = [{(call.os_task, periods[name]) for call in found} for name, found in calls.items()]
+        counts = Counter(group for each in groups for group in each)
+
+        def with_events(name: str, call: Call) -> Call:
+            if call.os_events:
+                return call
+            period = periods[name]
+            found = sorted(event for event in self._waits.get(call.os_task, ()) if rates.get(event) == period)
+            return replace(call, os_events=tuple(found)) if 1 in (len(found), counts[call.os_task, period]) else call
+
+        return {name: tuple(with_events(name, call) for call in found) for name, found in calls.items()}
 
     def _references(self, container: Container) -> tuple[Value, ...]:
         stated = container.node.elements("REFERENCE-VALUES/*/DEFINITION-REF")
@@ -434,9 +453,10 @@ class _Reader:
                 point = inside.node.path
             for prefix in ("OsAlarm", "OsScheduleTable"):
                 named = [r.path for n in ("ActivateTaskRef", "SetEventTaskRef") for r in inside.refs(f"{prefix}{n}")]
-                events = {ref.path for ref in inside.refs(f"{prefix}SetEventRef")} if not named else set()
-                for task in (*named, *(t for t, waits in self._waits.items() if not events.isdisjoint(waits))):
-                    yield Deed(inside.node.path, task, point)
+                events = [ref.path for ref in inside.refs(f"{prefix}SetEventRef")]
+                waiting = [] if named else [t for t, waits in self._waits.items() if not waits.isdisjoint(events)]
+                for task in (*named, *waiting):
+                    yield Deed(inside.node.path, task, point, next(iter(events), ""))
 
     def _starters(self) -> Iterator[Starter]:
         called: dict[str, list[str]] = {}
@@ -467,6 +487,7 @@ class _Reader:
                 calls=tuple(called.get(path, ())),
                 mode=self._mode(begins, starter.kind) if begins else None,
                 is_kept=starter in others and path not in called,
+                counter=next((ref.path for ref in starter.refs(f"{starter.kind}CounterRef")), ""),
                 is_used=path in used or _is_generated(starter.node.parts[0].element),
             )
 
@@ -474,6 +495,15 @@ class _Reader:
         """Return the reference of an autostart to the mode of the schedule, if it has another one, too."""
         modes = list(self._values(begins, f"{kind}AppModeRef"))
         return next((m for m in modes if m.text == self._app_mode), None) if len(modes) > 1 else None
+
+
+def _rates(triggers: Sequence[Trigger]) -> dict[str, Duration]:
+    """Return the mean time between two settings of each OsEvent (path) that one alarm or table sets."""
+    sources: dict[str, list[tuple[str, Duration]]] = {}
+    for trigger in triggers:
+        for event in trigger.events:
+            sources.setdefault(event, []).append((trigger.table or trigger.place.path, trigger.period))
+    return {event: found[0][1] / len(found) for event, found in sources.items() if len(dict(found)) == 1}
 
 
 def _in(path: str, holder: str) -> bool:

@@ -44,7 +44,7 @@ class _Element:
     """An element of a file: its bytes, those between its tags, and what is known of it so far.
 
     In ARXML that is its short name, text and definition, and of a reference the bytes of its value; in project data its
-    attributes, the path of its container, and where it states whether it is enabled.
+    attributes, the path of its container, its value, where it says whether it is enabled, and whether a list holds it.
     """
 
     tag: str
@@ -59,6 +59,8 @@ class _Element:
     value: _Element | None = None
     container: str = ""
     enable: tuple[int, int] | None = None
+    stated: str = ""
+    is_listed: bool = False
 
     @property
     def is_empty(self) -> bool:
@@ -183,6 +185,8 @@ class _Index(_Walker):
     def enter(self, element: _Element, attributes: dict[str, str], holder: _Element | None) -> None:
         element.name, element.type = attributes.get("name", ""), attributes.get("type", "")
         if holder is not None:
+            element.is_listed = holder.tag == "lst"
+            element.stated = attributes.get("value", "").removeprefix("ASPath:")
             element.container = _path_of(element, holder)
             if element.tag == "a" and element.name == "ENABLE":
                 holder.enable = (element.start, element.opened)
@@ -192,8 +196,8 @@ class _Index(_Walker):
             self.containers[element.container] = element
         elif element.tag == "lst" and element.name:
             self.lists[element.container, element.name] = element
-        elif element.tag in ("var", "ref") and element.name and holder is not None and holder.tag != "lst":
-            self.values[element.container, element.name] = element
+        elif element.tag in ("var", "ref") and holder is not None:
+            self.values[element.container, element.name or f"{holder.name} {element.stated}"] = element
 
 
 def _path_of(element: _Element, holder: _Element) -> str:
@@ -309,14 +313,18 @@ def _container(box: Box) -> str:
 def _change(index: _Index, edit: Edit, data: bytes, file: str) -> tuple[int, int, str]:
     if not edit.name and edit.path in index.containers:
         found = index.containers[edit.path]
+        if found.is_listed:  # what may be there several times is there, or not
+            return found.start, found.end, ""
         if found.enable is not None:
             return (*found.enable, _ENABLED.format("false"))
         if not found.is_empty:
             return found.opened, found.opened, _ENABLED.format("false")
         return _inside(found, _ENABLED.format("false"), data)
-    value = index.values.get((edit.path, edit.name))
-    if value is None:
-        help = "import the project again, or make the change in the tool that wrote the file"
-        message = f"has no {edit.name or 'container'} in {edit.path}"
-        raise HalpipeError(CANNOT_EDIT(message, at=Location(file), help=help))
+    value = index.values.get((edit.path, edit.name)) or index.values.get((edit.path, f"{edit.name} {edit.old}"))
+    if value is None or value.stated not in ("", edit.old):
+        raise _cannot(file, f"has no {edit.name or 'container'} {edit.old} in {edit.path}")
+    if value.is_listed:
+        return value.start, value.end, ""
+    if value.tag == "var":
+        return value.start, value.end, f'<d:var name="{edit.name}" type="INTEGER" value={quoteattr(edit.new or "")}/>'
     return value.start, value.end, _reference(edit.name, edit.new)

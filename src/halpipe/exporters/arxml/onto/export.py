@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, named
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.core.records import record
-from halpipe.exporters.arxml.codes import CODE_STARTS, DOUBLE_START, IN_THE_WAY, NEVER_STARTED, STARTS_ONCE
+from halpipe.exporters.arxml.codes import CODE_STARTS, DOUBLE_START, IN_THE_WAY, NEVER_STARTED, PHASE, STARTS_ONCE
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.delta import Delta, mark
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits, apply_to_xdm
-from halpipe.exporters.arxml.onto.plan import make_onto_plan
+from halpipe.exporters.arxml.onto.plan import XDM, make_onto_plan
 from halpipe.exporters.arxml.osconfig import autostart, fill_counter, point_name
 from halpipe.exporters.native import paired
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.arxml.document import Box
     from halpipe.exporters.arxml.onto.plan import OntoPlan, Placed
+    from halpipe.exporters.arxml.tables import Table
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.project import Call, Deed, Project, ProjectCounter, Starter
 
@@ -38,15 +39,16 @@ class Stopped:
     starters: tuple[Starter, ...]
 
 
-def stop_others(project: Project, played: Collection[str], findings: Findings) -> Stopped:
-    """Return how to stop what starts the OsTasks `played` (paths); report what cannot be stopped."""
-    return _Stopper(project, played, findings).run()
+def stop_others(project: Project, played: Collection[str], reused: Collection[str], findings: Findings) -> Stopped:
+    """Return how to stop what starts the OsTasks `played` (paths), beside tables that are reused; report the rest."""
+    return _Stopper(project, played, reused, findings).run()
 
 
 class _Stopper:
-    def __init__(self, project: Project, played: Collection[str], findings: Findings) -> None:
+    def __init__(self, project: Project, played: Collection[str], reused: Collection[str], findings: Findings) -> None:
         self._project = project
         self._played = played
+        self._reused = reused
         self._findings = findings
         self._removed: list[str] = []
         self._switched: list[Edit] = []
@@ -55,13 +57,19 @@ class _Stopper:
     def run(self) -> Stopped:
         for starter in self._project.starters:
             doubled = [deed for deed in starter.deeds if deed.os_task in self._played]
-            if doubled and (starter.is_kept or self._is_coded(starter)):
+            if starter.path in self._reused:
+                self._removed += (
+                    p
+                    for p in self._project.items
+                    if p.rpartition("/")[0] == starter.path and _is_point(self._project, p)
+                )
+            elif doubled and (starter.is_kept or (starter.is_coded and not starter.is_table and not starter.is_used)):
                 self._leave(starter)
             elif doubled and len(doubled) == len(starter.deeds):
                 self._stop(starter)
             elif doubled and starter.is_table:
                 self._cut(starter, doubled)
-            elif doubled and (starter.autostart or starter.calls):
+            elif doubled and not starter.is_coded:
                 self._refuse(starter, "concerns other OsTasks, too", "stop it by hand for those of the schedule")
         for path in sorted(self._played):
             task = self._project.tasks[path]
@@ -73,11 +81,6 @@ class _Stopper:
                 )
         edits = [Edit(self._project.items[path].at.file, path) for path in self._removed]
         return Stopped((*edits, *self._switched), tuple(self._stopped))
-
-    @staticmethod
-    def _is_coded(starter: Starter) -> bool:
-        """Whether only code starts an alarm, and not that of the RTE, which has no use for it beside a table."""
-        return not (starter.is_table or starter.autostart or starter.calls or starter.is_used)
 
     def _leave(self, starter: Starter) -> None:
         """Report a table of another mode, or an alarm, that only code of the project starts."""
@@ -94,7 +97,7 @@ class _Stopper:
     def _stop(self, starter: Starter) -> None:
         """Take away what starts an alarm or table that only does what the schedule plays."""
         mode = starter.mode
-        if starter.autostart or starter.calls:
+        if not starter.is_coded:
             begins = [starter.autostart] if starter.autostart and mode is None else []
             self._removed += [*begins, *starter.calls]
             if mode is not None:  # it starts in other application modes as before
@@ -128,7 +131,6 @@ class _Stopper:
         )
 
 
-XDM = ".xdm"
 _POINT = "OsScheduleTableExpiryPoint"
 
 
@@ -164,6 +166,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
         MANIFEST_KEY: 1,
         "kind": "arxml-onto",
         "project": {file: _state(*files[file], contents) for file in project.files},
+        "code": [writer.path(placed) for placed in plan.tables if placed.is_reused],
         "tables": [writer.path(placed) for placed in plan.tables if writer.begins(placed)],
         "tasks": {task: _os_tasks(project, task) for task in sorted({*project.calls, *project.alone})},
         "files": {name: sha256(contents[name]) for name in sorted(contents)},
@@ -208,6 +211,10 @@ def _refuse_earlier(project: Project, findings: Findings) -> None:
     findings.stop_on_errors()
 
 
+def _is_point(project: Project, path: str) -> bool:
+    return project.items[path].definition.endswith(f"/{_POINT}")
+
+
 class _Writer:
     """Fills the delta, and lists what must change for it."""
 
@@ -222,7 +229,9 @@ class _Writer:
 
     def run(self) -> None:
         """Write counters, tables and references; stop what starts the same tasks otherwise."""
-        stopped = stop_others(self._project, {a.os_task for a in self._plan.actions.values()}, self._findings)
+        reused = [self.path(placed) for placed in self._plan.tables if placed.is_reused]
+        played = {action.os_task for action in self._plan.actions.values()}
+        stopped = stop_others(self._project, played, reused, self._findings)
         self._findings.stop_on_errors()
         self.edits += stopped.edits
         if not self._project.app_mode:
@@ -231,8 +240,12 @@ class _Writer:
             self._findings.report(NEVER_STARTED, message, at=at, path=path, help=help)
         for counter in self._plan.new_counters:
             self._counter(counter)
+        self._report_phases()
         for index, placed in enumerate(self._plan.tables):
-            self._table(placed, stopped.starters if index == 0 else ())
+            if placed.is_reused:
+                self._reuse(placed)
+            else:
+                self._table(placed, stopped.starters if index == 0 else ())
         for task, calls in self._project.calls.items():
             point = self._first_point(task)
             for call in calls if point else ():
@@ -267,15 +280,43 @@ class _Writer:
             self.delta.box(application).refer("OsAppScheduleTableRef", box.path)
         if self.begins(placed):
             autostart(box, placed.begin, [self._project.app_mode])
+        self._points(box, table, application)
+
+    def _points(self, box: Box, table: Table, application: str) -> None:
         for point in table.points:
             at = box.new(point_name(point.offset), _POINT).fill(OsScheduleTblExpPointOffset=point.offset)
             for number, key in enumerate(point.tasks):
                 self._action(at, number, key, application)
 
+    def _reuse(self, placed: Placed) -> None:
+        """Give a table of the project other expiry points, and the length of the schedule."""
+        path, name = self.path(placed), "OsScheduleTableDuration"
+        starter = next(starter for starter in self._project.starters if starter.path == path)
+        file = self._project.items[path].at.file
+        self.edits.append(Edit(file, path, name, starter.cycle, str(placed.table.duration)))
+        self._points(self.delta.box(path), placed.table, "")
+
+    def _report_phases(self) -> None:
+        """Report tables of which code decides when they begin, if they are not alone."""
+        reused = [self.path(placed) for placed in self._plan.tables if placed.is_reused]
+        if reused and len(self._plan.tables) > 1:
+            self._findings.report(
+                PHASE,
+                f"{', '.join(reused)} begin when code starts them, and the schedule needs all tables to begin together",
+                at=self._project.items[reused[0]].at,
+                path=reused[0],
+                help="let the code start them at one value of the counter (StartScheduleTableAbs)",
+            )
+
     def begins(self, placed: Placed) -> bool:
         """Whether the OS starts a table: one of the first mode."""
         table = placed.table
-        return table.is_repeating and table.mode == self._schedule.modes[0].name and bool(self._project.app_mode)
+        return (
+            not placed.is_reused
+            and table.is_repeating
+            and table.mode == self._schedule.modes[0].name
+            and bool(self._project.app_mode)
+        )
 
     def path(self, placed: Placed) -> str:
         """Return the path of a table."""
@@ -299,7 +340,7 @@ class _Writer:
     def _first_point(self, task: str) -> str:
         """Return the path of the expiry point at which a task first starts in the first mode that has it."""
         for placed in self._plan.tables:
-            if placed.table.is_repeating and task in placed.first:
+            if placed.table.is_repeating and task in placed.first and not placed.is_reused:
                 return f"{self.path(placed)}/{point_name(placed.first[task])}"
         return ""
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.models import Job, Schedule, Split, TaskModel
-    from halpipe.models.project import Call, Project, ProjectTask
+    from halpipe.models.project import Call, Project, ProjectTask, Starter
 
 
 class Gaps:
@@ -142,6 +142,7 @@ class Gaps:
         )
 
 
+XDM = ".xdm"  # project data of EB tresos
 _LONGEST = seconds(1)
 _NEW_RANGE = 2**30 - 1
 _SHOWN = 3
@@ -165,7 +166,8 @@ class Placed:
     """A table with its counter, and where each task of the model first starts in it.
 
     `later` has the offsets of calls (their mappings) that begin with a later part of the job, `begin` is the value of
-    the counter at which the table begins, which is the same instant for all.
+    the counter at which the table begins, which is the same instant for all. `is_reused` says that it is a table of the
+    project, which its code starts, and which loses its own expiry points.
     """
 
     table: Table
@@ -173,6 +175,7 @@ class Placed:
     first: dict[str, int]
     later: dict[str, int]
     begin: int = 0
+    is_reused: bool = False
 
 
 @record
@@ -214,6 +217,8 @@ class _Planner:
         self._findings.stop_on_errors()
         self._report_shared(starts)
         self._actions = {action.key: action for found in starts.values() for action in found}
+        self._reused = {starter.path: starter for starter in self._project.starters if self._is_reused(starter)}
+        self._owner = {deed.event or deed.os_task: path for path, s in self._reused.items() for deed in s.deeds}
         placed, new = [], []
         for unit in self._units:
             counter, is_new = self._counter(unit, starts)
@@ -236,6 +241,23 @@ class _Planner:
         turns = max((-(-(tick * counter.min_cycle) // step) for counter, tick in counters), default=0)
         for item, (_, tick) in zip(placed, counters, strict=True):
             yield replace(item, begin=int(step * turns / tick))
+
+    def _is_reused(self, starter: Starter) -> bool:
+        """Whether a table of EB tresos can play its part of the schedule, started by the code that starts it today.
+
+        It is started by code of the RTE, concerns nothing else, and its counter can tell every instant of its core.
+        """
+        at = self._project.items[starter.path].at.file
+        if not (starter.is_table and starter.is_coded and at.endswith(XDM) and len(self._tables) == 1):
+            return False
+        played = {action.os_task for action in self._actions.values()} - {
+            c.os_task for c in self._project.alone.values()
+        }
+        units = {self._project.tasks[deed.os_task].unit for deed in starter.deeds if deed.os_task in played}
+        tick = next((c.tick for c in self._project.counters if c.path == starter.counter), None)
+        if starter.is_kept or tick is None or len(units) != 1 or any(d.os_task not in played for d in starter.deeds):
+            return False
+        return not any(time % tick for _, _, time in self._instants(units.pop()))
 
     # ------------------------------------------------------------------------------------------------- starts
 
@@ -318,7 +340,9 @@ class _Planner:
     def _counter(self, unit: str, starts: dict[str, tuple[Action, ...]]) -> tuple[ProjectCounter, bool]:
         """Return the first of the project's counters that all instants of a core fit, else a new one."""
         instants = [time for _, _, time in self._instants(unit)]
-        known = sorted((c for c in self._project.counters if c.unit in (unit, "")), key=lambda c: c.unit != unit)
+        of_reused = {starter.counter for starter in self._reused.values()}
+        known = [c for c in self._project.counters if c.unit in (unit, "")]
+        known.sort(key=lambda c: (c.path not in of_reused, c.unit != unit))
         for counter in known:
             if counter.tick is not None and not any(time % counter.tick for time in instants):
                 findings = Findings()
@@ -380,21 +404,23 @@ class _Planner:
         names = names or self._names
         ticks = _ticks_of(counter)
         for mode, target, length, jobs in self._tables:
-            points: dict[int, dict[str, None]] = {}
+            tables: dict[str, dict[int, dict[str, None]]] = {}  # by the path of what is reused, empty for a new one
             first: dict[str, int] = {}
             later: dict[str, int] = {}
             for job in sorted((job for job in jobs if unit in job.units), key=lambda job: job.start):
                 first.setdefault(job.task, ticks.ticks(job.start))
                 for calls, number in self._gaps.calls(job):
                     offset = ticks.ticks(job.parts[number].start if number else job.start)
-                    found = self._started(job.task, calls, starts)
-                    points.setdefault(offset, {}).update(dict.fromkeys(action.key for action in found))
+                    for action in self._started(job.task, calls, starts):
+                        points = tables.setdefault(self._owner.get(action.key, ""), {})
+                        points.setdefault(offset, {})[action.key] = None
                     if number:
                         later.update({call.mapping: offset for call in calls if call.mapping not in later})
-            if points:
-                name = names("Halpipe", *([mode, "to", target] if target else [mode]), short(unit))
+            for path, points in tables.items():
+                made = names("Halpipe", *([mode, "to", target] if target else [mode]), short(unit)) if not path else ""
                 placed = tuple(ExpiryPoint(offset, tuple(points[offset])) for offset in sorted(points))
-                yield Placed(Table(name, unit, mode, target, ticks.ticks(length), placed), counter, first, later)
+                table = Table(made or path.rpartition("/")[2], unit, mode, target, ticks.ticks(length), placed)
+                yield Placed(table, counter, first, later, is_reused=bool(path))
 
     def _started(self, task: str, calls: Sequence[Call], starts: dict[str, tuple[Action, ...]]) -> Iterable[Action]:
         """Return what starts some calls of a task: all that starts it, unless they are a part of them."""
