@@ -14,16 +14,22 @@ from functools import partial
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import HalpipeError, error
+from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.durations import Duration
+from halpipe.core.files import CANNOT_READ, is_ended
+from halpipe.core.options import from_keywords
 from halpipe.exporters.report.scene import scene
+from halpipe.flow.formats import exporter
 from halpipe.workbench.edits import Edit, Pin
 from halpipe.workbench.picture import picture, plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from halpipe.exporters.common.base import ExportOptions
     from halpipe.workbench.session import Session
+
+    Order = Callable[[Session], Any]
 
 BAD_ORDER = error(
     "HAL0955",
@@ -32,6 +38,7 @@ BAD_ORDER = error(
 )
 
 MAX_BODY = 2**20
+LONGEST_NAME = 100
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -160,19 +167,30 @@ async def _order(session: Session, request: Any) -> Any:
     return _json(picture(session) | ({"said": said} if said else {}))
 
 
-def _understood(body: bytes, made: Callable[[dict[str, Any]], Any] | None) -> Any:
-    """Return what `made` makes of the fields of an order; raise `HalpipeError` for everything else."""
+def _understood(body: bytes, made: Callable[[dict[str, Any]], Order] | None) -> Order:
+    """Return the order that `made` makes of its fields, on the state that the page shows.
+
+    Raise `HalpipeError` for everything else: an order with a field too many has meant something.
+    """
     try:
         stated = json.loads(body)
-        json.dumps(stated, ensure_ascii=False, allow_nan=False).encode()  # no lone surrogates, no infinite numbers
-        if made is not None and isinstance(stated, dict):
-            return made(stated)
+        text = json.dumps(stated, ensure_ascii=False, allow_nan=False)
+        text.encode()  # no lone surrogates, no infinite numbers
+        if made is not None and isinstance(stated, dict) and "\\u0000" not in text:
+            revision, act = _number(stated, "revision"), made(stated)
+            if not stated:
+                return partial(_shown, revision, act)
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
         pass
     raise HalpipeError(BAD_ORDER("the order is not understood", help="load the page again"))
 
 
-def _alone(session: Session, order: Callable[[Session], Any]) -> Any:
+def _shown(revision: int, act: Order, session: Session) -> Any:
+    session.check(revision)
+    return act(session)
+
+
+def _alone(session: Session, order: Order) -> Any:
     with session.lock:
         return order(session)
 
@@ -190,58 +208,49 @@ def _json(value: Any, status: int = 200) -> Any:
 # ------------------------------------------------------------------------------------------------ the orders
 
 
+# Each takes its fields out of the stated ones.
+
+
 def _text(stated: dict[str, Any], name: str, default: str | None = None) -> str:
-    value = stated[name] if default is None else stated.get(name, default)
+    value = stated.pop(name) if default is None else stated.pop(name, default)
     if not isinstance(value, str):
         raise TypeError(name)
     return value
 
 
 def _number(stated: dict[str, Any], name: str) -> int:
-    value = stated[name]
+    value = stated.pop(name)
     if not isinstance(value, int) or isinstance(value, bool):  # 1.5 would be cut
         raise TypeError(name)
     return value
 
 
-def _edit(stated: dict[str, Any]) -> Any:
+def _edit(stated: dict[str, Any]) -> Order:
     names = ("kind", "name", "field", "value", "inner", "after")
     edit = Edit(**{name: _text(stated, name) for name in names if name in stated})
-    revision = _number(stated, "revision")
-    return lambda session: session.edit(edit, revision)
+    return lambda session: session.edit(edit)
 
 
-def _pin(stated: dict[str, Any]) -> Any:
+def _pin(stated: dict[str, Any]) -> Order:
     start = Duration.parse(_text(stated, "start"))
     mode, task, unit = _text(stated, "mode"), _text(stated, "task"), _text(stated, "unit", "")
-    pin, revision = Pin(mode, task, _number(stated, "index"), start, unit), _number(stated, "revision")
-    return lambda session: session.pin(pin, revision)
+    pin = Pin(mode, task, _number(stated, "index"), start, unit)
+    return lambda session: session.pin(pin)
 
 
-def _unpin(stated: dict[str, Any]) -> Any:
-    task, revision = _text(stated, "task", ""), _number(stated, "revision")
-    return lambda session: session.unpin(task, revision)
-
-
-def _undo(_stated: dict[str, Any]) -> Any:
-    return lambda session: session.undo()
-
-
-def _redo(_stated: dict[str, Any]) -> Any:
-    return lambda session: session.redo()
-
-
-def _keep(stated: dict[str, Any]) -> Any:
-    name = _text(stated, "name")[:100]
+def _keep(stated: dict[str, Any]) -> Order:
+    name = _text(stated, "name")
+    if len(name) > LONGEST_NAME:
+        raise ValueError(name)
     return lambda session: session.keep(name)
 
 
-def _take(stated: dict[str, Any]) -> Any:
-    name, revision = _text(stated, "name"), _number(stated, "revision")
-    return lambda session: session.take(name, revision)
+def _take(stated: dict[str, Any]) -> Order:
+    name = _text(stated, "name")
+    return lambda session: session.take(name)
 
 
-def _compare(stated: dict[str, Any]) -> Any:
+def _compare(stated: dict[str, Any]) -> Order:
     name = _text(stated, "name")
 
     def beside(session: Session) -> Any:
@@ -251,32 +260,30 @@ def _compare(stated: dict[str, Any]) -> Any:
     return beside
 
 
-def _save(stated: dict[str, Any]) -> Any:
-    path, force = _text(stated, "path", ""), stated.get("force") is True
+def _save(stated: dict[str, Any]) -> Order:
+    path, force = _text(stated, "path", ""), stated.pop("force", False)
+    if not isinstance(force, bool):
+        raise TypeError("force")
     return lambda session: f"{session.save(path, force=force)}: written"
 
 
-def _explain(stated: dict[str, Any]) -> Any:
+def _explain(stated: dict[str, Any]) -> Order:
     mode = _text(stated, "mode", "")
     return lambda session: [plain(found) for found in session.why(mode)]
 
 
-def _sensitivity(_stated: dict[str, Any]) -> Any:
-    return lambda session: session.margins()
-
-
-ORDERS: dict[str, Callable[[dict[str, Any]], Any]] = {
+ORDERS: dict[str, Callable[[dict[str, Any]], Order]] = {
     "edit": _edit,
     "pin": _pin,
-    "unpin": _unpin,
-    "undo": _undo,
-    "redo": _redo,
+    "unpin": lambda _: lambda session: session.unpin(),
+    "undo": lambda _: lambda session: session.undo(),
+    "redo": lambda _: lambda session: session.redo(),
     "keep": _keep,
     "take": _take,
     "compare": _compare,
     "save": _save,
     "explain": _explain,
-    "sensitivity": _sensitivity,
+    "sensitivity": lambda _: lambda session: session.margins(),
 }
 
 
@@ -286,7 +293,7 @@ async def _export(session: Session, request: Any) -> Any:
     from starlette.responses import Response
 
     try:
-        order = _understood(await request.body(), partial(partial, _exported, request.path_params["format"]))
+        order = _understood(await request.body(), partial(_exported, request.path_params["format"]))
         made = await run_in_threadpool(_alone, session, order)
     except HalpipeError as refused:
         return _refused(session, refused)
@@ -295,9 +302,20 @@ async def _export(session: Session, request: Any) -> Any:
     return Response(content, media_type=kind, headers=headers)
 
 
-def _exported(format: str, options: dict[str, Any], session: Session) -> tuple[str, str, bytes]:
+def _exported(format: str, stated: dict[str, Any]) -> Order:
+    kind = exporter(format).options
+    options = kind(**from_keywords(f"export {format}", kind, stated))
+    for value in stated.values():
+        for text in value if isinstance(value, list) else (value,):
+            if isinstance(text, str) and not is_ended(text):
+                raise HalpipeError(CANNOT_READ("is no plain file", at=Location(text), help="name a plain file"))
+    stated.clear()
+    return partial(_files, format, options)
+
+
+def _files(format: str, options: ExportOptions, session: Session) -> tuple[str, str, bytes]:
     files = session.exported(format, options)
-    suffix = session.suffix_of(format)
+    suffix = exporter(format).suffix
     if set(files) == {""}:
         return f"export{suffix}", "application/octet-stream", files[""]
     return f"{format}.zip", "application/zip", _zipped(files, f"export{suffix}")

@@ -8,21 +8,20 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Diagnostic, HalpipeError, error, sort_diagnostics
-from halpipe.core.files import read_bytes, sha256, write_output
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, about, error, sort_diagnostics
+from halpipe.core.files import CANNOT_WRITE, is_ended, read_bytes, sha256, write_outputs
 from halpipe.core.records import record
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.workbench.edits import edited
+from halpipe.workbench.edits import BAD_EDIT, edited
 from halpipe.workbench.journal import Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
+    from halpipe.exporters.common.base import ExportOptions
     from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.workbench.edits import Edit, Pin
@@ -108,26 +107,28 @@ class Session:
 
     # ---- what a person does
 
-    def edit(self, edit: Edit, revision: int) -> None:
+    def check(self, revision: int) -> None:
+        """Refuse an order that a page gives on another state than this one."""
+        if revision != self.revision:
+            help = "look at what is shown now, and make the edit again if it is still wanted"
+            raise HalpipeError(OUTDATED("the model was changed in another window", help=help))
+
+    def edit(self, edit: Edit) -> None:
         """Change one attribute, and find a schedule near the one that is shown."""
-        self._check(revision)
         model = edited(self.state.model, edit)
         what = f"{edit.place} = {edit.value or 'nothing'}"
         self._enter(replace(self.state, model=model, what=what))
 
-    def pin(self, pin: Pin, revision: int) -> None:
+    def pin(self, pin: Pin) -> None:
         """Put a job somewhere; it stays there, and the rest gives way."""
-        self._check(revision)
         held = self._held(pin)
         others = tuple(p for p in self.state.pins if (p.mode, p.task) != (pin.mode, pin.task))
         what = f'job {pin.index} of "{pin.task}" at {pin.start}'
         self._enter(replace(self.state, pins=(*others, *held), what=what))
 
-    def unpin(self, task: str, revision: int) -> None:
-        """Let the jobs of a task go; empty: of every task."""
-        self._check(revision)
-        kept = tuple(p for p in self.state.pins if task and p.task != task)
-        self._enter(replace(self.state, pins=kept, what=f"unpin {task or 'all'}"))
+    def unpin(self) -> None:
+        """Release the jobs of every task."""
+        self._enter(replace(self.state, pins=(), what="unpin all"))
 
     def undo(self) -> None:
         """Go back one step, if there is one."""
@@ -146,9 +147,8 @@ class Session:
         self.variants[name] = self.state
         self.revision += 1
 
-    def take(self, name: str, revision: int) -> None:
+    def take(self, name: str) -> None:
         """Show a variant again; the step can be undone."""
-        self._check(revision)
         kept = self.variant(name)
         self._remember()
         self._show_again(replace(kept, what=f'variant "{name}"'))
@@ -156,6 +156,9 @@ class Session:
     def save(self, path: str, *, force: bool = False) -> str:
         """Write the model, or into a YAML file the edits as an overlay; over a file that is there only if asked for."""
         target = path or self.path
+        if os.path.isdir(target) or not is_ended(target):  # a pipe would block every later order
+            help = "name a plain file"
+            raise HalpipeError(CANNOT_WRITE("is no plain file", at=Location(target), help=help))
         is_overlay = os.path.splitext(target)[1].lower() in SUFFIXES
         content = overlay_of(self.opened, self.state.model) if is_overlay else format_model(self.state.model)
         is_source = os.path.realpath(target) == os.path.realpath(self.path)
@@ -163,7 +166,7 @@ class Session:
             text = "was changed since it was read" if is_source and self.changed_on_disk() else "is there already"
             help = "save under another name, or save over it on purpose"
             raise HalpipeError(CHANGED_ON_DISK(f"{target} {text}", path=target, help=help))
-        write_output(target, content)
+        write_outputs({target: content})
         if is_source:
             self._on_disk = sha256(content)
             self._saved = self.state.model
@@ -190,13 +193,12 @@ class Session:
         return self.variants[name]
 
     def why(self, mode: str) -> tuple[Diagnostic, ...]:
-        """Return why there is no schedule and what would help; ends early where it is cancelled."""
+        """Return why a mode (empty: any) has no schedule and what would help; a cancelled search ends early."""
         from halpipe.pipeline.explain.explanation import ExplainOptions, explain
 
         self._cancelled = False
         model = self._as_read(self.state.model)
-        known = mode if mode in {each.name for each in model.modes} else ""
-        return explain(model, ExplainOptions(mode=known), lambda: not self._cancelled).diagnostics
+        return explain(model, ExplainOptions(mode=mode), lambda: not self._cancelled).diagnostics
 
     def margins(self) -> dict[str, float]:
         """Return for each task by how much of it the WCET can grow before the schedule breaks, the least of all."""
@@ -209,17 +211,11 @@ class Session:
                 least[row.task] = min(share, least.get(row.task, share))
         return least
 
-    def exported(self, format: str, options: Mapping[str, Any]) -> dict[str, bytes]:
+    def exported(self, format: str, options: ExportOptions) -> dict[str, bytes]:
         """Return the files of an export of what is shown."""
-        from halpipe.api import export
+        from halpipe.flow.formats import export
 
-        return export(format, self._as_read(self.state.model), self._proven(), **options)
-
-    def suffix_of(self, format: str) -> str:
-        """Return how the main file of a format is called."""
-        from halpipe.flow.formats import exporter
-
-        return exporter(format).suffix
+        return export(format, self._as_read(self.state.model), self._proven(), options)
 
     def _proven(self) -> Schedule:
         if self.state.schedule is None or not self.state.is_valid:
@@ -241,11 +237,6 @@ class Session:
         return bool(self._future)
 
     # ---- inside
-
-    def _check(self, revision: int) -> None:
-        if revision != self.revision:
-            help = "look at what is shown now, and make the edit again if it is still wanted"
-            raise HalpipeError(OUTDATED("the model was changed in another window", help=help))
 
     def _enter(self, wanted: State) -> None:
         solved = self._solved(wanted, self.state.schedule)
@@ -281,6 +272,9 @@ class Session:
         if pin.index not in jobs:
             message = f'mode "{pin.mode}" has no job {pin.index} of "{pin.task}"'
             raise HalpipeError(NO_SUCH_JOB(message, help="choose one that is shown"))
+        if pin.unit and pin.unit not in {unit.name for unit in self.state.model.units}:
+            text = f'there is no unit "{pin.unit}"'
+            raise HalpipeError(BAD_EDIT(text, path=about(task=pin.task), help="choose one that is shown"))
         length = modes[pin.mode].hyperperiod
         moved = pin.start - jobs[pin.index].start
         rigid = not self.state.model.task(pin.task).slack

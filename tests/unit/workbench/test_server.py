@@ -1,7 +1,10 @@
 """The door of the workbench: who may come in, and what is answered."""
 
 import io
+import json
+import os
 import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -66,7 +69,8 @@ def test_orders_of_other_pages_are_refused(inside, origin):
 
 
 def test_orders_of_the_own_page_are_taken(inside):
-    assert inside.post("/api/undo", json={}, headers={"origin": BASE}).status_code == 200
+    order = {"revision": inside.session.revision}
+    assert inside.post("/api/undo", json=order, headers={"origin": BASE}).status_code == 200
 
 
 def test_long_orders_are_refused(inside):
@@ -141,21 +145,48 @@ WRONG = (
 )  # fmt: skip
 
 
+NEVER = ("1e999", "[]", "NaN", '"\\u0000"', '{"a": 1}')
+"""Values that no field takes."""
+
+EXTRA = ("colour", "", "Revision")
+RIGHT = {
+    "edit": {"kind": "version", "name": "camera", "inner": "full", "field": "wcet", "value": "6ms"},
+    "pin": {"mode": "drive", "task": "camera", "index": 0, "start": "0ms", "unit": "core1"},
+    "take": {"name": "kept"},
+    "keep": {"name": "kept"},
+    "compare": {"name": "kept"},
+    "save": {"path": "new.xml"},
+    "explain": {"mode": "drive"},
+    "export/report": {"title": "a title"},
+}
+RIGHT |= {order: {} for order in {*ORDERS} - RIGHT.keys()}
+LIVE = {("keep", "name"), ("save", "path"), ("edit", "value"), ("export/report", "title"), ("pin", "index"),
+        ("explain", "mode"), ("pin", "unit")}  # fmt: skip
+"""Fields that take other texts or numbers, too."""
+
+
 def test_a_thousand_wrong_orders_leave_the_server_as_it_was(inside, monkeypatch):
-    """Each field of each order with each wrong value; saving is left out, since some of these are names of files."""
+    """Orders that are right but for one field: with a wrong value, missing, too many, or of another state."""
     monkeypatch.setattr(inside.session, "_search", lambda *_: pytest.fail("a wrong order is not solved"))
-    seen, count = inside.get("/api/state").json(), 0
-    fields = ("revision", "name", "mode", "task", "index", "start", "unit", "kind", "inner", "field", "value", "path")
-    for order in [*sorted(set(ORDERS) - {"save", "undo", "redo", "sensitivity", "explain"}), "export/nonsense"]:
-        for field in fields:
-            for value in WRONG:
-                if (order, field, value[0]) == ("keep", "name", '"') and "ud800" not in value:
-                    continue  # any text is a name
-                answer = inside.post(f"/api/{order}", content=f'{{"{field}": {value}}}'.encode())
-                assert answer.status_code == 409, (order, field, value)
-                count += 1
+    seen, count, folder = inside.get("/api/state").json(), 0, Path(inside.session.path).parent
+    files = {path: path.read_bytes() for path in folder.iterdir()}
+    for order, fields in RIGHT.items():
+        right = fields | {"revision": inside.session.revision}
+        needed = [key for key in right if (order, key) not in LIVE]
+        bodies = [json.dumps({key: right[key] for key in right if key != left}) for left in needed]
+        bodies += [json.dumps(right | {"revision": value}) for value in (0, 9, -1, True, 1.0, "1", None)]
+        bodies += [json.dumps(right)[:-1] + f', "{key}": {value}}}' for key in EXTRA for value in WRONG]
+        for key in right:
+            wrong = [value for value in WRONG if (order, key) not in LIVE or value in NEVER]
+            others = {each: right[each] for each in right if each != key}
+            bodies += [json.dumps({"revision": 0, **others})[:-1] + f', "{key}": {value}}}' for value in wrong]
+        for body in bodies:
+            answer = inside.post(f"/api/{order}", content=body.encode())
+            assert answer.status_code == 409, (order, body)
+            count += 1
     assert count > 1000
     assert inside.get("/api/state").json() == seen
+    assert {path: path.read_bytes() for path in folder.iterdir()} == files
 
 
 @pytest.mark.parametrize("order", ["edit", "keep", "export/report", "export/btf"])
@@ -173,10 +204,18 @@ def test_an_order_that_is_none_is_said_to_be_so(inside):
 
 
 def test_exports_come_as_files(inside):
-    report = inside.post("/api/export/report", json={})
+    report = inside.post("/api/export/report", json={"revision": 1})
     assert report.content.startswith(b"<!DOCTYPE html>")
     assert 'filename="export.html"' in report.headers["content-disposition"]
-    packed = inside.post("/api/export/linux", json={"busy": 50})
+    packed = inside.post("/api/export/linux", json={"revision": 1, "busy": 50})
     with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
         assert "manifest.json" in archive.namelist()
-    assert inside.post("/api/export/nonsense", json={}).json()["refused"][0]["code"] == "HAL0901"
+    assert inside.post("/api/export/nonsense", json={"revision": 1}).json()["refused"][0]["code"] == "HAL0901"
+
+
+@pytest.mark.parametrize("option", ["format", "model", "strict", "", "platform"])
+def test_options_that_an_export_has_not_are_refused(inside, option, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for format in ("report", "regulator"):  # a platform in a pipe, and none at all
+        answer = inside.post(f"/api/export/{format}", json={"revision": 1, option: str(tmp_path / "pipe")})
+        assert answer.status_code == 409

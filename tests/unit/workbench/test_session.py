@@ -8,6 +8,7 @@ import pytest
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
+from halpipe.exporters.report import ReportOptions
 from halpipe.exporters.report import scene as drawing
 from halpipe.exporters.report.scene import scene
 from halpipe.importers.native import parse_model, read_model
@@ -38,14 +39,14 @@ def verified(session):
 
 
 def test_an_edit_gives_a_verified_schedule_of_the_edited_model(session):
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     assert session.state.model.task("camera").version("full").wcet == Duration.parse("7ms")
     assert session.state.is_valid
     assert verified(session) == []
 
 
 def test_most_jobs_stay_where_they_are(session):
-    session.edit(wcet("9ms", "logging", "only"), session.revision)
+    session.edit(wcet("9ms", "logging", "only"))
     assert session.answered.jobs == 13
     assert session.answered.stayed >= 12
 
@@ -65,7 +66,7 @@ def test_most_jobs_stay_where_they_are(session):
 def test_what_cannot_stand_there_changes_nothing(session, edit, word):
     before, revision = session.state, session.revision
     with pytest.raises(HalpipeError) as refused:
-        session.edit(edit, revision)
+        session.edit(edit)
     (found,) = refused.value.diagnostics
     assert found.code == "HAL0951"
     assert word in found.message + found.help + found.path
@@ -74,7 +75,7 @@ def test_what_cannot_stand_there_changes_nothing(session, edit, word):
 
 def test_a_model_without_schedule_keeps_the_last_one_in_sight(session):
     shown = session.state.schedule
-    session.edit(wcet("21ms"), session.revision)
+    session.edit(wcet("21ms"))
     assert not session.state.is_valid
     assert session.state.findings
     assert session.state.schedule == shown
@@ -84,8 +85,8 @@ def test_a_model_without_schedule_keeps_the_last_one_in_sight(session):
 
 def test_a_pinned_job_stays_and_the_rest_gives_way(session):
     start = Duration.parse("20ms")
-    session.pin(Pin("drive", "logging", 0, start), session.revision)
-    session.edit(wcet("7ms"), session.revision)
+    session.pin(Pin("drive", "logging", 0, start))
+    session.edit(wcet("7ms"))
     (job,) = [job for job in session.state.schedule.mode("drive").jobs if job.task == "logging"]
     assert job.start == start
     assert session.state.is_valid
@@ -94,7 +95,7 @@ def test_a_pinned_job_stays_and_the_rest_gives_way(session):
 
 def test_jobs_without_slack_move_with_the_pinned_one(session):
     before = {job.index: job.start for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
-    session.pin(Pin("drive", "camera", 1, before[1] + Duration.parse("1ms")), session.revision)
+    session.pin(Pin("drive", "camera", 1, before[1] + Duration.parse("1ms")))
     after = {job.index: job.start for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
     assert session.state.is_valid, session.state.findings
     assert {n: after[n] - before[n] for n in before} == {n: Duration.parse("1ms") for n in before}
@@ -102,47 +103,58 @@ def test_jobs_without_slack_move_with_the_pinned_one(session):
 
 def test_there_is_no_job_to_pin(session):
     with pytest.raises(HalpipeError, match="no job 7") as refused:
-        session.pin(Pin("drive", "camera", 7, Duration(0)), session.revision)
+        session.pin(Pin("drive", "camera", 7, Duration(0)))
     assert refused.value.diagnostics[0].code == "HAL0954"
 
 
 def test_undo_and_redo_show_the_very_states(session):
     states = [session.state]
     for value in ("7ms", "8ms"):
-        session.edit(wcet(value), session.revision)
+        session.edit(wcet(value))
         states.append(session.state)
     session.undo()
     session.undo()
     assert session.state is states[0]
     session.redo()
     assert session.state is states[1]
-    session.edit(wcet("5ms"), session.revision)
+    session.edit(wcet("5ms"))
     assert not session.can_redo
 
 
 def test_two_windows_do_not_overwrite_each_other(session):
     old = session.revision
-    session.edit(wcet("7ms"), old)
+    session.check(old)
+    session.edit(wcet("7ms"))
     with pytest.raises(HalpipeError, match="another window"):
-        session.edit(wcet("8ms"), old)
+        session.check(old)
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_the_model_is_saved_into_plain_files_only(session, tmp_path, force):
+    """A pipe without a reader would block every later order."""
+    os.mkfifo(tmp_path / "pipe")
+    for place in (tmp_path / "pipe", tmp_path, Path("/dev/null")):
+        with pytest.raises(HalpipeError) as refused:
+            session.save(str(place), force=force)
+        assert [found.code for found in refused.value.diagnostics] == ["HAL0003"]
 
 
 def test_variants_are_kept_and_shown_again(session):
     session.keep("before")
-    session.edit(wcet("7ms"), session.revision)
-    session.take("before", session.revision)
+    session.edit(wcet("7ms"))
+    session.take("before")
     assert session.state.model.task("camera").version("full").wcet == Duration.parse("6ms")
     session.undo()
     assert session.state.model.task("camera").version("full").wcet == Duration.parse("7ms")
     with pytest.raises(HalpipeError, match="no variant") as refused:
-        session.take("after", session.revision)
+        session.take("after")
     assert refused.value.diagnostics[0].code == "HAL0956"
 
 
 def test_the_source_is_overwritten_only_on_purpose(session, tmp_path):
     source = tmp_path / "model.xml"
     before = source.read_bytes()
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     for path in ("", str(source), str(tmp_path / "." / "model.xml")):
         with pytest.raises(HalpipeError, match="is there already") as refused:
             session.save(path)
@@ -157,10 +169,10 @@ def test_the_source_is_overwritten_only_on_purpose(session, tmp_path):
 
 
 def test_exports_are_of_what_is_shown_and_valid(session):
-    assert b"see-and-brake" in session.exported("report", {})[""]
-    session.edit(wcet("21ms"), session.revision)
+    assert b"see-and-brake" in session.exported("report", ReportOptions())[""]
+    session.edit(wcet("21ms"))
     with pytest.raises(HalpipeError, match="no valid schedule") as refused:
-        session.exported("report", {})
+        session.exported("report", ReportOptions())
     assert refused.value.diagnostics[0].code == "HAL0957"
 
 
@@ -170,7 +182,7 @@ def test_margins_are_shares_of_the_wcet(session):
 
 
 def test_why_there_is_no_schedule(session):
-    session.edit(Edit("chain", "see-and-brake", "max_reaction", "5ms"), session.revision)
+    session.edit(Edit("chain", "see-and-brake", "max_reaction", "5ms"))
     assert any("see-and-brake" in found.message + found.path for found in session.why("drive"))
 
 
@@ -186,7 +198,7 @@ def test_only_tasks_that_changed_are_drawn_anew(session, monkeypatch):
     made = []
     original = drawing._facts
     monkeypatch.setattr(drawing, "_facts", lambda task, *rest: made.append(task.name) or original(task, *rest))
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     told = picture(session)
     assert "camera" in made
     assert len(made) <= session.answered.jobs - session.answered.stayed + 1
@@ -194,7 +206,7 @@ def test_only_tasks_that_changed_are_drawn_anew(session, monkeypatch):
 
 
 def test_what_was_proven_before_is_not_told_as_answered_now(session):
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     assert picture(session)["answered"]["jobs"] == 13
     session.undo()
     assert picture(session)["answered"] == {"stayed": 0, "jobs": 0, "milliseconds": None}
@@ -203,7 +215,7 @@ def test_what_was_proven_before_is_not_told_as_answered_now(session):
 
 
 def test_edits_outlive_the_server(tmp_path, session):
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     path = session.path
     again = Session(path)
     again.begin()
@@ -216,12 +228,12 @@ def test_edits_outlive_the_server(tmp_path, session):
 
 def test_pins_outlive_the_server(session):
     job = next(job for job in session.state.schedule.modes[0].jobs if job.task == "camera")
-    session.pin(Pin(session.state.schedule.modes[0].name, "camera", job.index, job.start), session.revision)
+    session.pin(Pin(session.state.schedule.modes[0].name, "camera", job.index, job.start))
     assert Session(session.path).state.pins == session.state.pins
 
 
 def test_saved_edits_leave_no_journal(session):
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     session.save("", force=True)
     assert not os.path.exists(f"{session.path}.edits")
     assert Session(session.path).state.model == session.state.model
@@ -229,7 +241,7 @@ def test_saved_edits_leave_no_journal(session):
 
 @pytest.mark.parametrize("spoil", ["another model", "another journal"])
 def test_a_journal_of_another_model_is_neither_used_nor_lost(session, spoil):
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     journal = f"{session.path}.edits"
     changed = session.path if spoil == "another model" else journal
     with open(changed, "ab") as file:
@@ -243,6 +255,6 @@ def test_a_journal_of_another_model_is_neither_used_nor_lost(session, spoil):
 
 def test_edits_that_cannot_be_kept_are_made_and_named(session, monkeypatch):
     session.journal.path = os.path.join(session.path, "no folder")
-    session.edit(wcet("7ms"), session.revision)
+    session.edit(wcet("7ms"))
     assert session.state.is_valid
     assert picture(session)["unkept"]

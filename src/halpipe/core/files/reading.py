@@ -50,9 +50,14 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     return _read(path, is_input=True)
 
 
+def is_ended(path: str) -> bool:
+    """Return whether a name is no pipe and no device, of which reading or writing might never end."""
+    return not os.path.exists(path) or os.path.isfile(path) or os.path.isdir(path)
+
+
 def read_plain(path: str) -> bytes:
-    """Read a file of a folder that is read as a whole; refuse a pipe or a device there, which might never end."""
-    if os.path.exists(path) and not os.path.isfile(path):
+    """Read a file of a folder that is read as a whole; refuse a pipe or a device there."""
+    if not is_ended(path):
         help = "let every file of the folder be a plain one"
         raise HalpipeError(CANNOT_READ("is no plain file", at=Location(path), help=help))
     return read_bytes(path)

@@ -277,7 +277,7 @@ $("beside").addEventListener("click", async () => {
 $("export").addEventListener("change", async event => {
   const format = event.target.value; event.target.value = "";
   if (!format) return;
-  const options = {};
+  const options = {revision: state.revision};
   if (format === "regulator" && !(options.platform = prompt("Platform file of the regulators (YAML)"))) return;
   const answer = await fetch(`/api/export/${format}`, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(options)});
   if (!answer.ok) { show(await answer.json(), true); return; }
