@@ -89,3 +89,21 @@ def test_outside_of_a_command_a_file_is_edited_in_place(source):
     read_bytes(source)
     write_output(source, b"new")
     assert source.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(
+    ("outer", "inner"), [("b", "b/s.xml"), ("s.xml", "below/../s.xml/x/y"), ("link.xml", "model.xml/x")]
+)
+def test_no_output_lies_in_another(source, outer, inner):
+    """A folder is replaced as a whole, and a file has nothing in it: one of both would fail after the search."""
+    for targets in ((outer, inner), (inner, outer)):
+        with pytest.raises(HalpipeError, match="lies in the output") as refused:
+            refuse_inputs(*targets)
+        assert [found.at.file for found in refused.value.diagnostics] == [inner]
+    refuse_inputs("", inner, f"{outer}x")
+
+
+def test_a_name_with_a_null_character_is_refused(source):
+    with pytest.raises(HalpipeError) as refused:
+        write_output("a\0b", b"")
+    assert [found.code for found in refused.value.diagnostics] == ["HAL0003"]

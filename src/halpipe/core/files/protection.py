@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import stat
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, Location, error
@@ -62,15 +63,18 @@ def note_input(descriptor: int, name: str) -> None:
 
 
 def refuse_inputs(*targets: str) -> None:
-    """Stop if one of `targets` was read, or if two of them are the same file."""
+    """Stop if one of `targets` was read, if two of them are the same file, or if one lies in another."""
     found = [diagnostic for target in targets if (diagnostic := _input_at(target)) is not None]
     seen: dict[str, str] = {}
     for target in targets:
-        place = target if target == STDIO else os.path.realpath(target)
+        place = target if target == STDIO or "\0" in target else os.path.realpath(target)
         if place in seen:
             found.append(OUTPUT_IS_INPUT(f'is also the output "{seen[place]}"', at=Location(target), help=HELP))
-        elif not place.startswith("/dev/"):
+        elif target and not place.startswith("/dev/"):
             seen[place] = target
+    for place, target in seen.items():
+        if around := next((seen[str(folder)] for folder in Path(place).parents if str(folder) in seen), ""):
+            found.append(OUTPUT_IS_INPUT(f'lies in the output "{around}"', at=Location(target), help=HELP))
     if found:
         raise HalpipeError(*found, exit=Exit.USAGE)
 
