@@ -128,6 +128,8 @@ def test_numbers_and_names_that_are_none(tmp_path, sound, damaged):
         ("0 ... 65534", "0 . . 65534"),
         ("compact = 0 ... 65534,", "com>act = 0 ... 65534,"),
         ("stream_id = 0;", "stream_id>= 0;"),
+        ("uint32_t _vpid;", "uint32_t uint8_t;"),
+        ("variant <id>", "variant <0>"),
         (":= uint8_t;", ":= ;"),
         (":= uint16_t;", ":= uint8_t;"),
         ("struct small {", "struct large {"),
@@ -157,6 +159,38 @@ def test_streams_of_which_no_event_can_be_read(tmp_path):
         read_traces(str(folder))
     assert [found.code for found in raised.value.diagnostics] == [codes.NO_CTF.id]
     assert "an event has no bytes" in raised.value.diagnostics[0].message
+
+
+@pytest.mark.parametrize("header", ["large", "small"])
+def test_headers_whose_ids_select_nothing(tmp_path, header):
+    trace = Trace(header=header)
+    trace.text = trace.text.replace("compact = 0", "compact = 9")
+    trace.declare("a:one")
+    trace.add("a:one", 5)
+    try:
+        found, damage = all_events(trace.write(tmp_path))
+    except CtfError:
+        return
+    assert (found, len(damage.broken)) == ([], 1)
+
+
+@pytest.mark.parametrize("field", [2, 3])
+def test_sizes_of_packets_that_are_no_whole_bytes(tmp_path, field):
+    trace = Trace()
+    trace.declare("a:one")
+    trace.add("a:one", 5)
+    stream = trace.write(tmp_path) / "channel_0"
+    data = bytearray(stream.read_bytes())
+    data[8 + 8 * field] += 1
+    stream.write_bytes(bytes(data))
+    assert ["sizes" in text for text in all_events(tmp_path)[1].broken] == [True]
+
+
+def test_metadata_of_another_version_is_none(tmp_path):
+    folder = ros_trace(3).write(tmp_path)
+    assert folders(str(folder)) == [str(folder)]
+    (folder / "metadata").write_text("/* CTF 1.) */" + (folder / "metadata").read_text()[13:])
+    assert folders(str(folder)) == []
 
 
 def test_events_that_precede_those_of_the_packet_before(tmp_path):

@@ -1,5 +1,6 @@
 """Traces in their three forms: what is read, exactly, and what is refused, with its line."""
 
+import gzip
 import json
 from fractions import Fraction
 
@@ -404,3 +405,33 @@ def test_a_text_that_begins_with_a_number_sign_is_no_trace_for_that():
     assert [found.code for found in failure.value.diagnostics] == [codes.UNKNOWN_TRACE.id]
     for head in (b"# A remark\n", b"#version 2.2.0\n", b"# A remark\n\n"):
         assert parse_traces(head + b"0,c,0,T,t,0,start\n9,c,0,T,t,0,terminate\n", "t").traces[0].executions
+
+
+def test_texts_in_utf_16_and_files_of_gzip():
+    text = "task,start,end\nä,1,2\n"
+    for data in (text.encode("utf-16"), gzip.compress(text.encode()), gzip.compress(text.encode("utf-16"))):
+        (trace,) = parse_traces(data, "t").traces
+        assert [(seen.task, seen.start.ns) for seen in trace.executions] == [("ä", 1)]
+
+
+@pytest.mark.parametrize("damage", [slice(None, -12), slice(None, 15), slice(2, None)])
+def test_files_of_gzip_that_are_damaged(damage):
+    packed = gzip.compress(b"task,start,end\n" + b"".join(b"a,%d,%d\n" % (n, n + 1) for n in range(999)))
+    assert (
+        refusal(packed[damage] if damage.start is None else b"\x1f\x8b" + packed[4:])[0].code == codes.UNKNOWN_TRACE.id
+    )
+
+
+@pytest.mark.parametrize(
+    "text", ["task,start,end\na,1,2", "1,Core_a,0,T,TASK_a,0,start\n5,Core_a,0,T,TASK_a,0,terminate"]
+)
+def test_a_text_that_ends_within_a_line_may_be_cut_off(text):
+    assert [found.at.line for found in told(text, codes.NO_END)] == [2]
+    assert told(text + "\n", codes.NO_END) == []
+
+
+def test_marks_of_one_instant_are_in_the_order_of_their_cycles():
+    marks = ["0,STI_TABLE_b,1,STI,STI_TABLE_b,1,trigger", "0,STI_TABLE_a,0,STI,STI_TABLE_a,0,trigger"]
+    job = ["2,Core_a,0,T,TASK_a,0,start", "3,Core_a,0,T,TASK_a,0,terminate"]
+    (seen,) = executions("\n".join([*marks, *job]) + "\n")
+    assert (seen.table, seen.cycle) == ("b", 1)

@@ -145,8 +145,11 @@ class _Reader(Jobs):
     def result(self, marks: Sequence[tuple[int | Fraction, str, int]] = ()) -> Executions:
         """Return what ran, by start, with the table it belongs to where marks tell."""
         report_unused(self.others, self.file, self.findings)
+        in_order = sorted(self.marks, key=lambda mark: (mark[0], mark[2]))
         self.marks.sort(key=lambda mark: mark[0])
-        if any(later[2] <= earlier[2] for earlier, later in pairwise(self.marks)):
+        if all(earlier[2] < later[2] for earlier, later in pairwise(in_order)):
+            self.marks = in_order  # those of one instant, too, in whatever order they are written
+        else:
             # halpipe counts all tables, other writers the instances of each stimulus: then the order counts.
             self.marks = [(at, table, cycle) for cycle, (at, table, _) in enumerate(self.marks)]
         return super().result(self.marks)

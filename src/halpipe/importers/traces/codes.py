@@ -66,3 +66,9 @@ FOREIGN_EVENTS = note(
     "Events of other tracepoints are not used",
     "They are neither of ROS 2 (providers ros2 and ros2_caret) nor switches of the kernel between threads.",
 )
+NO_END = note(
+    "HAL1470",
+    "Text of a trace may be cut off",
+    "The last line has no end, or a list of events no closing bracket. Some writers omit them; or the file was copied "
+    "while it was written, so that events, or the last digits of a number, may be missing.",
+)

@@ -1,15 +1,18 @@
 """Detection of the form of a trace by its content, and the reading of one into executions.
 
 Texts are read line by line and binary traces packet by packet, so that only jobs are kept; JSON is read as a whole.
+Any of them may be compressed by gzip, and texts may be UTF-16 with a mark of byte order.
 """
 
 from __future__ import annotations
 
 import codecs
+import gzip
 import io
 import re
+import zlib
 from itertools import chain
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.files import STDIO, TOO_LARGE, open_input, read_bytes
@@ -32,6 +35,8 @@ _PERFETTO = re.compile(rb"\n[^\0-\x08\x0e-\x1f]*[\0-\x08\x0e-\x1f]")
 """A packet; texts have no control characters but those of lines."""
 _TRACE_DAT = b"\x17\x08Dtracing"
 _MDF = (b"MDF     ", b"UnFinMF ")
+_GZIP = b"\x1f\x8b"
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _CTF = (b"CTF 1", b"\xc1\x1f\xfc\xc1", b"\xc1\xfc\x1f\xc1")
 
 
@@ -65,7 +70,17 @@ def _read(stream: BinaryIO, file: str) -> Recording:
     findings = Findings()
     head = stream.read(_HEAD)
     stream.seek(0)
-    traces = _of_form(head, stream, file, findings)
+    if head.startswith(_GZIP):
+        packed = cast("BinaryIO", gzip.GzipFile(fileobj=stream))
+        try:
+            head = packed.read(_HEAD)
+            packed.seek(0)
+            traces = _of_form(head, packed, file, findings)
+        except (EOFError, OSError, zlib.error) as failure:
+            message = f"what gzip compressed cannot be read: {failure}"
+            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file), help="copy the file again")) from None
+    else:
+        traces = _of_form(head, stream, file, findings)
     findings.stop_on_errors()
     if not any(len(trace.executions) for trace in traces):
         help = "record the start and the end of every job"
@@ -90,7 +105,10 @@ def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> li
         from halpipe.importers.traces import perfetto
 
         return perfetto.read(stream, file, findings)
-    lines = _lines(stream, file)
+    encoding = "utf-16" if head.startswith(_UTF_16) else "utf-8-sig"
+    head = head.decode(encoding, "ignore").encode()
+    is_json = head.lstrip()[:1] in (b"{", b"[")
+    lines = _lines(stream, file, encoding, None if is_json else findings)
     begin: list[str] = []
     for line in lines:
         begin.append(line)
@@ -99,9 +117,12 @@ def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> li
     return _reader(begin[-1].strip() if begin else "", head, file)(chain(begin, lines), file, findings)
 
 
-def _lines(stream: BinaryIO, file: str) -> Iterator[str]:
-    """Yield the lines of a text with their ends, never more than a piece of it at once."""
-    decoder = codecs.getincrementaldecoder("utf-8-sig")()
+def _lines(stream: BinaryIO, file: str, encoding: str, findings: Findings | None) -> Iterator[str]:
+    """Yield the lines of a text with their ends, never more than a piece of it at once.
+
+    A text that ends within a line is noted in `findings`: it may be cut off there.
+    """
+    decoder = codecs.getincrementaldecoder(encoding)()
     rest, number = "", 0
     while data := stream.read(_CHUNK):
         try:
@@ -119,6 +140,8 @@ def _lines(stream: BinaryIO, file: str) -> Iterator[str]:
         raise _no_text(file, number) from None
     if rest:
         yield rest
+    if findings is not None and rest[-1:] not in ("", "\n", "\r"):
+        findings.add(codes.NO_END(f"line {number + 1} has no end", at=Location(file, number + 1)))
 
 
 def _no_text(file: str, number: int) -> HalpipeError:

@@ -30,7 +30,7 @@ _ENDS = {"E": "B", "e": "b", "F": "S"}
 def read(text: str, file: str, findings: Findings) -> list[Trace]:
     """Return one line of time for each process, in their order."""
     try:
-        document = json.loads(_closed(text), parse_float=Decimal)
+        document = json.loads(_closed(text, file, findings), parse_float=Decimal)
     except (ValueError, RecursionError, ArithmeticError) as failure:
         line = getattr(failure, "lineno", 1)
         message = f"it is no JSON: {failure}"
@@ -41,10 +41,13 @@ def read(text: str, file: str, findings: Findings) -> list[Trace]:
     return _Reader(file, findings).traces([event for event in events if isinstance(event, dict)])
 
 
-def _closed(text: str) -> str:
+def _closed(text: str, file: str, findings: Findings) -> str:
     """Return the text with the bracket that recorders may omit at the end of a plain list."""
     bare = text.strip()
-    return bare.removesuffix(",") + "]" if bare.startswith("[") and not bare.endswith("]") else text
+    if not bare.startswith("[") or bare.endswith("]"):
+        return text
+    findings.add(codes.NO_END("the list of events has no closing bracket", at=Location(file)))
+    return bare.removesuffix(",") + "]"
 
 
 class _Reader:

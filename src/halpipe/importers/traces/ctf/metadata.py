@@ -350,6 +350,8 @@ class _Parser:
         last = ""
         while self._peek() != end:
             last = str(self._next())
+            if last.isdecimal():
+                raise CtfError(f"line {self.line} of the metadata has {last[:40]!r} for a name")
         self._want(end)
         return last
 
@@ -382,7 +384,9 @@ class _Parser:
                 self._declaration()
                 continue
             type = self._type()
-            name = self._word()
+            line, name = self.line, self._word()
+            if name in self._types:
+                raise CtfError(f'line {line} of the metadata has the type "{name[:40]}" for a name')
             while self._peek() == "[":
                 if self._tokens[self._at + 1][0] == "number":
                     self._next()

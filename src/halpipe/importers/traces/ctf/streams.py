@@ -72,7 +72,7 @@ def folders(root: str) -> list[str]:
 def _begins(path: str) -> bool:
     try:
         with mapped(path) as data:
-            return data[:6] == b"/* CTF" or data[:2] == b"\x1e{" or data[:4] in _MAGICS
+            return data[:10] == b"/* CTF 1.8" or data[:2] == b"\x1e{" or data[:4] in _MAGICS
     except (OSError, ValueError):  # an empty file cannot be mapped
         return False
 
@@ -119,7 +119,9 @@ def _lttng(header: Struct) -> Head | None:
     is_compact = id.base.size == 5
     last, width = (31, 27) if is_compact else (65535, 32)
     choices = dict(choice.choices)
-    if {*choices} != {"compact", "extended"} or not any(low <= last <= high for low, high, _ in id.ranges):
+    if {*choices} != {"compact", "extended"}:
+        return None
+    if sorted(id.ranges) != [(0, last - 1, "compact"), (last, last, "extended")]:
         return None
     shorter, longer = (max(8, alignment(choices[name])) // 8 for name in ("compact", "extended"))
     u16, u32, u64 = (struct.Struct(id.base.order + code).unpack_from for code in "HIQ")
@@ -267,9 +269,10 @@ class _Trace:
             raise CtfError(f"stream {number} is not declared")
         stream = self._streams[number]
         context, position = stream.context(head, position, {})
-        size = int(context.get("packet_size", 8 * (len(data) - at))) // 8
-        end = int(context.get("content_size", 8 * size)) // 8
-        if not position <= end <= size or not size:
+        bits = int(context.get("packet_size", 8 * (len(data) - at)))
+        filled = int(context.get("content_size", bits))
+        size, end = bits // 8, filled // 8
+        if not position <= end <= size or not size or bits % 8 or filled % 8:
             raise CtfError("a packet has sizes that contradict each other")
         if at + size > len(data):
             raise CtfError("the packet is cut off")
