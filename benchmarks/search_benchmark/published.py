@@ -252,8 +252,8 @@ def _way(source: int, target: int, links: Sequence[tuple[int, int]]) -> list[tup
 def first_fit(system: System) -> list[int] | None:
     """Return a start for the first job of every activity; None if one of them finds no room.
 
-    Short periods come first, tasks of chains after their predecessors. All jobs are strictly periodic, although jitter
-    may be allowed. Nothing is placed twice.
+    Periods that divide others come first, of these the longest, and tasks of chains after their predecessors. All jobs
+    are strictly periodic, although jitter may be allowed. Nothing is placed twice.
     """
     starts: list[int] = [0] * len(system.activities)
     begins: list[int] = [0] * len(system.activities)
@@ -281,11 +281,15 @@ def _order(system: System) -> Iterator[int]:
     graph = TopologicalSorter({number: each.before for number, each in enumerate(system.activities)})
     graph.prepare()
     linked = {other for each in system.activities for other in each.before}
-    waiting: list[tuple[int, bool, int, int]] = []
+    level: dict[int, int] = {}
+    for period in sorted({each.period for each in system.activities}):
+        level[period] = 1 + max((level[other] for other in level if period % other == 0), default=0)
+    waiting: list[tuple[int, int, bool, int, int]] = []
     while graph.is_active():
         for number in graph.get_ready():
             each = system.activities[number]
-            insort(waiting, (each.period, not each.before and number not in linked, -each.wcet, number))
+            is_alone = not each.before and number not in linked
+            insort(waiting, (level[each.period], -each.period, is_alone, -each.wcet, number))
         number = waiting.pop(0)[-1]
         yield number
         graph.done(number)
