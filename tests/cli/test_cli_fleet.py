@@ -55,18 +55,6 @@ def test_the_number_of_processes_changes_nothing(folder):
     assert content(folder / "out1") == content(folder / "out2")
 
 
-@pytest.mark.slow
-def test_a_cluster_changes_nothing(folder):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        finished = run_here(folder, "schedule", *NAMES, "-o", "there", "--cluster", cluster.scheduler_address)
-    assert finished.returncode == 0, finished.stderr
-    assert run_here(folder, "schedule", *NAMES, "-o", "here").returncode == 0
-    assert content(folder / "there") == content(folder / "here")
-
-
 def test_what_is_finished_is_kept_until_its_input_options_or_file_change(folder):
     def outcomes(*options):
         return [outcome for _, outcome in rows(run_here(folder, "schedule", *NAMES, "-o", "out", *options))]

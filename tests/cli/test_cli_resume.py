@@ -63,27 +63,6 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
     assert resumed.schedule == straight.schedule
 
 
-def test_a_search_stopped_on_a_cluster_goes_on_to_the_same_bytes(tmp_path, monkeypatch):
-    """Every piece that comes back is saved; what was away when the search was stopped is done again."""
-    distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    from halpipe.pipeline.solve import away
-    from halpipe.pipeline.solve.kernel import portfolio
-    from halpipe.pipeline.solve.run import on_cluster
-
-    monkeypatch.setattr(portfolio, "SLICE_WORK", 1000)
-    monkeypatch.setattr(away, "PIECE", 1)
-    monkeypatch.setattr(portfolio, "LEAD", 2)
-    monkeypatch.setattr(portfolio, "TURN", 2)
-    system = parse_model(format_model(tight_model()), "m.xml")
-    options = SearchOptions(seed=10, budget=400)
-    straight = schedule_model(system, options, lambda *progress: True)
-    settings = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
-    with distributed.LocalCluster(**settings) as found, on_cluster(found.scheduler_address) as cluster:
-        parts, resumed = in_parts(tmp_path, system, replace(options, cluster=away.Away(cluster)), 1)
-    assert parts > 1
-    assert resumed.schedule == straight.schedule
-
-
 @pytest.mark.parametrize("aim", [("cost", "chains"), ("margin",), tuple(AIMS)])
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""

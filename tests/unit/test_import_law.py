@@ -122,7 +122,6 @@ HEAVY = (
     "graphviz",
     "ortools",
     "autosar_data",
-    "distributed",
     "unicorn",
     "elftools",
     "ziglang",

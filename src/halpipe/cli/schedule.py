@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +20,9 @@ from halpipe.core.files import STDIO, make_folder, read_bytes, refuse_inputs
 from halpipe.core.options import Values
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from halpipe.flow.fleet import Ledger, Solved, Variant
-    from halpipe.pipeline.solve.away import Away
     from halpipe.pipeline.solve.schedule import SearchOptions
 
 
@@ -38,10 +36,6 @@ def schedule(
     share: Annotated[
         bool, typer.Option("--share", help="Of several models: be --near the schedule of the first that has one.")
     ] = False,
-    cluster: Annotated[
-        str,
-        typer.Option(metavar="ADDRESS", help="Solve the models, or search one, on this dask.distributed scheduler."),
-    ] = "",
     workers: WorkerCount = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a stopped search; the result is the same.")
@@ -63,22 +57,8 @@ def schedule(
 
         if resume:
             raise typer.BadParameter("several models are resumed without it; omit it", param_hint="--resume")
-        return schedule_fleet(model, chosen, output_file, processes=workers or 1, cluster=cluster, share=share)
-    system = read_model(model[0])
-    with _on_cluster(cluster) as away:
-        return find_schedule(system, replace(chosen, cluster=away), output_file, resume=resume)
-
-
-@contextmanager
-def _on_cluster(address: str) -> Iterator[Away | None]:
-    if not address:
-        yield None
-        return
-    from halpipe.pipeline.solve.away import Away
-    from halpipe.pipeline.solve.run import on_cluster
-
-    with on_cluster(address) as cluster:
-        yield Away(cluster)
+        return schedule_fleet(model, chosen, output_file, processes=workers or 1, share=share)
+    return find_schedule(read_model(model[0]), chosen, output_file, resume=resume)
 
 
 @takes()
@@ -129,7 +109,6 @@ def schedule_fleet(
     folder: str,
     *,
     processes: int,
-    cluster: str,
     share: bool,
 ) -> int:
     """Solve every model, each as if it were alone; return the exit code of the worst."""
@@ -146,7 +125,7 @@ def schedule_fleet(
     with stop.listening():
         if share:
             variants = run.share(variants)
-        run.all(variants, processes, cluster)
+        run.all(variants, processes)
     run.show(variants)
     for outcome, code in EXITS.items():
         if any(solved.outcome is outcome for solved in run.solved.values()):
@@ -177,14 +156,14 @@ class _Run:
         for place, variant in enumerate(variants):
             if variant.options["near"] is not None:
                 raise typer.BadParameter("give --near or --share, not both", param_hint="--share")
-            self.all([variant], 1, "")
+            self.all([variant], 1)
             content = self.solved[variant.target].content
             if content or self.stop.pressed:
                 first, rest = variants[: place + 1], variants[place + 1 :]
                 return [*first, *(near_to(other, content, variant.target) for other in rest if content)]
         return list(variants)
 
-    def all(self, variants: Sequence[Variant], processes: int, cluster: str) -> None:
+    def all(self, variants: Sequence[Variant], processes: int) -> None:
         """Solve what is not solved yet, in this process or elsewhere, and write each as soon as it is there."""
         from halpipe.pipeline.solve.run import map_tasks
 
@@ -195,7 +174,7 @@ class _Run:
                 self._take(variant, kept)
             elif variant.target not in self.solved:
                 waiting.append(variant)
-        results = map_tasks(partial(_solve, self.stop), waiting, jobs=processes, cluster=cluster)
+        results = map_tasks(partial(_solve, self.stop), waiting, jobs=processes)
         try:
             for number, solved in results:
                 self._take(waiting[number], solved)

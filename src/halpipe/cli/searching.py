@@ -89,7 +89,7 @@ def _text(path: Path) -> str:
 class Stop:
     """Stop request of the user, named in `words`; a second Ctrl-C ends the command at once.
 
-    A copy in another process, or on a cluster, has the time limit alone.
+    A copy in another process has the time limit alone.
     """
 
     def __init__(self, words: str, time_limit: Duration | None = None) -> None:
@@ -204,8 +204,6 @@ def find_schedule(model: TaskModel, options: SearchOptions, target: str, *, resu
         except HalpipeError as failure:
             if failure.exit is Exit.INTERRUPTED and not watch.stop.pressed:  # it was the time limit
                 failure.exit = Exit.NOT_FOUND
-            if checkpoint is not None and _is_loss(failure):
-                checkpoint.write()  # of what has come back from the cluster nothing is lost
             raise
     output.report(scheduled.diagnostics)
     if scheduled.is_complete:
@@ -219,13 +217,6 @@ def find_schedule(model: TaskModel, options: SearchOptions, target: str, *, resu
     if checkpoint is not None:
         checkpoint.write()
     return _save_best(model, scheduled, target, interrupted=watch.stop.pressed)
-
-
-def _is_loss(failure: HalpipeError) -> bool:
-    """Whether a search has lost its cluster; any other internal error is a bug, and leaves nothing behind."""
-    from halpipe.pipeline.solve.run import WORKER_LOST
-
-    return WORKER_LOST.id in [found.code for found in failure.diagnostics]
 
 
 def _checkpoint(model: TaskModel, options: SearchOptions, target: str) -> Checkpoint | None:

@@ -68,7 +68,6 @@ EXTRAS = {
     "ortools": "halpipe[exact]",
     "openpyxl": "halpipe[table]",
     "matplotlib": "halpipe[plot]",
-    "distributed": "halpipe[cluster]",
     "starlette": "halpipe[serve]",
     "uvicorn": "halpipe[serve]",
     "ziglang": "halpipe[riscv]",

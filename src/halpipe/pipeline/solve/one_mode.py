@@ -364,10 +364,8 @@ class _WholeJobs(_Search):
         """Let the annealer go on to so many moves in all; other numbers of `start` are other searches."""
         from halpipe.pipeline.solve.kernel.search import Effort, search
 
-        cluster, polish, kept = self.options.cluster, self.polish, self.kept(self.keeper)
+        polish, kept = self.polish, self.kept(self.keeper)
         effort = Effort(self.options.portfolio, self.options.workers)
-        if cluster is not None:
-            effort = Effort(self.options.portfolio, cluster.workers, cluster.advancing)
         if start:
             kept = kept and kept.stage(f"start{start}")
             polish = polish and replace(polish, seed=polish.seed + start, first=[], on_better=lambda worth: None)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
-    from halpipe.pipeline.solve.away import Away
     from halpipe.pipeline.solve.kernel.portfolio import Keeper
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.optimise import Reached
@@ -74,7 +73,6 @@ class SearchOptions:
     - `on_better` gets a mode and its objectives, whenever a better schedule is found.
     - `keeper` saves the search on its way, or restores one that was saved.
     - `workers` are the threads for modes and searches; their number changes the time alone.
-    - A `cluster` makes the moves of searches in their place, which changes the time alone, too.
     """
 
     seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
@@ -149,7 +147,6 @@ class SearchOptions:
     keeper: Keeper | None = field(default=None, compare=False)
     on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
-    cluster: Away | None = field(default=None, compare=False)
 
     def unused(self) -> tuple[str, ...]:
         """Return the fields that have no effect beside the others; stating one is refused."""

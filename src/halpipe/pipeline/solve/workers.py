@@ -1,7 +1,7 @@
 """Threads for one command: the kernel and CP-SAT leave the interpreter alone while they run, so threads are enough.
 
 What comes out never depends on the number of threads, nor on which of them is first: results are taken in the order
-of the items. For processes and clusters see `run.py`.
+of the items. For processes see `run.py`.
 """
 
 from __future__ import annotations

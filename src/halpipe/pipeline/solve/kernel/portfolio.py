@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.records import record
@@ -27,9 +26,6 @@ SLICE_WORK = 20_000
 
 OnSlice = Callable[[int, int], bool]
 """Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
-
-Advance = Callable[["State", int, OnSlice, "Kept | None"], bool]
-"""Lets one search of a problem go on until it has made so many moves in all, as `advance` does."""
 
 
 class Keeper(Protocol):
@@ -88,11 +84,6 @@ def run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Ke
     if kept is not None:
         kept.keep(state, now=True)
     return stopped
-
-
-def here(problem: Problem) -> Advance:
-    """Return what advances the searches of a problem on the thread that asks for it."""
-    return partial(advance, problem.arrays)
 
 
 def advance(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
@@ -174,15 +165,11 @@ def race(
     workers: Workers,
     on_slice: OnSlice,
     kept: Kept | None,
-    advancing: Callable[[Problem], Advance] = here,
 ) -> Race:
-    """Search in at most `budget` moves of all searches together; `begin` returns the fresh state of one of them.
-
-    What `advancing` returns for the problem makes the moves, on the threads of `workers`.
-    """
+    """Search in at most `budget` moves of all searches together; `begin` returns the fresh state of one of them."""
     tasks = max(1, len(problem.expansion.tasks))
     entries = len(problem.arrays.entry_offset)
-    found = _Searches(begin, advancing(problem), on_slice, kept)
+    found = _Searches(begin, problem.arrays, on_slice, kept)
     first = found.add()
     if members == 1 or first.state.register[FROZEN] == entries:
         found.turn(workers, [budget])
@@ -204,9 +191,9 @@ def race(
 class _Searches:
     """The searches of a race, and how far they are."""
 
-    def __init__(self, begin: Callable[[int], State], advance: Advance, on_slice: OnSlice, kept: Kept | None) -> None:
+    def __init__(self, begin: Callable[[int], State], arrays: Arrays, on_slice: OnSlice, kept: Kept | None) -> None:
         self._begin = begin
-        self._make_moves = advance
+        self._arrays = arrays
         self._on_slice = on_slice
         self._kept = kept
         self._shown: dict[int, tuple[int, int]] = {}
@@ -238,7 +225,7 @@ class _Searches:
             constructed = [found for _, found in shown if found >= 0]
             return self._on_slice(sum(made for made, _ in shown), min(constructed, default=-1))
 
-        member.stopped = self._make_moves(member.state, member.bound, on_slice, member.kept)
+        member.stopped = advance(self._arrays, member.state, member.bound, on_slice, member.kept)
         return member
 
     def outcome(self) -> Race:

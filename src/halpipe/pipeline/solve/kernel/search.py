@@ -9,7 +9,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, NEVER, State, load, new_state
-from halpipe.pipeline.solve.kernel.portfolio import Advance, Kept, OnSlice, here, race, run
+from halpipe.pipeline.solve.kernel.portfolio import Kept, OnSlice, race, run
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers
@@ -29,11 +29,10 @@ MEMBER_SEED = 0x2127599BF4325C37
 
 @record
 class Effort:
-    """Number of searches that take turns, the threads that they share, and the maker of their moves."""
+    """Number of searches that take turns, and the threads that they share."""
 
     members: int = 1
     workers: Workers = field(default_factory=Workers)
-    advancing: Callable[[Problem], Advance] = here
 
 
 ALONE = Effort()
@@ -94,7 +93,7 @@ def search(
 
     if len(problem.arrays.chain_limit):
         construct(problem, first, budget, lambda made: on_slice(made, -1))
-    found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept, effort.advancing)
+    found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept)
     state, moves, stopped = found.state, found.moves, found.stopped
     if state.register[BEST] == NEVER:
         state = _completed(problem, state, seed)
