@@ -211,7 +211,7 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
         table = plan.table
         if table.index not in played:
             continue
-        expected, blocks, name = _promised(case, plan), played[table.index], names[table.index]
+        expected, blocks, name = _promised(case, plan, step), played[table.index], names[table.index]
         instants = [instant for instant, _ in blocks]
         if instants != [instant for instant, _ in expected]:
             text = f"rates are set at {instants[:5]} ns, promised are changes at {[i for i, _ in expected][:5]}"
@@ -261,8 +261,8 @@ def _rise(
                 return
 
 
-def _promised(case: Case, plan: Planned) -> list[Setting]:
-    """Return what must be set and when: the highest rates of a table, or (phases) every change."""
+def _promised(case: Case, plan: Planned, step: Fraction) -> list[Setting]:
+    """Return what must be set and when: the highest rates of a table, or (phases) every change of the steps set."""
     owners = [f"{unit.name} {d}" for unit in case.tables.units for d in ("read", "write")]
     if case.facts.settings["qos400"]["granularity"] != "phase":
         highest = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
@@ -271,10 +271,13 @@ def _promised(case: Case, plan: Planned) -> list[Setting]:
     instants = sorted({Fraction(0), *(instant for several in steps.values() for instant, _ in several)})
     found: list[Setting] = []
     now: dict[Row, Fraction] = {}
+    known: dict[str, int] = {}
     for instant in instants:
         now |= {row: rate for row, several in steps.items() for at, rate in several if at == instant}
         promised = dict.fromkeys(owners, Fraction(0))
         promised |= {f"{u} {d}": rate * case.facts.guaranteed for (u, d), rate in now.items()}
-        if not found or found[-1][1] != promised:
+        steps_set = {owner: max(1, ceil(rate / step)) for owner, rate in promised.items()}
+        if steps_set != known:
+            known = steps_set
             found.append((int(instant), promised))
     return found

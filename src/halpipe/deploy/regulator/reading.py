@@ -186,8 +186,11 @@ def _tables(root: JsonObject) -> Tables:
     tables = [_table(item, names, platform.burst_bytes) for item in root.objects("tables")]
     if not tables or [table.index for table in tables] != list(range(len(tables))):
         raise ValueError("tables must be there, in the order of their index, from 0 on")
+    backend = root.text("backend")
+    if backend not in DEVICES:
+        raise ValueError(f'there is no back-end "{backend[:40]}"')
     return Tables(
-        backend=root.text("backend"),
+        backend=backend,
         schedule_sha256=root.text("schedule_sha256"),
         model_sha256=root.text("model_sha256"),
         platform=platform,

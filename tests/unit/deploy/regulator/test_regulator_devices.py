@@ -359,3 +359,43 @@ def test_memguard_by_phase_serves_phases_that_take_turns(tmp_path):
     assert millis == [0, 10, 19, 30, 39]  # a period before the phases at 20 and at 40, so that each core has taken it
     late = {**files, name: script.replace("from 19000000 ns", "from 20000000 ns").encode()}
     assert codes.GRANTS_DIFFER.id in ids(late)
+
+
+def test_overshoot_is_kept_per_window_where_the_clock_does_not_divide_it(tmp_path):
+    """Exporter and check take it from the exact window, not from the shorter one of whole cycles."""
+    path = tmp_path / "memguard.yaml"
+    text = PLATFORM.replace("clock: 1MHz", "clock: 1000999Hz").replace("window: 1000", "window: 1ms")
+    text = text.replace("6.4MB/s", "3.2MB/s")
+    path.write_text(text + "overshoot: 1000B\nmemguard: {cores: 4, period: 1s}\n")
+    files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="memguard"))
+    assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()
+
+
+def test_bounds_below_a_step_of_the_regulator_change_no_setting(tmp_path):
+    """Phases whose bounds differ by less than a step of QoS-400: one setting, and no instant without a write."""
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 2, "0.25", "read"), access("mem", 2, 5, "0.2501", "read")))
+    m = model(t, units="u1", resources="mem", modes=(mode("m", [t]),))
+    path = tmp_path / "qos.yaml"
+    path.write_text(PLATFORM[: PLATFORM.index("  u2")] + "qos400: {clock: 2MHz, granularity: phase}\n")
+    files = RegulatorExporter().write(
+        m,
+        schedule(m, 10, job(m, "t", 0, 1, "u1"), mode_name="m"),
+        RegulatorOptions(platform=str(path), backend="qos400"),
+    )
+    assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()
+
+
+def test_a_back_end_that_there_is_not_makes_tables_unusable(exported):
+    files = bundles.changed(exported["memguard"][1], lambda data: data.update(backend="x" * 5000))
+    with pytest.raises(HalpipeError) as refused:
+        DEPLOYMENT.check(bundles.target(files), CheckOptions())
+    assert refused.value.diagnostics[0].code == codes.UNUSABLE_TABLES.id
+
+
+def test_the_least_part_of_mpam_is_the_same_for_exporter_and_check(tmp_path):
+    """With a step that does not divide 100 the largest percentage wraps in the field of MPAM: a small part."""
+    path = tmp_path / "mpam.yaml"
+    path.write_text(PLATFORM + "resctrl: {kind: mpam, others: 7, width: 10, min: 3, step: 7}\n")
+    files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="resctrl"))
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions())
+    assert not any(d.is_error for d in checked.diagnostics)

@@ -249,3 +249,23 @@ def test_the_core_description_lists_all_sources():
     assert set(core["parameters"]) == set(core["targets"]["default"]["parameters"])
     top = (TABLE / "rtl" / "halpipe_regulator_axi4.v").read_text()
     assert all(f"parameter integer {name} " in top for name in core["parameters"])
+
+
+@pytest.mark.skipif(shutil.which("fdtoverlay") is None, reason="device-tree-compiler is not installed")
+def test_the_device_tree_overlay_is_compiled_and_applied(tmp_path):
+    """The node has room for the block of windows and 63 units."""
+    (tmp_path / "base.dts").write_text("/dts-v1/; / { #address-cells = <2>; #size-cells = <2>; };")
+    source = TABLE / "linux" / "regulator.dtso"
+    for text, blob in ((tmp_path / "base.dts", "base.dtb"), (source, "overlay.dtbo")):
+        done = subprocess.run(
+            ["dtc", "-@", "-I", "dts", "-O", "dtb", "-o", tmp_path / blob, text],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stderr == ""
+    command = ["fdtoverlay", "-i", "base.dtb", "-o", "whole.dtb", "overlay.dtbo"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    command = ["fdtget", "-t", "x", "whole.dtb", "/regulator@a0000000", "reg"]
+    words = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()
+    assert words == ["0", "a0000000", "0", f"{64 * UNIT:x}"]

@@ -118,7 +118,12 @@ def _step(platform: Platform) -> Fraction:
 def _settings(tables: Tables, table: Table) -> list[Setting]:
     whole = [Segment(0, peaks(table.frame))]
     several = segments(table.frame) if _is_phased(tables) else whole
-    return [Setting(tables.grid.ns(segment.begin), _steps(tables, segment.bounds)) for segment in several]
+    found: list[Setting] = []
+    for segment in several:
+        steps = _steps(tables, segment.bounds)
+        if not found or found[-1].steps != steps:  # other bounds may be the same steps
+            found.append(Setting(tables.grid.ns(segment.begin), steps))
+    return found
 
 
 def _steps(tables: Tables, bounds: dict[Row, Fraction]) -> dict[Row, int]:

@@ -57,18 +57,17 @@ class Steps:
 
     @cached_property
     def values(self) -> list[int]:
-        """Values to write, ascending with what they grant: one for each that the kernel makes of them.
+        """Values to write, ascending with what they grant: one for each grant.
 
-        A limit of 0 is written only where it is known to mean the least part (MPAM).
+        A limit of 0 is written only where it is known to mean the least part (MPAM), where the largest value may wrap.
         """
         first = self.least if self.kind == "mpam" else max(1, self.least)
-        found: list[int] = []
+        found: dict[Fraction, int] = {}
         for value in (min(n, self.most) for n in range(self.rounded(first), self.most + self.step, self.step)):
             is_taken = self.kind == "mpam" or self.rounded(value) <= self.most
-            is_known = not self.levels or value in self.levels
-            if is_taken and is_known and (not found or self.given(value) > self.given(found[-1])):
-                found.append(value)
-        return found
+            if is_taken and (not self.levels or value in self.levels):
+                found.setdefault(self.given(value), value)
+        return [found[grant] for grant in sorted(found)]
 
     def rounded(self, value: int) -> int:
         """Return what the kernel makes of a value."""
