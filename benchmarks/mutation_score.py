@@ -1,15 +1,16 @@
-"""How many faults put into verify's own source are noticed by its tests: the mutation score.
+"""Mutation score of a room: the share of the faults put into its source that its tests notice.
 
-Usage: python benchmarks/mutation_score.py [--mutants N] [--seed 1] [--only FILE[:LINE]] [--list]
+Usage: python benchmarks/mutation_score.py [ROOM] [--mutants N] [--seed 1] [--only FILE[:LINE]] [--list]
 
 A copy of the package is changed in one place at a time: comparisons, operators, constants, conditions, and which
 extreme is taken. A mutant is killed when a test fails, ends in an error, or needs far more time or memory than the
-tests do. Without --mutants all of them are tried; a sample is told by its seed. Survivors are printed with their place:
+tests do. Without --mutants all of them are tried; the seed decides a sample. Survivors are printed with their place:
 they are either equivalent, or a test is missing. Those known to be equivalent are listed with the reason in
 equivalent_mutants.py; they are tried as well, and count as survivors in the first of the two scores.
 
-The tests are run once with a trace, which tells the lines that each executes. A mutant is then given to the tests that
-reach it, the quickest first, each time in a process forked off one that has loaded what the tests need of others.
+The tests are run once with a trace of the lines that each executes in the files of the sample. A mutant is then given
+to the tests that reach it, the quickest first, each time in a process forked off one that has loaded their libraries.
+The score is that of the tests in `ROOMS` alone: those of other rooms and the slow ones may notice more.
 """
 
 from __future__ import annotations
@@ -37,14 +38,60 @@ from hypothesis.internal.conjecture.engine import ConjectureRunner
 from equivalent_mutants import EQUIVALENT
 
 ROOT = Path(__file__).parents[1]
-VERIFY = Path("src", "halpipe", "pipeline", "verify")
-NEEDED = ("src", "tests", "docs", "examples", "pyproject.toml", "build_native.py", "hatch_build.py")
-TESTS = (
-    "tests/unit/pipeline/test_verify_*.py",
-    "tests/unit/pipeline/test_health.py",
-    "tests/properties/test_verify_*.py",
-    "tests/unit/test_second_checker.py",
-)
+PACKAGE = Path("src", "halpipe")
+NEEDED = ("src", "tests", "docs", "examples", "benchmarks", "pyproject.toml", "build_native.py", "hatch_build.py")
+ROOMS = {
+    "verify": (
+        "pipeline/verify",
+        "unit/pipeline/test_verify_* unit/pipeline/test_health* properties/test_verify_* unit/test_second_checker*",
+    ),
+    "core": (
+        "core",
+        "unit/core/* unit/test_options* properties/test_durations* unit/importers/test_overlay_r* cli/test_cli_mistakes*",
+    ),
+    "flow": ("flow", "unit/test_formats_and_checked* unit/pipeline/test_plan* unit/test_options* cli/test_cli_fleet*"),
+    "cli": ("cli", "unit/cli/* cli/test_cli_verbs* cli/test_cli_mistakes* cli/test_cli_help* cli/test_cli_whatif*"),
+    "models": ("models", "unit/importers/test_native_* unit/pipeline/test_expand* unit/exporters/test_native_*"),
+    "schemas": ("schemas", "unit/test_schemas* unit/importers/test_native_*"),
+    "selftest": ("selftest", "unit/selftest/*"),
+    "workbench": ("workbench", "unit/workbench/*"),
+    "importers/native": ("importers/native", "unit/importers/test_native_* unit/exporters/test_native_*"),
+    "importers/overlay": ("importers/overlay", "unit/importers/test_overlay_*"),
+    "importers/table": ("importers/table", "unit/importers/test_table* properties/test_table*"),
+    "importers/traces": ("importers/traces", "unit/importers/test_trace* unit/importers/test_ctf*"),
+    "importers/ros": ("importers/ros", "unit/importers/test_ros_*"),
+    "importers/amalthea": ("importers/amalthea", "unit/importers/amalthea/*"),
+    "importers/arxml": ("importers/arxml", "unit/importers/test_arxml_*"),
+    "importers/common": ("importers/common", "unit/importers/test_polling* unit/importers/test_arxml_preemption*"),
+    "exporters/common": ("exporters/common", "unit/exporters/test_*"),
+    "exporters/native": ("exporters/native", "unit/exporters/test_native_*"),
+    "exporters/arxml": ("exporters/arxml", "unit/exporters/test_arxml_*"),
+    "exporters/amalthea": ("exporters/amalthea", "unit/exporters/test_amalthea_* properties/test_amalthea_roundtrip*"),
+    "exporters/btf": ("exporters/btf", "unit/exporters/test_btf*"),
+    "exporters/trace": ("exporters/trace", "unit/exporters/test_trace*"),
+    "exporters/graph": ("exporters/graph", "unit/exporters/test_graph*"),
+    "exporters/report": ("exporters/report", "unit/exporters/test_report*"),
+    "exporters/ros": ("exporters/ros", "unit/exporters/test_ros_*"),
+    "exporters/linux": ("exporters/linux", "linux/test_linux_bundle*"),
+    "exporters/regulator": ("exporters/regulator", "unit/exporters/regulator/*"),
+    "exporters/riscv": ("exporters/riscv", "unit/exporters/riscv/* riscv/export/test_riscv_bundle*"),
+    "deploy/regulator": ("deploy/regulator", "unit/deploy/regulator/*"),
+    "deploy/riscv": ("deploy/riscv", "unit/deploy/riscv/*"),
+    "deploy/linux": ("deploy/linux", "linux/test_linux_*"),
+    "validate": ("pipeline/validate", "unit/pipeline/test_validate_*"),
+    "compare": ("pipeline/compare", "unit/pipeline/test_compare* unit/pipeline/test_learning*"),
+    "explain": ("pipeline/explain", "unit/pipeline/test_explain*"),
+    "generate": ("pipeline/generate", "unit/pipeline/test_generate*"),
+    "measure": (
+        "pipeline/measure",
+        "unit/pipeline/test_cost* unit/pipeline/test_latency* unit/pipeline/test_metrics* unit/pipeline/test_circle*",
+    ),
+    "transitions": ("pipeline/transitions", "unit/pipeline/test_transitions*"),
+    "whatif": ("pipeline/whatif", "unit/pipeline/test_whatif_*"),
+    "solve": ("pipeline/solve", "unit/pipeline/test_*"),
+}
+"""The folder of each room in the package, and its tests."""
+
 OPTIONS = ["-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no"]
 MEMORY = 3 << 30
 """What a mutant may use; the tests need a tenth of it."""
@@ -69,10 +116,9 @@ NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil"
 def places(tree: ast.AST) -> list[tuple[ast.AST, str]]:
     """Return what can be changed: a node, and which of its fields."""
     found: list[tuple[ast.AST, str]] = []
-    undecided = {id(node) for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg in DECIDE_NOTHING}
+    keywords = (node for node in ast.walk(tree) if isinstance(node, ast.keyword))
+    undecided = {id(node.value) for node in keywords if node.arg in DECIDE_NOTHING}
     for node in ast.walk(tree):
-        if id(node) in undecided:
-            undecided.add(id(node.value))  # comes later in the walk
         if isinstance(node, ast.Compare):
             found += [(node, f"ops {n}") for n, op in enumerate(node.ops) if type(op) in SWAPS]
         elif isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in SWAPS and not _is_text(node):
@@ -147,15 +193,16 @@ class Mutant:
 
 
 class Trace:
-    """Notes the lines of verify that each test executes, and how long it takes."""
+    """Lines of some files that each test executes, and the time that it takes."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self.lines, self.seconds, self._now = str(folder), {}, {}, set()
+    def __init__(self, files: set[str]) -> None:
+        self._files, self.lines, self.seconds, self._now = files, {}, {}, set()
 
     def _enter(self, frame, event, argument):
-        if not frame.f_code.co_filename.startswith(self._folder):
+        name = frame.f_code.co_filename
+        if name not in self._files:
             return None
-        now, name = self._now, os.path.basename(frame.f_code.co_filename)
+        now = self._now
 
         def step(frame, event, argument):
             now.add((name, frame.f_lineno))
@@ -190,17 +237,18 @@ class Chosen:
 class Tests:
     """The tests of a copy of the project."""
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, patterns: str) -> None:
         self.place = place
-        self.files = sorted({str(p.relative_to(place)) for pattern in TESTS for p in place.glob(pattern)})
+        found = {path for pattern in patterns.split() for path in place.glob(f"tests/{pattern}.py")}
+        self.files = sorted(str(path.relative_to(place)) for path in found if path.name.startswith("test_"))
         self._lines: dict[str, set[tuple[str, int]]] = {}
         self._seconds: dict[str, float] = {}
 
-    def trace(self) -> None:
-        """Run each file of tests by itself, with a trace."""
+    def trace(self, files: set[str]) -> None:
+        """Run each file of tests by itself, with a trace of some files of the source."""
         noted = self.place / "trace.json"
         for name in self.files:
-            tracer = Trace(self.place / VERIFY)
+            tracer = Trace(files)
             if not self._passes([name], tracer, noted):
                 sys.exit(f"the tests of {name} fail without a fault")
             lines, seconds = json.loads(noted.read_text())
@@ -211,7 +259,7 @@ class Tests:
         """Return whether one of the tests that reach the mutant fails."""
         tests = list(self._lines)
         if mutant.lines is not None:
-            wanted = {(mutant.path.name, line) for line in mutant.lines}
+            wanted = {(str(mutant.path), line) for line in mutant.lines}
             tests = [test for test, lines in self._lines.items() if wanted & lines]
         if not tests:
             return False
@@ -246,33 +294,33 @@ class Tests:
 # ------------------------------------------------------------------------------------------------ the score
 
 
-def copied(place: Path) -> Path:
-    """Copy what the tests need, and return the folder of verify."""
+def copied(place: Path) -> None:
+    """Copy what the tests need."""
     for name in NEEDED:  # the tests look for the package beside them
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__", "out"))
         else:
             shutil.copy(ROOT / name, place)
-    return place / VERIFY
 
 
-def mutants(folder: Path, only: str) -> list[Mutant]:
-    """Return all of them, or those of one file or line."""
+def mutants(folder: Path, only: str) -> list[tuple[Path, int]]:
+    """Return the places of all of them, or those of one file or line."""
     name, _, line = only.partition(":")
     found = []
-    for path in sorted(folder.glob("*.py")):
+    for path in sorted(folder.rglob("*.py")):
         if path.name not in ("codes.py", "__init__.py") and name in ("", path.name):
-            found += [Mutant(path, number) for number in range(len(places(ast.parse(path.read_text()))))]
-    return [mutant for mutant in found if not line or mutant.line == int(line)]
+            found += [(path, number) for number in range(len(places(ast.parse(path.read_text()))))]
+    return [place for place in found if not line or Mutant(*place).line == int(line)]
 
 
-def prepared(folder: Path, tests: Tests) -> None:
-    """See to it that the tests succeed without a fault, and fail with one."""
+def prepared(chosen: list[Mutant], tests: Tests) -> None:
+    """Check that the tests succeed without a fault, and fail with one."""
     sys.dont_write_bytecode = False
-    tests.trace()
+    tests.trace({str(mutant.path) for mutant in chosen})
     sys.dont_write_bytecode = True  # what is not changed stays compiled
-    shutil.rmtree(folder / "__pycache__", ignore_errors=True)
-    heart = folder / "tables.py"
+    for folder in {mutant.path.parent for mutant in chosen}:
+        shutil.rmtree(folder / "__pycache__", ignore_errors=True)
+    heart = chosen[0].path
     whole = heart.read_text()
     heart.write_text("raise ImportError\n")
     if tests.pass_all():
@@ -301,26 +349,29 @@ def tried(chosen: list[Mutant], tests: Tests) -> list[Mutant]:
 def main() -> int:
     """Try all mutants, or a sample."""
     parser = argparse.ArgumentParser()
+    parser.add_argument("room", nargs="?", default="verify", choices=ROOMS, metavar="ROOM", help=", ".join(ROOMS))
     parser.add_argument("--mutants", type=int, default=0, help="how many; without it, all")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="", help="a file of verify, or one line of it: tables.py:120")
+    parser.add_argument("--only", default="", help="a file of the room, or one line of it: tables.py:120")
     parser.add_argument("--list", action="store_true", help="print them and try none")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="halpipe-mutants-") as name:
-        folder = copied(Path(name).resolve())
-        chosen = mutants(folder, options.only)
-        print(f"{len(chosen)} places", flush=True)
+        place, (folder, patterns) = Path(name).resolve(), ROOMS[options.room]
+        copied(place)
+        found = mutants(place / PACKAGE / folder, options.only)
+        print(f"{len(found)} places", flush=True)
         if options.mutants:
-            chosen = random.Random(options.seed).sample(chosen, min(options.mutants, len(chosen)))
+            found = random.Random(options.seed).sample(found, min(options.mutants, len(found)))
+        chosen = [Mutant(*each) for each in found]
         if options.list:
             print(*(mutant.place for mutant in chosen), sep="\n")
             return 0
-        tests = Tests(Path(name).resolve())
-        prepared(folder, tests)
+        tests = Tests(place, patterns)
+        prepared(chosen, tests)
         survivors = tried(chosen, tests)
     killed, real = len(chosen) - len(survivors), [mutant for mutant in survivors if not mutant.is_known()]
     seed = f", seed {options.seed}" if options.mutants else ""
-    print(f"{killed} of {len(chosen)} killed, {100 * killed / len(chosen):.1f} %{seed}; "
+    print(f"{options.room}: {killed} of {len(chosen)} killed, {100 * killed / len(chosen):.1f} %{seed}; "
           f"{len(survivors) - len(real)} of the survivors change nothing, so {len(real)} count")  # fmt: skip
     return 1 if real else 0
 

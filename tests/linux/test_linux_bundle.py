@@ -76,7 +76,9 @@ def planned(owner):
 
 def write(folder, owner, tables, **options):
     (folder / "program.c").write_text(PROGRAM)
-    files = FORMAT.write(owner, tables, LinuxOptions(**{"sources": str(folder), "cpus": {"u1": 0}, **options}))
+    sourced = any(each.source for task in owner.tasks for each in task.versions)
+    stated = {"cpus": {"u1": 0}} | ({"sources": str(folder)} if sourced else {}) | options
+    files = FORMAT.write(owner, tables, LinuxOptions(**stated))
     write_directory(str(folder / "bundle"), files)
     return folder / "bundle", {name: content.decode() for name, content in files.items()}
 
@@ -276,6 +278,13 @@ def test_versions_without_programs_are_refused_unless_made_up(tmp_path):
         write(tmp_path, owner, tables)
     assert all("--busy" in d.help for d in caught.value.diagnostics)
     assert len(caught.value.diagnostics) == 2
+
+
+def test_a_folder_of_sources_is_refused_where_no_version_has_any(tmp_path):
+    owner = without_programs(None)
+    with pytest.raises(HalpipeError, match='"sources" has no effect here'):
+        write(tmp_path, owner, planned(owner), busy=10, sources=str(tmp_path))
+    assert write(tmp_path, owner, planned(owner), busy=10)
 
 
 def test_shared_objects_are_taken_as_they_are(tmp_path):

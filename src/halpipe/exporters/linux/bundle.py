@@ -13,6 +13,7 @@ from halpipe import __version__
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import ZERO
+from halpipe.core.options import refuse_unused
 from halpipe.core.records import record
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, UNREALISED
@@ -94,6 +95,8 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     programs, numbers = _programs(model, schedule, buffers, options, tree)
     check_texts(model, schedule, buffers, findings)
     findings.stop_on_errors()
+    if not tree.files:
+        refuse_unused(options, "export linux of a model without sources", ("sources",))
     levels = thread_levels(model, schedule, options.priority)
     functions = {key: len(programs[number].entries) for key, number in numbers.items()}
     tables = tables_of(model, schedule, cpus, levels, numbers, functions, findings)
