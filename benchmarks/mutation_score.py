@@ -47,7 +47,7 @@ ROOMS = {
     ),
     "core": (
         "core",
-        "unit/core/* unit/test_options* properties/test_durations* unit/importers/test_overlay_r* cli/test_cli_mistakes*",
+        "unit/core/* unit/test_options* properties/test_durations* unit/importers/test_overlay_r*",
     ),
     "flow": ("flow", "unit/test_formats_and_checked* unit/pipeline/test_plan* unit/test_options* cli/test_cli_fleet*"),
     "cli": ("cli", "unit/cli/* cli/test_cli_verbs* cli/test_cli_mistakes* cli/test_cli_help* cli/test_cli_whatif*"),
