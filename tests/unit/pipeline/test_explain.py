@@ -453,3 +453,17 @@ def test_proofs_are_sound_where_requirements_refer_to_cycles_and_locks():
     row = Precedence(task="a", anchor=Anchor.END, to=Anchor.END, match=Match.CYCLE, max=ms("2ms"))
     first, second = task("a", "10ms", version("v", "4ms")), task("b", "10ms", version("v", "5ms", "u2", row))
     assert verdicts(explain(model(first, second, units="u1 u2"))) == [Verdict.SCHEDULABLE]
+
+
+def test_a_remedy_that_the_annealer_misses():
+    """On one unit: b after each second job of a, c within 4 to 7 ms of the end of a, and d every 12 ms at 8 ms."""
+    pytest.importorskip("ortools")
+    half = Fraction(1, 2)
+    rows = [
+        task("a", 12, version("v", 4), slack=half / 2),
+        task("b", 24, version("v", 4, "u1", after("a", 3, 6, "end")), slack=half),
+        task("c", 6, version("v", 1, "u1", after("a", 4, 7, "end")), slack=half),
+        task("d", 12, version("v", 3), offset=ms(8)),
+    ]
+    shorter = [text for text in remedies(model(*rows)) if 'WCET of "b"' in text]
+    assert [text.split(" (")[0] for text in shorter] == ['WCET of "b" at most 2ms instead of 4ms']

@@ -225,7 +225,8 @@ class _Question:
             return []
         expansion = expand(self.model, self.mode)
         tick = self.search.tick or natural_tick(expansion)
-        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, replace(self.search, near=None))
+        search = replace(self.search, near=None)
+        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, search, self.use_exact)
         return find_remedies(self.model, tasks, trials)
 
     def _of_options(self) -> list[Diagnostic]:

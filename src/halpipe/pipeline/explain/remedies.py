@@ -19,6 +19,10 @@ from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.jobs import expand, natural_tick
+from halpipe.pipeline.measure.cost import mode_report
+from halpipe.pipeline.parts import is_exact_model
+from halpipe.pipeline.solve.exact import Effort, is_installed
+from halpipe.pipeline.solve.relay import solve_after
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
@@ -53,6 +57,9 @@ TRIALS = 300
 WORK = 400_000
 """Searches for one explanation, and jobs placed in each of them, roughly."""
 
+EXACT_JOBS, EXACT_WORK = 100, 0.5
+"""Jobs up to which the exact engine is asked, and its deterministic seconds for each changed model."""
+
 PARTS = 10
 """Parts of a step in which the WCETs of short tasks are shortened at last."""
 
@@ -66,7 +73,8 @@ LIMITS = {"max_reaction": "reaction time", "max_age": "data age", "max_latency":
 class Trials:
     """Tries changed models, with times on multiples of `tick`.
 
-    `go_on` is called between searches, and ends them all when it returns False.
+    `go_on` is called between searches, and ends them all when it returns False. With `exact`, the exact engine is used
+    where the annealer finds nothing.
     """
 
     mode: str
@@ -74,6 +82,7 @@ class Trials:
     go_on: Callable[[], bool]
     tick: Duration = NANOSECOND
     search: SearchOptions = field(default_factory=SearchOptions)
+    exact: bool = True
     left: int = TRIALS
 
     def step(self, whole: Duration) -> Duration:
@@ -95,7 +104,16 @@ class Trials:
         except HalpipeError:  # such as numbers that have become too large for the search
             return None
         table = tables.modes[0] if tables.modes else None
-        return table if table is not None and _is_valid(model, tables) else None
+        return table if table is not None and _is_valid(model, tables) else self._exactly(model)
+
+    def _exactly(self, model: TaskModel) -> ModeSchedule | None:
+        """Return a schedule of the exact engine, whose answer does not depend on the luck of a short search."""
+        is_plain = self.search.shipped is None and self.search.tick is None
+        if not (self.exact and is_plain and self.jobs <= EXACT_JOBS and is_installed() and is_exact_model(model)):
+            return None
+        expansion = expand(model, model.mode(self.mode))
+        jobs = solve_after(model, expansion, Effort(work=EXACT_WORK, go_on=self.go_on))
+        return None if jobs is None else mode_report(model, expansion, jobs, Status.VALID)
 
     def _grid(self, model: TaskModel) -> Duration | None:
         """Return the grid that also divides slacks and deadlines, on which a small one is of use; None if too fine."""
