@@ -399,3 +399,23 @@ def test_the_least_part_of_mpam_is_the_same_for_exporter_and_check(tmp_path):
     files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="resctrl"))
     checked = DEPLOYMENT.check(bundles.target(files), CheckOptions())
     assert not any(d.is_error for d in checked.diagnostics)
+
+
+def test_a_command_of_qos_400_has_each_parameter_once(tmp_path):
+    """A single unit whose reads fall and whose writes rise, and back: its port is written twice in a row."""
+    phases = {"one": ("0.25", "0.1"), "two": ("0.1", "0.25")}
+    tasks = [
+        task(name, 10, version("v", 5, "u1", access("mem", 0, 5, read, "read"), access("mem", 0, 5, write, "write")))
+        for name, (read, write) in phases.items()
+    ]
+    modes = [mode(name, [t]) for name, t in zip(("a", "b"), tasks, strict=True)]
+    m = model(*tasks, units="u1", resources="mem", modes=modes, transitions=[("a", "b", None), ("b", "a", None)])
+    found = [
+        schedule(m, 10, job(m, t.name, 0, 0, "u1"), mode_name=x).modes[0] for x, t in zip("ab", tasks, strict=True)
+    ]
+    switches = (bundles.switch("a", "b", 0, 10, ()), bundles.switch("b", "a", 0, 10, ()))
+    path = tmp_path / "qos.yaml"
+    path.write_text(PLATFORM[: PLATFORM.index("  u2")] + "qos400: {clock: 2MHz}\n")
+    whole = replace(schedule(m, 10), modes=tuple(found), transitions=switches)
+    files = RegulatorExporter().write(m, whole, RegulatorOptions(platform=str(path), backend="qos400"))
+    assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()

@@ -10,7 +10,6 @@ Sources: Xilinx UG1087 (register addresses), Arm DSU 0026 (QoS-400 supplement to
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import groupby
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -203,12 +202,17 @@ _OTHERWISE = {
 
 
 def _commands(tables: Tables, writes: list[tuple[Row, int]]) -> Iterator[str]:
-    """Yield a command for every run of writes to one port."""
+    """Yield a command for every run of writes to one port, in which no parameter comes twice."""
     burstiness = tables.platform.settings[Qos400.name]["burstiness"]
-    for unit, run in groupby(writes, key=lambda write: write[0].unit):
-        rates = ((PREFIX[row.direction], steps) for row, steps in run)
+    runs: list[dict[Row, int]] = []
+    for row, steps in writes:
+        if not runs or row in runs[-1] or next(iter(runs[-1])).unit != row.unit:
+            runs.append({})
+        runs[-1][row] = steps
+    for run in runs:
+        rates = ((PREFIX[row.direction], steps) for row, steps in run.items())
         parameters = ",".join(f"{prefix}_b={burstiness},{prefix}_r={steps}" for prefix, steps in rates)
-        yield f"jailhouse qos {tables.platform.units[unit].port}:{parameters}"
+        yield f"jailhouse qos {tables.platform.units[next(iter(run)).unit].port}:{parameters}"
 
 
 def _init(tables: Tables) -> Iterator[tuple[int, int]]:
