@@ -14,9 +14,12 @@ import resctrl_kernel
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
+from halpipe.deploy.regulator.memguard import Module
 from halpipe.deploy.regulator.resctrl import FileSystem
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator import codes as export_codes
+from halpipe.exporters.regulator.frames import Row
+from halpipe.exporters.regulator.memguard.writer import _events as memguard_events
 from halpipe.exporters.regulator.resctrl.writer import Steps
 from resctrl_kernel import KERNELS, Kernel
 from support import access, job, mode, model, schedule, task, version
@@ -255,3 +258,31 @@ def test_the_model_reads_back_as_the_kernel_shows(tmp_path):
     found = DEPLOYMENT.check(bundles.target(changed), CheckOptions()).diagnostics
     assert {d.code for d in found} == {codes.DEVICE_REFUSES.id}
     assert Path(found[0].at.file).name == "0-m.sh"
+
+
+def test_ten_thousand_platforms_grant_what_memguard_counts(tmp_path):
+    """Limits are events of a cache line per period; one direction brings lines of the other, and 0 is not taken."""
+    rng = random.Random(39)
+    for _ in range(10_000):
+        period, line = rng.choice([1000, 1500, 4095, 12345, rng.randrange(1000, 10**6)]), rng.choice([32, 64, 128])
+        refills, backs = (Fraction(rng.randrange(5), rng.randrange(4, 9)) for _ in range(2))
+        guaranteed, bounds = rng.randrange(10**6, 10**11), [Fraction(rng.randrange(101), 100) for _ in range(2)]
+        told = {"period": str(period), "line": f"{line}B", "write-refills": str(refills), "write-backs": str(backs)}
+        told |= {"cores": "1", "granularity": "mode"}
+        port = type("U", (), {"core": 0})()
+        platform = type("P", (), {"settings": {"memguard": told}, "guaranteed": guaranteed, "units": {"u": port}})()
+        unit = type("N", (), {"name": "u"})()
+        tables = type("T", (), {"platform": platform, "units": (unit,)})()
+        highest = {Row("u", d): bound for d, bound in zip(("read", "write"), bounds, strict=True) if bound}
+        # of the module: lines that rates take in a period, and the counters that count them
+        lines = [-(-bound * guaranteed * period // (10**6 * line)) for bound in bounds]
+        counted = [lines[0] + -(-refills * lines[1] // 1), lines[1] + -(-backs * lines[0] // 1)]
+        for direction, events in zip(("read", "write"), counted, strict=True):
+            assert memguard_events(tables, highest, direction) == [max(1, events)]
+        facts = type(
+            "F", (), {"settings": {"memguard": {**told, "period": f"{period}us"}}, "units": {"u": {"core": "0"}}}
+        )
+        facts.number = lambda self, *names: 1
+        module = Module(type("C", (), {"facts": facts(), "tables": tables})())
+        assert module.events(bounds[0] * guaranteed) == lines[0]
+        assert module.rate(lines[0]) * period == lines[0] * line * 10**6
