@@ -37,7 +37,7 @@ def has_whole_jobs(model: TaskModel) -> bool:
 
 
 def is_exact_model(model: TaskModel) -> bool:
-    """Return whether the exact engine knows all that the model states: whole jobs, and of MODEL 10 only locks."""
+    """Return whether jobs are whole and, of MODEL 10, only locks are used: objectives and coarse grids know no more."""
     return has_whole_jobs(model) and not any(True for _ in model.refinements())
 
 

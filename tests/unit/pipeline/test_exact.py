@@ -1,11 +1,13 @@
 """The exact engine rule by rule: what just fits is scheduled, a tick less is not. Verify sees every schedule."""
 
+from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.models import Binding, Interrupt
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
@@ -13,7 +15,7 @@ from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_
 from halpipe.pipeline.solve.exactunits import Groups, Line, Units, forms_of
 from halpipe.pipeline.solve.kernel.assign_units import Arc
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
-from support import access, after, chain, model, small_model, task, version
+from support import access, after, chain, model, ms, small_model, task, version
 
 pytest.importorskip("ortools")
 
@@ -321,3 +323,72 @@ def test_a_schedule_that_verify_refuses_does_not_get_out(monkeypatch):
         answer(model(task("a", "4ms", version("v", "1ms"))))
     assert failure.value.diagnostics[0].code == codes.EXACT_WRONG.id
     assert int(failure.value.exit) == 70
+
+
+# ------------------------------------------------------------------------------------ preemption and interrupts
+
+
+def interrupted(system, *names, wcet="1ms"):
+    """Let an interrupt of 10 ms come to some units."""
+    row = Interrupt(name="i", distance=ms("10ms"), wcet=ms(wcet))
+    units = tuple(replace(u, interrupts=(row,) if u.name in names else ()) for u in system.units)
+    return replace(system, units=units)
+
+
+@pytest.mark.parametrize(("second", "expected"), [("3ms", True), ("3.001ms", False)])
+def test_interrupts_lengthen_jobs(second, expected):
+    """Each job of 3 ms takes 4 ms, that of a constraint from its end, too."""
+    system = model(
+        task("a", "8ms", version("v", "3ms")), task("b", "8ms", version("v", second, "u1", after("a", 0, 0, "end")))
+    )
+    assert holds(system)
+    assert holds(interrupted(system, "u1")) is expected
+
+
+def test_the_length_is_that_of_the_unit():
+    """The job of 7 ms fits beside the other one only where no interrupt comes."""
+    tasks = task("a", "8ms", version("v", "7ms", "u1 u2")), task("b", "8ms", version("v", "3ms", "u1 u2"))
+    result = solve_exact(interrupted(model(*tasks, units="u1 u2"), "u1", wcet="2ms"), model(*tasks).modes[0])
+    assert {(job.task, job.units) for job in result.jobs} == {("a", ("u2",)), ("b", ("u1",))}
+
+
+def test_what_no_interrupt_leaves_time_for_is_not_placed():
+    system = interrupted(model(task("a", "20ms", version("v", "1ms"))), "u1", wcet="10ms")
+    assert answer(system) is Answer.INFEASIBLE
+
+
+def spread(gang=1, anchor="start", binding=Binding.JOB):
+    last = replace(after("a", 0, 8, anchor), point=ms("1ms") if anchor == "point" else None)
+    tasks = [
+        task("a", "8ms", version("v", "2ms", "u1 u2", gang=gang)),
+        task("b", "8ms", version("v", "1ms", "u2", last)),
+    ]
+    tasks[0] = replace(tasks[0], binding=binding)
+    system = interrupted(model(*tasks, units="u1 u2"), "u1")
+    runs = system.modes[0].runs
+    return replace(system, modes=(replace(system.modes[0], name="n1", runs=runs), replace(system.modes[0], runs=runs)))
+
+
+@pytest.mark.parametrize(
+    ("system", "element"),
+    [
+        (spread(gang=2), 'gang of task "a" over units with different interrupts'),
+        (spread(anchor="point"), 'point of task "a", which lies elsewhere with the interrupts of each unit'),
+        (spread(binding=Binding.SYSTEM), 'binding of task "a" to the units of another mode'),
+    ],
+)
+def test_a_refusal_names_the_element(system, element):
+    with pytest.raises(HalpipeError) as refused:
+        schedule_model(system, SearchOptions(engine="exact"), lambda *_: True)
+    [found] = refused.value.diagnostics
+    assert (found.code, found.message) == (codes.EXACT_ELEMENT.id, f"does not know: {element}")
+
+
+def test_jobs_of_a_bound_task_share_their_unit():
+    choice = task("c", "10ms", version("v", "6ms", "u1 u2"))
+    long = task("l", "20ms", version("v", "9ms", "u1 u2")), task("m", "20ms", version("v", "5ms", "u1 u2"))
+    loose = model(choice, *long, units="u1 u2")
+    assert holds(loose)
+    bound = replace(loose, tasks=(replace(choice, binding=Binding.MODE), *long))
+    result = solve_exact(bound, bound.modes[0])
+    assert len({job.units for job in result.jobs if job.task == "c"}) == 1

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, about, tasks_named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Anchor, ModeSchedule, Schedule, Status
+from halpipe.models import Anchor, Edge, Match, ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
-from halpipe.pipeline.parts import is_exact_model
+from halpipe.pipeline.jobs import ActiveTask, Demand, demands_for, expand
+from halpipe.pipeline.parts import has_whole_jobs, is_exact_model
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.validate.context import place, quoted
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Access, Chain, Job, Mode, Precedence, Task, TaskModel, Version
+    from halpipe.pipeline.jobs import Expansion
 
 MAX_JOBS = 300
 """Jobs of a mode up to which a conflicting set is looked for."""
@@ -57,17 +58,17 @@ class Conflict:
 def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Conflict:
     """Return the conflicting set of a mode; `Answer.UNKNOWN` where it is too large or the effort is spent.
 
-    And where jobs are split, bound or interrupted, or serve arrivals, or where requirements refer to cycles, edges,
-    LET or further instants: the exact engine places whole jobs (MODEL 3).
+    And where jobs are preemptive, bound or interrupted, or serve arrivals: the exact engine's word on whole jobs is no
+    proof for them.
     """
-    if not is_exact_model(model):
+    if not has_whole_jobs(model):
         return Conflict(Answer.UNKNOWN)
     expansion = expand(model, mode)
     if not is_installed() or expansion.job_count > MAX_JOBS:
         return Conflict(Answer.UNKNOWN)
     if is_small(expansion):
         return _conflict(model, mode, expansion, go_on)
-    grid = coarser_grid(expansion)
+    grid = coarser_grid(expansion) if is_exact_model(model) else None
     if grid is None:
         return Conflict(Answer.UNKNOWN)
     loose = easier(model, grid)
@@ -103,7 +104,7 @@ def _conflict(model: TaskModel, mode: Mode, expansion: Expansion, go_on: Callabl
     whole = Kept(expansion.tasks, model.chains)
 
     def answer(kept: Kept, seed: int = 1) -> Answer:
-        part = Expansion(mode, expansion.hyperperiod, kept.tasks)
+        part = replace(expansion, tasks=kept.tasks)
         try:
             return solve_expansion(model, part, Effort(work=EFFORT, seed=seed, go_on=go_on), chains=kept.chains).status
         except HalpipeError:  # too many variables
@@ -236,7 +237,8 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
     names = [active.name for active in kept.tasks]
     kind = "a minimal set" if conflict.is_minimal else "a set, perhaps not minimal"
     text = f"{quoted(names, 12)} cannot be scheduled together ({kind}, found and checked again by the exact engine)"
-    parts = list(_parts(kept))
+    edge = ["an empty table at its edge"] if mode.edge is Edge.CLOSED else []
+    parts = [*_parts(kept), *edge]
     text += f"; what it takes: {'; '.join(parts[:12])}" if parts else ""
     text += f"; and {len(parts) - 12} more" if len(parts) > 12 else ""
     help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
@@ -244,6 +246,13 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
         help = "relax one of these tasks or constraints"
     path, subjects = about(mode=mode.name), tasks_named(names)
     return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=path, help=help, subjects=subjects)
+
+
+def _window(task: str, row: Precedence) -> str:
+    to = "" if row.to is Anchor.START else f"the {row.to} of "
+    anchor = f"{row.anchor} {row.point}" if row.point is not None else row.anchor
+    cycle = " of the same cycle" if row.match is Match.CYCLE else ""
+    return f'{to}"{task}" [{row.min}, {row.max}] after the {anchor} of "{row.task}"{cycle}'
 
 
 def _parts(kept: Kept) -> Iterable[str]:
@@ -254,15 +263,16 @@ def _parts(kept: Kept) -> Iterable[str]:
         rhythm = f"every {task.period}" if task.period is not None else "on demand"
         offset = f" from {task.offset}" if task.offset is not None else ""
         yield f'"{task.name}" {wcets} {rhythm}{offset} on {quoted(units, 3)}'
-        rows = dict.fromkeys((p.task, p.anchor, p.min, p.max) for v in active.versions for p in v.precedences)
-        for other, anchor, low, high in rows:
-            yield f'"{task.name}" [{low}, {high}] after the {anchor} of "{other}"'
+        if task.let is not None:
+            yield f'"{task.name}" with a logical execution time of {task.let}'
+        yield from dict.fromkeys(_window(task.name, row) for v in active.versions for row in v.precedences)
     resources = dict.fromkeys(a.resource for active in kept.tasks for v in active.versions for a in v.accesses)
     for name in resources:
         yield f'accesses to "{name}"'
     running = {active.name for active in kept.tasks}
     for chain in kept.chains:
-        if running.issuperset(chain.tasks) and (chain.max_reaction is not None or chain.max_age is not None):
+        limits = (chain.max_latency, chain.max_reaction, chain.max_age)
+        if running.issuperset(chain.tasks) and any(limit is not None for limit in limits):
             yield f'limits of chain "{chain.name}"'
 
 

@@ -81,11 +81,11 @@ EXACT_TICK = error(
     "Exact engine takes no tick",
     "It computes on the grid that loses nothing. Leave --tick away, or use the annealer.",
 )
-EXACT_WHOLE = error(
+EXACT_ELEMENT = error(
     "HAL0425",
-    "Exact engine places whole jobs only",
-    "It knows no split points, interrupts, bound tasks and sporadic arrivals (docs/explanation/model.md). The annealer "
-    "does.",
+    "Exact engine does not know an element of the model",
+    "It places jobs in one piece. It does not know units that an earlier mode chose for a task, gangs over units with "
+    "different interrupts, and points of tasks that interrupts move by the unit. The annealer does.",
 )
 EXACT_KEEPS_NOTHING = error(
     "HAL0429",

@@ -1,4 +1,4 @@
-"""The exact engine: one mode as a constraint program for CP-SAT, every rule of MODEL 3, for small systems.
+"""The exact engine: one mode as a constraint program for CP-SAT, every rule of MODEL 3 and 10, for small systems.
 
 It starts from the expanded model and shares nothing with the annealer's arrays, so that each can be compared with the
 other. Its schedules are checked by verify before anyone sees them; "infeasible" is its own word alone, which `explain`
@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.core.records import record
-from halpipe.models import ModeSchedule, Schedule, Status
+from halpipe.models import Anchor, Binding, ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
+from halpipe.pipeline.solve.exactlengths import inflated, kinds_of, services_of
+from halpipe.pipeline.solve.exactunits import is_bound_by_choice
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.workers import Workers, watched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.models import Chain, Job, Mode, TaskModel
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.exactmodel import Program
@@ -88,11 +90,14 @@ PLAIN = Effort()
 def solve_exact(model: TaskModel, mode: Mode, effort: Effort = PLAIN) -> ExactResult:
     """Decide whether `mode` of a validated model has a valid schedule.
 
+    Preemptive jobs are placed in one piece; that there is none without preemption proves nothing.
     Raise `HalpipeError` where OR-Tools is not installed, where the mode is too large, or where verify refuses the
     schedule found (a bug).
     """
     expansion = expand(model, mode)
-    result = solve_expansion(model, expansion, effort)
+    result = solve_expansion(model, inflated(model, expansion), effort)
+    if result.status is Answer.INFEASIBLE and is_preemptive(expansion):
+        return ExactResult(Answer.UNKNOWN)
     if result.status is Answer.FEASIBLE:
         _check(model, expansion, result.jobs)
     return result
@@ -181,6 +186,26 @@ def solver_for(cp_model: Any, effort: Effort) -> Any:
     parameters.catch_sigint_signal = False  # Ctrl-C belongs to the caller of `go_on`
     parameters.symmetry_level = 0  # programs have their own, and the detection of OR-Tools 9.15 fails on some of them
     return solver
+
+
+def is_preemptive(expansion: Expansion) -> bool:
+    """Return whether some jobs of a mode may be preempted."""
+    return any(version.split.is_allowed for active in expansion.tasks for version in active.versions)
+
+
+def unknown_to_exact(model: TaskModel, expansion: Expansion) -> Iterator[tuple[str, Location]]:
+    """Yield what the model states of a mode, and where, that the exact engine cannot place jobs by."""
+    units = {unit.name: unit for unit in model.units}
+    for active in expansion.tasks:
+        if any(version.gang > 1 and len(kinds_of(version, units)) > 1 for version in active.versions):
+            yield f'gang of task "{active.name}" over units with different interrupts', active.task.at
+        for row in (row for version in active.versions for row in version.precedences):
+            before = expansion.by_name.get(row.task)
+            if row.anchor is Anchor.POINT and before is not None and len(services_of(before, units)) > 1:
+                yield f'point of task "{row.task}", which lies elsewhere with the interrupts of each unit', row.at
+        modes = sum(run.task == active.name for mode in model.modes for run in mode.runs)
+        if modes > 1 and active.task.binding is Binding.SYSTEM and is_bound_by_choice(active):
+            yield f'binding of task "{active.name}" to the units of another mode', active.task.at
 
 
 def is_small(expansion: Expansion) -> bool:

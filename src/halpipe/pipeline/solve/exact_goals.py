@@ -145,7 +145,8 @@ def _solve(
     """Minimise the weighted sum of some chains; `floors` bound that of groups of them, as is known already."""
     from ortools.sat.python import cp_model
 
-    from halpipe.pipeline.solve.exactmodel import TooLarge, build
+    from halpipe.pipeline.solve.exactchains import TooLarge
+    from halpipe.pipeline.solve.exactmodel import build
     from halpipe.pipeline.solve.exactunits import forms_of
 
     form: Any = next(iter(forms_of(expansion, [unit.name for unit in model.units])))

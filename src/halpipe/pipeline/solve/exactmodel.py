@@ -1,4 +1,4 @@
-"""The constraint program of the exact engine: variables and constraints of one mode, rule by rule (MODEL 3).
+"""The constraint program of the exact engine: variables and constraints of one mode, rule by rule (MODEL 3 and 10).
 
 Times are whole ticks. The tick divides every duration that bounds a start, slack * D and deadlines included; on such a
 grid a system of orders and distances has a solution exactly if it has one at all.
@@ -12,8 +12,9 @@ from itertools import chain as concatenated
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
-from halpipe.models import Anchor, Job
+from halpipe.models import Anchor, Edge, Job, Match
 from halpipe.pipeline.jobs import demands_for
+from halpipe.pipeline.solve.exactchains import Figures, TooLarge, state_chain
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,10 +26,6 @@ if TYPE_CHECKING:
 MAX_QUANTA = 10**9
 
 
-class TooLarge(Exception):  # noqa: N818 - never leaves this module
-    """The program grows beyond its bound."""
-
-
 def exact_tick(expansion: Expansion) -> Duration:
     """Return the grid on which nothing is lost: it also divides what slacks and deadlines allow."""
     return greatest_common_divisor(duration for duration in _durations(expansion) if duration is not None)
@@ -37,7 +34,7 @@ def exact_tick(expansion: Expansion) -> Duration:
 def _durations(expansion: Expansion) -> Iterator[Duration | None]:
     for active in expansion.tasks:
         task = active.task
-        yield from (task.period, task.offset, task.deadline)
+        yield from (task.period, task.offset, task.deadline, task.let, task.distance)
         if task.period is not None:
             yield task.period * task.slack
         for version in active.versions:
@@ -45,7 +42,7 @@ def _durations(expansion: Expansion) -> Iterator[Duration | None]:
             for access in version.accesses:
                 yield from (access.start, access.end)
             for row in version.precedences:
-                yield from (row.min, row.max)
+                yield from (row.min, row.max, row.point)
 
 
 @dataclass(slots=True)
@@ -60,6 +57,11 @@ class JobVars:
     """The greatest value that theta may have."""
     versions: list[tuple[Version, Any]] = field(default_factory=list)
     wcet: Any = 0
+    delay: Any = 0
+    most_late: int = 0
+    """The greatest value that the delay may have."""
+    lap: Any = None
+    """Whether the start is counted a hyperperiod later, once that is asked."""
 
 
 def build(
@@ -83,7 +85,7 @@ def build(
         program.state_resources()
         program.state_precedence()
         for chain in chains:
-            program.state_chain(chain)
+            state_chain(program, chain)
     except TooLarge:
         return None
     return program
@@ -100,8 +102,10 @@ class Program:
         self.total = expansion.hyperperiod // self.tick
         self.tasks: dict[str, list[JobVars]] = {}
         self.phases: dict[str, Any] = {}
+        self.later: dict[str, Any] = {}
+        """By how much the first release of a task is later than its phase."""
+        self.released = expansion.released | expansion.in_first
         self._left = max_parts
-        self._far = 0  # how far the times of the chain at hand may lie from 0
 
     def ticks(self, duration: Duration) -> int:
         """Return whole ticks; exact for all that the tick divides, rounded down for limits."""
@@ -118,7 +122,8 @@ class Program:
         if self._left < parts:
             raise TooLarge
 
-    def _int(self, low: int, high: int) -> Any:
+    def integer(self, low: int, high: int) -> Any:
+        """Return a new variable for a whole number."""
         self.spend()
         return self.cp.new_int_var(low, high, "")
 
@@ -135,11 +140,49 @@ class Program:
         for active in self.expansion.tasks:
             self.phases[active.name] = self._phase(active, active is anchor)
             self.tasks[active.name] = [self._job(active, index) for index in range(active.jobs)]
+            self._state_release(active)
+            self._state_arrivals(active)
+
+    def _state_arrivals(self, active: ActiveTask) -> None:
+        """Let each job of a polling task come soon enough for arrivals just after the start of the one before it."""
+        task = active.task
+        if task.distance is None:
+            return
+        period, distance = self.ticks(task.period or ZERO), self.ticks(task.distance)
+        deadline = distance if task.deadline is None else self.ticks(task.deadline)
+        jobs = self.tasks[active.name]
+        for before, job in zip((jobs[-1], *jobs[:-1]), jobs, strict=True):
+            apart = period + job.delay - before.delay
+            self.cp.add(apart <= distance)
+            self.cp.add(apart + job.wcet <= deadline)
+
+    def _state_release(self, active: ActiveTask) -> None:
+        """Let some job start at its release, where releases count: the phase is the latest that suits all jobs.
+
+        (D) of verify: of a task that a cycle names, another phase has to lie in the first period, unless it has a LET.
+        """
+        self.later[active.name] = 0
+        jobs = self.tasks[active.name]
+        if not self.expansion.is_released_at_start(active) or any(isinstance(job.delay, int) for job in jobs):
+            return
+        if active.name in self.expansion.in_first and active.task.let is None:
+            self.later[active.name] = self.integer(0, max(job.most_late for job in jobs))
+        punctual = [self.literal() for _ in jobs]
+        for literal, job in zip(punctual, jobs, strict=True):
+            self.cp.add(job.delay >= self.later[active.name])
+            self.cp.add(job.delay == self.later[active.name]).only_enforce_if(literal)
+        self.cp.add_bool_or(punctual)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no job may be in progress at the edge of the table."""
+        return self.expansion.mode.edge is Edge.CLOSED
 
     def _turned_to_zero(self) -> ActiveTask | None:
         """Return the task whose phase may be taken as 0: without offsets, a valid schedule may be turned."""
         periodic = [active for active in self.expansion.tasks if active.task.period is not None]
-        if self.form.names_matter or any(active.task.offset is not None for active in periodic):
+        is_fixed = self.is_closed or bool(self.expansion.in_first)
+        if is_fixed or self.form.names_matter or any(active.task.offset is not None for active in periodic):
             return None
         return max(periodic, key=lambda active: active.task.period or ZERO, default=None)
 
@@ -150,14 +193,17 @@ class Program:
             return 0
         if task.offset is not None:
             return self.ticks(task.offset % task.period)
-        return self._int(0, self.ticks(task.period) - 1)
+        return self.integer(0, self.ticks(task.period) - 1)
 
     def _job(self, active: ActiveTask, index: int) -> JobVars:
         late = {version.name: self.lateness(active, version) for version in active.versions}
         most = max(late.values(), default=0)
-        delay = self._int(0, most) if active.task.period is not None and most > 0 else 0
+        if active.jobs == 1 and active.name in self.released and active.task.offset is None:
+            most = min(most, 0)  # a job alone starts at its release
+        delay = self.integer(0, most) if active.task.period is not None and most > 0 else 0
         theta, latest = self._theta(active, index, delay, most)
-        job = JobVars(active, index, theta, 1 if not active.demands else self.literal(), latest)
+        present = self.literal() if active.demands else 1
+        job = JobVars(active, index, theta, present, latest, delay=delay, most_late=max(0, most))
         lone = len(active.versions) == 1
         for version in active.versions:
             chosen = job.present if lone else self.literal()
@@ -169,7 +215,7 @@ class Program:
         if not lone:
             self.cp.add(sum(chosen for _, chosen in job.versions) == job.present)
         job.wcet = self._wcet(job)
-        if not self.form.is_circle:
+        if self.is_closed or not self.form.is_circle:
             self.cp.add(job.theta + job.wcet <= self.total)
         return job
 
@@ -179,7 +225,9 @@ class Program:
         if task.period is None or version.wcet is None:
             return 0
         deadline = task.period if task.deadline is None else task.deadline
-        return min(self.ticks(task.period * task.slack), self.ticks(deadline) - self.ticks(version.wcet))
+        limits = (task.let, deadline if task.distance is None else None)  # of arrivals: see there
+        rooms = [self.ticks(limit) - self.ticks(version.wcet) for limit in limits if limit is not None]
+        return min([self.ticks(task.period * task.slack), *rooms])
 
     def _fits(self, version: Version) -> bool:
         """Tell whether the version can run at all: within the hyperperiod, with its predecessors."""
@@ -191,14 +239,14 @@ class Program:
         """Return the start in [0, t_P), s + j * D + delta, taken back once where it passes the end; and its maximum."""
         task = active.task
         if task.period is None:
-            return self._int(0, self.total - 1), self.total - 1
+            return self.integer(0, self.total - 1), self.total - 1
         period = self.ticks(task.period)
         phase = self.phases[active.name]
         start = phase + index * period + delay
         latest = (phase if isinstance(phase, int) else period - 1) + index * period + max(0, most)
         if latest < self.total and isinstance(delay, int):
             return start, latest
-        theta = self._int(0, self.total - 1)  # a variable of its own: an interval starts at one, plus a constant
+        theta = self.integer(0, self.total - 1)  # a variable of its own: an interval starts at one, plus a constant
         self.cp.add(theta == start - self.total * (self.literal() if latest >= self.total else 0))
         return theta, self.total - 1
 
@@ -284,63 +332,103 @@ class Program:
                     for row in version.precedences:
                         self._state_window(active, taken, row)
 
+    def instant(self, job: JobVars, anchor: Anchor, point: Duration | None = None) -> Any:
+        """Return an instant of a job, counted on from its start."""
+        if anchor is Anchor.RELEASE:
+            return job.theta - job.delay + self.later[job.active.name]
+        if anchor is Anchor.POINT and point is not None:
+            return job.theta + self.ticks(point)
+        return job.theta + (job.wcet if anchor is Anchor.END else 0)
+
     def _state_window(self, active: ActiveTask, taken: list[tuple[JobVars, Any]], row: Precedence) -> None:
         low, high = self.ticks(row.min), self.ticks(row.max)
-        high = min(high, low + self.total - 1)
         before = self.expansion.by_name[row.task]
-        wcet = 0 if row.anchor is Anchor.START else self.uniform_wcet(before)
-        if before.task.period is None or not self.is_strict(before) or wcet is None:
+        if row.match is Match.CYCLE:
+            for job, chosen in taken:
+                number = int(job.index * (active.task.period or ZERO) / (before.task.period or ZERO))
+                self._state_same_cycle(job, self.tasks[row.task][number], row, chosen)
+            return
+        high = min(high, low + self.total - 1)
+        after = self._rigid_instant(before, row)
+        if after is None:
             for job, chosen in taken:
                 self._state_served(job, chosen, row, low, high)
             return
         # Its instants are a period apart, so that one number of periods says which of them is meant.
-        period, phase = self.ticks(before.task.period), self.phases[row.task]
-        point, latest = phase + wcet, (phase if isinstance(phase, int) else period - 1) + wcet
+        period, phase = self.ticks(before.task.period or ZERO), self.phases[row.task]
+        point, latest = phase + after, (phase if isinstance(phase, int) else period - 1) + after
+        if row.anchor is Anchor.RELEASE:
+            point, latest = point + self.later[row.task], latest + period
         if (
             active.task.period is not None
             and self.is_strict(active)
-            and active.task.period % before.task.period == ZERO
+            and (row.to is Anchor.START or self.uniform_wcet(active) is not None)
+            and active.task.period % (before.task.period or ZERO) == ZERO
         ):
             # All jobs lie in the same way to those of the predecessor, so that the window of one is that of all.
-            first = taken[0][0]
             held = taken[0][1] if len(taken) == 1 or isinstance(taken[0][1], int) else self.literal()
             for _, chosen in taken:
                 if held is not chosen and not isinstance(held, int):
                     self.cp.add_implication(chosen, held)
-            self._within(first.theta, first.latest, point, latest, low, high, period, held)
-            return
+            taken = [(taken[0][0], held)]
         for job, chosen in taken:
-            self._within(job.theta, job.latest, point, latest, low, high, period, chosen)
+            self._within(*self._own(job, row), point, latest, low, high, period, chosen)
+
+    def _rigid_instant(self, before: ActiveTask, row: Precedence) -> int | None:
+        """Return how long after its phase the instants of a task begin, where they are exactly a period apart."""
+        if before.task.period is None or not (self.is_strict(before) or row.anchor is Anchor.RELEASE):
+            return None
+        if row.anchor is Anchor.END:
+            return self.uniform_wcet(before)
+        return self.ticks(row.point or ZERO)
+
+    def _own(self, job: JobVars, row: Precedence) -> tuple[Any, int]:
+        """Return the instant of a job that is to lie in a window, and its greatest value."""
+        longest = max(self.ticks(version.wcet or ZERO) for version, _ in job.versions)
+        return self.instant(job, row.to), job.latest + (longest if row.to is Anchor.END else 0)
 
     def _state_served(self, job: JobVars, chosen: Any, row: Precedence, low: int, high: int) -> None:
-        """Say which job of a predecessor without a strict period serves this one."""
+        """Say which job of a predecessor without rigid instants serves this one."""
         serving = []
         for other in self.tasks[row.task]:
             serves = self.literal()
             serving.append(serves)
-            point = other.theta + (other.wcet if row.anchor is Anchor.END else 0)
-            self._within(job.theta, job.latest, point, 2 * self.total, low, high, self.total, serves)
+            point = self.instant(other, row.anchor, row.point)
+            self._within(*self._own(job, row), point, 2 * self.total, low, high, self.total, serves)
             self.cp.add(other.present == 1).only_enforce_if(serves)
         self.cp.add_bool_or(serving).only_enforce_if(chosen)
+
+    def _state_same_cycle(self, job: JobVars, other: JobVars, row: Precedence, chosen: Any) -> None:
+        """Compare unreduced instants of two jobs of one cycle."""
+        between = self.instant(job, row.to) + self._lap(job) - self.instant(other, row.anchor, row.point)
+        low, high = self.ticks(row.min), self.ticks(row.max)
+        self.cp.add_linear_constraint(between - self._lap(other), low, high).only_enforce_if(chosen)
+
+    def _lap(self, job: JobVars) -> Any:
+        """Return the hyperperiod where the start of a job lies before the first instant of its period, else 0."""
+        period = job.active.task.period or ZERO
+        first = self.ticks(period * job.index + (job.active.task.offset or ZERO) % period)
+        if not first or job.latest < self.total - 1:  # only starts that are reduced have that latest value
+            return 0
+        if job.lap is None:
+            job.lap = self.literal()
+            self.cp.add(job.theta >= first).only_enforce_if(job.lap.negated())
+            self.cp.add(job.theta < first).only_enforce_if(job.lap)
+        return self.total * job.lap
 
     def _within(
         self, start: Any, latest: int, point: Any, latest_point: int, low: int, high: int, period: int, when: Any
     ) -> None:
-        """Let start - point lie in [low, high], up to some multiple of `period`; both begin at 0 at the earliest."""
+        """Let start - point lie in [low, high], up to some multiple of `period`.
+
+        Starts begin at 0 at the earliest, points at the release of a job at 0.
+        """
         least, most = -((latest - low) // period), (high + latest_point) // period
-        turns = self._int(least, max(least, most))  # of windows that are empty, the constraint says so
+        least -= -(-self.total // period)  # a delay is shorter than the hyperperiod
+        turns = self.integer(least, max(least, most))  # of windows that are empty, the constraint says so
         self.cp.add_linear_constraint(start - point + period * turns, low, high).only_enforce_if(when)
 
     # ---- chain
-
-    def state_chain(self, chain: Chain) -> None:
-        """Follow every job's data through the chain: forward for the reaction time, back for the data age."""
-        if (chain.max_reaction is None and chain.max_age is None) or not all(t in self.tasks for t in chain.tasks):
-            return
-        if chain.max_reaction is not None:
-            self._limit(self._reactions(chain), self.ticks(chain.max_reaction))
-        if chain.max_age is not None:
-            self._limit(self._ages(chain), self.ticks(chain.max_age))
 
     def minimise(self, chains: Mapping[Chain, int], most: int, floors: Iterable[tuple[Sequence[Chain], int]]) -> None:
         """Ask for the least sum of reaction times and data ages, each times a whole weight, of at most `most` ticks.
@@ -349,10 +437,11 @@ class Program:
         """
         parts: dict[Chain, Any] = {}
         for chain, weight in chains.items():
+            figures = Figures(self, chain)
             parts[chain] = 0
-            for latencies in (self._reactions(chain), self._ages(chain)):
-                worst = self._int(0, 2 * self.total * (len(chain.tasks) + 2))
-                self._limit(latencies, worst)
+            for latencies in (figures.reactions(), figures.ages()):
+                worst = self.integer(0, 2 * self.total * (len(chain.tasks) + 2))
+                figures.limit(latencies, worst)
                 parts[chain] += weight * worst
         for group, floor in floors:
             self.cp.add(sum(parts[chain] for chain in group) >= floor)
@@ -372,95 +461,6 @@ class Program:
             hints |= {v.index: (v, value) for v, value in values if type(v).__name__ == "IntVar"}
         for variable, value in hints.values():
             self.cp.add_hint(variable, value)
-
-    def _limit(self, latencies: Iterable[tuple[Any, Any]], limit: Any) -> None:
-        latencies = list(latencies)
-        self.cp.add_bool_or([present for _, present in latencies])
-        for latency, present in latencies:
-            self.cp.add(latency <= limit).only_enforce_if(present)
-
-    def _reactions(self, chain: Chain) -> Iterator[tuple[Any, Any]]:
-        """Yield the reaction time from each job of the first task, and whether the job is there."""
-        self._far = 2 * self.total * (len(chain.tasks) + 2)  # every step waits and runs at most a hyperperiod each
-        for job in self._distinct(chain, chain.tasks[0]):
-            time = job.theta + 1
-            for task in chain.tasks:
-                time = self._next_end(time, task, job.present)
-            yield time - job.theta, job.present
-
-    def _ages(self, chain: Chain) -> Iterator[tuple[Any, Any]]:
-        """Yield the data age at each job of the last task, and whether the job is there."""
-        self._far = 2 * self.total * (len(chain.tasks) + 2)
-        for job in self._distinct(chain, chain.tasks[-1]):
-            time = job.theta
-            for task in chain.tasks[-2::-1]:
-                time = self._last_start(time, task, job.present)
-            yield job.theta + job.wcet - time, job.present
-
-    def _distinct(self, chain: Chain, task: str) -> list[JobVars]:
-        """Return the jobs of a task that see the chain differently: fewer than all where its tasks are rigid."""
-        members = [self.expansion.by_name[name] for name in chain.tasks]
-        if not all(map(self._is_rigid, members)):
-            return self.tasks[task]
-        periods = [self.ticks(member.task.period or ZERO) for member in members]
-        return self.tasks[task][: math.lcm(*periods) // self.ticks(self.expansion.by_name[task].task.period or ZERO)]
-
-    def _is_rigid(self, active: ActiveTask) -> bool:
-        """Tell whether the jobs of a task are exactly a period apart and equally long."""
-        return active.jobs > 0 and self.is_strict(active) and self.uniform_wcet(active) is not None
-
-    def _next_end(self, since: Any, task: str, when: Any) -> Any:
-        """Return the end of the first job of `task` that starts at or after `since`; of equal ones the first in number.
-
-        (D) of verify: where jobs of one task start together, the lower index is the earlier one.
-        """
-        active = self.expansion.by_name[task]
-        if self._is_rigid(active):
-            return since + self._turned(self.phases[task] - since, active) + self.uniform_wcet(active)
-        jobs = self.tasks[task]
-        waits = [self._remainder(job.theta - since) for job in jobs]
-        keys = [wait * len(jobs) + number for number, wait in enumerate(waits)]
-        ends = [since + wait + job.wcet for job, wait in zip(jobs, waits, strict=True)]
-        return self._chosen(jobs, keys, ends, when, self.total * len(jobs))
-
-    def _last_start(self, until: Any, task: str, when: Any) -> Any:
-        """Return the start of the job of `task` that ended last at or before `until`; of equal ones the later start."""
-        active = self.expansion.by_name[task]
-        if self._is_rigid(active):
-            wcet = self.uniform_wcet(active)
-            return until - self._turned(until - self.phases[task] - wcet, active) - wcet
-        jobs = self.tasks[task]
-        longest = max((self.ticks(v.wcet or ZERO) for job in jobs for v, _ in job.versions), default=0)
-        ages = [self._remainder(until - job.theta - job.wcet) for job in jobs]
-        keys = [age * (longest + 1) + job.wcet for job, age in zip(jobs, ages, strict=True)]
-        starts = [until - age - job.wcet for job, age in zip(jobs, ages, strict=True)]
-        return self._chosen(jobs, keys, starts, when, self.total * (longest + 1) + longest)
-
-    def _turned(self, time: Any, active: ActiveTask) -> Any:
-        """Return `time` modulo the period of a task."""
-        return self._remainder(time, self.ticks(active.task.period or ZERO))
-
-    def _remainder(self, time: Any, modulus: int = 0) -> Any:
-        """Return `time` modulo the hyperperiod, or what is given."""
-        modulus = modulus or self.total
-        most = self._far // modulus + 2
-        rest, turns = self._int(0, modulus - 1), self._int(-most, most)
-        self.cp.add(rest == time + modulus * turns)
-        return rest
-
-    def _chosen(self, jobs: list[JobVars], keys: list[Any], values: list[Any], when: Any, most: int) -> Any:
-        """Return the value of the present job with the smallest key."""
-        best, value = self._int(0, most), self._int(-self._far, self._far)
-        picks = []
-        for job, key, its in zip(jobs, keys, values, strict=True):
-            pick = self.literal()
-            picks.append(pick)
-            self.cp.add(best == key).only_enforce_if(pick)
-            self.cp.add(value == its).only_enforce_if(pick)
-            self.cp.add(job.present == 1).only_enforce_if(pick)
-            self.cp.add(best <= key).only_enforce_if([job.present, when])
-        self.cp.add(sum(picks) == when)
-        return value
 
     # ---- answer
 

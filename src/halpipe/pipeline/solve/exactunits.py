@@ -15,13 +15,14 @@ from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
+from halpipe.models import Binding
 from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.models import Version
-    from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.exactmodel import JobVars, Program
 
 AssignedUnits = dict[tuple[str, int], tuple[str, ...]]
@@ -85,9 +86,22 @@ def forms_of(expansion: Expansion, units: list[str]) -> list[type[Form]]:
     """Return the forms in which a mode may be stated, the most promising first."""
     groups = alike(expansion, units)
     versions = (version for active in expansion.tasks for version in active.versions)
-    if any(len(_splits(version, groups)) > MAX_SPLITS for version in versions):
+    has_choice = any(map(is_bound_by_choice, expansion.tasks))
+    if has_choice or any(len(_splits(version, groups)) > MAX_SPLITS for version in versions):
         return [Units]
     return [Groups, Units, Line] if any(len(group) > 1 for group in groups) else [Units, Line]
+
+
+def on_unit_of(active: ActiveTask) -> list[str]:
+    """Return the units that any version of a task may use."""
+    return list(dict.fromkeys(name for version in active.versions for name in version.units))
+
+
+def is_bound_by_choice(active: ActiveTask) -> bool:
+    """Return whether all jobs of a task keep to one unit set of several."""
+    sets = {frozenset(version.units) for version in active.versions}
+    is_single = len(sets) == 1 and all(len(set(v.units)) == v.gang for v in active.versions)
+    return active.task.binding is not Binding.JOB and not is_single
 
 
 def _splits(version: Version, groups: list[list[str]]) -> list[Counter[int]]:
@@ -194,7 +208,20 @@ class Units(Form):
         for name, intervals in on_unit.items():
             program.cp.add_no_overlap(intervals)
             state_load(program, loads[name], program.total)
+        for active in filter(is_bound_by_choice, program.expansion.tasks):
+            self._state_binding(active)
         self._state_group_loads()
+
+    def _state_binding(self, active: ActiveTask) -> None:
+        """Let all jobs of a task take the same units."""
+        program = self.program
+        units = {name: program.literal() for name in on_unit_of(active)}
+        for job, name, literal in self.units:
+            if job.active is active:
+                program.cp.add(units[name] >= literal)
+        for job in program.tasks[active.name]:
+            for version, chosen in job.versions:
+                program.cp.add(sum(units.values()) == version.gang).only_enforce_if(chosen)
 
     def _state_group_loads(self) -> None:
         """Say once more, for units that are treated alike, how many jobs they hold at once: it shortens proofs."""

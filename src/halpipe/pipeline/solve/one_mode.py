@@ -13,7 +13,7 @@ from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.measure.objectives import Objective
-from halpipe.pipeline.parts import is_exact_model
+from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
 from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, Goals, polish_of
@@ -274,7 +274,7 @@ class _WholeJobs(_Search):
     def may_ask(self) -> bool:
         """Whether the exact engine may look for a schedule, too."""
         is_free = self.options.is_open and self.tick is None
-        return is_free and self.expansion.job_count <= EXACT_JOBS and is_exact_model(self.model)
+        return is_free and self.expansion.job_count <= EXACT_JOBS and has_whole_jobs(self.model)
 
     @cached_property
     def keeper(self) -> Keeper | None:
