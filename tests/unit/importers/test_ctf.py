@@ -130,6 +130,10 @@ def test_numbers_and_names_that_are_none(tmp_path, sound, damaged):
         ("stream_id = 0;", "stream_id>= 0;"),
         ("uint32_t _vpid;", "uint32_t uint8_t;"),
         ("variant <id>", "variant <0>"),
+        (
+            "signed = false; } := uint64_t;",
+            "signed = false; } := other_t; env { typealias integer { size = 64; } := uint64_t; };",
+        ),
         (":= uint8_t;", ":= ;"),
         (":= uint16_t;", ":= uint8_t;"),
         ("struct small {", "struct large {"),
@@ -184,6 +188,17 @@ def test_sizes_of_packets_that_are_no_whole_bytes(tmp_path, field):
     data[8 + 8 * field] += 1
     stream.write_bytes(bytes(data))
     assert ["sizes" in text for text in all_events(tmp_path)[1].broken] == [True]
+
+
+def test_a_packet_without_a_size_ends_with_its_content(tmp_path):
+    trace = Trace()
+    trace.declare("a:one")
+    trace.add("a:one", 5)
+    text = (trace.write(tmp_path) / "metadata").read_text()
+    (tmp_path / "metadata").write_text(text.replace("packet_size", "some_size"))
+    found, damage = all_events(tmp_path)
+    assert len(found) == 1
+    assert ["no packet begins" in text for text in damage.broken] == [True]  # where its padding is
 
 
 def test_metadata_of_another_version_is_none(tmp_path):

@@ -218,6 +218,7 @@ class _Parser:
         body: dict[str, Any] = {}
         self._want("{")
         self._depth += 1
+        outside = dict(self._types)
         while self._peek() != "}":
             declares = self._peek() in ("struct", "enum", "variant") and self._peek(2) == "{"
             if self._peek() in ("typealias", "typedef") or declares:
@@ -235,6 +236,7 @@ class _Parser:
             body[key] = self._type() if sign == ":=" else self._value()
             self._want(";")
         self._depth -= 1
+        self._types = outside
         self._want("}")
         return body
 

@@ -269,7 +269,7 @@ class _Trace:
             raise CtfError(f"stream {number} is not declared")
         stream = self._streams[number]
         context, position = stream.context(head, position, {})
-        bits = int(context.get("packet_size", 8 * (len(data) - at)))
+        bits = int(context.get("packet_size", context.get("content_size", 8 * (len(data) - at))))
         filled = int(context.get("content_size", bits))
         size, end = bits // 8, filled // 8
         if not position <= end <= size or not size or bits % 8 or filled % 8:
