@@ -1,17 +1,31 @@
-"""Recorded executions of a simulation, a board or a Linux system."""
+"""Recorded executions of a simulation, a board or a Linux system, kept as columns of integers.
+
+A recording of ten million events has more jobs than fit into memory as objects: a row of the columns takes about 60
+bytes, and an `Execution` is made of it where one is looked at.
+"""
 
 from __future__ import annotations
 
+from array import array
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.durations import Duration
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Iterable, Mapping
+    from fractions import Fraction
 
-    from halpipe.core.durations import Duration
+    Instant = int | Fraction
+    """Nanoseconds on the clock of the trace."""
+    Times = array[int] | list[int | Fraction]
+
+NONE = -(2**63)
+"""What stands in a column of numbers for a value that the trace does not state."""
 
 
 @record(kw_only=True)
@@ -38,6 +52,151 @@ class Execution:
     has_data: bool | None = None
     planned: Duration | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+class Executions(Sequence[Execution]):
+    """Executions as columns; `order` has the rows by their start. Columns of times are lists where some are fractions.
+
+    `task` and `table` are numbers of `names`, `on` those of `units`. Few traces state `job`, `planned` and `has_data`,
+    few jobs have `stretches`: these are kept by row.
+    """
+
+    def __init__(self, file: str = "") -> None:
+        self.file = file
+        self.names: list[str] = []
+        self.units: list[tuple[str, ...]] = []
+        self.task, self.on, self.table = array("i"), array("i"), array("i")
+        self.line, self.cycle = array("q"), array("q")
+        self.start: Times = array("q")
+        self.end: Times = array("q")
+        self.busy: Times = array("q")
+        self.job: dict[int, int] = {}
+        self.planned: dict[int, Instant] = {}
+        self.has_data: dict[int, bool] = {}
+        self.stretches: dict[int, tuple[tuple[Instant, Instant], ...]] = {}
+        self.order: Sequence[int] = ()
+        self._numbers: dict[Hashable, int] = {}
+
+    @classmethod
+    def of(cls, executions: Iterable[Execution]) -> Executions:
+        """Return the columns of executions."""
+        found = executions if isinstance(executions, cls) else cls()
+        if found is not executions:
+            for each in executions:
+                found.append(each)
+            found.sort()
+        return found
+
+    def copy(self) -> Executions:
+        """Return the columns with names, units and times of their own, to be changed."""
+        found = Executions(self.file)
+        vars(found).update({name: copy(value) for name, value in vars(self).items()})
+        return found
+
+    def rename(self, names: Mapping[int, str]) -> None:
+        """Give tasks other names, by the numbers of those of before."""
+        numbers = {number: self.number(name) for number, name in names.items()}
+        if any(number != now for number, now in numbers.items()):
+            self.task = array("i", map(numbers.__getitem__, self.task))
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    @overload
+    def __getitem__(self, index: int) -> Execution: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Execution]: ...
+    def __getitem__(self, index: int | slice) -> Execution | list[Execution]:
+        if isinstance(index, slice):
+            return [self.row(row) for row in self.order[index]]
+        return self.row(self.order[index])
+
+    def row(self, row: int) -> Execution:
+        """Return the execution in a row."""
+        end, busy, cycle = self.end[row], self.busy[row], self.cycle[row]
+        planned = self.planned.get(row)
+        return Execution(
+            task=self.names[self.task[row]],
+            units=self.units[self.on[row]],
+            start=Duration(self.start[row]),
+            end=None if end == NONE else Duration(end),
+            busy=None if busy == NONE else Duration(busy),
+            table=self.names[self.table[row]],
+            cycle=None if cycle == NONE else cycle,
+            job=self.job.get(row),
+            stretches=tuple((Duration(a), Duration(b)) for a, b in self.stretches.get(row, ())),
+            has_data=self.has_data.get(row),
+            planned=None if planned is None else Duration(planned),
+            at=Location(self.file, self.line[row]),
+        )
+
+    def number(self, name: str) -> int:
+        """Return the number of the name of a task or table."""
+        found = self._numbers.get(name)
+        if found is None:
+            found = self._numbers[name] = len(self.names)
+            self.names.append(name)
+        return found
+
+    def add(
+        self,
+        task: str,
+        units: tuple[str, ...],
+        start: Instant,
+        end: Instant | None,
+        busy: Instant | None,
+        line: int = 0,
+        table: str = "",
+        cycle: int | None = None,
+    ) -> int:
+        """Add an execution, with `end` and `busy` of None if it still runs; return its row."""
+        row = len(self.task)
+        on = self._numbers.get(units)
+        if on is None:
+            on = self._numbers[units] = len(self.units)
+            self.units.append(units)
+        self.task.append(self.number(task))
+        self.on.append(on)
+        self.line.append(line)
+        self.table.append(self.number(table))
+        self.cycle.append(NONE if cycle is None else cycle)
+        times = (start, NONE if end is None else end, NONE if busy is None else busy)
+        try:
+            for column, value in zip((self.start, self.end, self.busy), times, strict=True):
+                column.append(value)  # type: ignore[arg-type]
+        except (TypeError, OverflowError):
+            self.start, self.end, self.busy = ([*c[:row], v] for c, v in zip(self._times(), times, strict=True))
+        return row
+
+    def _times(self) -> tuple[Times, Times, Times]:
+        return self.start, self.end, self.busy
+
+    def append(self, each: Execution) -> None:
+        """Add an execution with all that is known of it."""
+        end, busy = (None if time is None else time.ns for time in (each.end, each.busy))
+        self.file = self.file or each.at.file
+        row = self.add(each.task, each.units, each.start.ns, end, busy, each.at.line or 0, each.table, each.cycle)
+        if each.job is not None:
+            self.job[row] = each.job
+        if each.planned is not None:
+            self.planned[row] = each.planned.ns
+        if each.has_data is not None:
+            self.has_data[row] = each.has_data
+        if each.stretches:
+            self.stretches[row] = tuple((a.ns, b.ns) for a, b in each.stretches)
+
+    def length(self, row: int) -> Instant | None:
+        """Return the time in which an execution really ran; None if it has no end."""
+        end, busy = self.end[row], self.busy[row]
+        if end == NONE:
+            return None
+        return end - self.start[row] if busy == NONE else busy
+
+    def sort(self) -> None:
+        """Order the rows by their start and line."""
+        order = sorted(range(len(self.task)), key=self.line.__getitem__)
+        order.sort(key=self.start.__getitem__)
+        self.order = array("q", order)
 
 
 @record(kw_only=True)

@@ -13,7 +13,7 @@ from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
-from halpipe.pipeline.compare.matching import MOST_SILENT
+from halpipe.pipeline.compare.tables import MOST_SILENT
 from support import access, model, ms, task, version
 
 

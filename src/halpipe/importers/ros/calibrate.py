@@ -30,6 +30,7 @@ from halpipe.core.durations import Duration
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
+from halpipe.core.samples import quantile
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import few, printable
@@ -96,11 +97,10 @@ def calibrate(
     return replace(model, tasks=tasks)
 
 
-def estimate(samples: Sequence[Sample], quantile: Fraction, margin: Fraction) -> Estimate:
+def estimate(samples: Sequence[Sample], share: Fraction, margin: Fraction) -> Estimate:
     """Return the WCET from at least one sample, rounded up to whole nanoseconds where a margin makes fractions."""
-    rank = max(1, math.ceil(quantile * len(samples)))
-    sample = sorted(samples, key=lambda found: found.ns)[rank - 1]
-    how = "maximum" if quantile == 1 else f"quantile {format_rational(quantile)}"
+    sample = quantile(sorted(samples, key=lambda found: found.ns), share)
+    how = "maximum" if share == 1 else f"quantile {format_rational(share)}"
     words = f"{how} of {len(samples)} sample{'s' if len(samples) > 1 else ''}"
     if margin:
         words += f", {Duration(sample.ns)}, with a margin of {format_rational(margin)} of it"
@@ -145,10 +145,10 @@ def _calibrated(task: Task, samples: Sequence[Sample], options: RosImportOptions
     return replace(task, versions=tuple(replace(v, wcet=found.wcet, origin=origin) for v in task.versions))
 
 
-def _report_few(found: Estimate, quantile: Fraction, path: str, findings: Findings) -> None:
-    needed = FEWEST_SAMPLES if quantile == 1 else max(FEWEST_SAMPLES, math.ceil(1 / (1 - quantile)))
+def _report_few(found: Estimate, share: Fraction, path: str, findings: Findings) -> None:
+    needed = FEWEST_SAMPLES if share == 1 else max(FEWEST_SAMPLES, math.ceil(1 / (1 - share)))
     if found.count < needed:
-        effect = "" if quantile == 1 or math.ceil(quantile * found.count) < found.count else ", so it is the maximum"
+        effect = "" if share == 1 or math.ceil(share * found.count) < found.count else ", so it is the maximum"
         text = f"{found.words}: fewer than {needed}{effect}"
         help = "measure longer, or add a --margin"
         findings.add(codes.FEW_SAMPLES(text, at=found.sample.at, path=path, help=help))

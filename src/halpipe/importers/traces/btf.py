@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Executions, Job, Jobs, report_unused
+from halpipe.importers.traces.jobs import Job, Jobs, report_unused
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
-from halpipe.models.trace import Trace
+from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

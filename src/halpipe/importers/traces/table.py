@@ -20,7 +20,7 @@ from halpipe.core.durations import Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
-from halpipe.models.trace import Execution, Trace
+from halpipe.models.trace import NONE, Execution, Executions, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -82,11 +82,11 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
 def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
     executions = _executions(lines, file, findings)
-    executions.sort(key=lambda execution: execution.start.ns)
-    unfinished = sum(execution.end is None for execution in executions)
+    executions.sort()
+    unfinished = executions.end.count(NONE)
     if unfinished:
         findings.add(codes.UNFINISHED(f"{unfinished} jobs have no end", at=Location(file)))
-    return [Trace(name="", executions=tuple(executions))]
+    return [Trace(name="", executions=executions)]
 
 
 def is_states(line: str) -> bool:
@@ -135,14 +135,13 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
     return [Trace(name="", executions=tuple(found), is_shared=True)]
 
 
-def _executions(lines: Iterable[str], file: str, findings: Findings) -> list[Execution]:
+def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executions:
     rest = iter(lines)
     before = list(_up_to_header(rest))
     separator = separator_of(before[-1] if before else "")
     rows = csv.reader(itertools.chain(before, rest), delimiter=separator)
     filled = (cells for cells in rows if any(cell.strip() for cell in cells))
-    executions: list[Execution] = []
-    is_complete, absent = False, 0
+    executions, jobs, is_complete, absent = Executions(file), dict[Execution, None](), False, 0
     try:
         header = next(filled, [])
         columns, records = _columns(header), _records(header)
@@ -153,7 +152,7 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> list[Exe
                     executions.append(row.execution(cells, rows.line_num))
                 else:
                     found = _recorded(records, cells, row.numbers, Location(file, rows.line_num))
-                    executions += found
+                    jobs.update(dict.fromkeys(found))
                     absent += len(records) - len(found)
             except ValueError as failure:
                 help = "correct the row; times are whole or decimal numbers"
@@ -163,7 +162,9 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> list[Exe
     if absent:
         message = f"{absent} cells of records have no start: the message did not come so far, or was not recorded"
         findings.add(codes.LEFT_OUT(message, at=Location(file)))
-    return executions if is_complete else list(dict.fromkeys(executions))
+    for job in jobs:
+        executions.append(job)
+    return executions
 
 
 def _up_to_header(lines: Iterator[str]) -> Iterator[str]:

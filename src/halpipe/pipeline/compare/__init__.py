@@ -6,8 +6,10 @@ end-to-end figures. Exact throughout: the only allowance is the tolerance that t
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter, defaultdict
-from dataclasses import field, replace
+from dataclasses import field
+from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -15,33 +17,24 @@ from halpipe.core.diagnostics import Findings, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.options import option, refuse_unused
 from halpipe.core.records import record
+from halpipe.core.samples import quantile
 from halpipe.core.suggest import did_you_mean
 from halpipe.models.modes import require_mode
+from halpipe.models.trace import NONE, Executions
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
-from halpipe.pipeline.compare.chains import exchanges, measured_chains
+from halpipe.pipeline.compare.chains import measured_chains
 from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNSCHEDULED, Kind
 from halpipe.pipeline.compare.judging import Judge, Scope
-from halpipe.pipeline.compare.matching import (
-    Matching,
-    Table,
-    find_origin,
-    find_stated_origin,
-    lateness,
-    match_nearest,
-    match_stated,
-    played_tables,
-    tables_of,
-    unknown_tables,
-)
+from halpipe.pipeline.compare.matching import Matching, find_origin, find_stated_origin, match_nearest, match_stated
+from halpipe.pipeline.compare.tables import played_tables, tables_of, unknown_tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
-    from halpipe.models.trace import Execution, Trace
+    from halpipe.models.trace import Instant, Trace
     from halpipe.pipeline.compare.chains import ChainRow
-    from halpipe.pipeline.compare.matching import Match, Played
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
@@ -98,8 +91,8 @@ class TaskRow:
 class Comparison:
     """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations.
 
-    `played` has the tables by cycle, `counts` the deviations by kind, `starts` the sorted lateness of all starts;
-    `matches` are the executions with their jobs, `others` those of tasks that the schedule does not have.
+    `played` has the tables by cycle, `counts` the deviations by kind, `starts` median, p99 and worst of the lateness of
+    all starts; `others` are the rows of tasks that the schedule does not have.
     """
 
     name: str
@@ -110,8 +103,8 @@ class Comparison:
     played: Mapping[int, str] = field(default_factory=dict)
     counts: Mapping[Kind, int] = field(default_factory=dict)
     starts: tuple[Duration, ...] = ()
-    matches: Sequence[Match] = ()
-    others: Sequence[Execution] = ()
+    matching: Matching
+    others: Sequence[int] = ()
 
 
 def compare(
@@ -134,48 +127,59 @@ def compare(
     judge = Judge(options.tolerance, prefix, scope)
     executions, others = _known(trace, schedule, judge, findings)
     unknown_tables(executions, tables, judge)
-    if executions and all(execution.cycle is not None and execution.table for execution in executions):
-        names = {execution.table for execution in executions if execution.table in tables}
+    origin = None if options.origin is None else options.origin.ns
+    if executions and _is_stated(executions):
+        names = {
+            name
+            for number in {executions.table[row] for row in executions.order}
+            if (name := executions.names[number]) in tables
+        }
         if names != {options.mode}:
             refuse_unused(options, f"compare with a trace of {', '.join(sorted(names))}", ("mode",))
         first = schedule.modes[0].name if scope.is_whole else ""
-        entries, pauses = played_tables(executions, tables, judge, first)
-        played = {entry.cycle: entry.table.name for entry in entries}
-        origin, matching = _stated(executions, entries, options, is_whole=scope.is_whole)
-        matching = replace(matching, pauses=pauses)
+        lines = played_tables(executions, tables, judge, first)
+        zero = find_stated_origin(executions, lines) if origin is None else origin
+        matching = match_stated(executions, lines, zero, is_whole=scope.is_whole and origin is not None)
     else:
-        names = {_mode(schedule, executions, options)}
-        origin, matching = _repeated(executions, tables[min(names)], options)
-        played = {match.cycle: match.table.name for match in matching.matches}
-    if options.origin is None and executions:
-        message = f"the schedule's zero lies at {origin} of the trace"
+        table = tables[_mode(schedule, executions, options)]
+        zero = find_origin(executions, table) if origin is None and executions else origin or 0
+        matching, names = match_nearest(executions, table, zero), {table.name}
+    origin_of = Duration(matching.origin)
+    if origin is None and executions:
+        message = f"the schedule's zero lies at {origin_of} of the trace"
         findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
-    judge.judge(matching, origin, model)
+    judge.judge(matching, model)
     findings.extend(judge.diagnostics())
-    rows = _rows(matching, origin, {task for name in names for task in tables[name].jobs}, model)
+    late = {name: _numbers(map(matching.lateness, rows)) for name, rows in _by_task(matching).items()}
+    rows = _rows(matching, late, {task for name in names for task in tables[name].starts}, model)
     if idle := [row.task for row in rows if not row.seen + row.missing + row.extra]:
         message = f"{len(idle)} tasks have no job within the recording: {', '.join(idle[:5])}"
         findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
     chains: list[ChainRow] = []
+    played = dict(zip(matching.lines.cycle, (table.name for table in matching.lines.table), strict=True))
     if model is not None:
-        seen = list(exchanges(model, schedule, matching.matches, origin))
-        plain = (e for e in matching.extra if model.task(e.task).let is None)
-        seen += [(-1 if e.cycle is None else e.cycle, e) for e in plain]
-        chains = measured_chains(model, schedule, played, seen)
+        chains = measured_chains(model, schedule, played, matching)
         one_mode = len({*played.values()}) == 1
         findings.extend(chain_deviations(model, chains, options.tolerance * 2, prefix, one_mode=one_mode))
+    every = sorted(value for values in late.values() for value in values)
     return Comparison(
         name=trace.name,
-        origin=origin,
+        origin=origin_of,
         rows=tuple(rows),
         chains=tuple(chains),
         diagnostics=tuple(findings.items),
         played=played,
         counts=judge.counts,
-        starts=tuple(sorted(lateness(match, origin) for match in matching.matches)),
-        matches=matching.matches,
+        starts=tuple(Duration(quantile(every, Fraction(share, 100))) for share in (50, 99, 100) if every),
+        matching=matching,
         others=others,
     )
+
+
+def _is_stated(executions: Executions) -> bool:
+    """Whether each execution names its table and the cycle of it."""
+    nameless = executions.number("")
+    return not any(executions.cycle[row] == NONE or executions.table[row] == nameless for row in executions.order)
 
 
 def _require_same(model: TaskModel, schedule: Schedule) -> None:
@@ -190,33 +194,16 @@ def _require_same(model: TaskModel, schedule: Schedule) -> None:
         raise HalpipeError(OTHER_MODEL(message, help="give the model file from which the schedule was made"))
 
 
-def _stated(
-    executions: Sequence[Execution], played: Sequence[Played], options: CompareOptions, *, is_whole: bool
-) -> tuple[Duration, Matching]:
-    """Match a trace that names its tables and counts them."""
-    if options.origin is not None:
-        return options.origin, match_stated(executions, played, options.origin, is_whole=is_whole)
-    origin = find_stated_origin(executions, played)
-    return origin, match_stated(executions, played, origin)
-
-
-def _repeated(executions: Sequence[Execution], table: Table, options: CompareOptions) -> tuple[Duration, Matching]:
-    """Match a trace of one mode that says nothing but what ran when."""
-    if not executions:
-        return ZERO, Matching([], [], [])
-    origin = find_origin(executions, table) if options.origin is None else options.origin
-    return origin, match_nearest(executions, table, origin)
-
-
-def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareOptions) -> str:
+def _mode(schedule: Schedule, executions: Executions, options: CompareOptions) -> str:
     """Return the mode that ran: the one asked for, the only one that the trace names, or the only one there is."""
     names = [mode.name for mode in schedule.modes]
-    stated = list(dict.fromkeys(execution.table for execution in executions if execution.table))
+    tables = dict.fromkeys(executions.table[row] for row in executions.order)
+    stated = [name for number in tables if (name := executions.names[number])]
     if options.mode:
         require_mode(options.mode, schedule.modes)
         return options.mode
     if stated:
-        if len(stated) == 1 and stated[0] in names and all(execution.table for execution in executions):
+        if len(tables) == 1 and stated[0] in names:
             return stated[0]
         what = f"the trace names {len(stated)} tables, but not the cycle of every job"
         help = (
@@ -230,10 +217,8 @@ def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareO
     return names[0]
 
 
-def _known(
-    trace: Trace, schedule: Schedule, judge: Judge, findings: Findings
-) -> tuple[list[Execution], list[Execution]]:
-    """Return the executions of scheduled tasks, by the names of the schedule, and others; report these once per name.
+def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -> tuple[Executions, Sequence[int]]:
+    """Return the executions of scheduled tasks, by the names of the schedule, and the rows of others.
 
     In a trace of a whole computer, others are no deviation, and units count only where it has those of the schedule.
     """
@@ -241,36 +226,40 @@ def _known(
     jobs += [job for switch in schedule.transitions for job in switch.jobs]
     tasks = {job.task for job in jobs}
     units = {unit for job in jobs for unit in job.units}
-    plain_task, plain_unit = _names(tasks, _nodes(trace.executions, tasks)), _names(units, {})
-    found: list[Execution] = []
-    unknown: dict[str, list[Execution]] = defaultdict(list)
-    for execution in trace.executions:
-        task = plain_task(execution.task)
-        if task not in tasks:
-            unknown[task].append(execution)
-            continue
-        on = tuple(map(plain_unit, execution.units))
-        if trace.is_shared and not units.issuperset(on):
-            on = ()
-        same = task == execution.task and on == execution.units
-        found.append(execution if same else replace(execution, task=task, units=on))
-    for task, lost in sorted(unknown.items()) if not (trace.is_shared and found) else ():
-        help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
-        message = f"ran {len(lost)} times and is not in the schedule"
-        judge.add(Kind.UNKNOWN_TASK, about(task=task), ZERO, message, lost[0].at, help)
-    if unknown and trace.is_shared and found:
+    found = Executions.of(trace.executions).copy()
+    names = {number: found.names[number] for number in set(found.task)}
+    plain_task, plain_unit = _names(tasks, _nodes(names.values(), tasks)), _names(units, {})
+    plain = {number: plain_task(name) for number, name in names.items()}
+    found.rename(plain)
+    on = [tuple(map(plain_unit, names)) for names in found.units]
+    found.units = [() if trace.is_shared and not units.issuperset(names) else names for names in on]
+    known = {found.number(name) for name in plain.values() if name in tasks}
+    every = found.order
+    found.order = array("q", (row for row in every if found.task[row] in known))
+    if len(found.order) == len(every):
+        return found, ()
+    others = array("q", (row for row in every if found.task[row] not in known))
+    unknown: dict[str, list[int]] = {}
+    for row in others:
+        unknown.setdefault(found.names[found.task[row]], [row, 0])[1] += 1
+    if trace.is_shared and found:
         message = f"{len(unknown)} programs are not in the schedule: {', '.join(sorted(unknown)[:5])}"
         findings.add(UNSCHEDULED(message, path=trace.name, help="schedule those that take the time of tasks"))
-    return found, [] if trace.is_shared else [execution for lost in unknown.values() for execution in lost]
+        return found, ()
+    for task, (first, count) in sorted(unknown.items()):
+        help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
+        message = f"ran {count} times and is not in the schedule"
+        judge.add(Kind.UNKNOWN_TASK, about(task=task), 0, message, found.row(first).at, help)
+    return found, () if trace.is_shared else others
 
 
-def _nodes(executions: Sequence[Execution], tasks: Collection[str]) -> dict[str, str]:
+def _nodes(names: Collection[str], tasks: Collection[str]) -> dict[str, str]:
     """Return the tasks that are called after the node of their only callback, by the name of that callback."""
     called: dict[str, set[str]] = defaultdict(set)
-    for execution in executions:
-        node, slash, _ = execution.task.rpartition("/")
-        if slash and execution.task not in tasks and node in tasks:
-            called[node].add(execution.task)
+    for name in names:
+        node, slash, _ = name.rpartition("/")
+        if slash and name not in tasks and node in tasks:
+            called[node].add(name)
     return {next(iter(names)): node for node, names in called.items() if len(names) == 1}
 
 
@@ -294,42 +283,50 @@ def _names(known: Collection[str], others: Mapping[str, str]) -> Callable[[str],
     return plain
 
 
-def _rows(matching: Matching, origin: Duration, due: set[str], model: TaskModel | None) -> list[TaskRow]:
-    matches = defaultdict(list)
-    for match in matching.matches:
-        matches[match.job.task].append(match)
-    missing = Counter(job.task for _, _, job, _ in matching.missing)
-    extra = Counter(execution.task for execution in matching.extra)
+def _by_task(matching: Matching) -> dict[str, array[int]]:
+    """Return the rows with a job by task."""
+    found: dict[str, array[int]] = defaultdict(lambda: array("q"))
+    for row in matching.rows():
+        found[matching.executions.names[matching.executions.task[row]]].append(row)
+    return found
+
+
+def _numbers(values: Iterable[Instant]) -> array[int] | list[Instant]:
+    """Return numbers, in a column if all are whole."""
+    kept = [*values]
+    try:
+        return array("q", kept)  # type: ignore[arg-type]
+    except (TypeError, OverflowError):
+        return kept
+
+
+def _rows(
+    matching: Matching, late: Mapping[str, Sequence[Instant]], due: set[str], model: TaskModel | None
+) -> list[TaskRow]:
+    seen = matching.executions
+    missing = Counter(matching.lines.table[line].due[place].job.task for line, place in matching.missing)
+    extra = Counter(seen.names[seen.task[row]] for row in matching.extra)
+    found = _by_task(matching)
     rows = []
-    for task in sorted({*matches, *missing, *extra, *due}):
-        found = matches[task]
-        starts = sorted((lateness(match, origin) for match in found), key=lambda late: late.ns)
-        ended = [match for match in found if match.execution.end is not None]
-        ends = [_end_lateness(match.execution, match.end, origin) for match in ended]
-        longest = max(ended, key=lambda match: _busy(match.execution).ns, default=None)
+    for task in sorted({*found, *missing, *extra, *due}):
+        ended = [row for row in found.get(task, ()) if seen.end[row] != NONE]
+        ends = (seen.end[row] - matching.origin - matching.start(row) - matching.due(row).length for row in ended)
+        longest = max(ended, key=lambda row: seen.length(row) or 0, default=None)
+        starts = sorted(late.get(task, ()))
+        spread = [starts[0], quantile(starts, Fraction(1, 2)), starts[-1]] if starts else []
+        job = matching.due(longest) if longest is not None else None
+        version = job.job.version if job else ""
         rows.append(
             TaskRow(
                 task=task,
-                seen=len(found),
+                seen=len(starts),
                 missing=missing[task],
                 extra=extra[task],
-                least=starts[0] if starts else None,
-                median=starts[(len(starts) - 1) // 2] if starts else None,
-                worst=starts[-1] if starts else None,
-                worst_end=max(ends, default=None),
-                longest=_busy(longest.execution) if longest else None,
-                reserved=longest.reserved if longest else None,
-                wcet=model.task(task).version(longest.job.version).wcet if model and longest else None,
+                **dict(zip(("least", "median", "worst"), map(Duration, spread), strict=False)),
+                worst_end=Duration(max(ends)) if ended else None,
+                longest=Duration(seen.length(longest) or 0) if longest is not None else None,
+                reserved=Duration(job.reserved) if job else None,
+                wcet=model.task(task).version(version).wcet if model and job else None,
             )
         )
     return rows
-
-
-def _busy(execution: Execution) -> Duration:
-    if execution.busy is not None:
-        return execution.busy
-    return ZERO if execution.end is None else execution.end - execution.start
-
-
-def _end_lateness(execution: Execution, due: Duration, origin: Duration) -> Duration:
-    return (execution.end or execution.start) - origin - due

@@ -9,27 +9,27 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.core.samples import quantile
 from halpipe.models import Anchor
+from halpipe.models.trace import NONE
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import with_latencies
 from halpipe.pipeline.measure.placement import Placement
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from fractions import Fraction
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, ChainLatency, Schedule, TaskModel
-    from halpipe.models.trace import Execution
-    from halpipe.pipeline.compare.matching import Match
+    from halpipe.pipeline.compare.matching import Matching
 
 FIGURES = ("latency", "reaction", "age")
 
@@ -54,41 +54,47 @@ Span = tuple["int | Fraction", "int | Fraction"]
 
 
 def measured_chains(
-    model: TaskModel, schedule: Schedule, played: Mapping[int, str], executions: Sequence[tuple[int, Execution]]
+    model: TaskModel, schedule: Schedule, played: Mapping[int, str], matching: Matching
 ) -> list[ChainRow]:
     """Return the figures of the chains of the model that run in a mode of `played`, the tables by their cycles.
 
-    `executions` come with the cycles to which they belong. A path ends where a table without the chain is played.
+    A path ends where a table without the chain is played.
     """
     names = set(played.values())
     modes = with_latencies(model, schedule.alone(tuple(m for m in schedule.modes if m.name in names))).modes
-    rows = []
+    active = {}
     for chain in filter(partial(is_measurable, model), model.chains):
-        active = {mode.name: row for mode in modes for row in mode.chains if row.name == chain.name}
-        if not active:
-            continue
-        between = {t.name for t in schedule.transitions if t.source in active and t.target in active}
-        parts = _parts(chain, played, {*active, *between}, executions)
+        if own := {mode.name: row for mode in modes for row in mode.chains if row.name == chain.name}:
+            active[chain] = own
+    spans: dict[str, list[tuple[int | None, Span]]] = defaultdict(list)
+    wanted = {task for chain in active for task in chain.tasks}
+    for cycle, task, span in _spans(model, schedule, matching, wanted) if wanted else ():
+        spans[task].append((cycle, span))
+    rows = []
+    for chain, own in active.items():
+        between = {t.name for t in schedule.transitions if t.source in own and t.target in own}
+        parts = _parts(chain, played, {*own, *between}, spans)
         for figure in FIGURES:
             values = [value for members in parts for value in _values(figure, members, chain)]
-            rows.append(_row(chain, figure, values, list(active.values())))
+            rows.append(_row(chain, figure, values, list(own.values())))
     return rows
 
 
 def _parts(
-    chain: Chain, played: Mapping[int, str], active: set[str], executions: Sequence[tuple[int, Execution]]
+    chain: Chain, played: Mapping[int, str], active: set[str], spans: Mapping[str, Sequence[tuple[int | None, Span]]]
 ) -> list[list[list[Span]]]:
     """Return when the jobs of each task of a chain read and write, for each part of the run in which it is active."""
-    number, part_of = 0, {}
+    number = 0
+    part_of: dict[int, int | None] = {}
     for cycle in sorted(played):
         number += played[cycle] not in active
         part_of[cycle] = number if played[cycle] in active else None
-    spans: dict[tuple[int | None, str], list[Span]] = defaultdict(list)
-    for cycle, execution in executions:
-        if execution.end is not None and execution.has_data is not False:
-            part = part_of.get(cycle, 0 if len(set(played.values())) == 1 else None)
-            spans[part, execution.task].append((execution.start.ns, execution.end.ns))
-    return [[sorted(spans[part, name]) for name in chain.tasks] for part in range(number + 1)]
+    elsewhere = 0 if len(set(played.values())) == 1 else None
+    found: dict[tuple[int | None, str], list[Span]] = defaultdict(list)
+    for task in set(chain.tasks):
+        for ran, span in spans.get(task, ()):
+            found[elsewhere if ran is None else part_of.get(ran, elsewhere), task].append(span)
+    return [[sorted(found[part, name]) for name in chain.tasks] for part in range(number + 1)]
 
 
 def is_measurable(model: TaskModel, chain: Chain) -> bool:
@@ -98,28 +104,36 @@ def is_measurable(model: TaskModel, chain: Chain) -> bool:
     return begins and (chain.to is None if last else chain.to is not Anchor.RELEASE)
 
 
-def exchanges(
-    model: TaskModel, schedule: Schedule, matches: Iterable[Match], origin: Duration
-) -> Iterator[tuple[int, Execution]]:
-    """Yield the executions of jobs with their cycles; those with a LET last from its read to its write (MODEL 10.6).
+def _spans(
+    model: TaskModel, schedule: Schedule, matching: Matching, wanted: Collection[str]
+) -> Iterator[tuple[int | None, str, Span]]:
+    """Yield the cycle, the task, and when it read and wrote, of each job of the `wanted` tasks that had data.
 
-    A job that ends after its write leaves the datum of the one before, so it takes part in no chain.
+    One with a LET lasts from its read to its write (MODEL 10.6). If it ends after its write, it leaves the datum of the
+    one before, so it takes part in no chain.
     """
-    lets = {task.name: task.let for task in model.tasks if task.let is not None}
+    lets = {task.name: task.let.ns for task in model.tasks if task.let is not None}
     delays: dict[tuple[str, str, int], Duration] = {}
     for mode in schedule.modes if lets else ():
         placement = Placement.of(expand(model, model.mode(mode.name)), mode.jobs, model.units)
         for job in placement.jobs:
             delays[mode.name, job.active.name, job.index] = placement.tick * placement.delay(job)
-    for match in matches:
-        let, execution = lets.get(match.job.task), match.execution
-        if let is not None:
+    seen, lines = matching.executions, matching.lines
+    names = {number: name for number, name in enumerate(seen.names) if name in wanted}
+    for row in (*matching.rows(), *matching.extra):
+        name, end, line = names.get(seen.task[row]), seen.end[row], matching.line[row]
+        if name is None or end == NONE or seen.has_data.get(row) is False:
+            continue
+        let = lets.get(name)
+        if let is None:
+            cycle = seen.cycle[row] if line < 0 else lines.cycle[line]
+            yield None if cycle == NONE else cycle, name, (seen.start[row], end)
+        elif line >= 0:
             # A job of a table between modes is released when it starts.
-            read = origin + match.start - delays.get((match.table.name, match.job.task, match.job.index), ZERO)
-            if execution.end is None or execution.end > read + let:
-                continue
-            execution = replace(execution, start=read, end=read + let)
-        yield match.cycle, execution
+            late = delays.get((lines.table[line].name, name, matching.due(row).job.index), ZERO)
+            read = matching.origin + matching.start(row) - late.ns
+            if end <= read + let:
+                yield lines.cycle[line], name, (read, read + let)
 
 
 def deviations(
@@ -151,8 +165,7 @@ def _row(chain: Chain, figure: str, values: list[int | Fraction], verified: Sequ
     values.sort()
 
     def at(percent: int) -> Duration | None:
-        """Return the smallest value that so many per cent of all do not exceed."""
-        return Duration(values[-(-len(values) * percent // 100) - 1]) if values else None
+        return Duration(quantile(values, Fraction(percent, 100))) if values else None
 
     return ChainRow(
         chain=chain.name,

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import NOWHERE, Path, Subject, about
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.models.trace import NONE
 from halpipe.pipeline.compare.codes import CODES, Kind
-from halpipe.pipeline.compare.matching import lateness
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from halpipe.core.diagnostics import Code, Diagnostic, Location
-    from halpipe.core.durations import Duration
     from halpipe.models import Job, TaskModel
-    from halpipe.models.trace import Execution
+    from halpipe.models.trace import Execution, Instant
     from halpipe.pipeline.compare.matching import Match, Matching
 
 
@@ -30,7 +29,7 @@ class _Deviation:
     code: Code
     path: str
     count: int
-    amount: Duration
+    amount: Instant
     message: str
     at: Location
     help: str
@@ -58,131 +57,161 @@ class Judge:
         self.counts: Counter[Kind] = Counter()
         self._worst: dict[tuple[str, str], _Deviation] = {}
 
-    def judge(self, matching: Matching, origin: Duration, model: TaskModel | None) -> None:
-        """Judge everything that ran, and what did not, by a schedule whose zero lies at `origin`."""
-        self.origin = origin
-        instants = (match.execution.end or match.execution.start for match in matching.matches)
-        last = max(instants, default=ZERO) - self.origin
-        for match in matching.matches:
-            self._start(match)
-            self._plan(match)
-            self._data(match)
-            if match.execution.end is None and (self.scope.is_whole or last - match.end > self.tolerance):
-                message = f"still runs when the trace ends, at {last}; its end is at {match.end}"
-                self._of(match, Kind.ENDLESS, last - match.end, message, "bound the loops and waits of the program")
-            self._end(match)
-            self._parts(match)
-            self._units(match)
-        for table, cycle, job, start in matching.missing:
-            path = _job(table.name, job)
-            message = f"did not run at {start} (cycle {cycle})"
-            self.add(Kind.MISSING, path, ZERO, message, job.at, "check whether the trace lost events")
+    def judge(self, matching: Matching, model: TaskModel | None) -> None:
+        """Judge everything that ran, and what did not."""
+        self.origin = Duration(matching.origin)
+        self._matching = matching
+        self._each()
+        lines = matching.lines
+        for line, place in matching.missing:
+            table, job = lines.table[line], lines.table[line].due[place].job
+            start = Duration(lines.start[line] + job.start.ns)
+            message = f"did not run at {start} (cycle {lines.cycle[line]})"
+            self.add(Kind.MISSING, _job(table.name, job), 0, message, job.at, "check whether the trace lost events")
         self._pauses(matching)
-        for execution in matching.extra:
+        for row in matching.extra:
+            execution = matching.executions.row(row)
             message = f"ran at {execution.start} of the trace, where no job of it is due"
-            self.add(Kind.EXTRA, about(task=execution.task), ZERO, message, execution.at, "check who starts it")
-        self._order(matching, model)
+            self.add(Kind.EXTRA, about(task=execution.task), 0, message, execution.at, "check who starts it")
+        self._order(model)
+
+    def _each(self) -> None:
+        """Compare each execution with its job; objects are made only of those that deviate."""
+        matching, tolerance, origin = self._matching, self.tolerance.ns, self.origin.ns
+        seen = matching.executions
+        starts, ends, planned, lacking = seen.start, seen.end, seen.planned, seen.has_data
+        units = [frozenset(names) for names in seen.units]
+        instants = (starts[row] if ends[row] == NONE else ends[row] for row in matching.rows())
+        last = max(instants, default=origin) - origin
+        for row in matching.rows():
+            due, start = matching.due(row), matching.start(row)
+            late = starts[row] - origin - start
+            if late > tolerance or -late > tolerance:
+                self._start(matching.match(row), late)
+            if planned and row in planned and not -tolerance <= start + origin - planned[row] <= tolerance:
+                match = matching.match(row)
+                when = f"was due at {Duration(planned[row])} by its recorder, and is at {match.start + self.origin}"
+                self._of(match, Kind.PLAN, 0, f"{when} by the schedule", "load the tables of this schedule")
+            if lacking and lacking.get(row) is False:
+                message = f"ran without a message at {Duration(starts[row] - origin)}"
+                help = "start its publisher before the tables, or schedule it later"
+                self._of(matching.match(row), Kind.NO_DATA, 0, message, help)
+            length = seen.length(row)
+            if length is None:
+                self._endless(row, last)
+            else:
+                if length - due.reserved > tolerance:
+                    self._overrun(matching.match(row), length)
+                if (late := ends[row] - origin - start - due.length) > tolerance:
+                    match = matching.match(row)
+                    message = f"ends {Duration(late)} late: at {Duration(ends[row] - origin)} instead of {match.end}"
+                    self._of(match, Kind.LATE_END, late, message, "look at its start, its preemptions and its run time")
+            if due.job.parts:
+                self._parts(matching.match(row))
+            on = units[seen.on[row]]
+            if on and on != due.units:
+                message = f"ran on {' '.join(seen.units[seen.on[row]])} instead of {' '.join(due.job.units)}"
+                self._of(matching.match(row), Kind.UNIT, 0, message, "bind it to its unit")
 
     def _pauses(self, matching: Matching) -> None:
-        first = {match.cycle: match for match in reversed(matching.matches)} if matching.pauses else {}
-        for before, after in matching.pauses:
-            match, silent = first.get(after), after - before - 1
+        lines = matching.lines
+        for before, after in lines.pauses:
+            line, silent = lines.cycle.index(after), after - before - 1
+            table = lines.table[line]
+            rows = (row for row in matching.slots[lines.slot[line] : lines.slot[line + 1]] if row >= 0)
+            at = next((matching.executions.row(row).at for row in rows), NOWHERE)
             message = f"nothing ran in the {silent} cycles after cycle {before}, whose jobs are not counted as missing"
             help = "compare the pieces before and after it, or correct the instants and their unit"
-            path, length = (about(mode=match.table.name), match.table.length * silent) if match else ("", ZERO)
-            self.add(Kind.PAUSE, path, length, message, match.execution.at if match else NOWHERE, help)
+            self.add(Kind.PAUSE, about(mode=table.name), table.length * silent, message, at, help)
 
-    def _start(self, match: Match) -> None:
-        late = lateness(match, self.origin)
-        if late > self.tolerance or -late > self.tolerance:
-            word = "late" if late > ZERO else "early"
-            size = late if late > ZERO else -late
-            message = f"starts {size} {word}: at {match.execution.start - self.origin} instead of {match.start}"
-            kind = Kind.LATE if late > ZERO else Kind.EARLY
-            self._of(match, kind, size, message, "look at what ran before it on its unit")
+    def _start(self, match: Match, late: Instant) -> None:
+        word, size = ("late", late) if late > 0 else ("early", -late)
+        message = f"starts {Duration(size)} {word}: at {match.execution.start - self.origin} instead of {match.start}"
+        kind = Kind.LATE if late > 0 else Kind.EARLY
+        self._of(match, kind, size, message, "look at what ran before it on its unit")
 
-    def _plan(self, match: Match) -> None:
-        """Compare the instant that the recorder states with that of the schedule."""
-        planned = match.execution.planned
-        if planned is not None and not -self.tolerance <= match.start + self.origin - planned <= self.tolerance:
-            message = f"was due at {planned} by its recorder, and is at {match.start + self.origin} by the schedule"
-            self._of(match, Kind.PLAN, ZERO, message, "load the tables of this schedule")
+    def _endless(self, row: int, last: Instant) -> None:
+        match = self._matching.match(row)
+        by = last - match.end.ns
+        if self.scope.is_whole or by > self.tolerance.ns:
+            message = f"still runs when the trace ends, at {Duration(last)}; its end is at {match.end}"
+            self._of(match, Kind.ENDLESS, by, message, "bound the loops and waits of the program")
 
-    def _data(self, match: Match) -> None:
-        if match.execution.has_data is False:
-            message = f"ran without a message at {match.execution.start - self.origin}"
-            self._of(match, Kind.NO_DATA, ZERO, message, "start its publisher before the tables, or schedule it later")
-
-    def _end(self, match: Match) -> None:
-        execution = match.execution
-        if execution.end is None:
-            return
+    def _overrun(self, match: Match, length: Instant) -> None:
         budget = match.reserved
-        busy = execution.end - execution.start if execution.busy is None else execution.busy
-        if busy - budget > self.tolerance:
-            message = f"runs for {busy}, {busy - budget} more than the {budget} of its version {match.job.version}"
-            self._of(match, Kind.OVERRUN, busy - budget, message, "correct the WCET, or the program")
-        late = execution.end - self.origin - match.end
-        if late > self.tolerance:
-            message = f"ends {late} late: at {execution.end - self.origin} instead of {match.end}"
-            self._of(match, Kind.LATE_END, late, message, "look at its start, its preemptions and its run time")
+        by = Duration(length) - budget
+        message = f"runs for {Duration(length)}, {by} more than the {budget} of its version {match.job.version}"
+        self._of(match, Kind.OVERRUN, by.ns, message, "correct the WCET, or the program")
 
     def _parts(self, match: Match) -> None:
-        """Hold what ran against the parts of a job with gaps, where the trace tells when it ran."""
-        execution = match.execution
-        if not match.job.parts:
-            return
-        for start, end in _stretches(execution):
+        """Compare what ran with the parts of a job with gaps, where the trace tells when it ran."""
+        for start, end in _stretches(match.execution):
             outside, instant = _outside(start - self.origin, end - self.origin, match.due())
             if outside > self.tolerance:
                 message = f"runs {outside} outside its parts, near {instant}"
-                self._of(match, Kind.PARTS, outside, message, "hold it at the end of a part until the next")
+                self._of(match, Kind.PARTS, outside.ns, message, "hold it at the end of a part until the next")
 
-    def _units(self, match: Match) -> None:
-        seen, due = match.execution.units, match.job.units
-        if seen and set(seen) != set(due):
-            message = f"ran on {' '.join(seen)} instead of {' '.join(due)}"
-            self._of(match, Kind.UNIT, ZERO, message, "bind it to its unit")
-
-    def _order(self, matching: Matching, model: TaskModel | None) -> None:
+    def _order(self, model: TaskModel | None) -> None:
         """Compare each job with those before it on its units, and with those that need the same resources."""
-        furthest: dict[str, Match] = {}
-        longest: dict[tuple[Kind, str], Match] = {}
+        matching = self._matching
+        seen = matching.executions
+        starts, ends = seen.start, seen.end
+        furthest: dict[str, tuple[Instant, int]] = {}
+        longest: dict[str | tuple[str], int] = {}
         held = _resources(model) if model else {}
-        for match in sorted(matching.matches, key=lambda match: (match.execution.start.ns, match.start.ns)):
-            units = match.execution.units or match.job.units
+        for row in self._by_start():
+            due, start = matching.due(row), matching.start(row)
+            units = seen.units[seen.on[row]] or due.job.units
             for unit in units:
-                before = furthest.setdefault(unit, match)
-                if match.start < before.start:
-                    self._together(Kind.ORDER, before, match, "before it on a unit")
+                before = furthest.get(unit)
+                if before is not None and start < before[0]:
+                    self._together(Kind.ORDER, before[1], row, "before it on a unit")
                 else:
-                    furthest[unit] = match
-            keys = [(Kind.OVERLAP, unit) for unit in units]
-            keys += [(Kind.EXCLUSION, name) for name in held.get((match.job.task, match.job.version), ())]
-            for key in keys:
+                    furthest[unit] = start, row
+            own = held.get((due.job.task, due.job.version), ()) if held else ()
+            for key in (*units, *own):
                 other = longest.get(key)
-                end = other.execution.end if other else None
-                overlap = end - match.execution.start if end else ZERO
-                # A unit runs one job at a time, whatever the tolerance; of two units each may be late by it.
-                allowed = ZERO if key[0] is Kind.OVERLAP else self.tolerance
-                if other and overlap > allowed and not _may_interrupt(other, match):
-                    where = "on a unit" if key[0] is Kind.OVERLAP else f'for {overlap} with resource "{key[1]}"'
-                    self._together(key[0], other, match, f"at the same time {where}", overlap)
-                if end is None or (match.execution.end is not None and match.execution.end >= end):
-                    longest[key] = match
+                end = NONE if other is None else ends[other]
+                if other is not None and end != NONE and (overlap := end - starts[row]) > 0:
+                    self._at_once(other, row, key, overlap)
+                if end == NONE or (ends[row] != NONE and ends[row] >= end):
+                    longest[key] = row
 
-    def _together(self, kind: Kind, before: Match, match: Match, what: str, amount: Duration = ZERO) -> None:
-        message = f'task "{before.execution.task}" ran {what}, at {before.execution.start - self.origin}'
+    def _by_start(self) -> Iterator[int]:
+        """Yield the rows with a job by their start; those of one instant by the start of the job."""
+        matching = self._matching
+        starts, line = matching.executions.start, matching.line
+        rows: Iterable[int] = (row for row in matching.executions.order if line[row] >= 0)
+        if matching.is_joined:
+            rows = sorted(rows, key=starts.__getitem__)
+        for _, equals in groupby(rows, key=starts.__getitem__):
+            first, *others = equals
+            yield from sorted((first, *others), key=matching.start) if others else (first,)
+
+    def _at_once(self, before: int, row: int, key: str | tuple[str], overlap: Instant) -> None:
+        """Report two executions at once on a unit, or with the resource of a `key` that is a tuple."""
+        # A unit runs one job at a time, whatever the tolerance; of two units each may be late by it.
+        if isinstance(key, tuple) and overlap <= self.tolerance.ns:
+            return
+        if _may_interrupt(self._matching.match(before), self._matching.match(row)):
+            return
+        kind = Kind.EXCLUSION if isinstance(key, tuple) else Kind.OVERLAP
+        where = f'for {Duration(overlap)} with resource "{key[0]}"' if isinstance(key, tuple) else "on a unit"
+        self._together(kind, before, row, f"at the same time {where}", overlap)
+
+    def _together(self, kind: Kind, before: int, row: int, what: str, amount: Instant = 0) -> None:
+        first = self._matching.executions.row(before)
+        message = f'task "{first.task}" ran {what}, at {first.start - self.origin}'
         help = "one unit runs one job at a time, in order"
         if kind is Kind.EXCLUSION:
             help = "look at their starts and run times: only the table keeps them apart"
-        self._of(match, kind, amount, message, help)
+        self._of(self._matching.match(row), kind, amount, message, help)
 
-    def _of(self, match: Match, kind: Kind, amount: Duration, message: str, help: str) -> None:
+    def _of(self, match: Match, kind: Kind, amount: Instant, message: str, help: str) -> None:
         path = _job(match.table.name, match.job)
         self.add(kind, path, amount, f"{message} (cycle {match.cycle})", match.execution.at, help)
 
-    def add(self, kind: Kind, path: str, amount: Duration, message: str, at: Location, help: str) -> None:
+    def add(self, kind: Kind, path: str, amount: Instant, message: str, at: Location, help: str) -> None:
         """Report a deviation; of one kind and `path`, that of the largest `amount` is kept."""
         code = self.scope.codes.get(kind)
         if code is None:
@@ -233,11 +262,11 @@ def _lies_in_gap(inner: Match, outer: Match) -> bool:
     return any(end <= inner.start and inner.end <= again for (_, end), (again, _) in pairwise(outer.due()))
 
 
-def _resources(model: TaskModel) -> dict[tuple[str, str], list[str]]:
+def _resources(model: TaskModel) -> dict[tuple[str, str], list[tuple[str]]]:
     """Return, by task and version, the resources that the version needs wholly, from its start to its end."""
     return {
         (task.name, version.name): [
-            access.resource
+            (access.resource,)
             for access in version.accesses
             if access.bound == 1 and not access.start and access.end == version.wcet
         ]

@@ -18,13 +18,14 @@ from halpipe.core.durations import Duration
 from halpipe.core.options import option
 from halpipe.core.quantities import format_rational, parse_share
 from halpipe.core.records import record
+from halpipe.core.samples import quantile
 from halpipe.pipeline.compare import CompareOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from halpipe.models import TaskModel
-    from halpipe.models.trace import Execution
+    from halpipe.models.trace import Instant
     from halpipe.pipeline.compare import Comparison
 
 _MICROSECOND = 1000
@@ -140,33 +141,36 @@ def _entry(name: str, versions: Sequence[LearnedVersion], period: LearnedPeriod 
 
 def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskModel | None = None) -> Learned:
     """Return what the recordings of some comparisons teach, beside what `model` states."""
-    busy: dict[tuple[str, str], list[Duration]] = defaultdict(list)
+    busy: dict[tuple[str, str], list[Instant]] = defaultdict(list)
     stated = {(t.name, v.name): v.wcet for t in model.tasks for v in t.versions} if model else {}
     periods: dict[str, LearnedPeriod] = {}
     for comparison in comparisons:
-        starts: dict[str, list[Duration]] = defaultdict(list)
+        starts: dict[str, list[Instant]] = defaultdict(list)
         known = {row.task for row in comparison.rows}
-        for match in comparison.matches:
-            starts[match.job.task].append(match.execution.start)
-            if (time := _busy(match.execution)) is not None:
-                busy[match.job.task, match.job.version].append(time)
-        for execution in comparison.others:
-            starts[execution.task].append(execution.start)
+        matching = comparison.matching
+        seen = matching.executions
+        for row in matching.rows():
+            job = matching.due(row).job
+            starts[job.task].append(seen.start[row])
+            if (time := seen.length(row)) is not None:
+                busy[job.task, job.version].append(time)
+        for row in comparison.others:
+            starts[seen.names[seen.task[row]]].append(seen.start[row])
         for task, found in starts.items():
             cycle = None if model is None or task not in known else model.task(task).period
-            if (seen := _period(task, found, comparison.origin, cycle, task in known)) is not None:
-                periods[task] = seen
+            if (period := _period(task, found, comparison.origin, cycle, task in known)) is not None:
+                periods[task] = period
     versions = []
     for (task, version), times in sorted(busy.items()):
-        times.sort(key=lambda time: time.ns)
-        covered = times[max(0, -int(-len(times) * options.quantile // 1) - 1)]
-        wcet = Duration(-(-covered.fraction * (1 + options.margin) // _MICROSECOND) * _MICROSECOND)
+        times.sort()
+        covered = quantile(times, options.quantile)
+        wcet = Duration(-(-covered * (1 + options.margin) // _MICROSECOND) * _MICROSECOND)
         versions.append(
             LearnedVersion(
                 task=task,
                 version=version,
                 jobs=len(times),
-                longest=times[-1],
+                longest=Duration(times[-1]),
                 wcet=wcet,
                 stated=stated.get((task, version)),
             )
@@ -174,14 +178,8 @@ def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskM
     return Learned(versions=tuple(versions), periods=tuple(periods.values()))
 
 
-def _busy(execution: Execution) -> Duration | None:
-    if execution.end is None:
-        return None
-    return execution.end - execution.start if execution.busy is None else execution.busy
-
-
 def _period(
-    task: str, starts: list[Duration], origin: Duration, stated: Duration | None, is_known: bool
+    task: str, starts: list[Instant], origin: Duration, stated: Duration | None, is_known: bool
 ) -> LearnedPeriod | None:
     """Return the roundest period that all starts keep within a quarter of it; None where there is none.
 
@@ -189,7 +187,7 @@ def _period(
     """
     if len(starts) < _LEAST_STARTS:
         return None
-    at = sorted(start.fraction for start in starts)
+    at = sorted(map(Fraction, starts))
     typical = median_low([later - earlier for earlier, later in pairwise(at)])
     candidates = [] if stated is None else [stated.fraction]
     candidates += [Fraction(round(typical / 10**digits) * 10**digits) for digits in range(10, -1, -1)]

@@ -1,141 +1,23 @@
-"""Expected executions, the tables of a schedule in sequence, and the assignment of what ran to scheduled jobs."""
+"""Assignment of executions to the jobs of the tables that were played, on columns: a recording has millions of them."""
 
 from __future__ import annotations
 
-import itertools
-from bisect import bisect_left
-from collections import defaultdict
-from dataclasses import field, replace
-from typing import TYPE_CHECKING, TypeVar
+from array import array
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import NOWHERE, about
-from halpipe.core.durations import ZERO, Duration
+from halpipe.core.durations import Duration
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
-from halpipe.pipeline.compare.codes import Kind
+from halpipe.models.trace import NONE
+from halpipe.pipeline.compare.tables import repeated_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from fractions import Fraction
+    from collections.abc import Callable, Iterator, Sequence
 
-    from halpipe.models import Job, Schedule
-    from halpipe.models.trace import Execution
-    from halpipe.pipeline.compare.judging import Judge
-
-
-@record
-class Table:
-    """A mode or a transition table: what is played as one piece; `jobs` by task, by start."""
-
-    name: str
-    length: Duration
-    jobs: dict[str, tuple[Job, ...]]
-    successors: frozenset[str]
-
-
-@record
-class Played:
-    """A table that was played: the `cycle`-th, from `start` after the origin."""
-
-    table: Table
-    cycle: int
-    start: Duration
-
-
-def tables_of(schedule: Schedule) -> dict[str, Table]:
-    """Return the tables of a schedule by name."""
-    switches = {t.name: t for t in schedule.transitions}
-    found = {}
-    for mode in schedule.modes:
-        after = {name for name, table in switches.items() if table.source == mode.name}
-        direct = {table.target for table in switches.values() if table.source == mode.name and not table.length}
-        found[mode.name] = Table(
-            mode.name, mode.hyperperiod, _by_task(mode.jobs), frozenset({mode.name} | after | direct)
-        )
-    for name, switch in switches.items():
-        found[name] = Table(name, switch.length, _by_task(switch.jobs), frozenset({switch.target}))
-    return found
-
-
-def _by_task(jobs: Iterable[Job]) -> dict[str, tuple[Job, ...]]:
-    grouped: dict[str, list[Job]] = defaultdict(list)
-    for job in sorted(jobs, key=lambda job: (job.start.ns, job.index)):
-        grouped[job.task].append(job)
-    return {task: tuple(found) for task, found in grouped.items()}
-
-
-MOST_SILENT = 100_000
-"""Jobs of cycles in which nothing ran that are counted as missing, one by one."""
-
-
-def played_tables(
-    executions: Sequence[Execution], tables: Mapping[str, Table], judge: Judge, first: str = ""
-) -> tuple[list[Played], list[tuple[int, int]]]:
-    """Return the tables that the labels of `executions` name, in order, and pauses as in `Matching`.
-
-    Cycles in which nothing ran are filled in, from cycle 0 on where the `first` table is known. Report tables that
-    cannot follow each other.
-    """
-    stated: dict[int, str] = {}
-    for execution in executions:
-        if execution.cycle is None or execution.table not in tables:
-            continue
-        former = stated.setdefault(execution.cycle, execution.table)
-        if former != execution.table:
-            message = f'cycle {execution.cycle} is both "{former}" and "{execution.table}"'
-            path, help = about(task=execution.task), "check how the recorder counts cycles"
-            judge.add(Kind.SEQUENCE, path, ZERO, message, execution.at, help)
-    played: list[Played] = []
-    pauses: list[tuple[int, int]] = []
-    now, left = ZERO, MOST_SILENT
-    last, before = (tables[first], -1) if first else (None, 0)
-    for cycle in sorted(stated):
-        table = tables[stated[cycle]]
-        silent = _between(last, cycle - before, table, tables) if last else []
-        if silent is None and last:
-            message = f'cycle {cycle} is "{table.name}", {cycle - before} after "{last.name}" in cycle {before}'
-            help = f"after it may come: {', '.join(sorted(last.successors))}"
-            judge.add(Kind.SEQUENCE, about(table=last.name), ZERO, message, NOWHERE, help)
-        for between, times in silent or ():
-            jobs = times * sum(map(len, between.jobs.values()))
-            left -= jobs
-            if jobs and left < 0:
-                pauses.append((before, cycle))
-            else:
-                number = played[-1].cycle + 1 if played else 0
-                starts = (now + between.length * i for i in range(times))
-                played += [Played(between, number + i, start) for i, start in enumerate(starts)]
-            now += between.length * times
-        played.append(Played(table, cycle, now))
-        now += table.length
-        last, before = table, cycle
-    return played, pauses
-
-
-def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table]) -> list[tuple[Table, int]] | None:
-    """Return the tables, and how often each, of the silent cycles before `table`, `steps` after `last`.
-
-    A mode is kept as long as possible, then comes the switch; None: the schedule has no such sequence.
-    """
-    found: list[tuple[Table, int]] = []
-    if last.name not in last.successors and steps > 1:  # a switch, after which comes its target
-        last, steps = tables[min(last.successors)], steps - 1
-        found.append((last, 1))
-    # Not by way of a third mode, though one may follow at once by a switch of length zero.
-    switches = (name for name in sorted(last.successors) if name not in tables[name].successors)
-    switch = next((name for name in switches if table.name in tables[name].successors), None)
-    if switch is not None and steps > 1 and table.name != last.name:
-        return [*found, (last, steps - 2), (tables[switch], 1)]
-    return [*found, (last, steps - 1)] if table.name in last.successors else None
-
-
-def unknown_tables(executions: Iterable[Execution], tables: Mapping[str, Table], judge: Judge) -> None:
-    """Report, once each, the tables that a trace names and the schedule does not have."""
-    unknown = {e.table: e for e in reversed(list(executions)) if e.table and e.table not in tables}
-    for name, execution in unknown.items():
-        help = did_you_mean(name, sorted(tables), "compare with the schedule that was loaded")
-        judge.add(Kind.UNKNOWN_TABLE, "", ZERO, f'the schedule has no table "{name[:60]}"', execution.at, help)
-
+    from halpipe.models import Job
+    from halpipe.models.trace import Execution, Executions, Instant, Times
+    from halpipe.pipeline.compare.tables import Due, Lines, Starts, Table
 
 SAMPLE = 2000
 """Executions by which the zero of the schedule is sought; more would not change it and cost time."""
@@ -150,16 +32,12 @@ class Match:
     cycle: int
     job: Job
     start: Duration
+    reserved: Duration
 
     @property
     def end(self) -> Duration:
         """The scheduled end, after the origin."""
         return self.start + (self.job.end - self.job.start)
-
-    @property
-    def reserved(self) -> Duration:
-        """The time that the schedule reserves for the job: all but its gaps."""
-        return sum((end - start for start, end in self.job.occupations()), ZERO)
 
     def due(self) -> list[tuple[Duration, Duration]]:
         """Return when the job is to run, after the origin."""
@@ -167,262 +45,255 @@ class Match:
         return [(start + by, end + by) for start, end in self.job.occupations()]
 
 
-@record
+@dataclass(slots=True)
 class Matching:
-    """All matches, by scheduled start; what ran without being scheduled; and what was scheduled and did not run.
+    """Executions by the slots of the jobs in the lines; `extra` are rows without a job, `missing` slots without a row.
 
-    A pause is the last cycle in which something ran, and the next one, where too many lie between them.
+    `slots` has the row of each slot, -1 where none ran; `line` and `place` say the same by row, -1 for an extra one.
     """
 
-    matches: list[Match]
-    extra: list[Execution]
-    missing: list[tuple[Table, int, Job, Duration]]
-    pauses: list[tuple[int, int]] = field(default_factory=list)
+    executions: Executions
+    lines: Lines
+    origin: Instant
+    slots: array[int] = field(init=False)
+    line: array[int] = field(init=False)
+    place: array[int] = field(init=False)
+    extra: list[int] = field(default_factory=list)
+    missing: list[tuple[int, int]] = field(default_factory=list)
+    is_joined: bool = False
+
+    def __post_init__(self) -> None:
+        self.slots = array("q", [-1]) * self.lines.slot[-1]
+        self.line = array("q", [-1]) * len(self.executions.task)
+        self.place = array("i", [-1]) * len(self.executions.task)
+
+    def due(self, row: int) -> Due:
+        """Return the job of a row."""
+        return self.lines.table[self.line[row]].due[self.place[row]]
+
+    def start(self, row: int) -> Instant:
+        """Return the scheduled start of a row, after the origin."""
+        line = self.line[row]
+        return self.lines.start[line] + self.lines.table[line].due[self.place[row]].start
+
+    def lateness(self, row: int) -> Instant:
+        """Return how long after its scheduled instant a job started; negative: before."""
+        return self.executions.start[row] - self.origin - self.start(row)
+
+    def rows(self) -> Iterator[int]:
+        """Yield the rows with a job, by its scheduled start."""
+        return (row for row in self.slots if row >= 0)
+
+    def match(self, row: int) -> Match:
+        """Return a row with its job as objects."""
+        line, due = self.line[row], self.due(row)
+        table, cycle = self.lines.table[line], self.lines.cycle[line]
+        start = Duration(self.start(row))
+        return Match(self.executions.row(row), table, cycle, due.job, start, Duration(due.reserved))
+
+    def keep(self, row: int, line: int, places: Sequence[int]) -> None:
+        """Assign an execution to a job of a line, the best of those that start at once.
+
+        Of two executions of one job, keep the one that is closer to its instant, unless they are parts of a gang.
+        """
+        table, first = self.lines.table[line], self.lines.slot[line]
+        place = (
+            places[0] if len(places) == 1 else min(places, key=lambda at: self._others(row, table.due[at], first + at))
+        )
+        former = self.slots[first + place]
+        if former < 0:
+            self._take(row, line, place)
+        elif self._is_gang(former, row, table.due[place]):
+            self._join(former, row)
+        else:
+            due = self.lines.start[line] + table.due[place].start + self.origin
+            starts = self.executions.start
+            if _size(starts[row] - due) < _size(starts[former] - due):
+                self._take(row, line, place)
+                self.line[former] = -1
+                self.extra.append(former)
+            else:
+                self.extra.append(row)
+
+    def _take(self, row: int, line: int, place: int) -> None:
+        self.slots[self.lines.slot[line] + place] = row
+        self.line[row], self.place[row] = line, place
+
+    def _others(self, row: int, due: Due, slot: int) -> tuple[bool, bool, int]:
+        """Return how badly a job fits an execution: not on its units, or with an execution already."""
+        units = self.executions.units[self.executions.on[row]]
+        return not due.units.issuperset(units), self.slots[slot] >= 0, due.job.index
+
+    def _is_gang(self, former: int, row: int, due: Due) -> bool:
+        """Whether two executions are one job on several units, as recorders that know one core per job show it."""
+        units, more = (self.executions.units[self.executions.on[at]] for at in (former, row))
+        return bool(units and more) and not set(units) & set(more) and due.units.issuperset((*units, *more))
+
+    def _join(self, former: int, row: int) -> None:
+        """Let an execution of a gang run from when its last unit starts until its last unit ends."""
+        seen = self.executions
+        units = (*seen.units[seen.on[former]], *seen.units[seen.on[row]])
+        seen.on[former] = len(seen.units)
+        seen.units.append(units)
+        seen.start[former] = max(seen.start[former], seen.start[row])  # type: ignore[assignment]
+        for column in (seen.end, seen.busy):
+            both = (column[former], column[row])
+            column[former] = NONE if NONE in both else max(both)  # type: ignore[assignment]
+        if seen.stretches.get(former) != seen.stretches.get(row):
+            seen.stretches.pop(former, None)
+        self.is_joined = True
 
 
-Key = tuple[int, str, int]
-
-
-class _Starts:
-    """The jobs of one task in a table by their starts; several may start at once, on different units."""
-
-    def __init__(self, jobs: Sequence[Job]) -> None:
-        self.at: dict[int | Fraction, list[Job]] = {
-            start: list(equals) for start, equals in itertools.groupby(jobs, key=lambda job: job.start.ns)
-        }
-        self.numbered = {job.index: job for job in reversed(jobs)}
-        self._instants = list(self.at)
-
-    def nearest(self, at: int | Fraction) -> int | Fraction:
-        """Return the start nearest to `at`; of two the earlier."""
-        after = bisect_left(self._instants, at)
-        return min(self._instants[max(0, after - 1) : after + 1], key=lambda start: _size(at - start))
-
-    def nearest_of_cycles(self, at: int | Fraction, period: int | Fraction) -> tuple[int, int | Fraction]:
-        """Return the cycle and the start nearest to `at`, where all are repeated with `period`."""
-        cycle, phase = int(at // period), at % period
-        first, last, near = self._instants[0], self._instants[-1], self.nearest(phase)
-        found = [(cycle - 1, last), (cycle, near), (cycle + 1, first)]
-        return min(found, key=lambda place: _size(at - place[0] * period - place[1]))
-
-    def job(self, start: int | Fraction, execution: Execution, cycle: int, best: dict[Key, Match]) -> Job:
-        """Return the job of a start: of several, the one on the units of the execution, or that has none yet."""
-        if len(self.at[start]) == 1:
-            return self.at[start][0]
-
-        def others(job: Job) -> tuple[bool, bool, int]:
-            return not set(execution.units) <= set(job.units), (cycle, job.task, job.index) in best, job.index
-
-        return min(self.at[start], key=others)
-
-
-def _starts(table: Table) -> dict[str, _Starts]:
-    return {task: _Starts(jobs) for task, jobs in table.jobs.items()}
-
-
-def match_stated(
-    executions: Sequence[Execution], played: Sequence[Played], origin: Duration, *, is_whole: bool = False
-) -> Matching:
+def match_stated(executions: Executions, lines: Lines, origin: Instant, *, is_whole: bool = False) -> Matching:
     """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due."""
-    by_cycle = {entry.cycle: entry for entry in played}
-    rings = {entry.table.name: _starts(entry.table) for entry in played}
-    best: dict[Key, Match] = {}
-    extra: list[Execution] = []
-    for execution in executions:
-        entry = by_cycle.get(-1 if execution.cycle is None else execution.cycle)
-        starts = rings[entry.table.name].get(execution.task) if entry else None
-        if entry is None or starts is None:
-            extra.append(execution)
-            continue
-        if execution.job is not None:
-            job = starts.numbered.get(execution.job)
-        else:
-            start = starts.nearest((execution.start - entry.start - origin).ns)
-            job = starts.job(start, execution, entry.cycle, best)
-        if job is None:
-            extra.append(execution)
-        else:
-            _keep(best, Match(execution, entry.table, entry.cycle, job, entry.start + job.start), origin, extra)
-    expected = (
-        (entry.table, entry.cycle, job, entry.start + job.start)
-        for entry in played
-        for jobs in entry.table.jobs.values()
-        for job in jobs
-    )
-    return _complete(best, extra, expected, None if is_whole else executions, origin)
-
-
-def match_nearest(executions: Sequence[Execution], table: Table, origin: Duration) -> Matching:
-    """Match the executions of a trace in which one mode is repeated and no cycle is stated."""
-    rings = _starts(table)
-    best: dict[Key, Match] = {}
-    extra: list[Execution] = []
-    for execution in executions:
-        starts = rings.get(execution.task)
+    found = Matching(executions, lines, origin)
+    first, last = covered(executions)
+    line_of = {cycle: line for line, cycle in enumerate(lines.cycle)}
+    numbered = bool(executions.job)
+    for row in executions.order:
+        line = line_of.get(executions.cycle[row], -1)
+        starts = lines.table[line].starts.get(executions.names[executions.task[row]]) if line >= 0 else None
+        job = executions.job.get(row) if numbered else None
         if starts is None:
-            extra.append(execution)
-            continue
-        cycle, start = starts.nearest_of_cycles((execution.start - origin).ns, table.length.ns)
-        job = starts.job(start, execution, cycle, best)
-        _keep(best, Match(execution, table, cycle, job, table.length * cycle + job.start), origin, extra)
-    cycles = sorted({cycle for cycle, _, _ in best})
-    pauses = _pauses(cycles, sum(map(len, table.jobs.values())))
-    expected = (
-        (table, cycle, job, table.length * cycle + job.start)
-        for cycle in _without(cycles, pauses)
-        for jobs in table.jobs.values()
-        for job in jobs
-    )
-    return replace(_complete(best, extra, expected, executions, origin), pauses=pauses)
+            found.extra.append(row)
+        elif job is None:
+            instant = starts.nearest(executions.start[row] - lines.start[line] - origin)
+            found.keep(row, line, starts.at[instant])
+        elif job in starts.numbered:
+            found.keep(row, line, (starts.numbered[job],))
+        else:
+            found.extra.append(row)
+    _complete(found, None if is_whole else (first, last))
+    return found
 
 
-def _pauses(cycles: Sequence[int], jobs: int) -> list[tuple[int, int]]:
-    """Return between which cycles so many are silent that their jobs are not counted: the longest of all gaps."""
-    pauses, left = [], MOST_SILENT // max(1, jobs)
-    for before, after in sorted(itertools.pairwise(cycles), key=lambda gap: (gap[1] - gap[0], gap)):
-        left -= after - before - 1
-        if left < 0:
-            pauses.append((before, after))
-    return sorted(pauses)
+def match_nearest(executions: Executions, table: Table, origin: Instant) -> Matching:
+    """Match the executions of a trace in which one mode is repeated and no cycle is stated."""
+    first, last = covered(executions)
+    period, starts_of = table.length, [table.starts.get(name) for name in executions.names]
+    cycles: Times = array("q")
+    instants: list[Instant] = []
+    for row in executions.order:
+        starts = starts_of[executions.task[row]]
+        cycle, instant = starts.nearest_of_cycles(executions.start[row] - origin, period) if starts else (NONE, 0)
+        try:
+            cycles.append(cycle)
+        except OverflowError:
+            cycles = [*cycles, cycle]
+        instants.append(instant)
+    lines = repeated_table(table, sorted({*cycles} - {NONE}))
+    found = Matching(executions, lines, origin)
+    line_of: dict[Instant, int] = {cycle: line for line, cycle in enumerate(lines.cycle)}
+    for row, line, instant in zip(executions.order, map(line_of.get, cycles), instants, strict=True):
+        starts = starts_of[executions.task[row]]
+        if starts is None or line is None:
+            found.extra.append(row)
+        else:
+            found.keep(row, line, starts.at[instant])
+    _complete(found, (first, last))
+    return found
 
 
-def _without(cycles: Sequence[int], pauses: Sequence[tuple[int, int]]) -> Iterator[int]:
-    """Yield all cycles from the first to the last but those of the pauses."""
-    if cycles:
-        begins = [cycles[0], *(after for _, after in pauses)]
-        ends = [*(before for before, _ in pauses), cycles[-1]]
-        for begin, end in zip(begins, ends, strict=True):
-            yield from range(begin, end + 1)
+def _complete(found: Matching, within: tuple[Instant, Instant] | None) -> None:
+    """Add what was scheduled within the time that the executions cover, or at all, and did not run."""
+    lines, slot = found.lines, 0
+    while True:
+        try:
+            slot = found.slots.index(-1, slot)
+        except ValueError:
+            return
+        line = line_at(lines, slot)
+        place = slot - lines.slot[line]
+        due = lines.table[line].due[place]
+        start = lines.start[line] + due.start + found.origin
+        if within is None or (within[0] <= start and start + due.length < within[1]):
+            found.missing.append((line, place))
+        slot += 1
 
 
-def _keep(best: dict[Key, Match], match: Match, origin: Duration, extra: list[Execution]) -> None:
-    """Keep of two executions of one job the one that is closer to its instant, unless they are parts of a gang."""
-    key = (match.cycle, match.execution.task, match.job.index)
-    former = best.setdefault(key, match)
-    if former is match:
-        return
-    if _is_gang(former, match):
-        best[key] = replace(former, execution=_joined(former.execution, match.execution))
-    elif _size(lateness(match, origin).ns) < _size(lateness(former, origin).ns):
-        best[key] = match
-        extra.append(former.execution)
-    else:
-        extra.append(match.execution)
+def line_at(lines: Lines, slot: int) -> int:
+    """Return the line of a slot."""
+    return bisect_right(lines.slot, slot) - 1
 
 
-def _is_gang(former: Match, match: Match) -> bool:
-    """Whether two executions are one job on several units, as recorders that know one core per job show it."""
-    units, more = former.execution.units, match.execution.units
-    due = match.job.units
-    return bool(units and more) and not set(units) & set(more) and {*units, *more} <= set(due)
-
-
-def _joined(first: Execution, second: Execution) -> Execution:
-    """Return the execution of a gang: it runs from when its last unit starts until its last unit ends."""
-    ends = [execution.end for execution in (first, second) if execution.end is not None]
-    busy = [execution.busy for execution in (first, second) if execution.busy is not None]
-    return replace(
-        first,
-        units=(*first.units, *second.units),
-        start=max(first.start, second.start),
-        end=max(ends) if len(ends) == 2 else None,
-        busy=max(busy) if len(busy) == 2 else None,
-        stretches=first.stretches if first.stretches == second.stretches else (),
-    )
-
-
-def _size(distance: int | Fraction) -> int | Fraction:
+def _size(distance: Instant) -> Instant:
     return distance if distance >= 0 else -distance
 
 
-def lateness(match: Match, origin: Duration) -> Duration:
-    """Return how long after its scheduled instant a job started; negative: before."""
-    return match.execution.start - origin - match.start
-
-
-def _complete(
-    best: dict[Key, Match],
-    extra: list[Execution],
-    expected: Iterable[tuple[Table, int, Job, Duration]],
-    executions: Sequence[Execution] | None,
-    origin: Duration,
-) -> Matching:
-    """Add what was scheduled within the time that the executions cover, or at all, and did not run."""
-    first, last = covered(executions) if executions else (ZERO, None)
-    missing = [
-        (table, cycle, job, start)
-        for table, cycle, job, start in expected
-        if (cycle, job.task, job.index) not in best
-        and (last is None or (first <= start + origin and start + origin + (job.end - job.start) < last))
-    ]
-    matches = sorted(best.values(), key=lambda match: (match.start.ns, match.execution.task))
-    return Matching(matches, extra, missing)
-
-
-def covered(executions: Sequence[Execution]) -> tuple[Duration, Duration]:
+def covered(executions: Executions) -> tuple[Instant, Instant]:
     """Return the first and the last instant that a trace tells of."""
-    ends = [execution.end or execution.start for execution in executions]
-    return min(e.start for e in executions), max(ends)
+    if not executions.order:
+        return 0, 0
+    ends = (executions.start[row] if (end := executions.end[row]) == NONE else end for row in executions.order)
+    return executions.start[executions.order[0]], max(ends)
 
 
-def find_origin(executions: Sequence[Execution], table: Table) -> Duration:
+def find_origin(executions: Executions, table: Table) -> Instant:
     """Return where the zero of a repeated mode lies in the trace: no job early, one on time, the others least late.
 
     The first execution of the rarest task is laid onto each of its jobs in turn, and the one that leaves the smallest
     sum of distances is taken, exactly.
     """
-    known = [execution for execution in executions if execution.task in table.jobs]
-    if not known:
-        return ZERO
-    rings = _starts(table)
-    first = _rarest((e, table) for e in known[:SAMPLE])[0]
-    candidates = [first.start - job.start for job in table.jobs[first.task]]
 
-    def distance(execution: Execution, origin: Duration) -> int | Fraction:
-        at = (execution.start - origin).ns
-        cycle, start = rings[execution.task].nearest_of_cycles(at, table.length.ns)
-        return at - cycle * table.length.ns - start
+    def starts_of(row: int) -> Starts:
+        return table.starts[executions.names[executions.task[row]]]
+
+    numbers = {number for number, name in enumerate(executions.names) if name in table.starts}
+    known = array("q", (row for row in executions.order if executions.task[row] in numbers))
+    if not known:
+        return 0
+    first = _rarest(executions, known, starts_of)
+    candidates = [executions.start[first] - at for at in starts_of(first).at]
+
+    def distance(row: int, origin: Instant) -> Instant:
+        at = executions.start[row] - origin
+        cycle, start = starts_of(row).nearest_of_cycles(at, table.length)
+        return at - cycle * table.length - start
 
     return _least_late(known, candidates, distance)
 
 
-def find_stated_origin(executions: Sequence[Execution], played: Sequence[Played]) -> Duration:
+def find_stated_origin(executions: Executions, lines: Lines) -> Instant:
     """Return the same for a trace that names tables and cycles, where each execution is of a job of its table."""
-    by_cycle = {entry.cycle: entry for entry in played}
-    entries = ((e, by_cycle.get(-1 if e.cycle is None else e.cycle)) for e in executions)
-    known = [(e, entry) for e, entry in entries if entry is not None and e.task in entry.table.jobs]
+    line_of = {cycle: line for line, cycle in enumerate(lines.cycle)}
+
+    def table_of(row: int) -> Table:
+        return lines.table[line_of[executions.cycle[row]]]
+
+    def starts_of(row: int) -> Starts:
+        return table_of(row).starts[executions.names[executions.task[row]]]
+
+    def is_known(row: int) -> bool:
+        return executions.cycle[row] in line_of and executions.names[executions.task[row]] in table_of(row).starts
+
+    known = array("q", filter(is_known, executions.order))
     if not known:
-        return executions[0].start
-    rings = {entry.table.name: _starts(entry.table) for entry in played}
+        return executions.start[executions.order[0]]
 
-    def distance(known: tuple[Execution, Played], origin: Duration) -> int | Fraction:
-        execution, entry = known
-        starts, at = rings[entry.table.name][execution.task], (execution.start - entry.start - origin).ns
-        stated = starts.numbered.get(-1 if execution.job is None else execution.job)
-        return at - (stated.start.ns if stated else starts.nearest(at))
+    def distance(row: int, origin: Instant) -> Instant:
+        starts, at = starts_of(row), executions.start[row] - lines.start[line_of[executions.cycle[row]]] - origin
+        place = starts.numbered.get(executions.job.get(row, -1))
+        return at - (starts.nearest(at) if place is None else table_of(row).due[place].start)
 
-    first, table = _rarest((e, entry.table) for e, entry in known[:SAMPLE])
-    zero = first.start - by_cycle[first.cycle or 0].start
-    jobs = [job for job in table.jobs[first.task] if first.job in (None, job.index)] or table.jobs[first.task]
-    candidates = [zero - job.start for job in jobs]
-    return _least_late(known, candidates, distance)
+    first = _rarest(executions, known, starts_of)
+    zero = executions.start[first] - lines.start[line_of[executions.cycle[first]]]
+    place = starts_of(first).numbered.get(executions.job.get(first, -1))
+    stated = starts_of(first).at if place is None else (table_of(first).due[place].start,)
+    return _least_late(known, [zero - at for at in stated], distance)
 
 
-def _rarest(known: Iterable[tuple[Execution, Table]]) -> tuple[Execution, Table]:
+def _rarest(executions: Executions, known: Sequence[int], starts_of: Callable[[int], Starts]) -> int:
     """Return the first execution of the task with the fewest jobs in a table."""
-    return min(known, key=lambda pair: (len(pair[1].jobs[pair[0].task]), pair[0].task))
 
+    def jobs(row: int) -> tuple[int, str]:
+        return sum(map(len, starts_of(row).at.values())), executions.names[executions.task[row]]
 
-Seen = TypeVar("Seen")
+    return min(known[:SAMPLE], key=jobs)
 
 
 def _least_late(
-    known: Sequence[Seen], candidates: Sequence[Duration], distance: Callable[[Seen, Duration], int | Fraction]
-) -> Duration:
+    known: Sequence[int], candidates: Sequence[Instant], distance: Callable[[int, Instant], Instant]
+) -> Instant:
     """Return the candidate with the smallest sum of distances, moved so that no execution is early and one on time."""
-
-    def total(origin: Duration) -> tuple[int | Fraction, int | Fraction]:
-        return sum(_size(distance(execution, origin)) for execution in known[:SAMPLE]), origin.ns
-
-    origin = min(candidates, key=total)
-    return origin + Duration(min(distance(execution, origin) for execution in known))
+    origin = min(candidates, key=lambda origin: (sum(_size(distance(row, origin)) for row in known[:SAMPLE]), origin))
+    return origin + min(distance(row, origin) for row in known)
