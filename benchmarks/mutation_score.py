@@ -73,7 +73,7 @@ ROOMS = {
     "exporters/report": ("exporters/report", "unit/exporters/test_report*"),
     "exporters/ros": ("exporters/ros", "unit/exporters/test_ros_*"),
     "exporters/linux": ("exporters/linux", "linux/test_linux_bundle*"),
-    "exporters/regulator": ("exporters/regulator", "unit/exporters/regulator/*"),
+    "exporters/regulator": ("exporters/regulator", "unit/exporters/regulator/test_regulator_[!s]*"),
     "exporters/riscv": ("exporters/riscv", "unit/exporters/riscv/* riscv/export/test_riscv_bundle*"),
     "deploy/regulator": ("deploy/regulator", "unit/deploy/regulator/*"),
     "deploy/riscv": ("deploy/riscv", "unit/deploy/riscv/*"),
@@ -308,7 +308,7 @@ def mutants(folder: Path, only: str) -> list[tuple[Path, int]]:
     name, _, line = only.partition(":")
     found = []
     for path in sorted(folder.rglob("*.py")):
-        if path.name not in ("codes.py", "__init__.py") and name in ("", path.name):
+        if path.name != "codes.py" and name in ("", path.name):
             found += [(path, number) for number in range(len(places(ast.parse(path.read_text()))))]
     return [place for place in found if not line or Mutant(*place).line == int(line)]
 
