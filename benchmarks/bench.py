@@ -21,7 +21,7 @@ from halpipe import __version__
 from halpipe.cli.searching import processor_count
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import refuse_foreign, write_outputs
-from halpipe.pipeline.solve.run import map_tasks
+from halpipe.pipeline.solve.workers import map_tasks
 from search_benchmark import SUITES, given_rows, measure, report
 from search_benchmark.render import NAMES, RESULTS, duration_text, outputs
 from search_benchmark.results import instances

@@ -83,18 +83,17 @@ MAY_IMPORT = {
 
 # Modules of the outside world -> the parts that may import them.
 WORLD = {
-    "time": {"api", "cli", "workbench", "pipeline.solve.run", "deploy"},
-    "datetime": {"cli", "pipeline.solve.run", "selftest"},
+    "time": {"api", "cli", "workbench", "pipeline.solve.workers", "deploy"},
+    "datetime": {"cli", "pipeline.solve.workers", "selftest"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
     "random": {"pipeline.generate", "selftest"},
-    "signal": {"cli", "pipeline.solve.run"},
+    "signal": {"cli", "pipeline.solve.workers"},
     # What keeps a program from starting is told in one place; the package graphviz has exceptions of its own.
     "subprocess": {"core.programs", "exporters.graph"},
-    "multiprocessing": {"cli", "pipeline.solve.run"},
-    "concurrent": {"cli", "pipeline.solve.run", "pipeline.solve.workers", "exporters.riscv"},
+    "multiprocessing": {"cli", "pipeline.solve.workers"},
+    "concurrent": {"cli", "pipeline.solve.workers", "exporters.riscv"},
     "threading": {
         "cli",
-        "pipeline.solve.run",
         "pipeline.solve.workers",
         "pipeline.solve.checkpoint",
         "pipeline.solve.kernel",
@@ -103,7 +102,7 @@ WORLD = {
     "socket": {"cli.serve"},
     "urllib": set(),
     "tempfile": {"cli", "core.files", "core.caches"},
-    "os": {"cli", "workbench", "pipeline.solve.run", "core.files", "exporters.riscv", "deploy", "core.caches"},
+    "os": {"cli", "workbench", "pipeline.solve.workers", "core.files", "exporters.riscv", "deploy", "core.caches"},
     "platform": {"cli", "selftest"},
     "shutil": {"cli", "core.files", "exporters.riscv", "deploy"},
 }

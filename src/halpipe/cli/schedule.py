@@ -165,7 +165,7 @@ class _Run:
 
     def all(self, variants: Sequence[Variant], processes: int) -> None:
         """Solve what is not solved yet, in this process or elsewhere, and write each as soon as it is there."""
-        from halpipe.pipeline.solve.run import map_tasks
+        from halpipe.pipeline.solve.workers import map_tasks
 
         waiting = []
         for variant in variants:

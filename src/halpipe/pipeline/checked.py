@@ -59,7 +59,7 @@ def validate_model(model: TaskModel, tick: Duration | None = None) -> list[Diagn
 
     found = list(validate(model))
     if tick is not None and not any(finding.is_error for finding in found):
-        from halpipe.pipeline.solve.crowding import check_starts
+        from halpipe.pipeline.solve.limits import check_starts
 
         found += check_starts(model, tick)
     return found
@@ -131,7 +131,7 @@ def _schedule_validated(model: TaskModel, options: SearchOptions, on_progress: O
 
 def _refuse_crowded(model: TaskModel, options: SearchOptions) -> None:
     """Raise with the proof that a tick leaves too few instants to start at, if there is one."""
-    from halpipe.pipeline.solve.crowding import check_starts
+    from halpipe.pipeline.solve.limits import check_starts
 
     if options.tick is None or options.engine == "exact":
         return

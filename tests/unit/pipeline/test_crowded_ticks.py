@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.models import Interrupt
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.codes import TOO_MANY_STARTS
-from halpipe.pipeline.solve.crowding import check_starts
+from halpipe.pipeline.solve.limits import check_starts
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import model, ms, task, version
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.pipeline.solve.run import map_tasks
+from halpipe.pipeline.solve.workers import map_tasks
 
 
 def square(number):

@@ -232,7 +232,7 @@ class _Question:
     def _of_options(self) -> list[Diagnostic]:
         """Return the proofs that the options leave no schedule: jobs that stay exclude each other, or a coarse tick."""
         from halpipe.pipeline.shipped import excluded_jobs, refuse_unmatched
-        from halpipe.pipeline.solve.crowding import check_starts
+        from halpipe.pipeline.solve.limits import check_starts
 
         proofs: list[Diagnostic] = []
         if self.search.shipped is not None:

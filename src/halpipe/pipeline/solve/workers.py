@@ -1,7 +1,7 @@
-"""Threads for one command: the kernel and CP-SAT leave the interpreter alone while they run, so threads are enough.
+"""Threads and processes of one command: the kernel and CP-SAT leave the interpreter alone, so threads are enough.
 
 What comes out never depends on the number of threads, nor on which of them is first: results are taken in the order
-of the items. For processes see `run.py`.
+of the items. Processes are for work that does not leave the interpreter.
 """
 
 from __future__ import annotations
@@ -9,12 +9,19 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from halpipe.core.diagnostics import Exit, HalpipeError, error
 from halpipe.core.options import option
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
+
+WORKER_LOST = error(
+    "HAL0933",
+    "Worker process ended unexpectedly",
+    "A worker was killed, most often for want of memory. Finished work is kept: run the same command again.",
+)
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -85,8 +92,6 @@ class Workers:
 
         `go_on` gets the number of finished items; once it says no, the next one that is not comes as None, the last.
         """
-        from halpipe.pipeline.solve.run import map_tasks
-
         results: dict[int, _Result] = {}
         finished = map_tasks(function, items, jobs=min(self.count, len(items)))
         try:
@@ -186,3 +191,40 @@ def watched(work: Callable[[], _Result], go_on: Callable[[], bool], stop: Callab
                 stop()
                 wait([future], ASK_SECONDS)
     return future.result(), is_stopped
+
+
+def map_tasks(
+    function: Callable[[_Item], _Result], items: Sequence[_Item], *, jobs: int = 1
+) -> Generator[tuple[int, _Result], None, None]:
+    """Yield (position, result) for every item as it is finished.
+
+    The work goes to `jobs` processes; with one job it is done here, in order. Raise `HalpipeError` if a worker is lost.
+    """
+    if jobs <= 1:
+        yield from ((number, function(item)) for number, item in enumerate(items))
+        return
+    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed  # threads do without
+    from multiprocessing import get_context
+
+    try:
+        # Spawned, not forked: a fork would copy the threads' locks of whatever runs here.
+        with ProcessPoolExecutor(
+            jobs, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_parent
+        ) as executor:
+            waiting = {executor.submit(function, item): number for number, item in enumerate(items)}
+            try:
+                for future in as_completed(waiting):
+                    yield waiting[future], future.result()
+            finally:
+                for future in waiting:
+                    future.cancel()
+    except BrokenExecutor as failure:
+        help = "use fewer --workers if memory is short, then run the same command again"
+        raise HalpipeError(WORKER_LOST(str(failure), help=help), exit=Exit.INTERNAL) from None
+
+
+def _leave_interrupts_to_parent() -> None:
+    """Let Ctrl-C reach the command alone, which then stops its workers."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
