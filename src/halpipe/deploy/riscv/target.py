@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import ZERO, Duration
@@ -89,6 +89,20 @@ class TableSite:
 
 
 @record
+class Turn:
+    """Time of the copies of a task with a LET: `length` ticks, from `after` its release or release + LET on.
+
+    `buffers` are the task's own, by the names of those that they are copied from or to.
+    """
+
+    task: str
+    kind: str
+    after: int
+    length: int
+    buffers: dict[str, Area]
+
+
+@record
 class ImageSite:
     """The image of a version on a unit: the file, the functions called one after the other, what is loaded to where."""
 
@@ -108,7 +122,8 @@ class Site:
 
     `service` is reserved for each operation of the management core. `cpi` are the cycles of an instruction of a job, or
     of the management core; a job's multiplication or division takes `multiply`, and
-    `latency` is what each access of the management core takes beyond that.
+    `latency` is what each access of the management core takes beyond that. Copies of logical execution times take their
+    `turns` on a channel, `copying`, of their own.
     """
 
     profile: str
@@ -135,6 +150,8 @@ class Site:
     management_cpi: Fraction = Fraction(1)
     multiply: Fraction = Fraction(1)
     latency: Duration = ZERO
+    copying: int = 0
+    turns: tuple[Turn, ...] = ()
 
     @property
     def tick(self) -> Duration:
@@ -209,7 +226,25 @@ def _site(top: JsonObject) -> Site:
         management_cpi=cpi["management"],
         multiply=cpi["multiply"],
         latency=top.duration("latency"),
+        **_copies(top),
     )
+
+
+def _copies(top: JsonObject) -> dict[str, Any]:
+    if not top.has("copies"):
+        return {}
+    copies = top.object("copies")
+    turns = tuple(
+        Turn(
+            turn.text("task"),
+            turn.text("kind"),
+            turn.number("after"),
+            turn.number("length"),
+            {buffer.text("name"): _area(buffer, "address") for buffer in turn.objects("buffers")},
+        )
+        for turn in copies.objects("turns")
+    )
+    return {"copying": copies.number("channel", 0, 15), "turns": turns}
 
 
 def _cpi(top: JsonObject) -> dict[str, Fraction]:
@@ -296,13 +331,30 @@ def _contradictions(site: Site) -> Iterator[tuple[str, str]]:
     shared = [("control", Area(site.control, CONTROL_SIZE)), ("entry", Area(site.entry, 4))]
     shared += [(n, Area(r.base, r.capacity * r.record)) for n, r in (("trace", site.trace), ("faults", site.faults))]
     shared += [(f'buffer "{name}"', area) for name, area in site.buffers.items()]
+    shared += [(f'copy of "{name}"', area) for turn in site.turns for name, area in turn.buffers.items()]
     for name, area in shared:
         if not (site.main.base <= area.base and area.end <= site.main.end):
             yield name, f"{area.size} bytes at {area.base:#x} are not in main memory"
+    yield from _turns(site)
     known = {unit.name for unit in site.units}
     for image in site.images:
         if image.unit not in known:
             yield f'image "{image.file}"', f'there is no unit "{image.unit}"'
+
+
+def _turns(site: Site) -> Iterator[tuple[str, str]]:
+    """Yield copies that meet others, or are not in the order of logical time: what is written, before what is read."""
+    if site.copying in site.channels.values() and site.turns:
+        yield "copies", "share their channel with a resource"
+    ordered = sorted(site.turns, key=lambda turn: turn.after)
+    for turn, follower in pairwise(ordered):
+        if turn.after + turn.length > follower.after or (turn.kind, follower.kind) == ("read", "write"):
+            yield "copies", f'those of "{turn.task}" and "{follower.task}" meet, or are in the wrong order'
+    areas = [(area, name) for turn in site.turns for name, area in turn.buffers.items()]
+    areas += [(area, name) for name, area in site.buffers.items()]
+    for (area, name), (other, _) in pairwise(sorted(areas, key=lambda entry: entry[0].base) if site.turns else []):
+        if area.end > other.base:
+            yield "copies", f'a copy of "{name}" overlaps another buffer'
 
 
 def _devices(site: Site) -> Iterator[tuple[str, Area]]:

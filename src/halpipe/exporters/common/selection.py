@@ -64,7 +64,7 @@ def refuse_gaps(model: TaskModel, schedule: Schedule, target: str, anywhere: str
 def refuse_let(model: TaskModel, schedule: Schedule, target: str) -> None:
     """Raise `HalpipeError` with every scheduled task that has a LET, for a `target` that does not copy data."""
     running = {job.task for mode in schedule.modes for job in mode.jobs}
-    help = "export the linux format, which makes these copies; or remove the LET"
+    help = "export the linux or the riscv format, which make these copies; or remove the LET"
     findings = Findings()
     for task in (task for task in model.tasks if task.let is not None and task.name in running):
         message = f"has the LET {task.let}; {target} copies no data at the release and at release + LET"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.exporters.common.let import releases_of
 from halpipe.exporters.linux.codes import NO_COPIES
-from halpipe.pipeline.parts import latest_phase
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -73,19 +73,14 @@ def _rows(
 
 def _of_mode(mode: ModeSchedule, tasks: Mapping[str, Task], findings: Findings) -> Iterator[tuple[Job, Duration]]:
     """Yield the jobs of a mode with a LET, and their releases."""
-    for name in dict.fromkeys(job.task for job in mode.jobs if job.task in tasks):
-        task, jobs = tasks[name], [job for job in mode.jobs if job.task == name]
-        assert task.period is not None, "verify refuses a LET without a period"
-        offsets = sorted((job.start - task.period * job.index) % mode.hyperperiod for job in jobs)
-        phase = latest_phase(offsets, mode.hyperperiod) if task.offset is None else task.offset % task.period
-        for job in jobs:
-            release = phase + task.period * job.index
-            if job.start >= release:
-                yield job, release
-                continue
-            text = f'job {job.index} of mode "{mode.name}" starts at {job.start} of the cycle after its release'
-            help = f"state an offset of at most {task.period - (task.let or ZERO)}, or less slack"
-            findings.add(NO_COPIES(text, at=job.at, path=about(task=name), help=help))
+    for job, release in releases_of(mode, tasks):
+        if job.start >= release:
+            yield job, release
+            continue
+        task = tasks[job.task]
+        text = f'job {job.index} of mode "{mode.name}" starts at {job.start} of the cycle after its release'
+        help = f"state an offset of at most {(task.period or ZERO) - (task.let or ZERO)}, or less slack"
+        findings.add(NO_COPIES(text, at=job.at, path=about(task=job.task), help=help))
 
 
 def _refuse_without_data(

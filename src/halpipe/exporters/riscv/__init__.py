@@ -105,11 +105,10 @@ class RiscvExporter(PlainExporter):
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.common.base.Exporter`."""
-        from halpipe.exporters.common.selection import refuse_let, select
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.riscv.bundle import build
 
         chosen = select(model, schedule, options.mode, self.name)
-        refuse_let(model, chosen, "the runtime")
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = replace(model, modes=(model.mode(options.mode),), transitions=())
         wanted = specific(RiscvOptions, options)

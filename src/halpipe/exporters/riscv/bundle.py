@@ -15,6 +15,7 @@ from halpipe.core.records import record
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
+from halpipe.exporters.riscv.copies import Copies, copies_of
 from halpipe.exporters.riscv.cores import (
     LINE,
     aligned,
@@ -73,6 +74,7 @@ class Site:
     driver_sources: tuple[str, ...]
     inputs: dict[str, bytes]
     calibrates: bool
+    copies: Copies
 
 
 @record
@@ -99,7 +101,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         for name, content in tree.files.items():
             shop.write(name, content)
         stage_runtime(shop)
-        slots = slots_of(schedule, site.cores)
+        slots = slots_of(schedule, site.cores, site.copies.tasks)
         shop.write(
             "runtime/platform.h",
             render.platform(site, slots.count, len(schedule.modes)),
@@ -114,10 +116,11 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         findings.stop_on_errors()
         images = link_images(shop, needs, measured, (at, site.memory.buffers_base), places, render)
         by_name = {(i.part.task, i.part.version.name, i.core.unit): i for i in images}
-        operations = Operations(site.clock, site.channels, site.memory, by_name, slots, site.drivers)
+        operations = Operations(site.clock, site.channels, site.memory, by_name, slots, site.drivers, site.copies)
         tables = operations.tables(schedule)
         backlog = find_backlog(tables, operations.programs, slower(profile, slots))
         findings.extend(too_short(operations.programs, backlog, site.parts, profile))
+        findings.extend(site.copies.conflicts(tables, operations.programs, site.memory, model))
         findings.stop_on_errors()
         plan = Plan(operations.programs, tables, backlog, images)
         elf = _program(shop, render, site, model.name, plan, monitors, drivers)
@@ -142,7 +145,7 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     cores = cores_of(model, {unit for units in used.values() for unit in units}, profile, findings)
     findings.stop_on_errors()
     clock = clock_of(model, profile)
-    parts = []
+    parts: list[Part] = []
     for task in model.tasks:
         for version in task.versions:
             if (task.name, version.name) in used:
@@ -153,17 +156,19 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
                     check_version(part, clock, findings)
                 parts.append(part)
     versions = [part.version for part in parts]
-    channels = channels_of(model, versions, profile, findings)
+    copies = copies_of(model, schedule, [(part.task, part.version) for part in parts], clock, profile, findings)
+    channels = channels_of(model, versions, profile, findings, copies=bool(copies.turns))
     sizes = buffer_sizes([(part.path, part.version) for part in parts], findings)
-    memory = main_memory(profile, sizes, findings)
+    memory = main_memory(profile, sizes, findings, copies.shadows)
     check_drivers(drivers, parts, sizes, findings)
     inputs = read_inputs(options.inputs, parts, sizes, findings)
     sources = tuple(tree.take(drivers.sources, "drivers"))
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
     health = health_of(model, schedule)
+    calibrates = options.calibrate
     return Site(
-        profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs, options.calibrate
+        profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs, calibrates, copies
     )
 
 
@@ -251,7 +256,9 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
         tables=plan.tables,
         buffers=memory.buffers,
     )
-    target = target_json(site.profile, title, cores, site.channels, memory, plan.images, plan.tables, plan.backlog)
+    target = target_json(
+        site.profile, title, cores, site.channels, memory, plan.images, plan.tables, plan.backlog, site.copies
+    )
     return {
         "target.json": target,
         "profile.yaml": site.profile.text,

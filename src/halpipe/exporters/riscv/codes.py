@@ -1,4 +1,4 @@
-"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, and HAL1460."""
+"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, and HAL1489."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -171,4 +171,10 @@ BAD_NAME = error(
     "Name cannot be used in C, linker scripts or file names",
     "Entry functions and symbols are C identifiers; definitions have the form NAME or NAME=value; source files have "
     "plain relative names.",
+)
+COPIES_UNFIT = error(
+    "HAL1489",
+    "Copies of a logical execution time do not fit",
+    "At the release of a job and at release + LET the runtime copies its data between buffers. All copies of an "
+    "instant are complete before the next such instant, before the job reads, and while no phase moves the buffer.",
 )

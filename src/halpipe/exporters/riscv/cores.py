@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -19,12 +19,12 @@ from halpipe.exporters.riscv.codes import (
     TOO_MANY_RESOURCES,
     TOO_MANY_UNITS,
 )
-from halpipe.exporters.riscv.phases import functions_of, moves_data, spans
+from halpipe.exporters.riscv.phases import COPIES, functions_of, moves_data, spans
 from halpipe.exporters.riscv.profile import MAILBOX, MONITOR, RESERVED, Region
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.images import Part
@@ -99,13 +99,16 @@ def cores_of(model: TaskModel, used: set[str], profile: Profile, findings: Findi
     return {name: Core(name, i, profile.ispm.of(i), profile.dspm.of(i)) for i, name in enumerate(units)}
 
 
-def channels_of(model: TaskModel, versions: Iterable[Version], profile: Profile, findings: Findings) -> dict[str, int]:
-    """Return the DMA channel of every resource whose phases move data."""
+def channels_of(
+    model: TaskModel, versions: Iterable[Version], profile: Profile, findings: Findings, *, copies: bool = False
+) -> dict[str, int]:
+    """Return the DMA channel of every resource whose phases move data, and one for `copies`."""
     used = {access.resource for version in versions for access in version.accesses if moves_data(access)}
-    names = [resource.name for resource in model.resources if resource.name in used]
+    names = [resource.name for resource in model.resources if resource.name in used] + [COPIES] * copies
     if len(names) > profile.dma.channels:
         message = (
-            f"{len(names)} resources move data ({', '.join(names)}), there are {profile.dma.channels} DMA channels"
+            f"{len(names)} resources move data ({', '.join(name or 'copies of LET' for name in names)}), "
+            f"there are {profile.dma.channels} DMA channels"
         )
         help = "use fewer resources, or a profile with more channels"
         findings.add(TOO_MANY_RESOURCES(message, at=model.at, path=about(model=model.name), help=help))
@@ -141,6 +144,10 @@ def _outside(transfer: Transfer, reserved: int, path: str) -> Diagnostic:
     return OUTSIDE_BUFFER(message, at=transfer.at, path=path, help=help)
 
 
+Shadow = tuple[str, AccessKind, str]
+"""A task with a LET, whether it reads or writes, and the buffer of which it has a copy."""
+
+
 @record
 class MainMemory:
     """Layout of main memory: [runtime | control | images ... | buffers | trace | faults]."""
@@ -153,25 +160,34 @@ class MainMemory:
     buffers_end: int
     trace: int
     faults: int
+    shadows: dict[Shadow, Region] = field(default_factory=dict)
+
+    def place(self, task: str, kind: AccessKind, buffer: str) -> Region:
+        """Return where a task finds or leaves the contents of a buffer: in a buffer of its own if it has a LET."""
+        return self.shadows.get((task, kind, buffer), self.buffers[buffer])
 
 
-def main_memory(profile: Profile, sizes: dict[str, int], findings: Findings) -> MainMemory:
+def main_memory(
+    profile: Profile, sizes: dict[str, int], findings: Findings, shadows: Mapping[Shadow, int] | None = None
+) -> MainMemory:
     """Reserve main memory; images grow upwards from their place, all else is fixed at the upper end."""
+    own = dict(shadows or {})
     faults = profile.main.end - aligned(FAULT_RECORDS * FAULT_RECORD, PAGE)
     trace = faults - aligned(TRACE_RECORDS * TRACE_RECORD, PAGE)
-    total = sum(aligned(size, LINE) for size in sizes.values())
+    total = sum(aligned(size, LINE) for size in (*sizes.values(), *own.values()))
     base = trace - aligned(total, PAGE)
-    buffers = {}
+    regions = []
     at = base
-    for name, size in sizes.items():
-        buffers[name] = Region(at, size)
+    for size in (*sizes.values(), *own.values()):
+        regions.append(Region(at, size))
         at += aligned(size, LINE)
+    buffers, copies = dict(zip(sizes, regions, strict=False)), dict(zip(own, regions[len(sizes) :], strict=True))
     images = profile.main.base + PROGRAM
     if base < images:
         what = f"trace and buffers ({format_size(total)}) leave no room for the images"
         findings.add(MAIN_MEMORY_FULL(what, help="make buffers smaller, or main memory in the profile larger"))
     return MainMemory(
-        profile.main.base, images - PAGE, images, buffers, base, base + aligned(total, LINE), trace, faults
+        profile.main.base, images - PAGE, images, buffers, base, base + aligned(total, LINE), trace, faults, copies
     )
 
 
@@ -196,14 +212,14 @@ class Shape:
         return wall + (instant - start)
 
 
-def shape_of(job: Job, version: Version) -> Shape:
-    """Return the shape of a job; after a gap it begins to execute when it has resumed."""
+def shape_of(job: Job, version: Version, waits: Duration = ZERO) -> Shape:
+    """Return the shape of a job that starts so long after its release; after a gap it executes when it has resumed."""
     if not job.parts:
-        return Shape(((ZERO, ZERO, job.end - job.start),))
+        return Shape(((waits, ZERO, job.end - job.start),))
     lost = [ZERO, *[version.split.resume] * (len(job.parts) - 1)]
     return Shape(
         tuple(
-            (part.start - job.start + late, part.executed_from, part.executed_to)
+            (waits + part.start - job.start + late, part.executed_from, part.executed_to)
             for part, late in zip(job.parts, lost, strict=True)
         )
     )
@@ -242,7 +258,8 @@ class Slots:
     """The slot of the runtime in which each program is in progress.
 
     Jobs of a unit follow each other in its own slot. A task whose jobs have gaps has slots to itself, one for each unit
-    that leads them (`kept`), for others are in progress meanwhile.
+    that leads them (`kept`), for others are in progress meanwhile; one with a LET has two, since a job may be released
+    while what the one before wrote is copied.
     """
 
     units: int
@@ -257,6 +274,10 @@ class Slots:
         """Return the slot of a job of a task whose first unit is `unit`."""
         return self.units + self.kept.index((task, unit)) if (task, unit) in self.kept else unit
 
+    def number(self, task: str, unit: int) -> int:
+        """Return how many slots these jobs have."""
+        return max(self.kept.count((task, unit)), 1)
+
 
 PER_SLOT = 5
 """Cycles of the management core to look at one slot more."""
@@ -268,11 +289,11 @@ def slower(profile: Profile, slots: Slots) -> Profile:
     return replace(profile, service=profile.service + seconds(looking))
 
 
-def slots_of(schedule: Schedule, cores: Mapping[str, Core]) -> Slots:
-    """Return the slots that the jobs of a schedule need."""
-    tasks = {task for task, _ in gapped_versions(schedule)}
+def slots_of(schedule: Schedule, cores: Mapping[str, Core], lets: Collection[str] = ()) -> Slots:
+    """Return the slots that the jobs of a schedule need; those of `lets` copy at instants of their own."""
+    tasks = {task for task, _ in gapped_versions(schedule)} | set(lets)
     kept = {(job.task, cores[job.units[0]].index) for job in jobs_of(schedule) if job.task in tasks}
-    return Slots(len(cores), tuple(sorted(kept)))
+    return Slots(len(cores), tuple(sorted([*kept, *(own for own in kept if own[0] in lets)])))
 
 
 def places_of(

@@ -11,9 +11,19 @@ from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT
+from halpipe.exporters.riscv.copies import Copies, lines_of
 from halpipe.exporters.riscv.cores import Shape, Slots, shape_of
 from halpipe.exporters.riscv.drivers import NONE, Drivers
-from halpipe.exporters.riscv.phases import Clock, disorder, executions, functions_of, memory_of, phases_of, shares
+from halpipe.exporters.riscv.phases import (
+    COPIES,
+    Clock,
+    disorder,
+    executions,
+    functions_of,
+    memory_of,
+    phases_of,
+    shares,
+)
 from halpipe.exporters.riscv.render import DECISION
 from halpipe.models import AccessKind
 
@@ -21,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from halpipe.core.diagnostics import Diagnostic, Findings, Location
+    from halpipe.exporters.riscv.copies import Turn
     from halpipe.exporters.riscv.cores import MainMemory
     from halpipe.exporters.riscv.images import Image, Part
     from halpipe.exporters.riscv.profile import Profile
@@ -36,7 +47,8 @@ class Operation:
     """One operation, `at` ticks after the job's start. What the fields of each kind mean is in runtime/halpipe.h.
 
     A transfer knows its phase, and how many ticks it and those after it in the phase need. A driver takes up to `time`,
-    beyond what every operation does.
+    beyond what every operation does. What `is_copy` is between
+    buffers in main memory.
     """
 
     at: int
@@ -53,6 +65,7 @@ class Operation:
     access: Access | None = None
     needs: int = 0
     time: Duration = ZERO
+    is_copy: bool = False
 
     @property
     def key(self) -> tuple[int, int]:
@@ -69,6 +82,7 @@ class Program:
     units: tuple[int, ...]
     operations: tuple[Operation, ...]
     slot: int = 0
+    slots: int = 1
 
 
 @record
@@ -106,6 +120,7 @@ class Operations:
     images: dict[tuple[str, str, str], Image]
     slots: Slots
     drivers: Drivers = NONE
+    copies: Copies = field(default_factory=Copies)
     programs: list[Program] = field(default_factory=list)
     _known: dict[tuple[str, str, tuple[str, ...], Shape], int] = field(default_factory=dict)
 
@@ -123,23 +138,26 @@ class Operations:
         return found
 
     def _releases(self, jobs: Iterable[Job]) -> tuple[Release, ...]:
-        found = [Release(self.clock.up(job.start), self._program(job), job) for job in jobs]
+        found = [Release(self.clock.up(self.copies.release(job)), self._program(job), job) for job in jobs]
         return tuple(sorted(found, key=lambda r: (r.tick, self.programs[r.program].units, r.job.task, r.job.index)))
 
     def _program(self, job: Job) -> int:
         images = [self.images[job.task, job.version, unit] for unit in job.units]
-        shape = shape_of(job, images[0].part.version)
+        shape = shape_of(job, images[0].part.version, job.start - self.copies.release(job))
         key = (job.task, job.version, job.units, shape)
         if key not in self._known:
             self._known[key] = len(self.programs)
             operations = sorted(self._operations(images, shape), key=lambda o: o.key)
             units = tuple(image.core.index for image in images)
-            slot = self.slots.of(job.task, units[0])
-            self.programs.append(Program(job.task, job.version, units, tuple(operations), slot))
+            slot, slots = self.slots.of(job.task, units[0]), self.slots.number(job.task, units[0])
+            self.programs.append(Program(job.task, job.version, units, tuple(operations), slot, slots))
         return self._known[key]
 
     def _operations(self, images: list[Image], shape: Shape) -> Iterable[Operation]:
         part = images[0].part
+        for turn in self.copies.of(part.task):
+            if turn.sizes[part.version.name]:
+                yield from self._copies(turn, images[0])
         for access in phases_of(part.version):
             yield from self._phase(access, images, shape)
         functions = functions_of(part.version)
@@ -166,7 +184,7 @@ class Operations:
         at, end = self.clock.up(shape.begin(access.start)), self.clock.down(shape.end(access.end))
         channel = self.channels[access.resource]
         transfers = list(self._transfers(access, images))
-        drivers = list(self._drivers(access, images[0]))
+        drivers = list(self._drivers(access, images[0])) if not self.copies.of(images[0].part.task) else []
         yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
         times = [self.clock.transfer(access.resource, size, memory) for _, _, size, _, _, memory in transfers]
         rest = sum(times)
@@ -188,6 +206,37 @@ class Operations:
         unit = images[0].core.index
         yield Operation(at=max(at, end), kind=DONE, unit=unit, channel=channel, what=str(access.kind))
         yield from (replace(driver, at=max(at, end)) for driver in drivers if driver.kind == OUTPUT)
+
+    def _copies(self, turn: Turn, image: Image) -> Iterable[Operation]:
+        """Yield the copies of a job at its release, or at release + LET, and the calls of the buffers' drivers."""
+        part, channel, unit = image.part, self.channels[COPIES], image.core.index
+        phases = [access for access in phases_of(part.version) if access.kind is turn.kind]
+        drivers = [driver for access in phases for driver in self._drivers(access, image)]
+        at, end = turn.at + turn.after, turn.at + turn.after + turn.length
+        yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
+        sizes = list(turn.sizes[part.version.name].items())
+        times = [self.clock.transfer(COPIES, size, "main") for _, size in sizes]
+        rest = sum(times)
+        for (buffer, size), taken in zip(sizes, times, strict=True):
+            ends = self.memory.buffers[buffer].base, self.memory.shadows[part.task, turn.kind, buffer].base
+            source, target = ends if turn.kind is AccessKind.READ else ends[::-1]
+            yield Operation(
+                at=at,
+                kind=COPY,
+                unit=unit,
+                channel=channel,
+                source=source,
+                target=target,
+                size=size,
+                limit=end - at,
+                what=buffer,
+                access=phases[0],
+                needs=rest,
+                is_copy=True,
+            )
+            at, rest = at + taken, rest - taken
+        yield Operation(at=end, kind=DONE, unit=unit, channel=channel, what=f"LET {turn.kind}")
+        yield from (replace(driver, at=end) for driver in drivers if driver.kind == OUTPUT)
 
     def _drivers(self, access: Access, image: Image) -> Iterable[Operation]:
         """Yield the calls of drivers in a phase, at no instant yet."""
@@ -212,7 +261,8 @@ class Operations:
                     yield s.source, s.target, s.size, image.core.index, "image", image.core.memory_at(s.target)
         for transfer in access.transfers:
             for member, offset, size in shares(access, transfer.size, len(images)):
-                buffer = self.memory.buffers[transfer.buffer].base + offset
+                kind, task = access.kind or AccessKind.READ, images[0].part.task
+                buffer = self.memory.place(task, kind, transfer.buffer).base + offset
                 symbol = images[member].elf.symbols[transfer.symbol].address + offset
                 ends = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
                 yield *ends, size, images[member].core.index, transfer.buffer, memory_of(access)
@@ -271,12 +321,8 @@ class Backlog:
 def find_backlog(tables: Sequence[Table], programs: Sequence[Program], profile: Profile) -> Backlog:
     """Play every mode twice, and every switch between its modes."""
     found = Backlog({}, defaultdict(lambda: ZERO))
-    modes = [i for i, table in enumerate(tables) if table.is_mode]
-    for mode in modes:
-        _play([mode, mode], tables, programs, profile, found)
-    for index, table in enumerate(tables):
-        if not table.is_mode:
-            _play([table.origin, index, table.target], tables, programs, profile, found)
+    for line in lines_of(tables):
+        _play(line, tables, programs, profile, found)
     return found
 
 

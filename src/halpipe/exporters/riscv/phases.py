@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.profile import Profile
-    from halpipe.models import Access, TaskModel, Version
+    from halpipe.models import Access, TaskModel, Transfer, Version
 
 
 @record
@@ -63,6 +63,9 @@ def clock_of(model: TaskModel, profile: Profile) -> Clock:
     fastest = max(profile.dma.into.values())
     most = {r.name: min(fastest, r.bandwidth or fastest) for r in model.resources}
     moving = {a.resource for task in model.tasks for v in task.versions for a in v.accesses if moves_data(a)}
+    if any(task.let is not None and transfers_of(version) for task in model.tasks for version in task.versions):
+        most[COPIES] = fastest
+        moving.add(COPIES)
     into = {}
     for name, limit in most.items():
         others = [most[other] for other in moving if other != name]
@@ -81,6 +84,15 @@ def _share(rates: list[int], bus: int) -> int:
             return max(left // (len(rates) - number), 1)
         left -= rate
     return bus
+
+
+COPIES = ""
+"""The resource over which the copies of logical execution times go: a channel of their own, which no model names."""
+
+
+def transfers_of(version: Version) -> list[tuple[AccessKind, Transfer]]:
+    """Return what a version reads and writes of buffers, in the order of its phases."""
+    return [(a.kind, t) for a in phases_of(version) if a.kind is not None for t in a.transfers]
 
 
 def moves_data(access: Access) -> bool:

@@ -14,6 +14,7 @@ from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
 from halpipe.exporters.riscv.bundle import stage_runtime
 from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
+from halpipe.exporters.riscv.copies import patience_of, turns_of
 from halpipe.exporters.riscv.cores import Core
 from halpipe.exporters.riscv.drivers import read_drivers
 from halpipe.exporters.riscv.images import Part, compile_parts, measure
@@ -152,16 +153,18 @@ def grow(
     clock: Clock,
     patience: int,
     driving: Callable[[Access], Duration] = lambda access: ZERO,
+    copying: int = 0,
 ) -> Version:
     """Return a version whose phases hold its transfers, each `patience` ticks more than they take.
 
     `sizes` are those of the parts of its image, with their memories; a load phase that it lacks is made on `resource`.
-    `driving` tells how long drivers take in a phase before its transfers begin.
+    `driving` tells how long drivers take in a phase before its transfers begin; inputs are there after `copying` ticks.
     """
     assert version.wcet is not None, "models without WCET do not validate"
     load = load_of(version)
     first = load or Access(resource=resource, start=ZERO, end=ZERO, kind=AccessKind.LOAD)
     loading = patience + version.gang * sum(clock.transfer(first.resource, *size) for size in sizes)
+    loading = max(loading, copying)
     loaded = _with_end(first, first.start, first.end, loading, clock)
     # From an instant on, everything is later by a growth.
     growths = [(first.end, loaded.end - first.end)]
@@ -235,8 +238,12 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
         stage_runtime(shop)
         measured = measure(shop, compile_parts(shop, parts, tree, render), profile, render)
     drivers = read_drivers(options.drivers)
+    turns = turns_of(
+        model, [(part.task, part.version) for part in measured], clock_of(model, profile), patience_of(model, profile)
+    )
+    copying = {turn.task: turn.after + turn.length for turn in turns if turn.kind is AccessKind.READ}
     grown = {
-        (part.task, part.version.name): _grow(part, elf, model, profile, drivers, findings)
+        (part.task, part.version.name): _grow(part, elf, model, profile, drivers, findings, copying.get(part.task, 0))
         for part, elf in measured.items()
     }
     model = _replaced(model, grown)
@@ -264,7 +271,9 @@ def _parts(model: TaskModel, profile: Profile, tree: SourceTree) -> list[Part]:
     return found
 
 
-def _grow(part: Part, elf: Elf, model: TaskModel, profile: Profile, drivers: Drivers, findings: Findings) -> Version:
+def _grow(
+    part: Part, elf: Elf, model: TaskModel, profile: Profile, drivers: Drivers, findings: Findings, copying: int
+) -> Version:
     """Return a version whose phases hold its image and transfers; say what was added."""
     old = part.version
     load = load_of(old)
@@ -273,7 +282,7 @@ def _grow(part: Part, elf: Elf, model: TaskModel, profile: Profile, drivers: Dri
     clock = clock_of(model, profile)
     # Each other core may have a driver called at the same instant.
     patience = profile.patience + clock.up(drivers.longest * (len(model.units) - 1))
-    new = grow(old, sizes, resource, clock, patience, partial(drivers.time, part.task))
+    new = grow(old, sizes, resource, clock, patience, partial(drivers.time, part.task), copying)
     if new != old:
         before, after = load.end if load else ZERO, new.accesses[0].end
         total = sum(size for size, _ in sizes)

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.quantities import format_rational
 from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
 from halpipe.exporters.riscv.operations import COPY, DONE, INPUT, OUTPUT, RUN
+from halpipe.exporters.riscv.phases import COPIES
 from halpipe.exporters.riscv.render import DECISION, margin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from halpipe.exporters.riscv.copies import Copies
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Image
     from halpipe.exporters.riscv.operations import Backlog, Operation, Program, Table
@@ -30,6 +32,7 @@ def target_json(
     images: Sequence[Image],
     tables: Sequence[Table],
     backlog: Backlog,
+    copies: Copies,
 ) -> bytes:
     """Return the memory map, the clocks, and the place of everything; see docs/reference/riscv-bundle.md."""
     buffers = memory.buffers.items()
@@ -42,15 +45,34 @@ def target_json(
             "stack": profile.stack,
             "entry": hex(memory.base),
             "units": [_unit(core) for core in cores],
-            "resources": [{"name": name, "channel": channel} for name, channel in channels.items()],
+            "resources": [{"name": name, "channel": channel} for name, channel in channels.items() if name],
             "control": hex(memory.control),
             "trace": {"base": hex(memory.trace), "capacity": TRACE_RECORDS, "record": TRACE_RECORD},
             "faults": {"base": hex(memory.faults), "capacity": FAULT_RECORDS, "record": FAULT_RECORD},
             "tables": [{**_table(t), "lateness": str(backlog.tables[i])} for i, t in enumerate(tables)],
             "buffers": [{"name": name, "address": hex(r.base), "size": r.size} for name, r in buffers],
             "images": [_image(image) for image in images],
+            **({"copies": _copies(copies, channels[COPIES], memory)} if copies.turns else {}),
         }
     )
+
+
+def _copies(copies: Copies, channel: int, memory: MainMemory) -> dict[str, Any]:
+    turns = [
+        {
+            "task": turn.task,
+            "kind": str(turn.kind),
+            "after": turn.after,
+            "length": turn.length,
+            "buffers": [
+                {"name": name, "address": hex(region.base), "size": region.size}
+                for (task, kind, name), region in memory.shadows.items()
+                if (task, kind) == (turn.task, turn.kind)
+            ],
+        }
+        for turn in copies.turns
+    ]
+    return {"channel": channel, "turns": turns}
 
 
 def _board(profile: Profile) -> dict[str, Any]:

@@ -166,6 +166,7 @@ class Machine:
         """Return the parts of main memory from and to which is copied: images and buffers."""
         images = [(source, source + size) for image in self.site.images for source, _, size in image.load]
         buffers = [(area.base, area.end) for area in self.site.buffers.values()]
+        buffers += [(area.base, area.end) for turn in self.site.turns for area in turn.buffers.values()]
         return [(min(low for low, _ in part), max(high for _, high in part)) for part in (images, buffers) if part]
 
     # ------------------------------------------------------------------------------------------ the loop

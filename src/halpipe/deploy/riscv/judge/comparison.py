@@ -52,15 +52,20 @@ class Seen:
     executions: list[Execution | None] = field(default_factory=list)
 
     @property
+    def _moved(self) -> list[Transfer]:
+        """Its transfers, but for the copies of a LET, which are not made in its time."""
+        return [t for p, t in zip(self.planned.transfers, self.transfers, strict=True) if t and not p.is_copy]
+
+    @property
     def begin(self) -> int | None:
         """Begin of the first part, in units."""
-        begins = [t.begin for t in self.transfers if t] + [e.begin for e in self.executions if e]
+        begins = [t.begin for t in self._moved] + [e.begin for e in self.executions if e]
         return min(begins, default=None)
 
     @property
     def end(self) -> int | None:
         """End of the last part, in units."""
-        ends = [t.end for t in self.transfers if t] + [e.left for e in self.executions if e]
+        ends = [t.end for t in self._moved] + [e.left for e in self.executions if e]
         return max(ends, default=None)
 
 

@@ -172,11 +172,6 @@ def _rows(outcome: Outcome) -> Iterator[_Row]:
             yield start, end, table.cycle, table.name, job.task, job.index, job.units
 
 
-_ORDER = {
-    **dict.fromkeys((Kind.DONE, Kind.STOP, Kind.OUTPUT), 0),
-    **dict.fromkeys((Kind.TABLE, Kind.RUN), 1),
-    **dict.fromkeys((Kind.COPY, Kind.INPUT), 2),
-}
 _RELEASE, _DECIDE = 1, 3
 
 
@@ -224,11 +219,10 @@ def measured(run: Run, tables: Tables, played: Sequence[Played]) -> Dispatch:
 
 def due_of(tables: Tables, record: Record, starts: Sequence[int] | Mapping[int, int]) -> tuple[int, int]:
     """Return the tick and the order of an operation that is recorded, by the starts of tables."""
-    order = _ORDER[Kind(record.kind)]
     if record.kind == Kind.TABLE:
-        return starts[record.cycle], order
-    at = tables.operations(record.program)[record.operation].at
-    return starts[record.cycle] + tables.releases(record.table)[record.release][0] + at, order
+        return starts[record.cycle], _RELEASE
+    operation = tables.operations(record.program)[record.operation]
+    return starts[record.cycle] + tables.releases(record.table)[record.release][0] + operation.at, operation.order
 
 
 def _is_held(record: Record) -> bool:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 _OPERATION = struct.Struct("<QQQQIBBBBII")
-_PROGRAM = struct.Struct("<QIIII")
+_PROGRAM = struct.Struct("<QIIIHH")
 _RULE = struct.Struct("<IIIBBBB")
 _RELEASE = struct.Struct("<QII")
 _TABLE = struct.Struct("<QQII")
@@ -53,6 +53,7 @@ class Operation:
     """One operation, `at` ticks from the job's start; its numbers as in the runtime's header."""
 
     at: int
+    order: int
     kind: int
     source: int
     target: int
@@ -113,7 +114,7 @@ class Tables:
         return self._program.symbols[name][0]
 
     def program(self, number: int) -> tuple[int, ...]:
-        """Return where its operations are, their number, its slot, its first health rule, and the number of these."""
+        """Return where its operations are, their number, its slot, its first health rule, and the numbers of both."""
         return self._at(self._symbol("hp_programs") + number * _PROGRAM.size, _PROGRAM)
 
     def health(self, model: TaskModel, schedule: Schedule) -> Iterator[str]:
@@ -150,8 +151,8 @@ class Tables:
     def further_slots(self, site: Site) -> int:
         """Return how many slots there are beside one for each unit."""
         size = self._program.symbols["hp_programs"][1]
-        slots = [self.program(number)[2] for number in range(size // _PROGRAM.size)]
-        return max([0, *(slot + 1 - len(site.units) for slot in slots)])
+        programs = [self.program(number) for number in range(size // _PROGRAM.size)]
+        return max([0, *(program[2] + program[5] - len(site.units) for program in programs)])
 
     def driver(self, number: int) -> str:
         """Return the function that is called for a number."""
@@ -161,7 +162,7 @@ class Tables:
 
     def rules(self, number: int) -> tuple[int, int]:
         """Return the first health rule of a program, 0 if it has none, and their number."""
-        _, _, _, first, count = self.program(number)
+        _, _, _, first, count, _ = self.program(number)
         return (first if count else 0), count
 
     def operations(self, number: int) -> list[Operation]:
@@ -170,10 +171,10 @@ class Tables:
             base, count, *_ = self.program(number)
             found = []
             for i in range(min(count, _MOST)):
-                key, source, target, size, limit, kind, channel, unit, _, rank, ranks = self._at(
+                key, source, target, size, limit, kind, channel, unit, _, *ranks = self._at(
                     base + i * _OPERATION.size, _OPERATION
                 )
-                found.append(Operation(key >> 2, kind, source, target, size, limit, channel, unit + 1, rank, ranks))
+                found.append(Operation(key >> 2, key & 3, kind, source, target, size, limit, channel, unit + 1, *ranks))
             self._programs[number] = found
         return self._programs[number]
 

@@ -19,13 +19,13 @@ from halpipe.deploy.riscv.run.observation import Outcome
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.durations import Duration
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.sequence import Played
-    from halpipe.deploy.riscv.target import ImageSite, Site
+    from halpipe.deploy.riscv.target import ImageSite, Site, Turn
     from halpipe.models import Access, Job, TaskModel, Transfer, Version
 
 
@@ -35,7 +35,7 @@ SCALAR = 8
 
 @record(kw_only=True)
 class PlannedTransfer:
-    """Bytes that a phase from `begin` to `end` moves; `what` for people."""
+    """Bytes that a phase from `begin` to `end` moves, or a copy between buffers; `what` for people."""
 
     what: str
     kind: AccessKind
@@ -46,6 +46,7 @@ class PlannedTransfer:
     size: int
     begin: int
     end: int
+    is_copy: bool = False
 
 
 @record(kw_only=True)
@@ -107,25 +108,51 @@ class Expectation:
         self.findings = Findings()
         self._bundle, self._model, self._site, self._images = bundle, model, site, images
         self._drivers = read_drivers(bundle)
-        self._templates: dict[tuple[str, str, tuple[str, ...], _Parts], _Template] = {}
+        self._templates: dict[tuple[str, str, tuple[str, ...], _Parts, Duration], _Template] = {}
 
     def jobs(self, tables: Iterable[Played]) -> list[PlannedJob]:
         """Return every job of the tables, in the order of their starts."""
-        found = [self._job(table, row, job) for table in tables for row, job in enumerate(table.jobs)]
+        found = [
+            self._job(table, row, job, release)
+            for table in tables
+            for row, (job, release) in enumerate(zip(table.jobs, self._releases(table), strict=True))
+        ]
         return sorted(found, key=lambda planned: (planned.begin, planned.table.cycle, planned.row))
 
-    def _job(self, table: Played, row: int, job: Job) -> PlannedJob:
-        key = (job.task, job.version, job.units, _relative(job))
+    def _releases(self, table: Played) -> list[Duration]:
+        """Return when the jobs of a table are released: at their starts, or where a LET of theirs begins."""
+        copied = {turn.task for turn in self._site.turns} if not table.is_transition else set()
+        phases = {name: self._phase_of(name, table) for name in copied}
+        return [
+            phases[job.task] + (self._model.task(job.task).period or ZERO) * job.index
+            if job.task in copied
+            else job.start
+            for job in table.jobs
+        ]
+
+    def _phase_of(self, name: str, table: Played) -> Duration:
+        """Return the release of the first job of a task: its offset, or what leaves all jobs the least delay."""
+        task = self._model.task(name)
+        period = task.period or table.length
+        if task.offset is not None:
+            return task.offset % period
+        starts = sorted({(job.start - period * job.index) % table.length for job in table.jobs if job.task == name})
+        before = [*starts[-1:], *starts]
+        gaps = [((later - before[i]) % table.length, later) for i, later in enumerate(starts)]
+        return ZERO if not starts else max(gaps, key=lambda gap: gap[0])[1]
+
+    def _job(self, table: Played, row: int, job: Job, release: Duration) -> PlannedJob:
+        key = (job.task, job.version, job.units, _relative(job), job.start - release)
         if key not in self._templates:
-            self._templates[key] = self._template(job)
+            self._templates[key] = self._template(job, job.start - release)
         transfers, executions, calls = self._templates[key]
-        base = self._tick(table.start + job.start, job)
+        base = self._tick(table.start + release, job)
         return PlannedJob(
             table=table,
             row=row,
             job=job,
             begin=base,
-            end=base + math.floor((job.end - job.start) / self._site.tick),
+            end=base + math.floor((job.end - release) / self._site.tick),
             transfers=tuple(replace(t, begin=t.begin + base, end=t.end + base) for t in transfers),
             executions=tuple(replace(e, begin=e.begin + base, end=e.end + base) for e in executions),
             calls=tuple(replace(c, begin=c.begin + base) for c in calls),
@@ -139,8 +166,8 @@ class Expectation:
             self.findings.add(BROKEN_TARGET(message, at=job.at, path=about(task=job.task), help=help))
         return math.floor(ticks)
 
-    def _template(self, job: Job) -> _Template:
-        """Return what one job of a version does on its units, from tick 0."""
+    def _template(self, job: Job, waits: Duration) -> _Template:
+        """Return what one job of a version does on its units, from its release at tick 0; it `waits` to start."""
         version = self._model.task(job.task).version(job.version)
         images = [self._images.get((job.task, job.version, unit)) for unit in job.units]
         members = [image for image in images if image is not None]
@@ -149,8 +176,10 @@ class Expectation:
             self._complain(message, f'task "{job.task}"')
             return [], [], []
         moving = moving_phases(version)
-        wall = _Wall(_relative(job), version.split.resume)
-        transfers = [t for access in moving for t in self._phase(access, members, wall)]
+        wall = _Wall(_relative(job), version.split.resume, waits)
+        turns = [turn for turn in self._site.turns if turn.task == job.task]
+        transfers = [t for turn in turns for t in self._copies(turn, moving, members[0])]
+        transfers += [t for access in moving for t in self._phase(access, members, wall)]
         functions = len(members[0].site.entries)
         executions = [
             PlannedExecution(
@@ -168,13 +197,48 @@ class Expectation:
         ]
         if len(executions) != functions * len(members):
             self._complain(f"its phases leave no {functions} stretches of execution", f'task "{job.task}"')
-        calls = [call for access in moving for call in self._calls(job.task, access, members[0], wall)]
-        return transfers, executions, calls
+        calls = [call for access in moving for call in self._calls(job.task, access, members[0], wall, turns)]
+        return sorted(transfers, key=lambda t: t.begin), executions, calls
 
-    def _calls(self, task: str, access: Access, leader: Image, wall: _Wall) -> Iterator[PlannedCall]:
+    def _copies(self, turn: Turn, moving: list[Access], leader: Image) -> Iterator[PlannedTransfer]:
+        """Yield the copies of what a job reads, at its release, or of what it has written, at release + LET."""
+        kind = AccessKind(turn.kind)
+        begin = self._instant(turn) + turn.after
+        sizes: dict[str, int] = {}
+        for transfer in (t for access in moving if access.kind is kind for t in access.transfers):
+            sizes[transfer.buffer] = max(sizes.get(transfer.buffer, 0), transfer.size)
+        for name, size in sizes.items():
+            area, own = self._site.buffers.get(name), turn.buffers.get(name)
+            if area is None or own is None or min(area.size, own.size) < size:
+                self._complain(f"has no copy of {size} bytes of it", f'buffer "{name}"')
+                continue
+            source, target = (area, own) if kind is AccessKind.READ else (own, area)
+            yield PlannedTransfer(
+                what=f'buffer "{name}" for its LET',
+                kind=kind,
+                channel=self._site.copying,
+                hart=leader.hart,
+                source=source.base,
+                target=target.base,
+                size=size,
+                begin=begin,
+                end=begin + turn.length,
+                is_copy=True,
+            )
+
+    def _instant(self, turn: Turn) -> int:
+        let = self._model.task(turn.task).let or ZERO
+        return 0 if turn.kind == AccessKind.READ else math.floor(let / self._site.tick)
+
+    def _calls(
+        self, task: str, access: Access, leader: Image, wall: _Wall, turns: Sequence[Turn]
+    ) -> Iterator[PlannedCall]:
         """Yield the calls of drivers in a phase: for inputs when it begins, for outputs when it is over."""
         begin = math.ceil(wall.begins(access.start) / self._site.tick)
         end = math.floor(wall.ends(access.end) / self._site.tick)
+        for turn in (turn for turn in turns if turn.kind == access.kind):
+            begin = self._instant(turn) + turn.after
+            end = begin + turn.length
         for driver in self._drivers:
             area = self._site.buffers.get(driver.buffer)
             if driver.serves(task, access) and area is not None:
@@ -213,15 +277,16 @@ class Expectation:
         for transfer in access.transfers:
             for rank, image in enumerate(members):
                 offset, size = _part(rank, len(members), transfer.size) if writes else (0, transfer.size)
-                ends = self._ends(transfer, image)
+                ends = self._ends(transfer, image, access.kind)
                 if ends is not None and size:
                     buffer, symbol = (end + offset for end in ends)
                     source, target = (symbol, buffer) if writes else (buffer, symbol)
                     yield f'buffer "{transfer.buffer}"', image, source, target, size
 
-    def _ends(self, transfer: Transfer, image: Image) -> tuple[int, int] | None:
-        """Return the addresses of the buffer and of the symbol, which the program itself states."""
-        buffer = self._site.buffers.get(transfer.buffer)
+    def _ends(self, transfer: Transfer, image: Image, kind: AccessKind | None) -> tuple[int, int] | None:
+        """Return the addresses of the buffer, the task's own if it has a LET, and of the symbol by the program."""
+        own = (turn for turn in self._site.turns if (turn.task, turn.kind) == (image.site.task, kind))
+        buffer = next((turn.buffers.get(transfer.buffer) for turn in own), self._site.buffers.get(transfer.buffer))
         symbol = image.program.symbols.get(transfer.symbol)
         if buffer is None or buffer.size < transfer.size:
             self._complain(f"has no {transfer.size} bytes for it", f'buffer "{transfer.buffer}"')
@@ -265,24 +330,28 @@ def _relative(job: Job) -> _Parts:
 
 @record
 class _Wall:
-    """Execution of a job in wall-clock time: in its parts, after each gap by `resume` later (MODEL 8.2)."""
+    """Execution of a job in wall-clock time: in its parts, after each gap by `resume` later (MODEL 8.2).
+
+    It `waits` from its release to its start.
+    """
 
     parts: _Parts
     resume: Duration
+    waits: Duration = ZERO
 
     def begins(self, instant: Duration) -> Duration:
         """Return when what begins with `instant` of the execution begins, after the job's start."""
         for k, (start, first, last) in enumerate(self.parts):
             if first <= instant < last:
-                return start + (self.resume if k else ZERO) + instant - first
-        return self.ends(instant) if self.parts else instant
+                return self.waits + start + (self.resume if k else ZERO) + instant - first
+        return self.ends(instant) if self.parts else self.waits + instant
 
     def ends(self, instant: Duration) -> Duration:
         """Return when what ends with `instant` of the execution ends."""
         for k, (start, first, last) in enumerate(self.parts):
             if first < instant <= last:
-                return start + (self.resume if k else ZERO) + instant - first
-        return instant
+                return self.waits + start + (self.resume if k else ZERO) + instant - first
+        return self.waits + instant
 
 
 def _pieces(span: tuple[Duration, Duration], points: Iterable[Duration]) -> Iterator[tuple[Duration, Duration]]:

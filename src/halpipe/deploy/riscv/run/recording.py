@@ -222,7 +222,12 @@ def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:
     site, lines = read_site(bundle), [_CSV_HEADER]
     try:
         operations = json.loads(bundle.files["operations.json"])
-        for start, end, entry in sorted(_jobs(recording), key=lambda job: (job[0], job[1], job[2].program)):
+
+        def is_copy(entry: Record) -> bool:
+            operation = operations["programs"][entry.program]["operations"][entry.operation]
+            return bool(site.turns) and operation.get("channel") == site.copying
+
+        for start, end, entry in sorted(_jobs(recording, is_copy), key=lambda job: (job[0], job[1], job[2].program)):
             release = operations["tables"][entry.table]["releases"][entry.release]
             units = " ".join(operations["programs"][entry.program]["units"])
             cells = (entry.cycle, site.tables[entry.table].name, release["task"], release["index"], units)
@@ -248,11 +253,13 @@ def summary_of(bundle: Bundle, recording: Recording) -> Iterator[str]:
             yield f"cycle {entry.cycle}: health rule {entry.begin} fired for {task} at {site.tick * entry.time}"
 
 
-def _jobs(recording: Recording) -> Iterator[tuple[int, int, Record]]:
-    """Yield when each job began and ended: with its transfers, as far as these took place."""
+def _jobs(recording: Recording, is_copy: Callable[[Record], bool]) -> Iterator[tuple[int, int, Record]]:
+    """Yield when each job began and ended: with its transfers, as far as these took place, but no copies of a LET."""
     found: dict[tuple[int, int, int], list[Record]] = defaultdict(list)
     for entry in recording.records:
-        if entry.kind in (Kind.COPY, Kind.DONE, Kind.RUN, Kind.STOP) and not entry.flags & Flag.SKIPPED:
+        if entry.kind in (Kind.COPY, Kind.DONE, Kind.RUN, Kind.STOP) and not (
+            entry.flags & Flag.SKIPPED or is_copy(entry)
+        ):
             found[entry.cycle, entry.table, entry.release].append(entry)
     for records in found.values():
         last = records[-1]

@@ -40,7 +40,8 @@ typedef struct {
     uint32_t count;
     uint32_t slot;  /* where the program is in progress */
     uint32_t rule;  /* the first health rule of its task, */
-    uint32_t rules; /* and their number */
+    uint16_t rules; /* and their number */
+    uint16_t slots; /* 2: in the next slot while the job before is still in progress */
 } hp_program;
 
 #define HEALTH_SWITCH 1U

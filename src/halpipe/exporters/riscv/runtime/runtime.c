@@ -260,7 +260,11 @@ static inline void step(uint32_t place) {
 
 static inline void release(const hp_release *job) {
     const hp_program *program = &hp_programs[job->program];
-    slot *s = &slots[program->slot];
+    uint32_t place = program->slot;
+    if ((program->slots > 1U) && (keys[place] != IDLE)) {
+        place++;
+    }
+    slot *s = &slots[place];
     static uint64_t releases = 0U;
     s->operation = program->operations;
     s->end = &program->operations[program->count];
@@ -271,7 +275,7 @@ static inline void release(const hp_release *job) {
     s->who = current.row | ((uint64_t)job->program << 32U);
     s->place = 0U;
     s->is_over = 0U;
-    keys[program->slot] = (s->base << 2U) + s->operation->key;
+    keys[place] = (s->base << 2U) + s->operation->key;
 }
 
 static void record_table(uint64_t begin, uint64_t end, uint64_t flags) {

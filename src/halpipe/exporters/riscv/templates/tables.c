@@ -26,7 +26,7 @@ const hp_driver hp_drivers[HP_DRIVERS] = {
 {% endif -%}
 const hp_program hp_programs[] = {
 {%- for program in programs %}
-    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.slot }}U, {{ health.of(program.task) | join(", ") }}},
+    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.slot }}U, {{ health.of(program.task) | join(", ") }}, {{ program.slots }}U},
 {%- endfor %}
 };
 
