@@ -559,6 +559,25 @@ def test_an_extended_os_task_is_woken_by_the_event_that_its_expiry_point_sets(tm
     assert [c.new for c in changes if c.name == "OsScheduleTableSetEventRef"] == ["/E/Os/Come"] * 2
 
 
+def test_a_call_without_event_is_woken_by_that_of_its_period(tmp_path):
+    """A runnable that was mapped after the last run of the generator."""
+    pump = component("Pump", *(every("0.01", name, f"Pump/{name}") for name in "AB"), runnables="A B")
+    mappings = (
+        mapped("Pump/B/A", "Main", "1", more=[("RteUsedOsEventRef", "/E/Os/Go")]),
+        mapped("Pump/B/B", "Main", "2"),
+    )
+    waits = [("OsTaskEventRef", f"/E/Os/{event}") for event in ("Go", "Come")]
+    events = [container("Os/OsEvent", event) for event in ("Go", "Come")]
+    os = configuration("Os", container("Os/OsTask", "Main", refs=waits), *events, counter())
+    write(tmp_path, package("T", pump), package("E", os, configuration("Rte", rte(*mappings))))
+    model = model_of(tmp_path / "system.arxml")
+    jobs = [job(model, f"Pump/{name}", 0, at, model.units[0].name) for name, at in (("A", "0ms"), ("B", "2ms"))]
+    onto = export_onto(model, schedule(model, 10, *jobs, mode_name="default"), str(tmp_path), ArxmlImportOptions())
+    assert [c.new for c in onto.changes if c.name == "OsScheduleTableSetEventRef"] == ["/E/Os/Go"] * 2
+    (told,) = [d for d in onto.findings if d.code == codes.SHARED_EVENT.id]
+    assert "Pump/A, Pump/B" in told.message
+
+
 def test_an_extended_os_task_of_which_no_event_is_known_is_refused(tmp_path):
     text = project(tmp_path, events=["Go", "Come"]).read_text()
     path = tmp_path / "system.arxml"

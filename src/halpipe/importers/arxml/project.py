@@ -6,7 +6,6 @@ The project is read again and its model made anew, so that what changed since th
 from __future__ import annotations
 
 import re
-from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -275,18 +274,22 @@ class _Reader:
         )
 
     def _woken(self, calls: dict[str, tuple[Call, ...]]) -> dict[str, tuple[Call, ...]]:
-        """Return the calls of each task, with the OsEvents that only the rate at which the OS sets them tells."""
+        """Return the calls of each task; where no OsEvent is named, with those of the other calls of the period."""
         rates = _rates(self._built.triggers)
         periods = {draft.name: draft.period for draft in self._built.drafts}
-        groups = [{(call.os_task, periods[name]) for call in found} for name, found in calls.items()]
-        counts = Counter(group for each in groups for group in each)
+        known: dict[tuple[str, Duration | None], set[str]] = {}
+        tasks: dict[tuple[str, Duration | None], set[str]] = {}
+        for name, call in ((name, call) for name, found in calls.items() for call in found):
+            known.setdefault((call.os_task, periods[name]), set()).update(call.os_events)
+            tasks.setdefault((call.os_task, periods[name]), set()).add(name)
 
         def with_events(name: str, call: Call) -> Call:
-            if call.os_events:
+            group = call.os_task, periods[name]
+            if call.os_events or group not in known:
                 return call
-            period = periods[name]
-            found = sorted(event for event in self._waits.get(call.os_task, ()) if rates.get(event) == period)
-            return replace(call, os_events=tuple(found)) if 1 in (len(found), counts[call.os_task, period]) else call
+            of_rate = {event for event in self._waits.get(call.os_task, ()) if rates.get(event) == periods[name]}
+            found = known[group] or of_rate
+            return replace(call, os_events=tuple(sorted(found))) if 1 in (len(found), len(tasks[group])) else call
 
         return {name: tuple(with_events(name, call) for call in found) for name, found in calls.items()}
 

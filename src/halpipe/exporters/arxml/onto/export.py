@@ -338,10 +338,13 @@ class _Writer:
     # ---------------------------------------------------------------------------------------------- references
 
     def _first_point(self, task: str) -> str:
-        """Return the path of the expiry point at which a task first starts in the first mode that has it."""
+        """Return the path of the expiry point at which a task first starts in the first mode that has it.
+
+        A mapping has none in a reused table, as before.
+        """
         for placed in self._plan.tables:
-            if placed.table.is_repeating and task in placed.first and not placed.is_reused:
-                return f"{self.path(placed)}/{point_name(placed.first[task])}"
+            if placed.table.is_repeating and task in placed.first:
+                return "" if placed.is_reused else f"{self.path(placed)}/{point_name(placed.first[task])}"
         return ""
 
     def _later_point(self, call: Call) -> str:

@@ -197,6 +197,7 @@ class _Planner:
         self._project = project
         self._findings = findings
         self._tables = list(_tables(schedule))
+        self._first = schedule.modes[0].name
         units = {unit for _, _, _, jobs in self._tables for job in jobs for unit in job.units}
         self._units = [unit.name for unit in model.units if unit.name in units]
         taken = {path.rpartition("/")[2] for path in project.items if path.startswith(project.os_module + "/")}
@@ -248,7 +249,7 @@ class _Planner:
         It is started by code of the RTE, concerns nothing else, and its counter can tell every instant of its core.
         """
         at = self._project.items[starter.path].at.file
-        if not (starter.is_table and starter.is_coded and at.endswith(XDM) and len(self._tables) == 1):
+        if not (starter.is_table and starter.is_coded and at.endswith(XDM)):
             return False
         played = {action.os_task for action in self._actions.values()} - {
             c.os_task for c in self._project.alone.values()
@@ -257,7 +258,7 @@ class _Planner:
         tick = next((c.tick for c in self._project.counters if c.path == starter.counter), None)
         if starter.is_kept or tick is None or len(units) != 1 or any(d.os_task not in played for d in starter.deeds):
             return False
-        return not any(time % tick for _, _, time in self._instants(units.pop()))
+        return not any(time % tick for mode, _, time in self._instants(units.pop()) if mode == self._first)
 
     # ------------------------------------------------------------------------------------------------- starts
 
@@ -412,7 +413,8 @@ class _Planner:
                 for calls, number in self._gaps.calls(job):
                     offset = ticks.ticks(job.parts[number].start if number else job.start)
                     for action in self._started(job.task, calls, starts):
-                        points = tables.setdefault(self._owner.get(action.key, ""), {})
+                        own = self._owner.get(action.key, "") if (mode, target) == (self._first, "") else ""
+                        points = tables.setdefault(own, {})
                         points.setdefault(offset, {})[action.key] = None
                     if number:
                         later.update({call.mapping: offset for call in calls if call.mapping not in later})
