@@ -1,6 +1,23 @@
 """Execution modes from the modes in which events are disabled."""
 
-from arxml_case import component, disabled, el, event, every, found, mode_group, module, package, read, ref, write
+from arxml_case import (
+    component,
+    configuration,
+    disabled,
+    el,
+    event,
+    every,
+    found,
+    mapped,
+    mode_group,
+    module,
+    os_task,
+    package,
+    read,
+    ref,
+    rte,
+    write,
+)
 
 from halpipe.importers.arxml import codes
 
@@ -85,3 +102,16 @@ def test_modules_are_disabled_too(tmp_path):
         "Run": {"BSW/Com/Main", "BSW/Com/Other"},
         "Sleep": {"BSW/Com/Other"},
     }
+
+
+def test_the_order_of_an_os_task_passes_through_what_a_mode_disables(tmp_path):
+    maps = [mapped(f"Pump/B/E{name}", "Main", str(at)) for at, name in enumerate("ABCD")]
+    ecu = package("E", configuration("Os", os_task("Main")), configuration("Rte", rte(*maps)))
+    path = write(tmp_path, package("T", POWER, pump(A="", B="Power/Sleep", C="Power/Sleep", D="")), ecu)
+    model = read(path).model
+    last = model.task("Pump/D")
+    before = {version.name: [p.task for p in version.precedences] for version in last.versions}
+    assert before == {"default": ["Pump/C"], "default.Sleep": ["Pump/A"]}
+    used = {mode.name: run.versions for mode in model.modes for run in mode.runs if run.task == "Pump/D"}
+    assert used == {"Run": ("default",), "Sleep": ("default.Sleep",)}
+    assert [version.name for version in model.task("Pump/A").versions] == ["default"]

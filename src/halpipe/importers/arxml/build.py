@@ -37,7 +37,7 @@ from halpipe.importers.common.base import Imported
 from halpipe.models import Anchor, Binding, Match, Precedence, Task, TaskModel, Version
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.options import ArxmlImportOptions
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.tasks.requirements import Edge, Requirements
     from halpipe.importers.arxml.tasks.versions import Lock, Variant
     from halpipe.importers.common.base import Coverage
+    from halpipe.models import Mode
 
 
 def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
@@ -116,10 +117,11 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     variants = make_variants(system, drafts, platform, options, findings)
     versions = {name: tuple(variant.name for variant in found) for name, found in variants.items()}
     modes, transitions = make_modes(system, drafts, versions, ledger, findings)
+    orders, modes = _by_mode(drafts, edges, modes)
     model = TaskModel(
         name=legal_name(options.name or system.name),
         units=with_interrupts(platform, system, options.overlay, ledger, findings),
-        tasks=tuple(_tasks(drafts, edges, variants, required, platform, findings)),
+        tasks=tuple(_tasks(drafts, orders, variants, required, platform, findings)),
         chains=tuple(required.chains),
         modes=modes,
         transitions=transitions,
@@ -162,21 +164,56 @@ def _as_error(found: Diagnostic) -> Diagnostic:
 # ------------------------------------------------------------------------------------------------- tasks
 
 
+def _by_mode(
+    drafts: Sequence[Draft], edges: Iterable[Edge], modes: Sequence[Mode]
+) -> tuple[dict[str, dict[str, tuple[Edge, ...]]], tuple[Mode, ...]]:
+    """Return the edges into each task by the suffix of its versions, and the modes with the versions that run in them.
+
+    A version waits for no task that does not run in its mode; an order passes through such a task.
+    """
+    incoming: dict[str, list[Edge]] = {}
+    for edge in edges:
+        incoming.setdefault(edge.second, []).append(edge)
+    orders: dict[str, dict[str, tuple[Edge, ...]]] = {draft.name: {} for draft in drafts}
+    result = []
+    for mode in modes:
+        running = {run.task for run in mode.runs}
+        runs = []
+        for run in mode.runs:
+            found = {(e.first, e.spacing): e for e in _edges_among(run.task, running, incoming)}
+            own, known = tuple(found.values()), orders[run.task]
+            suffix = next((s for s, same in known.items() if same == own), f".{mode.name}" if known else "")
+            known[suffix] = own
+            runs.append(replace(run, versions=tuple(f"{version}{suffix}" for version in run.versions)))
+        result.append(replace(mode, runs=tuple(runs)))
+    return {name: known or {"": tuple(incoming.get(name, ()))} for name, known in orders.items()}, tuple(result)
+
+
+def _edges_among(name: str, running: Collection[str], incoming: Mapping[str, Sequence[Edge]]) -> Iterator[Edge]:
+    """Yield the edges into a task from those that run."""
+    for edge in incoming.get(name, ()):
+        if edge.first in running:
+            yield edge
+        elif edge.spacing is None:
+            before = _edges_among(edge.first, running, incoming)
+            yield from (replace(other, second=name) for other in before if other.spacing is None)
+
+
 def _tasks(
     drafts: Sequence[Draft],
-    edges: Iterable[Edge],
+    orders: Mapping[str, Mapping[str, tuple[Edge, ...]]],
     variants: Mapping[str, tuple[Variant, ...]],
     required: Requirements,
     platform: Platform,
     findings: Findings,
 ) -> list[Task]:
     by_name = {draft.name: draft for draft in drafts}
-    incoming: dict[str, list[Edge]] = {}
-    for edge in edges:
-        incoming.setdefault(edge.second, []).append(edge)
     tasks = []
     for draft in drafts:
-        orders = tuple(_precedence(edge, by_name[edge.first], draft) for edge in incoming.get(draft.name, ()))
+        precedences = {
+            suffix: tuple(_precedence(edge, by_name[edge.first], draft) for edge in found)
+            for suffix, found in orders[draft.name].items()
+        }
         tasks.append(
             Task(
                 name=draft.name,
@@ -187,7 +224,11 @@ def _tasks(
                 let=required.lets.get(draft.name),
                 distance=draft.distance,
                 binding=Binding.SYSTEM if platform.is_mapped(draft) else Binding.JOB,
-                versions=tuple(_version(draft, variant, orders, findings) for variant in variants[draft.name]),
+                versions=tuple(
+                    _version(draft, replace(variant, name=f"{variant.name}{suffix}"), found, findings)
+                    for suffix, found in precedences.items()
+                    for variant in variants[draft.name]
+                ),
                 origin=draft.origin,
             )
         )
