@@ -378,3 +378,17 @@ def test_a_lock_without_wcets_is_told(tmp_path):
     (told,) = found(imported, codes.LOCK_LOST)
     assert (told.code, told.path) == ("HAL0535", 'EXCLUSIVE-AREA "/T/Pump/B/Area"')
     assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
+
+
+@pytest.mark.parametrize(("cycle", "is_told"), [("5", False), ("10", False), ("20", True), ("4", True)])
+def test_an_alarm_that_cannot_trigger_its_event_is_named(tmp_path, cycle, is_told):
+    maps = mapped("Pump/B/Tick", "Main", more=[("RteUsedOsAlarmRef", "/E/Os/Al")])
+    os = configuration("Os", os_task("Main"), counter(), alarm("Al", cycle, activates="Main"))
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    path = write(tmp_path, package("T", pump), package("E", os, configuration("Rte", rte(maps))))
+    imported = read(path)
+    assert periods(imported) == {"Pump/Step": "10ms"}
+    told = [d.message for d in found(imported, codes.TRIGGERING_DIFFERS)]
+    assert told == (
+        [f'comes every {cycle}ms, but "Pump/Step", which it triggers, has the period 10ms'] if is_told else []
+    )

@@ -268,7 +268,8 @@ TRIGGERING_DIFFERS = warning(
     "HAL0556",
     "Triggering contradicts the event",
     "A periodic event triggering of the timing extension states another period than the event of the runnable, or the "
-    "OS configuration. The latter counts.",
+    "OS configuration, which counts. Or the period of an event is no multiple of that of the alarm or table that its "
+    "mapping names.",
 )
 SPORADIC = warning(
     "HAL0557",

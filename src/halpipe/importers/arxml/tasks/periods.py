@@ -143,6 +143,7 @@ class Periods:
             )
         period = self._evaluate(event, stated)
         if isinstance(period, Duration):
+            self._compare(activation, period)
             return [Recurrence(period, ZERO, ())]
         found = self._of_mapping(activation) or self._of_os_task(activation) or of_arrival(activation)
         if not found:
@@ -157,6 +158,21 @@ class Periods:
                 )
             )
         return found
+
+    def _compare(self, activation: Activation, period: Duration) -> None:
+        """Report a period that is no multiple of how often the alarm or table that the mapping names comes."""
+        used = self._used_by(activation)
+        rates = {
+            t.place: t.period / sum(other.table == t.table for other in used) if t.table else t.period for t in used
+        }
+        if rates and all(period % rate for rate in rates.values()):
+            place, rate = next(iter(rates.items()))
+            place.report(
+                self._findings,
+                codes.TRIGGERING_DIFFERS,
+                f'comes every {rate}, but "{activation.name}", which it triggers, has the period {period}',
+                help="make them agree; the period of the event counts",
+            )
 
     def _of_process(self, activation: Activation) -> list[Recurrence]:
         cycle = activation.process.cycle if activation.process else None
@@ -224,9 +240,11 @@ class Periods:
 
     def _of_mapping(self, activation: Activation) -> list[Recurrence]:
         """Find what triggers an event by its mapping: an expiry point, an alarm, or an OS event that one sets."""
+        return self._recurrences(self._used_by(activation))
+
+    def _used_by(self, activation: Activation) -> list[Trigger]:
         names = activation.mapping.triggers if activation.mapping else ()
-        used = [t for t in self._triggers if t.place.path in names or any(event in names for event in t.events)]
-        return self._recurrences(used)
+        return [t for t in self._triggers if t.place.path in names or any(event in names for event in t.events)]
 
     def _of_os_task(self, activation: Activation) -> list[Recurrence]:
         """Find what activates an OsTask, or take the period that it states itself.
