@@ -219,7 +219,8 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
     if version.wcet is not None:
         resources = named(element, "RESOURCE-CONSUMPTION", "Resources")
         times = add(resources, "EXECUTION-TIMES")
-        for unit in dict.fromkeys(version.units) or ("",):
+        units = dict.fromkeys(version.units)
+        for unit in units if units.keys() < layout.units.keys() else ("",):  # one time without unit is of all
             time = named(times, "ANALYZED-EXECUTION-TIME", layout.units[unit] if unit else "Wcet")
             ref(time, "EXECUTABLE-ENTITY-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
             if unit:
