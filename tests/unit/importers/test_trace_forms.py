@@ -1,5 +1,8 @@
 """Binary traces and texts of the kernel: the same run has the same jobs in each form, and damage has a code."""
 
+import sys
+import zlib
+
 import pytest
 import trace_forms as forms
 from hypothesis import example, given
@@ -17,9 +20,43 @@ WRITERS = {
     "perfetto": forms.perfetto_switches,
     "perfetto in columns": lambda: forms.perfetto_switches(is_compact=True),
     "btf": forms.btf,
+    "trace.dat 7": forms.trace_dat_7,
+    "trace.dat 7 packed": lambda: forms.trace_dat_7(zlib.compress, b"zlib"),
     "signals": forms.signals,
     "events": forms.events_json,
 }
+
+
+PACKED = forms.message((50, zlib.compress(forms.perfetto_slices())))
+
+
+def test_compressed_packets_are_those_that_they_hold():
+    (found,), (plain,) = (parse_traces(data, "t").traces for data in (forms.trace(PACKED), forms.perfetto_slices()))
+    assert found.executions[:] == plain.executions[:]
+
+
+@pytest.mark.parametrize(
+    "packed", [zlib.compress(forms.trace(PACKED)), zlib.compress(forms.perfetto_slices())[:-9], b"x"]
+)
+def test_packets_compressed_twice_or_cut_off(packed):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(forms.trace(forms.message((50, packed))), "t")
+    assert [d.code for d in refused.value.diagnostics] == [codes.UNKNOWN_TRACE.id]
+
+
+def test_a_trace_dat_compressed_by_zstd():
+    packer = pytest.importorskip("zstandard").ZstdCompressor()
+    (found,) = parse_traces(forms.trace_dat_7(packer.compress, b"zstd"), "t").traces
+    assert seen(found) == forms.JOBS
+    with pytest.raises(HalpipeError, match="cannot be read"):
+        parse_traces(forms.trace_dat_7(lambda data: b"junk" + data, b"zstd"), "t")
+
+
+def test_a_trace_dat_compressed_by_zstd_without_its_library(monkeypatch):
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(forms.trace_dat_7(bytes, b"zstd"), "t")
+    assert "zstandard" in refused.value.diagnostics[0].help
 
 
 def seen(found):
@@ -94,7 +131,12 @@ def test_lost_events_are_reported(data, said):
 @pytest.mark.parametrize(
     ("data", "code", "said"),
     [
-        (forms.trace_dat(version=b"7"), codes.UNKNOWN_TRACE, "version 7"),
+        (forms.trace_dat(version=b"8"), codes.UNKNOWN_TRACE, "version 8"),
+        (forms.trace_dat(version=b"7"), codes.UNKNOWN_TRACE, "trace.dat"),
+        (forms.trace_dat_7(algorithm=b"lz4"), codes.UNKNOWN_TRACE, "lz4"),
+        (forms.trace_dat_7(clock=b"counter"), codes.UNKNOWN_TRACE, "counter"),
+        (forms.trace_dat_7(instance=b"other"), codes.UNKNOWN_TRACE, "trace.dat"),
+        (forms.trace_dat_7(lambda data: zlib.compress(data)[:-9], b"zlib"), codes.UNKNOWN_TRACE, "size"),
         (forms.trace_dat(clock="local [counter]"), codes.UNKNOWN_TRACE, "counter"),
         (forms.trace_dat()[:500], codes.UNKNOWN_TRACE, "trace.dat"),
         (forms.perfetto_slices()[:20], codes.UNKNOWN_TRACE, "cut off"),
@@ -118,10 +160,10 @@ def test_what_stands_before_the_cut_counts(data, jobs):
     assert sum(len(trace.executions) for trace in found.traces) == jobs
 
 
-SEEDS = [WRITERS[form]() for form in ("trace.dat", "perfetto", "perfetto in columns", "ftrace")]
+SEEDS = [WRITERS[form]() for form in ("trace.dat", "trace.dat 7 packed", "perfetto", "perfetto in columns", "ftrace")]
 
 
-@example(SEEDS[1], [(0.07421875, 0)], 0.0)  # bytes in the place of a number
+@example(SEEDS[2], [(0.07421875, 0)], 0.0)  # bytes in the place of a number
 @given(
     st.sampled_from(SEEDS), st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), max_size=4), st.floats(0, 1)
 )

@@ -180,6 +180,50 @@ def trace_dat(*, order: str = "<", missed: int = 0, version: bytes = b"6", clock
     return data
 
 
+def trace_dat_7(pack=None, algorithm: bytes = b"none", clock: bytes = b"local", instance: bytes = b"") -> bytes:
+    """Write a trace.dat of version 7, its sections and pages compressed by `pack`."""
+
+    def number(value: int, size: int) -> bytes:
+        return value.to_bytes(size, "little")
+
+    def sized(text: str) -> bytes:
+        return number(len(text), 8) + text.encode()
+
+    def chunk(content: bytes) -> bytes:
+        packed = pack(content)
+        return number(len(packed), 4) + number(len(content), 4) + packed
+
+    data = b"\x17\x08\x44tracing7\0\0\x08" + number(PAGE, 4) + algorithm + b"\0001\0"
+    place, data = len(data), data + bytes(8)
+
+    def section(id: int, content: bytes, *, is_packed: bool) -> int:
+        nonlocal data
+        at, content = len(data), chunk(content) if is_packed else content
+        data += number(id, 2) + number(is_packed, 2) + number(0, 4) + number(len(content), 8) + content
+        return at
+
+    def options(*found: tuple[int, bytes]) -> int:
+        texts = (number(id, 2) + number(len(value), 4) + value for id, value in found)
+        return section(0, b"".join(texts), is_packed=bool(pack))
+
+    head = section(
+        16, b"header_page\0" + sized(HEADER_PAGE) + b"header_event\0" + sized(HEADER_EVENT), is_packed=bool(pack)
+    )
+    events = number(1, 4) + b"sched\0" + number(2, 4) + sized(SWITCH) + sized(WAKE)
+    formats = section(18, events, is_packed=bool(pack))
+    buffer, places = section(3, b"", is_packed=False), b""
+    data = data[: buffer + 2] + number(bool(pack), 2) + data[buffer + 4 :]
+    for cpu in (0, 1):
+        page = _page([switch for switch in RUN if switch[1] == cpu], "<", number, 0)
+        stored = number(1, 4) + chunk(page) if pack else page
+        places += number(cpu, 4) + number(len(data), 8) + number(len(stored), 8)
+        data += stored
+    about = number(buffer, 8) + instance + b"\0" + clock + b"\0" + number(PAGE, 4) + number(2, 4) + places
+    last = options((3, about), (0, bytes(8)))
+    first = options((16, number(head, 8)), (18, number(formats, 8)), (0, number(last, 8)))
+    return data[:place] + number(first, 8) + data[place + 8 :]
+
+
 def _page(found, order, number, missed):
     """Write one page: the first event after a time extend, the second in the long form, others in the short one."""
 

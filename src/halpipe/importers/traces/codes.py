@@ -8,7 +8,7 @@ UNKNOWN_TRACE = error(
     "HAL1120",
     "File is no trace",
     "Traces are CSV with a header that has task, start and end; BTF; JSON in the Trace Event Format; protobuf of "
-    "Perfetto; text of ftrace; trace.dat of version 6; MDF; or a directory of CTF.",
+    "Perfetto; text of ftrace; trace.dat of version 6 or 7; MDF; or a directory of CTF.",
 )
 BROKEN_ROW = error(
     "HAL1121",

@@ -7,6 +7,8 @@ that, and their package fetches a program from the network. Numbers of fields ar
 
 from __future__ import annotations
 
+import io
+import zlib
 from collections import Counter
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -30,7 +32,7 @@ _CHUNK = 2**20
 _LONGEST_HEAD = 20
 _NAMELESS = "(no name)"
 _CLEARED = 1
-_MALFORMED = (ValueError, IndexError, TypeError, AttributeError)
+_MALFORMED = (ValueError, IndexError, TypeError, AttributeError, zlib.error)
 _BOOTTIME = 6
 _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
 _PREEMPTED_MASK = 0xFF
@@ -167,8 +169,8 @@ class _Reader:
         }
         """What is done with the messages of a packet, by the number of their field and in this order."""
 
-    def packet(self, fields: Fields) -> None:
-        """Take one packet."""
+    def packet(self, fields: Fields, *, is_packed: bool = False) -> None:
+        """Take one packet, or those that it holds compressed."""
         sequence = self.sequences.setdefault(_one(fields, 10, 0), _Sequence())
         if _one(fields, 13, 0) & _CLEARED or 41 in fields:
             self.sequences[_one(fields, 10, 0)] = sequence = _Sequence()
@@ -176,8 +178,15 @@ class _Reader:
         for number, take in self.taken.items():
             for value in fields.get(number, ()):
                 take(fields_of(value), sequence, fields)
-        if 50 in fields:
-            self.others["compressed packets"] += len(fields[50])
+        for packed in fields.get(50, ()):
+            if is_packed:
+                raise ValueError("packets are compressed twice")
+            inner = zlib.decompressobj()
+            data = inner.decompress(packed, MAX_INPUT_BYTES)
+            if not inner.eof:
+                raise ValueError("compressed packets are cut off, or too large")
+            for packet in _packets(io.BytesIO(data)):
+                self.packet(fields_of(packet), is_packed=True)
 
     def _interned(self, interned: Fields, sequence: _Sequence, _: Fields) -> None:
         sequence.names.update({_one(name, 1, 0): _text(name, 2) for name in _messages(interned, 2)})
