@@ -416,6 +416,12 @@ def test_a_time_limit_has_a_unit_or_counts_seconds(limit):
     assert read == ms(30000)
 
 
+@pytest.mark.parametrize("value", [True, b"drive", {"drive": 1}, ["drive"], ("drive",), {"drive"}])
+def test_what_stands_for_no_text_is_refused(value):
+    with pytest.raises(HalpipeError, match=r"mode: .* is a "):
+        from_keywords("explain", ExplainOptions, {"mode": value})
+
+
 @pytest.mark.parametrize("named", ["chains", "chains,jitter", ["chains", "jitter"]])
 def test_objectives_are_a_list_or_a_text(named):
     (read,) = from_keywords("schedule", SearchOptions, {"optimise": named}).values()

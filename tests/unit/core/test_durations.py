@@ -7,6 +7,7 @@ import pytest
 from halpipe.core.durations import (
     ZERO,
     Duration,
+    divisors,
     greatest_common_divisor,
     least_common_multiple,
     milliseconds,
@@ -135,3 +136,16 @@ def test_divisors_and_multiples_of_nothing_are_zero():
     assert greatest_common_divisor([]) == greatest_common_divisor([ZERO, ZERO]) == ZERO
     assert least_common_multiple([]) == ZERO
     assert greatest_common_divisor([ZERO, Duration(6)]) == Duration(6)
+
+
+@pytest.mark.parametrize(
+    ("total", "unit", "factors"),
+    [("12ms", "1ms", [1, 2, 3, 4, 6, 12]), ("16ms", "1ms", [1, 2, 4, 8, 16]), ("7ms", "2ms", []), ("0ms", "1ms", [])],
+)
+def test_every_divisor_is_found_from_both_sides_of_the_root(total, unit, factors):
+    assert divisors(Duration.parse(total), Duration.parse(unit)) == [milliseconds(factor) for factor in factors]
+
+
+def test_no_divisors_are_looked_for_beyond_the_bound():
+    assert divisors(Duration(10**12), Duration(1))[-1] == Duration(10**12)
+    assert divisors(Duration(10**12 + 1), Duration(1)) == []

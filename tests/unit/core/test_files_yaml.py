@@ -120,3 +120,10 @@ def test_everything_knows_its_line():
     assert (items[1].line_of("y"), items[1].line_of("z")) == (5, 6)
     assert value["last"].line_of("b") == 8
     assert value["last"].line_of("absent") == value["last"].line == 7
+
+
+def test_only_a_tab_that_indents_is_blamed():
+    for text, is_tab in ((b"a: [1\n\tb: 2", True), (b"a: 'x\ty'\nb: [", False)):
+        with pytest.raises(HalpipeError) as refused:
+            parse_yaml(text, "f.yaml")
+        assert ("a tab indents" in refused.value.diagnostics[0].message) is is_tab
