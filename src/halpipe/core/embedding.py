@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
 FROZEN = "frozen"
-"""Tag of an element that stands for a complete one, which was written already, with its hash."""
+"""Tag of an element that stands for complete ones, which were written already, with their hashes between zero bytes."""
 
 PIECE = 2**20
 """Characters of one piece: parsers refuse texts of more than 10 MB."""

@@ -311,3 +311,16 @@ def test_the_time_of_an_export_grows_with_the_model_alone():
         return lambda: (_refuse_dangling(system), stimuli_of(system, plan))
 
     assert growth(prepare, 300, 2400) < half_way(8)
+
+
+@pytest.mark.parametrize("many", [1, 3, 10**6])
+def test_what_is_written_as_it_is_made_is_the_same(tmp_path, monkeypatch, many):
+    """The bytes, and the hash by which an import knows that nothing was edited, are those of a whole tree."""
+    system, plan = roboracer()
+    monkeypatch.setattr("halpipe.exporters.amalthea.document._AT_A_TIME", 64)
+    expected = FORMAT.write(system, plan, AmaltheaOptions())[""]
+    monkeypatch.setattr("halpipe.exporters.amalthea.document._AT_A_TIME", many)
+    assert FORMAT.write(system, plan, AmaltheaOptions())[""] == expected
+    path = tmp_path / "m.amxmi"
+    path.write_bytes(expected)
+    assert not IN.read([str(path)], AmaltheaImportOptions()).diagnostics

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 from urllib.parse import quote_plus
 
 from lxml import etree
 
+from halpipe.core.embedding import properties_hash
+from halpipe.exporters.common.frozen import freeze_children
 from halpipe.models import ResourceKind
 
 if TYPE_CHECKING:
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
 XSI = "http://www.w3.org/2001/XMLSchema-instance"
 XMI = "http://www.omg.org/XMI"
 _NAMESPACE = "http://app4mc.eclipse.org/amalthea/"
+_AT_A_TIME = 64
 _TIME_UNITS = ("s", "ms", "us", "ns")
 
 
@@ -30,11 +34,18 @@ def document(release: str) -> etree._Element:
     return root
 
 
-def serialise(root: etree._Element) -> bytes:
-    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end."""
-    etree.indent(root, space="  ")
-    body: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=False)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + body + b"\n"
+class Written:
+    """The texts of what is complete."""
+
+    def __init__(self) -> None:
+        self.texts: list[bytes] = []
+        self._waiting: Counter[etree._Element] = Counter()
+
+    def children(self, parent: etree._Element) -> None:
+        """Write the children of an element, all of which are complete, at every so many calls."""
+        self._waiting[parent] += 1
+        if self._waiting[parent] % _AT_A_TIME == 0:
+            freeze_children(parent, self.texts, properties_hash)
 
 
 def add(parent: etree._Element, tag: str, kind: str = "", **attributes: str | int) -> etree._Element:
@@ -150,7 +161,9 @@ def write_system(parent: etree._Element, model: TaskModel, release: str) -> None
         scheduler.set("definition", ref("SchedulerDefinition", _SCHEDULER))
 
 
-def write_mapping(parent: etree._Element, model: TaskModel, stimuli: Mapping[str, Sequence[Stimulus]]) -> None:
+def write_mapping(
+    parent: etree._Element, model: TaskModel, stimuli: Mapping[str, Sequence[Stimulus]], written: Written
+) -> None:
     """Append where tasks run: on the units of their jobs in the schedule, else on all that their versions allow."""
     order = {unit.name: index for index, unit in enumerate(model.units)}
     if order:
@@ -163,9 +176,11 @@ def write_mapping(parent: etree._Element, model: TaskModel, stimuli: Mapping[str
             element = add(parent, "taskAllocation", task=ref("Task", task.name))
             element.set("scheduler", ref("TaskScheduler", _SCHEDULER))
             element.set("affinity", refs("ProcessingUnit", sorted(units, key=order.__getitem__)))
+            written.children(parent)
     for label, resource in _places(model).items():
         memory = ref("Memory", resource)
         add(parent, "memoryMapping", abstractElement=ref("Label", label), memory=memory)
+        written.children(parent)
 
 
 def _units(task: Task, stimuli: Sequence[Stimulus]) -> set[str]:

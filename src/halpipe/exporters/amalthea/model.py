@@ -8,17 +8,18 @@ from halpipe.core.diagnostics import Findings, about, error
 from halpipe.core.embedding import pieces, properties_hash
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.amalthea.document import (
+    Written,
     add,
     add_property,
     definitions_of,
     document,
-    serialise,
     write_hardware,
     write_mapping,
     write_system,
 )
 from halpipe.exporters.amalthea.software import Software
 from halpipe.exporters.amalthea.stimuli import Events, stimuli_of, write_constraints, write_stimuli
+from halpipe.exporters.common.frozen import serialise
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.native import format_model
 from halpipe.models.modes import require_mode
@@ -46,21 +47,23 @@ def format_amalthea(model: TaskModel, schedule: Schedule | None, options: Amalth
         model = model.alone(options.mode)
     _refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "amalthea")
-    return serialise(_document(model, chosen, options.release))
+    written = Written()
+    root = _document(model, chosen, options.release, written)
+    return serialise(root, written.texts)
 
 
-def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etree._Element:
+def _document(model: TaskModel, schedule: Schedule | None, release: str, written: Written) -> etree._Element:
     root = document(release)
     definitions = definitions_of(model)
     stimuli = stimuli_of(model, schedule)
-    software = Software(model, release, {unit.name: definitions[unit.type] for unit in model.units})
+    software = Software(model, release, {unit.name: definitions[unit.type] for unit in model.units}, written)
     software.write(add(root, "swModel"), stimuli)
     write_hardware(add(root, "hwModel"), model, definitions)
     write_system(add(root, "osModel"), model, release)
-    write_stimuli(add(root, "stimuliModel"), model, stimuli)
-    events = Events(add(root, "eventModel"))
-    write_constraints(add(root, "constraintsModel"), model, events, software.runnables)
-    write_mapping(add(root, "mappingModel"), model, stimuli)
+    write_stimuli(add(root, "stimuliModel"), model, stimuli, written)
+    events = Events(add(root, "eventModel"), written)
+    write_constraints(add(root, "constraintsModel"), model, events, software.runnables, written)
+    write_mapping(add(root, "mappingModel"), model, stimuli, written)
     _embed(root, model)
     return root
 

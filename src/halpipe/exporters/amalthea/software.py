@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
+    from halpipe.exporters.amalthea.document import Written
     from halpipe.exporters.amalthea.stimuli import Stimulus
     from halpipe.models import Access, Task, TaskModel, Version
 
@@ -30,7 +31,8 @@ _MODES = "SystemMode"
 class Software:
     """Writes the software model; `runnables` gives the name of the runnable of each version of each task."""
 
-    def __init__(self, model: TaskModel, release: str, definitions: Mapping[str, str]) -> None:
+    def __init__(self, model: TaskModel, release: str, definitions: Mapping[str, str], written: Written) -> None:
+        self._written = written
         self._model = model
         self._switch = "ModeSwitch" if release == "1.2.0" else "Switch"
         self._definitions = definitions  # of the type of each unit
@@ -46,11 +48,14 @@ class Software:
         """Append tasks, runnables, labels and modes."""
         for task in self._model.tasks:
             self._task(parent, task, stimuli[task.name])
+            self._written.children(parent)
         for task in self._model.tasks:
             for version in task.versions:
                 self._runnable(parent, task, version)
+                self._written.children(parent)
         for name, size in self._labels().items():
             add(named(parent, "labels", "Label", name), "size", value=size, unit="B")
+            self._written.children(parent)
         self._modes(parent, stimuli)
 
     def _task(self, parent: etree._Element, task: Task, stimuli: Sequence[Stimulus]) -> None:
@@ -133,11 +138,13 @@ class Software:
             modes = named(parent, "modes", "EnumMode", version_label(task.name), typed=True)
             for version in task.versions:
                 add(modes, "literals", name=version.name)
+            self._written.children(parent)
         if model.modes:
             _label(parent, MODE_LABEL, _MODES, model.modes[0].name, "mode")
         for task in several:
             chosen = next((s.version for s in stimuli[task.name] if s.version), task.versions[0].name)
             _label(parent, version_label(task.name), version_label(task.name), chosen, "version")
+            self._written.children(parent)
 
 
 def _label(parent: etree._Element, name: str, mode: str, initial: str, role: str) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
+    from halpipe.exporters.amalthea.document import Written
     from halpipe.models import Chain, Job, Precedence, Schedule, Task, TaskModel
 
 MODE_LABEL = "mode"
@@ -90,11 +91,14 @@ def _placed(
     return found
 
 
-def write_stimuli(parent: etree._Element, model: TaskModel, stimuli: dict[str, list[Stimulus]]) -> None:
+def write_stimuli(
+    parent: etree._Element, model: TaskModel, stimuli: dict[str, list[Stimulus]], written: Written
+) -> None:
     """Append the stimuli of all tasks."""
     for task in model.tasks:
         for stimulus in stimuli[task.name]:
             _write(parent, task, stimulus)
+            written.children(parent)
 
 
 def _write(parent: etree._Element, task: Task, stimulus: Stimulus) -> None:
@@ -137,8 +141,9 @@ _SHORTEST = Duration.parse("1ns") / 1000
 class Events:
     """Writes each event when it is first referred to."""
 
-    def __init__(self, parent: etree._Element) -> None:
+    def __init__(self, parent: etree._Element, written: Written) -> None:
         self._parent = parent
+        self._complete = written
         self._written: set[str] = set()
 
     def process(self, task: str, type: str) -> str:
@@ -156,15 +161,21 @@ class Events:
             element = named(self._parent, "events", kind, name, typed=True)
             element.set("eventType", type)
             element.set("entity", entity)
+            self._complete.children(self._parent)
         return reference
 
 
 def write_constraints(
-    parent: etree._Element, model: TaskModel, events: Events, runnables: Mapping[tuple[str, str], str]
+    parent: etree._Element,
+    model: TaskModel,
+    events: Events,
+    runnables: Mapping[tuple[str, str], str],
+    written: Written,
 ) -> None:
     """Append event chains, timing constraints and requirements, in the order of the metamodel."""
     for chain in model.chains:
         _chain(parent, chain, events)
+        written.children(parent)
     names = Unique()
     for task in model.tasks:
         alone = len(task.versions) == 1
@@ -176,15 +187,18 @@ def write_constraints(
                 if precedence.to is Anchor.END:
                     target = events.process(task.name, "terminate") if alone else events.runnable(runnable, "terminate")
                 _delay(parent, name, precedence, target, events)
+        written.children(parent)
     tasks = {task.name: task for task in model.tasks}
     for chain in model.chains:
         for type, limit in (("Reaction", _reaction(tasks, chain)), ("Age", chain.max_age)):
             if limit is not None:
                 _latency(parent, chain, type, limit)
+        written.children(parent)
     for task in model.tasks:
         limits = [limit for limit in (task.deadline, task.let) if limit is not None]
         if limits:
             _deadline(parent, task, min(limits))
+            written.children(parent)
 
 
 def _reaction(tasks: Mapping[str, Task], chain: Chain) -> Duration | None:

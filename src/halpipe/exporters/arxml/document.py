@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from lxml import etree
 
-from halpipe.core.embedding import FROZEN, package_hash
+from halpipe.core.embedding import package_hash
 from halpipe.exporters.arxml.options import RELEASES
+from halpipe.exporters.common import frozen
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from halpipe.core.durations import Duration
     from halpipe.models.project import Starter
 
@@ -24,8 +23,6 @@ NAMESPACE = "http://autosar.org/schema/r4.0"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _NS = f"{{{NAMESPACE}}}"
 _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_STAND_IN = re.compile(rb'<frozen n="(\d+)" hash="[0-9a-f]+"/>')
-_DECLARATIONS = re.compile(rb' xmlns="[^"]*" xmlns:xsi="[^"]*"')  # what only the root needs
 _MICROSECONDS = "0"  # the CSE-CODE that all tools know
 _DOUBLE = Context(prec=15)
 """What survives the double of other tools: 15 significant digits."""
@@ -40,25 +37,8 @@ def document(schema: str) -> etree._Element:
 
 
 def freeze(element: etree._Element, texts: list[bytes]) -> None:
-    """Put a complete element into `texts`, and a small one in its place: a tree takes ten times the bytes it writes."""
-    hash = package_hash(element)
-    etree.indent(element, space="  ", level=sum(1 for _ in element.iterancestors()))
-    text: bytes = etree.tostring(element, encoding="UTF-8", xml_declaration=False, with_tail=False)
-    holder = element.getparent()
-    assert holder is not None
-    stand_in = etree.SubElement(holder, f"{_NS}{FROZEN}", n=str(len(texts)), hash=hash)
-    holder.replace(element, stand_in)
-    texts.append(_DECLARATIONS.sub(b"", text, count=1))
-
-
-def serialise(root: etree._Element, texts: Sequence[bytes] = ()) -> bytes:
-    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end; `texts` are the frozen."""
-    etree.indent(root, space="  ")
-    body: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=False)
-    parts = [b'<?xml version="1.0" encoding="UTF-8"?>\n']
-    for number, part in enumerate(_STAND_IN.split(body)):
-        parts.append(texts[int(part)] if number % 2 else part)
-    return b"".join((*parts, b"\n"))
+    """Put a complete element into `texts`, and a small one in its place."""
+    frozen.freeze(element, texts, package_hash)
 
 
 def is_from(release: str, first: str) -> bool:

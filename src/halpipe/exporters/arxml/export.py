@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.core.embedding import package_hash, pieces
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME
-from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, serialise, special
+from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, special
 from halpipe.exporters.arxml.options import RELEASES
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os, write_rte
 from halpipe.exporters.arxml.software import Layout, disabled_modes, write_modes, write_platform, write_software
@@ -17,6 +17,7 @@ from halpipe.exporters.arxml.tables import make_plan
 from halpipe.exporters.arxml.ticks import Holds, choose_counter
 from halpipe.exporters.arxml.timing import write_demands, write_guarantees
 from halpipe.exporters.common.codes import NEEDS_SCHEDULE
+from halpipe.exporters.common.frozen import serialise
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.native import format_model
 from halpipe.models.modes import require_mode

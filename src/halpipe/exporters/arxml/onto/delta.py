@@ -16,10 +16,10 @@ from halpipe.exporters.arxml.document import (
     named,
     sd,
     sdx,
-    serialise,
     write_box,
 )
 from halpipe.exporters.arxml.onto import DELTA, Change
+from halpipe.exporters.common.frozen import serialise
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
