@@ -14,13 +14,16 @@ import verify_mutants
 import verify_oracle as oracle
 import verify_systems as systems
 
-from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.core.diagnostics import Findings, HalpipeError, render_text
+from halpipe.core.durations import milliseconds
 from halpipe.exporters.native import format_model, format_schedule
+from halpipe.models import Anchor, Chain
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate import validate
-from halpipe.pipeline.verify import verify
+from halpipe.pipeline.verify import reading, verify
+from halpipe.pipeline.verify.chains import measured
 
 PROGRAM = Path(__file__).parents[2] / "docs" / "safety" / "second_checker.py"
 BUILDERS = (
@@ -30,6 +33,7 @@ BUILDERS = (
     split_systems.valid_system,
     split_systems.switching_system,
 )
+EVENTS = (Anchor.START, Anchor.END)
 MUTANTS = (*verify_mutants.OPERATORS.values(), *split_mutants.OPERATORS.values())
 
 
@@ -90,6 +94,51 @@ def test_three_checkers_agree(tmp_path):
 @pytest.mark.slow  # the test above has the same subject
 def test_three_checkers_agree_on_many(tmp_path):
     compare(tmp_path, 2, 20_000)
+
+
+def with_chains(rng, system):
+    """Four chains without limits, over any tasks, from and to any events."""
+    names, chains = [task.name for task in system.tasks], []
+    for number in range(4):
+        tasks = tuple(rng.sample(names, rng.randint(1, min(4, len(names)))))
+        anchor, to = rng.choice((None, None, *EVENTS, Anchor.RELEASE)), rng.choice((None, None, *EVENTS))
+        if len(tasks) == 1 and anchor is Anchor.END:
+            to = None
+        if anchor is Anchor.RELEASE and system.task(tasks[0]).period is None:
+            anchor = None
+        chains.append(Chain(name=f"k{number}", tasks=tasks, anchor=anchor, to=to))
+    return replace(system, chains=tuple(chains))
+
+
+def compare_chains(seed, count):
+    """Compare the three figures of `count` chains: those that verify measures, and those that the oracle follows."""
+    rng, seen = random.Random(seed), Counter()
+    while seen.total() < count:
+        system, plan = rng.choice(BUILDERS)(rng)
+        for change in (refined_systems.with_offset, refined_systems.with_let):
+            system = change(rng, system, plan) if rng.random() < 0.5 else system
+        system = with_chains(rng, system)
+        if oracle.broken(system, plan):
+            continue
+        clock, found = reading.make_clock(system, plan), Findings()
+        modes = reading.active_modes(system, clock, found)
+        for name, table in reading.mode_tables(system, plan, modes, clock, found).items():
+            tasks = oracle.tasks_of(system, name)
+            placed = [oracle.placed_at(system, tasks, j, "") for j in plan.mode(name).jobs if j.task in tasks]
+            total = oracle.hyperperiod(tasks)
+            placed = oracle.refined_oracle.released(system, tasks, total, placed)
+            for chain in system.chains:
+                if set(chain.tasks) <= tasks.keys():
+                    figures = measured(table, chain)
+                    ticks = tuple(None if f is None else f[0] / clock.ticks(milliseconds(1)) for f in figures)
+                    assert ticks == oracle.chain_latency(chain, placed, total), (system, plan, chain)
+                    seen["let" if any(system.task(task).let for task in chain.tasks) else "implicit"] += 1
+    return seen
+
+
+def test_figures_of_chains_agree():
+    seen = compare_chains(5, 120)
+    assert min(seen["let"], seen["implicit"]) > 15
 
 
 def test_what_has_a_schedule_is_called_neither_invalid_nor_hopeless():

@@ -324,19 +324,3 @@ def test_the_check_of_conformity_finds_faults():
             data.replace(old, new).replace(b"</recurrence", b"</rhythm") if b"rhythm" in new else data.replace(old, new)
         )
         assert conformity(broken, RELEASES[-1]) != []
-
-
-def test_the_modes_of_dreamcloud_are_one_model_with_limited_switches(tmp_path):
-    """The list names three modes; the model of one was not published, so its lines are left out."""
-    for mode in ("Up", "Down"):
-        data = (DATA / f"dreamcloud_democar_power{mode.lower()}.amxmi").read_bytes()
-        (tmp_path / f"DemoCar-Power{mode}.amxmi").write_bytes(data)
-    for name, file in (("DEMO_CAR.modes", "dreamcloud_DEMO_CAR.modes"), ("t.csv", "dreamcloud_ModeChangeTiming.csv")):
-        lines = (DATA / file).read_text().splitlines(keepends=True)
-        (tmp_path / name).write_text("".join(line for line in lines if "Drive" not in line))
-    imported = FORMAT.read([str(tmp_path / "DEMO_CAR.modes"), str(tmp_path / "t.csv")], AmaltheaImportOptions())
-    assert [mode.name for mode in imported.model.modes] == ["PowerUp", "PowerDown"]
-    assert [len(mode.runs) for mode in imported.model.modes] == [7, 7]
-    assert [(t.source, t.target, str(t.max_length)) for t in imported.model.transitions] == [
-        ("PowerDown", "PowerUp", "200ms")
-    ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.account import account
-from halpipe.importers.amalthea.documents import is_list, load, merge, read_embedded, read_list
+from halpipe.importers.amalthea.documents import load, read_embedded
 from halpipe.importers.amalthea.graph import Evaluator
 from halpipe.importers.amalthea.hardware import Memories, read_hardware
 from halpipe.importers.amalthea.mapping import Allocations, interrupts_of
@@ -62,21 +62,10 @@ def _as_error(found: Diagnostic) -> Diagnostic:
 
 
 def _import(paths: Sequence[str], options: AmaltheaImportOptions, findings: Findings) -> Imported:
-    """Import one model, or one for each mode where the input is a list of modes."""
+    """Import one model; what its periods decide is added once an overlay is on it."""
     coverage = Coverage()
-    if not is_list(paths):
-        model, reactions = _model(paths, options, findings, coverage)
-        return Imported(model=model, diagnostics=(), coverage=coverage, completion=reactions.complete)
-    listed = read_list(paths, findings)
-    coverage.mapped("file", sum(path.endswith((".modes", ".csv")) for path in paths))
-    modes = {}
-    for found in listed.files:
-        model, reactions = _model([found.file], options, findings, coverage)
-        modes[found.mode], said = reactions.complete(model)
-        findings.extend(said)
-    merged = merge(modes, listed, findings)
-    model = replace(merged, name=legal(options.name)) if options.name else merged
-    return Imported(model=model, diagnostics=(), coverage=coverage)
+    model, reactions = _model(paths, options, findings, coverage)
+    return Imported(model=model, diagnostics=(), coverage=coverage, completion=reactions.complete)
 
 
 def _model(

@@ -30,18 +30,6 @@ UNKNOWN_VERSION = warning(
     "AMALTHEA version is unknown",
     "The version in the namespace is none that the importer was made for. The file is read as the nearest known one.",
 )
-BAD_MODE_LIST = error(
-    "HAL1207",
-    "List of modes is malformed",
-    "A .modes file has lines time;mode;file, a .csv file beside it lines from,to,100ms with the limits of switches "
-    "between those modes. Other files do not go with them: the list names the models.",
-)
-MODES_DIFFER = note(
-    "HAL1208",
-    "Tasks with another timing in each mode",
-    "Tasks of one name in the models of several modes have different periods, offsets, slacks or deadlines, which a "
-    "task of the model cannot have. Each mode has a task of its own.",
-)
 BAD_VALUE = error(
     "HAL1210",
     "Value has the wrong form",
