@@ -174,6 +174,12 @@ def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
     chains = reader.limited(chains)
     chains += reader.processes()
     chains += reader.ages()
+    by_item: dict[Item, list[Chained]] = {}
+    for chain in chains:
+        by_item.setdefault(chain.item, []).append(chain)
+    stricter = [item for item, same in by_item.items() if _is_stricter(same)]
+    help = "state the limits of one activation or writer as chains in an overlay, if the others may be late"
+    forest.report_each(codes.STRICTER, "chains keep their limits for each activation or writer alone", stricter, help)
     help = "let events name tasks, or runnables that one task calls"
     forest.report_each(codes.BAD_CHAIN, "chains name no tasks", reader.bad, help)
     forest.report_each(
@@ -438,6 +444,15 @@ class _Reader:
             names = [item.name] if len(pairs) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(pairs, 1)]
             found += [Chained(name, pair, item, age=time) for name, pair in zip(names, pairs, strict=True)]
         return found
+
+
+def _is_stricter(chains: Sequence[Chained]) -> bool:
+    """Return whether other jobs of the first or last task in a mode could keep a limit that each chain has to keep."""
+    ages = [chain.drafts[0] for chain in chains if chain.age is not None]
+    others = [chain.drafts[-1] for chain in chains if chain.latency is not None or chain.reaction is not None]
+    return any(
+        a is not b and a.modes & b.modes for found in (ages, others) for a, b in itertools.combinations(found, 2)
+    )
 
 
 def _only(drafts: Sequence[Draft]) -> Draft | None:

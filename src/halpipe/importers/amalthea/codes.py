@@ -1,4 +1,4 @@
-"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420."""
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420 and HAL1421."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -173,8 +173,9 @@ UNMAPPED = note(
 )
 AFFINITY = warning(
     "HAL1242",
-    "Affinity contradicts the scheduler",
-    "The cores of the affinity are none of the scheduler's. The scheduler's cores are taken.",
+    "Mapping of a task contradicts itself",
+    "The cores of an affinity, a pairing, a separation or an allocated runnable are none of the others. The cores of "
+    "the scheduler are taken, or all where there is none.",
 )
 IMPOSSIBLE_UNIT = warning(
     "HAL1243",
@@ -232,6 +233,12 @@ STARTS_APART = error(
     "Limit between starts is shorter than the distance of activations",
     "Each activation starts one job, so starts on average follow on each other no faster than activations do. No "
     "schedule keeps a StartToStart limit below the longest distance of two activations.",
+)
+STRICTER = warning(
+    "HAL1421",
+    "Limit of a chain is stricter than in AMALTHEA",
+    "Each activation of a task is a task of the model. An age then counts from the data of each activation or writer "
+    "alone, and a reaction to each activation of the last task, where AMALTHEA takes the newest or the next of all.",
 )
 NOT_READ = warning(
     "HAL1252",

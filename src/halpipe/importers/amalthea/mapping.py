@@ -62,6 +62,8 @@ class Allocations:
         for targets, separates in self._targets.get(task, ()):
             all_units = units or self._forest.kinds("ProcessingUnit", "Core")
             kept = [unit for unit in all_units if (unit in targets) is not separates]
+            if not kept:
+                self._contradiction(task, "its pairing or separation leaves none of the units that it is allocated to")
             units = kept or units
         return list(dict.fromkeys(units)) or None
 
@@ -111,7 +113,13 @@ class Allocations:
                 if cores:
                     item.use()
                     common = cores if common is None else [core for core in common if core in cores]
+        if common == []:
+            self._contradiction(task, "its runnables are allocated to different units")
         return common or []
+
+    def _contradiction(self, task: Item, message: str) -> None:
+        help = "correct the mapping, or state units in an overlay"
+        self._forest.report(codes.AFFINITY, message, task, help)
 
 
 def _targets(forest: Forest, mapping: Allocations) -> dict[Item, list[tuple[list[Item], bool]]]:

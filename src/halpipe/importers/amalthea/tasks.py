@@ -147,7 +147,7 @@ class TaskBuilder:
 
     def _slack(self, draft: Draft, drafts: Drafts, most: Duration) -> Fraction:
         """Return by how much starts may be late, as a share of the period, so that they are at most so far apart."""
-        gaps = [self._next[other] for other in drafts.of(draft.task)]
+        gaps = [self._next[other] for other in drafts.of(draft.task) if other.modes & draft.modes]
         known = [gap for gap in gaps if gap is not None]
         assert draft.activation is not None
         if len(known) < len(gaps):
@@ -284,10 +284,8 @@ class TaskBuilder:
 
     def _task(self, draft: Draft, limits: _Limits, windows: Mapping[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
-        versions = tuple(
-            replace(version, precedences=tuple(_precedence(window, version) for window in windows[draft]))
-            for version in self._made[draft]
-        )
+        rows = tuple(map(_precedence, windows[draft]))
+        versions = tuple(replace(version, precedences=rows) for version in self._made[draft])
         if not preemption_of(draft.task):
             self._coverage.defaulted(f'task "{draft.name}"', "preemption", "none: jobs run in one piece", at)
         return Task(
@@ -306,7 +304,7 @@ class TaskBuilder:
 
 def _to_next(draft: Draft, drafts: Drafts) -> Duration | None:
     """Return the time from an activation to the next one of the task; None where the model does not say it."""
-    others = [other for other in drafts.of(draft.task) if other.part is draft.part]
+    others = [d for d in drafts.of(draft.task) if d.part is draft.part and (d is draft or d.modes & draft.modes)]
     own = draft.activation
     if own is None or own.distance is not None:
         return None
@@ -339,18 +337,16 @@ def _high(window: Window) -> Duration:
     return window.low + max(periods, default=ZERO)
 
 
-def _precedence(window: Window, version: Version) -> Precedence:
-    """Return a window as a constraint of a version; one for the end of a job in one piece is moved by the WCET."""
-    is_moved = window.shifted and not version.split.is_allowed
-    shift = version.wcet or ZERO if is_moved else ZERO
+def _precedence(window: Window) -> Precedence:
+    """Return a window as a constraint of a version."""
     at = window.cause.at
     return Precedence(
         task=window.earlier.name,
-        min=max(ZERO, window.low - shift),
-        max=max(ZERO, _high(window) - shift),
+        min=window.low,
+        max=_high(window),
         anchor=window.anchor,
         point=window.point,
-        to=Anchor.END if window.to_end or (window.shifted and not is_moved) else Anchor.START,
+        to=Anchor.END if window.to_end else Anchor.START,
         match=window.match,
         origin=Origin(at.file, at.line, legal(window.cause.name or window.cause.kind)),
     )

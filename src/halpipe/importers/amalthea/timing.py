@@ -75,7 +75,7 @@ def _with(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
         help = "state the periods in an overlay"
         text = "each target gets a source, not each source a target: a task on demand has as many jobs as it takes"
         findings.add(codes.REACTION(text, at=at, path=path, help=help))
-        return _added(model, target, _plain(item, target))
+        return _added(model, target, _plain(item))
     unequal = item.mapping == ONE_TO_ONE and source.period != target.period
     if unequal or (item.mapping == UNIQUE and source.period < target.period):
         text = (
@@ -88,7 +88,7 @@ def _with(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
     width = item.high - item.low
     pairs = source.period == target.period and width < _apart(target, item.target_ends)
     if pairs and not _reaches(model, item.source, item.target):
-        return _added(model, target, _plain(item, target))
+        return _added(model, target, _plain(item))
     if item.mapping != REACTION and not width < _apart(source, item.source_ends):
         text = f"{item.mapping}: each source gets a target, but two may get the same one within a window of {width}"
         help = "state a narrower window, or deadlines and slack that keep the starts apart"
@@ -106,37 +106,38 @@ def _turned_round(model: TaskModel, item: Reaction, findings: Findings) -> TaskM
         )
         help = "leave out the other constraint, or narrow the window below the distance of two starts"
         findings.add(codes.REACTION(text, at=at, path=path, help=help))
-        target = model.task(item.target)
-        return _added(model, target, _plain(item, target))
+        return _added(model, model.task(item.target), _plain(item))
     whole = least_common_multiple(task.period for task in model.tasks if task.period is not None)
-    most = item.high + max((version.wcet or ZERO for version in model.task(item.source).versions), default=ZERO)
-    turns = max(1, -(-most.fraction // whole.fraction))
-    source = model.task(item.source)
-    anchor = Anchor.END if item.target_ends else Anchor.START
-    found = {}
-    for version in source.versions:
-        shift = version.wcet or ZERO if item.source_ends else ZERO
-        low, high = (whole * int(turns) - end - shift for end in (item.high, item.low))
-        found[version.name] = Precedence(task=item.target, min=low, max=high, anchor=anchor, origin=item.origin)
-    return _added(model, source, found)
-
-
-def _plain(item: Reaction, target: Task) -> dict[str, Precedence]:
-    """Return the constraint by which each target has a source, for each version of the target."""
-    anchor = Anchor.END if item.source_ends else Anchor.START
-    found = {}
-    for version in target.versions:
-        shift = version.wcet or ZERO if item.target_ends else ZERO
-        low, high = (max(ZERO, end - shift) for end in (item.low, item.high))
-        found[version.name] = Precedence(task=item.source, min=low, max=high, anchor=anchor, origin=item.origin)
-    return found
-
-
-def _added(model: TaskModel, task: Task, constraints: dict[str, Precedence]) -> TaskModel:
-    versions = tuple(
-        replace(v, precedences=(*v.precedences, constraints[v.name])) if v.name in constraints else v
-        for v in task.versions
+    turns = whole * max(1, -(-item.high // whole))
+    row = Precedence(
+        task=item.target,
+        min=turns - item.high,
+        max=turns - item.low,
+        anchor=_instant(item.target_ends),
+        to=_instant(item.source_ends),
+        origin=item.origin,
     )
+    return _added(model, model.task(item.source), row)
+
+
+def _plain(item: Reaction) -> Precedence:
+    """Return the constraint by which each target has a source."""
+    return Precedence(
+        task=item.source,
+        min=item.low,
+        max=item.high,
+        anchor=_instant(item.source_ends),
+        to=_instant(item.target_ends),
+        origin=item.origin,
+    )
+
+
+def _instant(is_end: bool) -> Anchor:
+    return Anchor.END if is_end else Anchor.START
+
+
+def _added(model: TaskModel, task: Task, row: Precedence) -> TaskModel:
+    versions = tuple(replace(version, precedences=(*version.precedences, row)) for version in task.versions)
     changed = replace(task, versions=versions)
     return replace(model, tasks=tuple(changed if other is task else other for other in model.tasks))
 
@@ -176,8 +177,8 @@ _UNREAD = (
 class Window:
     """The start of `later` lies `low` to `high` after the instant `anchor` of `earlier`; `high` None: not stated.
 
-    `shifted` and `to_end`: the window is for the end of `later`. `point`: the execution time of `earlier`, for that
-    anchor. `match`: any job of `earlier`, or that of the same cycle.
+    `to_end`: the window is for the end of `later`. `point`: the execution time of `earlier`, for that anchor. `match`:
+    any job of `earlier`, or that of the same cycle.
     """
 
     earlier: Draft
@@ -186,7 +187,6 @@ class Window:
     low: Duration = ZERO
     high: Duration | None = None
     anchor: Anchor = Anchor.END
-    shifted: bool = False
     to_end: bool = False
     point: Duration | None = None
     match: Match = Match.WINDOW
@@ -329,7 +329,7 @@ def reactions_of(timing: Timing) -> list[Reaction]:
             low=window.low,
             high=window.high,
             source_ends=window.anchor is Anchor.END,
-            target_ends=window.shifted,
+            target_ends=window.to_end,
             origin=Origin(at.file, at.line, name),
         )
         found.append(reaction)

@@ -85,13 +85,15 @@ def test_what_the_model_has_nothing_for_is_told(tmp_path, constraint):
     [
         ("T0", "U0", [("T", "start", "1ms", "4ms")]),
         ("T1", "U0", [("T", "end", "1ms", "4ms")]),
-        ("T0", "U1", [("T", "start", "0ms", "3ms")]),  # the end of U is 1 ms after its start (100000 ticks of 10 ns)
+        ("T0", "U1", [("T", "start", "1ms", "4ms")]),
         ("R0", "U0", [("T", "start", "1ms", "4ms")]),
         ("T1", "Lr", [("T", "end", "1ms", "4ms")]),
     ],
 )
 def test_delays_become_windows(tmp_path, source, target, expected):
-    assert windows(given(tmp_path, delay(source, target)), "U") == expected
+    imported = given(tmp_path, delay(source, target))
+    assert windows(imported, "U") == expected
+    assert str(imported.model.task("U").versions[0].precedences[0].to) == ("end" if target == "U1" else "start")
 
 
 def test_a_delay_without_an_upper_limit_has_a_window_of_one_period(tmp_path):

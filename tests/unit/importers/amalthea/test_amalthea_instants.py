@@ -396,6 +396,47 @@ def test_timed_accesses_of_activations_that_meet_or_have_no_common_period_warn(t
     assert len(found(imported.diagnostics, codes.NOT_READ)) == 1
 
 
+def in_mode(name, period, mode):
+    condition = "<executionCondition>" + IN_X.replace('value="x"', f'value="{mode}"') + "</executionCondition>"
+    return stimulus(name, "PeriodicStimulus", condition, f'<recurrence value="{period}" unit="ms"/>')
+
+
+def test_the_next_activation_is_one_of_the_same_mode(tmp_path):
+    sw = task("T", ticks(5), access("timed"), stimuli="p?type=PeriodicStimulus q?type=PeriodicStimulus")
+    stimuli = in_mode("p", 10, "x") + in_mode("q", 20, "y")
+    imported = read(tmp_path, sw=sw + MODES + '<labels name="L"/>', stimuli=stimuli, constraints=apart(24))
+    assert [(str(t.let), str(t.slack)) for t in imported.model.tasks] == [("10ms", "1"), ("20ms", "1/5")]
+    assert found(imported.diagnostics, codes.NOT_READ) + found(imported.diagnostics, codes.NOT_IMPORTED) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "source", "target", "is_stricter"),
+    [
+        ("Age", "p20?type=PeriodicSyntheticStimulus", "p10?type=PeriodicStimulus", True),
+        ("Reaction", "p20?type=PeriodicSyntheticStimulus", "p10?type=PeriodicStimulus", False),
+        ("Age", "p10?type=PeriodicStimulus", "p20?type=PeriodicSyntheticStimulus", False),
+        ("Reaction", "p10?type=PeriodicStimulus", "p20?type=PeriodicSyntheticStimulus", True),
+        ("Age", "p?type=PeriodicStimulus q?type=PeriodicStimulus", "p10?type=PeriodicStimulus", False),
+    ],
+)
+def test_limits_that_each_activation_keeps_alone_warn(tmp_path, kind, source, target, is_stricter):
+    """Where another activation of the same mode could keep the limit instead; p and q have modes of their own."""
+    sw = task("T", ticks(5), stimuli=source) + task("U", ticks(5), stimuli=target) + MODES
+    stimuli = PLAIN_STIMULI + SYNTHETIC + in_mode("p", 10, "x") + in_mode("q", 20, "y")
+    imported = chained(tmp_path, "Tstart", "Uterminate", kind, stimuli=stimuli, sw=sw)
+    assert len(found(imported.diagnostics, codes.STRICTER)) == is_stricter
+
+
+def test_an_age_of_several_writers_is_kept_by_each_and_warns(tmp_path):
+    sw = "".join(task(name, ticks(5), access("explicit", "write")) for name in "TV") + task("U", call("R"))
+    sw += runnable("R", access("explicit")) + '<labels name="L"/>'
+    age = """<dataAgeConstraints name="a" runnable="R?type=Runnable" label="L?type=Label">
+<dataAge xsi:type="am:DataAgeTime"><maximumTime value="20" unit="ms"/></dataAge></dataAgeConstraints>"""
+    imported = read(tmp_path, sw=sw, constraints=age)
+    assert [c.tasks for c in imported.model.chains] == [("T", "U"), ("V", "U")]
+    assert len(found(imported.diagnostics, codes.STRICTER)) == 1
+
+
 def test_other_accesses_beside_timed_ones_are_a_listed_default(tmp_path):
     sw = task("T", ticks(5), access("timed"), access("implicit")) + task("U", access("explicit")) + '<labels name="L"/>'
     imported = read(tmp_path, sw=sw)

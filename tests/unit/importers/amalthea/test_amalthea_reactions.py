@@ -83,11 +83,20 @@ def test_without_a_mapping_each_target_has_a_source(tmp_path):
     assert not verdict(given(tmp_path, delay("Reaction")).model, {"T": [0, 10], "U": [3]}, 20)
 
 
-def test_ends_move_the_window_by_the_execution_times(tmp_path):
-    """The source ends 1 ms after its start: its end to the end of the target within 5 ms."""
+def test_ends_are_instants_of_the_window_whatever_the_execution_times(tmp_path):
+    """From the end of T to that of U within 5 ms; an overlay may change how long they take."""
     imported = given(tmp_path, delay("Reaction", "Tt", "Ut", high=5))
-    assert windows(imported, "T") == [("U", "end", "14ms", "19ms")]
+    assert windows(imported, "T") == [("U", "end", "15ms", "20ms")]
+    [row] = imported.model.task("T").versions[0].precedences
+    assert str(row.to) == "end"
     assert windows(imported, "U") == []
+
+
+@pytest.mark.parametrize(("start", "expected"), [(4, True), (5, False)])
+def test_a_window_to_an_end_that_is_shorter_than_the_job_is_no_window_to_its_start(tmp_path, start, expected):
+    """U takes 1 ms and ends 0.5 ms after the start of T at the latest: it starts before T."""
+    model = given(tmp_path, delay("", target="Ut").replace('value="5"', 'value="0.5"'), ("p10", "p10")).model
+    assert verdict(model, {"T": ["4.6ms"], "U": [start]}, 10) is expected
 
 
 def test_a_narrow_window_between_equal_periods_pairs_by_itself(tmp_path):

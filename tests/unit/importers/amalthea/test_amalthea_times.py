@@ -351,3 +351,28 @@ def test_pairing_and_separation_with_target_units(tmp_path, kind, group, expecte
     without = constraint.replace("<target", "<other").replace(' cores="a1?type=ProcessingUnit"', "")
     imported = read(tmp_path, sw=task("T", ticks(4)), constraints=without)
     assert len(found(imported.diagnostics, codes.NOT_IMPORTED)) == 1
+
+
+def test_a_pairing_that_contradicts_the_allocation_warns(tmp_path):
+    constraint = """<affinityConstraints xsi:type="am:ProcessPairingConstraint" name="c">
+      <group xsi:type="am:ProcessEntityGroup" processes="T?type=Task"/>
+      <target xsi:type="am:TargetCore" cores="b0?type=ProcessingUnit"/></affinityConstraints>"""
+    mapping = RESPONSIBLE + allocation()
+    imported = read(tmp_path, sw=task("T", ticks(4)), os=SCHEDULER, mapping=mapping, constraints=constraint)
+    assert units(imported) == {"A": ("a0", "a1")}
+    assert [d.path for d in found(imported.diagnostics, codes.AFFINITY)] == ['Task "T"']
+
+
+def test_runnables_on_different_units_leave_their_task_free_and_warn(tmp_path):
+    bound = "".join(
+        f'<runnableAllocation scheduler="{scheduler}?type=TaskScheduler" entity="{name}?type=Runnable"/>'
+        for scheduler, name in (("s", "R"), ("t", "Q"))
+    )
+    mapping = (
+        RESPONSIBLE + '<schedulerAllocation scheduler="t?type=TaskScheduler" responsibility="b0?type=ProcessingUnit"/>'
+    )
+    system = SCHEDULER.replace("</operatingSystems>", '<taskSchedulers name="t"/></operatingSystems>')
+    sw = task("T", call("R"), call("Q")) + runnable("R", ticks(4)) + runnable("Q", ticks(4))
+    imported = read(tmp_path, sw=sw, os=system, mapping=mapping + bound)
+    assert units(imported) == {"A": ("a0", "a1"), "B": ("b0",)}
+    assert [d.path for d in found(imported.diagnostics, codes.AFFINITY)] == ['Task "T"']
