@@ -16,12 +16,12 @@ EDGES = Path(__file__).with_name("edges.yaml")
 
 @record
 class Edge:
-    """A model and a schedule that keep every rule, and mostly a pair that breaks `rule` alone.
+    """A model and a schedule that keep every rule, and mostly a pair that breaks `rules` alone, nearly always one.
 
     `by_second` tells whether the second checker judges the rule.
     """
 
-    rule: str
+    rules: tuple[str, ...]
     pairs: tuple[tuple[bytes, bytes], ...]
     by_second: bool
 
@@ -36,7 +36,8 @@ def edges() -> tuple[Edge, ...]:
 
 def _edge(stated: dict[str, Any]) -> Edge:
     pairs = tuple(_files(stated, values) for values in stated["values"])
-    return Edge(stated["rule"], pairs, stated.get("second", True))
+    rules = stated["rule"]
+    return Edge((rules,) if isinstance(rules, str) else tuple(rules), pairs, stated.get("second", True))
 
 
 def _files(stated: dict[str, Any], values: list[str]) -> tuple[bytes, bytes]:

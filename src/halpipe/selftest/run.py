@@ -113,8 +113,8 @@ def cases(mutants: int, seed: int) -> Iterator[Case]:
     from lxml import etree
 
     for edge in edges():
-        for files, words, broken in zip(edge.pairs, ("kept", "broken"), ((), (edge.rule,)), strict=False):
-            yield Case("edge", f"{edge.rule} {words}", *files, frozenset(broken), edge.by_second)
+        for files, words, broken in zip(edge.pairs, ("kept", "broken"), ((), edge.rules), strict=False):
+            yield Case("edge", f"{' and '.join(edge.rules)} {words}", *files, frozenset(broken), edge.by_second)
     known = _texts(seed)
     for number in range(mutants):
         if number % MUTANTS_OF_ONE == 0:
