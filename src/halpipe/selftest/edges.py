@@ -70,12 +70,13 @@ def _model(stated: dict[str, Any], filled: Any) -> bytes:
 
 def _schedule(stated: dict[str, Any], filled: Any) -> bytes:
     cycle = stated.get("cycle", 10)
-    figures = stated.get("figures", "")
+    usual = f'hyperperiod="{cycle}ms" status="valid"'
 
-    def mode(name: str, content: str) -> str:
-        return f'<mode name="{name}" hyperperiod="{cycle}ms" status="valid">{content}</mode>'
+    def mode(name: str, content: str, head: str = usual) -> str:
+        return f'<mode name="{name}" {head}>{content}</mode>'
 
-    inside = mode("m", _jobs(stated["jobs"], filled) + filled(figures))
+    content = _jobs(stated["jobs"], filled) + filled(stated.get("figures", ""))
+    inside = mode("m", content, filled(stated.get("head", usual)))
     if "length" in stated:
         length = filled(str(stated["length"]))
         latency = filled(str(stated.get("latency", cycle + int(stated["length"]) if "latency" not in stated else "")))
@@ -84,7 +85,8 @@ def _schedule(stated: dict[str, Any], filled: Any) -> bytes:
         inside += mode("n", _jobs(stated["then"], filled))
         inside += f'<transition from="m" to="n" {ends}>{table}</transition>'
     inside += filled(stated.get("reaction", ""))
-    return f'<schedule xmlns="urn:halpipe:schedule:1" model="m">{inside}</schedule>'.encode()
+    model = filled(stated.get("model", 'model="m"'))
+    return f'<schedule xmlns="urn:halpipe:schedule:1" {model}>{inside}</schedule>'.encode()
 
 
 def _pieces(text: str) -> Iterator[tuple[str, bool]]:
