@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.files import sha256
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ def _files(stated: dict[str, Any], values: list[str]) -> tuple[bytes, bytes]:
     def filled(text: str) -> str:
         return "".join(part + next(left) if more else part for part, more in _pieces(text))
 
-    return _model(stated, filled), _schedule(stated, filled)
+    model = _model(stated, filled)
+    return model, _schedule(stated, filled).replace(b"SHA256", sha256(model).encode())
 
 
 PLATFORM = '<unit name="a"/><unit name="b"/><resource name="r"/><resource name="l" kind="lock"/>'
