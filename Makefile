@@ -6,7 +6,7 @@ DEMO := examples/roboracer
 # One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
 PARALLEL ?= -n auto --dist worksteal
 
-.PHONY: test-pythons fuzz site demo test test-fast test-lowest endurance lock lint sanitize wheels docs clean help
+.PHONY: conditions test-pythons fuzz site demo test test-fast test-lowest endurance lock lint sanitize wheels docs clean help
 
 help:
 	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
@@ -15,6 +15,7 @@ help:
 	@echo "make test-lowest  the fast tests with the oldest libraries that are allowed"
 	@echo "make test-pythons  the tests of readers and checkers with every Python from 3.11 to 3.14 that is found"
 	@echo "make fuzz       random and damaged inputs of every reader; INPUTS=1000000 for more"
+	@echo "make conditions the conditions of both checkers that the edges of the self-test do not see"
 	@echo "make endurance  the worst inputs of each reader at 10 MB, within 10 s and 1 GiB each"
 	@echo "make lock       write down the newest libraries; tests and demo use them until the next time"
 	@echo "make sanitize   tests of the search with its library under the sanitizers of addresses and undefined behaviour"
@@ -99,6 +100,10 @@ fuzz: $(VENV)/.test-ready
 SYSTEMS ?= 10000
 # The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
 # Then valid systems through every verb: 10 000 take some two hours.
+conditions: $(VENV)/.test-ready
+	$(BIN)/python benchmarks/conditions.py verify --mutants 1
+	$(BIN)/python benchmarks/conditions.py second --mutants 1
+
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
 	cd tests && ../$(BIN)/python kills.py 2000
