@@ -21,6 +21,7 @@ import types
 from importlib.abc import MetaPathFinder
 from importlib.machinery import SourceFileLoader
 from importlib.util import spec_from_file_location
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,20 +79,28 @@ def _statement(tree: ast.Module, node: ast.AST) -> ast.AST:
     return max(around, key=lambda s: (s.lineno, -(s.end_lineno or 0)), default=node)
 
 
-def faults(path: Path) -> Iterator[Fault]:
-    """Yield every fault of a file, but those of the words of findings."""
-    text = path.read_text()
-    whole = ast.parse(text)
+Place = tuple[Path, int, str, int]
+"""A file, the number of a node in it, the kind of the fault, and the line."""
+
+
+def places(path: Path) -> Iterator[Place]:
+    """Yield the place of every fault of a file, but those of the words of findings."""
+    whole = ast.parse(path.read_text())
     words = {id(part) for node in ast.walk(whole) if _is_text(node) for part in ast.walk(node)}
     if path.parent == VERIFY:
         told = (f for f in whole.body if isinstance(f, ast.FunctionDef) and (path.name, f.name) in REPORTS)
         words |= {id(part) for function in told for part in ast.walk(function)}
     for number, node in enumerate(ast.walk(whole)):
         for kind in _kinds(node) if id(node) not in words else ():
-            tree = ast.parse(text)
-            changed = list(ast.walk(tree))[number]
-            _change(changed, kind)
-            yield Fault(path, kind, changed, ast.fix_missing_locations(tree))
+            yield path, number, kind, getattr(node, "lineno", None) or node.target.lineno
+
+
+def fault_at(path: Path, number: int, kind: str, _line: int) -> Fault:
+    """Put a fault into a file."""
+    tree = ast.parse(path.read_text())
+    changed = list(ast.walk(tree))[number]
+    _change(changed, kind)
+    return Fault(path, kind, changed, ast.fix_missing_locations(tree))
 
 
 def _is_text(node: ast.AST) -> bool:
@@ -266,7 +275,7 @@ def main() -> int:
     paths = (
         [p for p in sorted(VERIFY.glob("*.py")) if p.name not in WITHOUT] if options.checker == "verify" else [SECOND]
     )
-    chosen = [f for path in paths if name in ("", path.name) for f in faults(path) if not line or f.line == int(line)]
+    chosen = [p for path in paths if name in ("", path.name) for p in places(path) if not line or p[3] == int(line)]
     if options.sample:
         chosen = random.Random(options.seed).sample(chosen, min(options.sample, len(chosen)))
     judge = judge_by_verify if options.checker == "verify" else judge_by_second
@@ -274,7 +283,7 @@ def main() -> int:
         corpus = made(options.mutants, options.seed, Path(place), as_files=judge is judge_by_second)
         expected = list(judge(None, corpus))
         unnoticed, latest = [], 0
-        for fault in chosen:
+        for fault in starmap(fault_at, chosen):
             seen = is_noticed(fault, judge, corpus, expected)
             latest = max(latest, seen or 0)
             if seen is None:
