@@ -73,7 +73,6 @@ MUTANTS = {
     "the bank that is played is open": ("unit", "(upper != plays_upper)", "1'b1"),
     "the bank that comes next is open": ("unit", " & (upper != next_upper)", ""),
     "tables are written without the lock": ("unit", "reg_write & holds & (~go", "reg_write & (~go"),
-    "tables in work may be requested": ("unit", "(running & same_half)", "running"),
     "what changes nothing is not refused": ("unit", "reg_write & ~(sets |", "reg_write & ~(1'b1 |"),
     "headers beyond the last are written": ("unit", "({16'd0, index} < TABLES)", "1'b1"),
     "entries beyond the last are written": ("unit", "({16'd0, index} < DEPTH)", "1'b1"),
@@ -116,7 +115,7 @@ MUTANTS = {
     "reads and writes come together": ("axil", "s_arvalid & ~may_write &", "s_arvalid &"),
     "answers are not waited for": ("axil", "s_wvalid & (~s_bvalid | s_bready)", "s_wvalid"),
     # ------------------------------------------------------------------------------------------------ around them
-    "the lock is taken from its holder": ("frame", "(~locked | mine | (", "(~locked | 1'b1 | ("),
+    "the lock is taken from its holder": ("frame", "& (~locked | mine | ((reg_wdata", "& (1'b1 | ((reg_wdata"),
     "a block that is locked hears requests": ("frame", "| (locked & ~(&running & link_same))", ""),
     "a request reaches some blocks": ("frame", " & ~link_barred_i", ""),
     "one port goes first for ever": ("ports", "turn <= ~turn", "turn <= 1'b1"),
@@ -128,7 +127,6 @@ MUTANTS = {
 UNSEEN = {
     "the bank that comes next is open",
     "tables are written without the lock",
-    "tables in work may be requested",
     "what changes nothing is not refused",
     "the lock is taken from its holder",
     "a block that is locked hears requests",
