@@ -1,0 +1,181 @@
+"""Rocket tiles in RTL as a judge: a bundle plays on the Verilog of `pythondata-cpu-rocket` as in the co-simulation.
+
+Four harts with eight PMP entries, caches of 4 KiB and coherent memory; no scratchpads and no DMA engine. So scratchpads
+are parts of main memory, the management core copies, and instants are others than on a platform with phases. What is
+the same: which operations the runtime does in which order, with which flags, and causes, pc and values of faults.
+"""
+
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from collections import defaultdict
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.deploy.riscv import CoSimulation, Plant
+from halpipe.deploy.riscv.run.recording import Kind, parse_recording
+from halpipe.flow import formats
+
+HERE = Path(__file__).parent
+FOUND = find_spec("pythondata_cpu_rocket")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(7200),
+    pytest.mark.skipif(FOUND is None, reason="pip install pythondata-cpu-rocket"),
+    pytest.mark.skipif(not (shutil.which("verilator") and shutil.which("g++")), reason="apt-get install verilator g++"),
+    pytest.mark.skipif(not (find_spec("unicorn") and find_spec("ziglang")), reason="pip install halpipe[riscv]"),
+]
+CONFIG, TOP = "freechips.rocketchip.system.LitexLinux4Config", "ExampleRocketSystem"
+PROFILE = """halpipe-profile: 1
+summary: Rocket tiles in RTL, scratchpads in main memory, the management core copies
+cores: 3
+clock: 100000000
+timebase: 1000000
+main: {base: 0x80000000, size: 16MiB}
+ispm: {base: 0x82200000, stride: 0x1e000, size: 120KiB}
+dspm: {base: 0x82000000, stride: 0x40000, size: 256KiB}
+stack: 8KiB
+service: 60us
+cpi: {jobs: 3, management: 8, multiply: 40}
+clint: 0x02000000
+uart: {kind: sifive, base: 0x20000000}
+dma: {kind: copy, channels: 4, bandwidth: 5MB/s, setup: 100us}
+finisher: 0x30000000
+"""
+MEMORY, CYCLES = 64 << 20, 6_000_000
+CONTROL = (0x48414C5049504531, 1, 0, 0, 1, 2, 1000, 0)  # magic, one table, real, its mode, report, finisher, offset
+FAULTS = {
+    "illegal": '__asm__ volatile(".word 0xc0001073");',
+    "wild": "*(volatile uint64_t *)0x80000000UL = 1;",
+    "misaligned": '__asm__ volatile("ld t0, 1(%0)" ::"r"(x));',
+    "amo": '__asm__ volatile("amoadd.d t0, t0, (%0)" ::"r"(0x80000000UL));',
+    "jump": "((void (*)(void))0x80000000UL)();",
+    "csr": '__asm__ volatile("csrw mtvec, zero");',
+    "spin": 'for (;;) { __asm__ volatile(""); }',
+}
+GOOD = {
+    "good": "for (int i = 0; i < 8; i++) out[i] = in[i] * 3 + 1;",
+    "next": "for (int i = 0; i < 8; i++) out[i] = in[i] / 3 + in[7 - i] + (uint64_t)i;",
+}
+
+
+def _phase(kind, at, buffer, symbol):
+    moved = f'<transfer buffer="{buffer}" symbol="{symbol}" size="64B"/>'
+    return f'<access resource="m" start="{at}us" end="{at + 10}us" kind="{kind}">{moved}</access>'
+
+
+def _task(name, unit, phases="", wcet=500):
+    return (
+        f'<task name="{name}" period="20ms"><version name="v" wcet="{wcet}us"><units names="{unit}"/>{phases}'
+        f'<source files="{name}.c" entry="{name}"/></version></task>'
+    )
+
+
+def _model():
+    tasks = [
+        _task(name, unit, _phase("read", 0, source, "in") + _phase("write", 400, target, "out"), 410)
+        for name, unit, source, target in (("good", "u1", "a", "b"), ("next", "u2", "b", "a"))
+    ]
+    tasks += [_task(name, f"u{1 + i % 3}") for i, name in enumerate(FAULTS)]
+    runs = "".join(f'<run task="{name}" versions="v"/>' for name in (*GOOD, *FAULTS))
+    units = "".join(f'<unit name="u{i}"/>' for i in (1, 2, 3))
+    return (
+        f'<task-model xmlns="urn:halpipe:task-model:1" name="rtl"><platform>{units}<resource name="m"/></platform>'
+        f'<tasks>{"".join(tasks)}</tasks><modes><mode name="on">{runs}</mode></modes></task-model>'
+    )
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rtl")
+    folder.joinpath("rocket.yaml").write_text(PROFILE)
+    folder.joinpath("m.xml").write_text(_model())
+    for name, body in GOOD.items():
+        text = f"#include <stdint.h>\nuint64_t in[8], out[8];\nvoid {name}(void) {{ {body} }}\n"
+        folder.joinpath(f"{name}.c").write_text(text)
+    for name, body in FAULTS.items():
+        folder.joinpath(f"{name}.c").write_text(
+            f"#include <stdint.h>\nuint64_t x[2];\nvoid {name}(void) {{ {body} }}\n"
+        )
+    own = ["--sources", str(folder), "--profile", str(folder / "rocket.yaml")]
+    model, prepared, schedule = (str(folder / name) for name in ("m.xml", "p.xml", "s.xml"))
+    for command in (
+        ["deploy", "prepare", model, "-o", prepared, *own],
+        ["schedule", prepared, "-o", schedule, "--tick", "1us"],
+        ["export", "riscv", prepared, schedule, "-o", str(folder / "b"), *own],
+    ):
+        subprocess.run([sys.executable, "-m", "halpipe", *command], check=True, capture_output=True)
+    return formats.open_target(str(folder / "b"))
+
+
+@pytest.fixture(scope="module")
+def rocket(tmp_path_factory):
+    """Build the simulator of the tiles; that takes some minutes."""
+    folder = tmp_path_factory.mktemp("rocket")
+    verilog = Path(FOUND.submodule_search_locations[0]) / "verilog"
+    parts = [verilog / "generated-src" / f"{CONFIG}{kind}" for kind in (".v", ".behav_srams.v")]
+    parts += [verilog / "vsrc" / f"{name}.v" for name in ("plusarg_reader", "EICG_wrapper", "AsyncResetReg")]
+    options = "--cc --exe --build -O3 --x-assign 0 --x-initial 0 -Wno-fatal -Wno-lint -Wno-style --output-split 20000"
+    command = ["verilator", *options.split(), "+define+SYNTHESIS", "--top-module", TOP, "-CFLAGS", "-O1"]
+    command += ["--Mdir", "obj", "-o", "rocket", *map(str, parts), str(HERE / "rocket_top.cpp")]
+    built = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr[-2000:]
+    return folder / "obj" / "rocket"
+
+
+@pytest.fixture(scope="module")
+def played(bundle, rocket, tmp_path_factory):
+    """What the runtime prints at the end of a run on the tiles."""
+    target = json.loads(bundle.bundle.files["target.json"])
+    memory = bytearray(MEMORY)
+    program = bundle.bundle.files["bundle.bin"]
+    memory[: len(program)] = program
+    struct.pack_into("<8Q", memory, int(target["control"], 16) - int(target["main"]["base"], 16), *CONTROL)
+    image = tmp_path_factory.mktemp("image") / "memory.bin"
+    image.write_bytes(memory)
+    run = subprocess.run(
+        [str(rocket), str(image), str(MEMORY), str(CYCLES)], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 1, run.stderr[-500:]  # some jobs were abandoned
+    return parse_recording(run.stdout, HalpipeError())
+
+
+@pytest.fixture(scope="module")
+def simulated(bundle):
+    return CoSimulation(bundle, plant=Plant(), cycles=1).run().recording
+
+
+def _by_slot(recording):
+    """Return what the runtime did, in order, for each job."""
+    found = defaultdict(list)
+    for r in recording.records:
+        if r.kind is not Kind.TABLE:
+            found[r.cycle, r.table, r.release].append((r.program, r.operation, r.kind, int(r.flags), r.hart))
+    return found
+
+
+def test_the_same_operations_in_the_same_order_with_the_same_flags(played, simulated):
+    recording, state = played
+    assert state == 2
+    assert _by_slot(recording) == _by_slot(simulated)
+    assert len(recording.records) == len(simulated.records) > 50
+
+
+def test_the_same_causes_pc_and_values(played, simulated):
+    def seen(recording):
+        faults = [a for a in recording.abandoned if not a.cause >> 63]
+        return {(a.cycle, a.release): (int(a.flags), a.cause, a.epc, a.tval) for a in faults}
+
+    assert seen(played[0]) == seen(simulated)
+    assert len(seen(simulated)) == len(FAULTS) - 1  # and one that its timer ends, wherever it is
+
+
+def test_jobs_begin_at_their_ticks_and_end_within_their_time(played, simulated):
+    """An operation is as late as the management core is; its caches make that more than the co-simulation's."""
+    for real, planned in zip(played[0].records, simulated.records, strict=True):
+        assert -60 <= real.time - planned.time <= 60
