@@ -70,6 +70,13 @@ def test_what_the_plant_puts_in_is_what_the_job_reads(driven):
     assert [int.from_bytes(data, "little") for data in read] == [1, 2]
 
 
+def test_a_driver_of_one_short_instruction_leaves_what_follows_it(export):
+    """What takes the place of a driver that does nothing is no longer than it."""
+    empty = "".join(f"void {name}(void *data, unsigned long size) {{}}\n" for name in ("command_write", "sample_read"))
+    board = export(drivers=DRIVERS, sources={"board.c": empty})
+    assert [d for d in DEPLOYMENT.check(board, CheckOptions(inject="none")).diagnostics if d.is_error] == []
+
+
 def test_nothing_is_found_and_drivers_are_reported(driven):
     checked = DEPLOYMENT.check(driven, CheckOptions())
     assert [d for d in checked.diagnostics if d.is_error] == []

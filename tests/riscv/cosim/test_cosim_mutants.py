@@ -112,8 +112,8 @@ OTHERS = {
     "records of other rows": ("runtime.c", "= current.row |", "= (current.row + 1U) |", declared.TRACE_DISAGREES),
     "records a tick late": (
         "runtime.c",
-        "at.time = now - base;",
-        "at.time = now - base + 1U;",
+        "at.time = now - base;\n        record",
+        "at.time = now - base + 1U;\n        record",
         declared.TRACE_DISAGREES,
     ),
     "tables are not counted": ("runtime.c", "CONTROL->played = current.cycle;", "", declared.TRACE_DISAGREES),

@@ -106,11 +106,14 @@ def _instants(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
     if len(seen) != len(records):
         yield _differs(f"it counts {len(seen)} records, {len(records)} are there")
         return
-    for (before, _), (now, woken), entry in zip([seen[0], *seen], seen, records, strict=False):
+    before = seen[0][0] if seen else 0
+    for (now, woken), entry in zip(seen, records, strict=True):
         low, high = tick_of(run, max(before, woken)), tick_of(run, now)
         if entry.kind not in (Kind.TABLE, Kind.HEALTH) and not min(low, high) <= entry.time <= high:
             yield _differs(f"it records an operation at tick {entry.time} that was begun from {low} to {high}")
             return
+        if entry.kind != Kind.HEALTH:  # what a rule does is a part of the operation that is recorded next
+            before = now
 
 
 def _slept(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:

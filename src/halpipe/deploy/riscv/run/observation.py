@@ -145,9 +145,11 @@ class Recorder:
             return
         running = self._running.get(hart)
         if running is None and address == self._site.unit_of(hart).ispm.base:
-            self._begun.add(hart) if hart not in self._begun else self.restarts.update([hart])
-            if not self.machine.harts[hart].is_fenced:
+            if hart in self._begun:
+                self.restarts.update([hart])
+            elif not self.machine.harts[hart].is_fenced:
                 self.unfenced.add(hart)
+            self._begun.add(hart)
         elif running is not None and running.back == address:
             running.left = now
             running.outcome = Outcome.RETURNED
