@@ -18,6 +18,7 @@ from halpipe.exporters.riscv.codes import COPIES_UNFIT
 from halpipe.flow import formats
 from halpipe.importers.native import parse_model
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.pipeline.health import with_reactions
 from one_fault import with_fault
 from support import job, ms
 
@@ -67,7 +68,8 @@ def _schedule(model, starts):
     jobs = tuple(job(model, name, i, at, UNITS[name]) for name in TASKS for i, at in enumerate(starts[name]))
     modes = tuple(ModeSchedule(name=name, hyperperiod=ms(10), status=Status.VALID, jobs=jobs) for name in ("a", "b"))
     switch = TransitionTable(source="a", target="b", length=ms(0), worst_latency=ms(10), status=Status.VALID)
-    return Schedule(model=model.name, model_sha256=model.digest, modes=modes, transitions=(switch,))
+    made = Schedule(model=model.name, model_sha256=model.digest, modes=modes, transitions=(switch,))
+    return with_reactions(model, made)
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +152,14 @@ def test_the_check_holds_copies_to_their_instants(sound):
     assert checked.diagnostics == ()
     starts = [line.split(",")[5] for line in checked.files["trace"].decode().splitlines()[1:] if ",second," in line]
     assert starts[0].startswith("4400")  # the job, not its copies
+
+
+def test_a_core_restarts_beside_copies(made):
+    """It has been given other images since it began, and what the rule does is a record of its own."""
+    rule = '<health><rule task="first" on="overrun" count="2" cycles="3" action="restart"/></health></task-model>'
+    checked = DEPLOYMENT.check(made(TEXT.replace("</task-model>", rule)), CheckOptions())
+    assert checked.diagnostics == ()
+    assert any(line.startswith("health rules: ") for line in checked.lines)
 
 
 def test_a_target_without_an_engine_copies_as_well(made):
