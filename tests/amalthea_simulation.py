@@ -71,7 +71,7 @@ def _process(rng, name, before):
         source = rng.choice(sources)
         stimulus = f"go{name}"
         for _ in range(2 if rng.random() < 0.15 else 1):
-            source.steps.insert(rng.choice([0, len(source.steps), len(source.steps)]), ("trigger", stimulus))
+            source.steps.insert(rng.randrange(len(source.steps) + 1), ("trigger", stimulus))
         each = 2 if rng.random() < 0.2 else 1
         made.trigger = (stimulus, each, 2 * rng.randrange(each))
     else:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import pytest
 from overlay_case import applied, apply, imported, overlay
 
 from halpipe.importers.common.base import Coverage
@@ -16,12 +17,14 @@ from halpipe.models import (
     Match,
     Mode,
     Origin,
+    Resource,
     ResourceKind,
     Run,
     Source,
+    Split,
     Transfer,
 )
-from support import access, mode, model, ms, task, version
+from support import access, after, mode, model, ms, task, version
 
 BOARD = "platform: {units: [{name: big0, type: a72}, {name: big1, type: a72}, {name: pl0, type: fpga}], "
 BOARD += "resources: [{name: ddr, bandwidth: 19.2GB/s}]}\n"
@@ -413,3 +416,27 @@ chains: [{name: drive, tasks: [/planning, /control], max-latency: 90ms, from: re
     assert (lock.kind, run.edge, result.task("/planning").let) == (ResourceKind.LOCK, Edge.CLOSED, ms(40))
     assert (row.anchor, row.point, row.to, row.match) == (Anchor.POINT, ms(1), Anchor.END, Match.CYCLE)
     assert (drive.max_latency, drive.anchor, drive.to) == (ms(90), Anchor.RELEASE, Anchor.START)
+
+
+def positioned():
+    """A task with a lock, points and a window of another task at positions of its execution of 4 ms."""
+    inner = replace(version("v", 4, "u1", access("spin", 1, 2)), split=Split(points=(ms(3),)))
+    row = replace(after("/a", 0, 5, "point"), point=ms(1))
+    system = model(task("/a", 10, inner), task("/b", 10, version("v", 1, "u1", row)), units="u1", resources="spin")
+    return replace(system, resources=(Resource(name="spin", kind=ResourceKind.LOCK),))
+
+
+@pytest.mark.parametrize(
+    ("entry", "stays"),
+    [
+        ("wcet: 6ms", "access phases and preemption points and triggers"),
+        ("{wcet: 6ms, split: [5ms]}", "access phases and triggers"),
+        ("{wcet: 4ms}", None),
+        ("{period: 20ms}", None),
+    ],
+)
+def test_positions_inside_a_job_of_another_wcet_warn(tmp_path, entry, stays):
+    text = entry if entry.startswith("{") else f"{{{entry}}}"
+    _, diagnostics, _ = apply(overlay(tmp_path, f"tasks: {{/a: {text}}}\n"), positioned())
+    messages = [d.message for d in diagnostics if d.code == codes.MOVED_INSIDE.id]
+    assert messages == ([] if stays is None else [f"the WCET is 6ms, not 4ms, but {stays} stay where they were"])

@@ -93,7 +93,7 @@ class Changes:
         self.findings.add(code(message, at=at, path=path))
 
     def fault(self, code: Code, message: str, at: Location, path: str, help: str) -> None:
-        """Collect an error."""
+        """Collect an error or a warning."""
         self.findings.add(code(message, at=at, path=path, help=help))
 
     def does_not_fit(self, message: str, at: Location, path: str, help: str) -> None:

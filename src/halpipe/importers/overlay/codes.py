@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.core.diagnostics import error, note
+from halpipe.core.diagnostics import error, note, warning
 
 NOT_AN_OVERLAY = error(
     "HAL0701",
@@ -34,6 +34,12 @@ DOES_NOT_FIT = error(
     "Values do not fit together",
     "Each value is in its range, but not in view of another one: an access phase ends after the WCET, or a gang is "
     "larger than the version's set of units.",
+)
+MOVED_INSIDE = warning(
+    "HAL1422",
+    "Overlay changes a WCET, but not what lies inside the job",
+    "Access phases, critical sections, preemption points and triggers lie at positions of the execution, which follow "
+    "from the times of the source. With another WCET they are elsewhere, so a lock may be held outside of its phase.",
 )
 OVERRIDDEN = note(
     "HAL0720",

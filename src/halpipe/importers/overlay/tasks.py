@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from halpipe.core.diagnostics import NOWHERE, about
 from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.changes import Ranks, show
-from halpipe.importers.overlay.codes import MATCHES_NOTHING
+from halpipe.importers.overlay.codes import MATCHES_NOTHING, MOVED_INSIDE
 from halpipe.importers.overlay.entries import EVERYTHING, expand
 from halpipe.models import WHOLE, Origin, Split, Task, Version
 from halpipe.models.attributes import attributes
@@ -43,6 +43,8 @@ class TaskMerger:
     units_at: Location | None
     stand_ins: frozenset[str]
     constraints: Mapping[str, Mapping[str, tuple[Precedence, ...]]]
+    pointed: frozenset[str]
+    """Tasks with points that windows of other tasks count from."""
     _unit_sets: dict[Stated[tuple[str, ...]], tuple[str, ...]] = field(default_factory=dict)
 
     def merge(self, task: Task, ranked: Ranked) -> Task:
@@ -84,6 +86,7 @@ class TaskMerger:
             source=pick(path, "source", base.source, None, entries, lambda v: v.source),
         )
         self._check_fit(path, base, version, entries)
+        self._check_inside(path, task, base, version, entries)
         return version
 
     def _split(self, path: str, base: Split, entries: Ranks[VersionEntry]) -> Split:
@@ -189,6 +192,22 @@ class TaskMerger:
         if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
             message = f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
             self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")
+
+    def _check_inside(
+        self, path: str, task: str, base: Version, version: Version, entries: Ranks[VersionEntry]
+    ) -> None:
+        """Warn where positions inside a job stay those of a WCET that the overlay replaces."""
+        stated = entries.firm(lambda v: v.stated.get("wcet"))
+        if stated is None or base.wcet is None or version.wcet == base.wcet:
+            return
+        held = base.accesses and version.accesses == base.accesses
+        cut = base.split.points and version.split.points == base.split.points
+        kinds = (("access phases", held), ("preemption points", cut), ("triggers", task in self.pointed))
+        inside = [what for what, stays in kinds if stays]
+        if inside:
+            message = f"the WCET is {version.wcet}, not {base.wcet}, but {' and '.join(inside)} stay where they were"
+            help = "state the accesses and the split of the new WCET, or the windows after the task"
+            self.changes.fault(MOVED_INSIDE, message, stated.at, path, help)
 
     def _check_resource(self, path: str, access: Access) -> None:
         if access.resource not in self.resources:

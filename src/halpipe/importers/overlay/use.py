@@ -11,7 +11,7 @@ from halpipe.importers.overlay.changes import Changes, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
 from halpipe.importers.overlay.entries import EVERYTHING, Overlay, Patterns, expand
 from halpipe.importers.overlay.tasks import TaskMerger, constraints_by_task
-from halpipe.models import Chain, Mode, Origin, Run
+from halpipe.models import Anchor, Chain, Mode, Origin, Run
 from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
@@ -337,6 +337,7 @@ class OverlayUse:
             units_at=overlay.units.at if overlay.units else None,
             stand_ins=frozenset(unit.name for unit in model.units if unit.origin is None),
             constraints=constraints_by_task(overlay, changes),
+            pointed=_pointed(model),
         )
         tasks = tuple(self._merged(task, merger) for task in model.tasks)
         before, after = {task.name: task for task in model.tasks}, {task.name: task for task in tasks}
@@ -377,6 +378,11 @@ class OverlayUse:
         )
         drops = ((stated.value, stated.at) for stated in self._overlay.drops)
         _report("drop", "element", drops, self._matched_drops, sorted({*tasks, *self._answers}), changes)
+
+
+def _pointed(model: TaskModel) -> frozenset[str]:
+    rows = (row for task in model.tasks for version in task.versions for row in version.precedences)
+    return frozenset(row.task for row in rows if row.anchor is Anchor.POINT)
 
 
 def _first(found: Iterable[Stated[Duration] | None]) -> Duration | None:
