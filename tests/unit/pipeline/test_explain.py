@@ -7,7 +7,7 @@ import pytest
 
 from halpipe.core.diagnostics import Subject
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Anchor, Chain, Match, Mode, Precedence, Split, Unit
+from halpipe.models import Anchor, Chain, Edge, Match, Mode, Precedence, Split, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
@@ -200,6 +200,21 @@ def test_without_the_exact_engine_there_is_no_conflict(monkeypatch):
 
 
 # ------------------------------------------------------------------------------------------------ remedies
+
+
+@pytest.mark.parametrize(("let", "edge"), [(8, Edge.OPEN), (3, Edge.CLOSED)])
+def test_a_conflict_names_windows_lets_and_edges_only_where_they_count(let, edge):
+    """a takes the first 4 ms of each cycle, so that b ends 6 ms after its release at the earliest."""
+    row = replace(after("a", 0, 1 if let == 8 else 9, "release"), match=Match.CYCLE, to=Anchor.END)
+    last = replace(task("b", 10, version("v", 2, "u1", row), slack=1), let=ms(let), offset=ms(0))
+    system = model(task("a", 10, version("v", 4), offset=0), last, task("z", 10, version("v", 1)))
+    closed = replace(system.modes[0], edge=edge)
+    found = find_conflict(replace(system, modes=(closed,)), closed, lambda: True)
+    [text] = [conflict.describe(closed, found).message.partition("what it takes: ")[2]]
+    expected = '"a" 4ms every 10ms from 0ms on "u1"; "b" 2ms every 10ms'
+    assert text.startswith(expected)
+    assert ("of the same cycle" in text, "execution time of 3ms" in text) == (let == 8, let == 3)
+    assert "closed edge" not in text
 
 
 def test_units_and_wcets():

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from graphlib import TopologicalSorter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, about, tasks_named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
@@ -36,10 +36,11 @@ EFFORT = 5
 
 @record
 class Kept:
-    """Reduced mode: its tasks, the constraints kept of them, and the chains with their limits."""
+    """Reduced mode: its tasks, the constraints kept of them, the chains with their limits, and its edge."""
 
     tasks: tuple[ActiveTask, ...]
     chains: tuple[Chain, ...]
+    edge: Edge = Edge.OPEN
 
 
 @record
@@ -101,10 +102,10 @@ def _is_valid(model: TaskModel, mode: Mode, jobs: tuple[Job, ...]) -> bool:
 
 
 def _conflict(model: TaskModel, mode: Mode, expansion: Expansion, go_on: Callable[[], bool]) -> Conflict:
-    whole = Kept(expansion.tasks, model.chains)
+    whole = Kept(expansion.tasks, model.chains, mode.edge)
 
     def answer(kept: Kept, seed: int = 1) -> Answer:
-        part = replace(expansion, tasks=kept.tasks)
+        part = replace(expansion, tasks=kept.tasks, mode=replace(mode, edge=kept.edge))
         try:
             return solve_expansion(model, part, Effort(work=EFFORT, seed=seed, go_on=go_on), chains=kept.chains).status
         except HalpipeError:  # too many variables
@@ -148,7 +149,7 @@ def _tasks(kept: Kept) -> Iterable[Change]:
 def _without_task(name: str) -> Change:
     def change(kept: Kept) -> Kept:
         tasks = tuple(_forget(active, name) for active in kept.tasks if active.name != name)
-        return Kept(_demanded(tasks), tuple(c for c in kept.chains if name not in c.tasks))
+        return replace(kept, tasks=_demanded(tasks), chains=tuple(c for c in kept.chains if name not in c.tasks))
 
     return change
 
@@ -187,12 +188,12 @@ def _demanded(tasks: tuple[ActiveTask, ...]) -> tuple[ActiveTask, ...]:
 
 
 def _constraints(kept: Kept) -> Iterable[Change]:
-    """Return how to leave out each chain limit, offset and resource, and each window that demands nothing."""
-    changes: list[Change] = [_without_chain(chain.name) for chain in kept.chains]
+    """Return how to leave out edge, chain limits, LETs, offsets, resources, and windows that demand nothing."""
+    changes: list[Change] = [lambda kept: replace(kept, edge=Edge.OPEN)]
+    changes += [_without_chain(chain.name) for chain in kept.chains]
     periodic = {active.name for active in kept.tasks if active.task.period is not None}
     for active in kept.tasks:
-        if active.task.offset is not None:
-            changes.append(_without_offset(active.name))
+        changes += [_without(active.name, stated) for stated in ("offset", "let")]
         named = dict.fromkeys(p.task for v in active.versions for p in v.precedences)
         changes += [_without_window(active.name, other) for other in named if other in periodic]
     resources = dict.fromkeys(a.resource for active in kept.tasks for v in active.versions for a in v.accesses)
@@ -204,9 +205,11 @@ def _without_chain(name: str) -> Change:
     return lambda kept: replace(kept, chains=tuple(c for c in kept.chains if c.name != name))
 
 
-def _without_offset(name: str) -> Change:
+def _without(name: str, stated: str) -> Change:
+    changes: dict[str, Any] = {stated: None}
+
     def free(active: ActiveTask) -> ActiveTask:
-        return replace(active, task=replace(active.task, offset=None)) if active.name == name else active
+        return replace(active, task=replace(active.task, **changes)) if active.name == name else active
 
     return lambda kept: replace(kept, tasks=tuple(map(free, kept.tasks)))
 
@@ -237,8 +240,7 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
     names = [active.name for active in kept.tasks]
     kind = "a minimal set" if conflict.is_minimal else "a set, perhaps not minimal"
     text = f"{quoted(names, 12)} cannot be scheduled together ({kind}, found and checked again by the exact engine)"
-    edge = ["an empty table at its edge"] if mode.edge is Edge.CLOSED else []
-    parts = [*_parts(kept), *edge]
+    parts = list(_parts(kept))
     text += f"; what it takes: {'; '.join(parts[:12])}" if parts else ""
     text += f"; and {len(parts) - 12} more" if len(parts) > 12 else ""
     help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
@@ -274,6 +276,8 @@ def _parts(kept: Kept) -> Iterable[str]:
         limits = (chain.max_latency, chain.max_reaction, chain.max_age)
         if running.issuperset(chain.tasks) and any(limit is not None for limit in limits):
             yield f'limits of chain "{chain.name}"'
+    if kept.edge is Edge.CLOSED:
+        yield "a closed edge of the mode"
 
 
 # ------------------------------------------------------------------------------------------------ coarser grids
