@@ -352,6 +352,13 @@ def test_the_length_is_that_of_the_unit():
     assert {(job.task, job.units) for job in result.jobs} == {("a", ("u2",)), ("b", ("u1",))}
 
 
+def test_a_unit_on_which_a_job_would_be_late_leaves_the_others():
+    """A job of 3 ms takes 4 ms beside the interrupt."""
+    system = model(task("a", "8ms", version("v", "3ms", "u2 u1"), deadline="3ms"), units="u1 u2")
+    assert holds(interrupted(system, "u1"))
+    assert not holds(interrupted(system, "u1", "u2"))
+
+
 def test_what_no_interrupt_leaves_time_for_is_not_placed():
     system = interrupted(model(task("a", "20ms", version("v", "1ms"))), "u1", wcet="10ms")
     assert answer(system) is Answer.INFEASIBLE

@@ -196,8 +196,8 @@ class Program:
         return self.integer(0, self.ticks(task.period) - 1)
 
     def _job(self, active: ActiveTask, index: int) -> JobVars:
-        late = {version.name: self.lateness(active, version) for version in active.versions}
-        most = max(late.values(), default=0)
+        late = [self.lateness(active, version) for version in active.versions]  # interrupts may make several of a name
+        most = max(late, default=0)
         if active.jobs == 1 and active.name in self.released and active.task.offset is None:
             most = min(most, 0)  # a job alone starts at its release
         delay = self.integer(0, most) if active.task.period is not None and most > 0 else 0
@@ -205,13 +205,13 @@ class Program:
         present = self.literal() if active.demands else 1
         job = JobVars(active, index, theta, present, latest, delay=delay, most_late=max(0, most))
         lone = len(active.versions) == 1
-        for version in active.versions:
+        for version, room in zip(active.versions, late, strict=True):
             chosen = job.present if lone else self.literal()
             job.versions.append((version, chosen))
-            if late[version.name] < 0 or not self._fits(version):
+            if room < 0 or not self._fits(version):
                 self.cp.add(chosen == 0)
-            elif 0 <= late[version.name] < most:
-                self.cp.add(delay <= late[version.name]).only_enforce_if(chosen)
+            elif 0 <= room < most:
+                self.cp.add(delay <= room).only_enforce_if(chosen)
         if not lone:
             self.cp.add(sum(chosen for _, chosen in job.versions) == job.present)
         job.wcet = self._wcet(job)
