@@ -137,11 +137,6 @@ class AnswerFormat(StrEnum):
 Answers = Annotated[AnswerFormat, typer.Option("--format", help="Form of the answer and of the diagnostics.")]
 
 
-def choose(format: AnswerFormat, *, quiet: bool, verbose: bool) -> None:
-    """Take over the options."""
-    output.choose(output.Format(format.value), quiet=quiet, verbose=verbose)
-
-
 def print_json(value: Any) -> None:
     """Print an answer as JSON."""
     output.text(json.dumps(value, indent=2, ensure_ascii=True))

@@ -174,25 +174,14 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: Coll
 
 def columns(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: Collection[int] = ()) -> Iterator[str]:
     """Yield the lines of a table."""
+    from rich.cells import cell_len
+
     cells = [[printable(cell) for cell in row] for row in (headings, *rows)]
-    widths = [max(map(_width, column)) for column in zip(*cells, strict=True)]
+    widths = [max(map(cell_len, column)) for column in zip(*cells, strict=True)]
     for row in cells:
-        sized = enumerate(zip(row, widths, strict=True))
-        yield "  ".join(_padded(cell, width, number in right) for number, (cell, width) in sized).rstrip()
-
-
-def _padded(cell: str, width: int, to_the_right: bool) -> str:
-    blank = " " * (width - _width(cell))
-    return blank + cell if to_the_right else cell + blank
-
-
-def _width(text: str) -> int:
-    """Return the columns that a text takes in a terminal."""
-    if text.isascii():
-        return len(text)
-    from unicodedata import combining, east_asian_width
-
-    return sum(0 if combining(c) else 2 if east_asian_width(c) in "WF" else 1 for c in text)
+        blanks = [" " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=True)]
+        sized = enumerate(zip(row, blanks, strict=True))
+        yield "  ".join(blank + cell if number in right else cell + blank for number, (cell, blank) in sized).rstrip()
 
 
 def report(diagnostics: Sequence[Diagnostic], *, as_result: bool = False) -> None:

@@ -53,8 +53,6 @@ def schedule(
 
     chosen = search_options(options, workers=workers_of(workers))
     if len(model) > 1 or share or output_file.endswith("/") or os.path.isdir(output_file):
-        from halpipe.cli.schedule import schedule_fleet
-
         if resume:
             raise typer.BadParameter("several models are resumed without it; omit it", param_hint="--resume")
         return schedule_fleet(model, chosen, output_file, processes=workers or 1, share=share)
@@ -194,7 +192,7 @@ class _Run:
         for remark in solved.remarks:
             output.inform(f"{variant.target}: {remark}")
         if not output.Settings.quiet and output.is_terminal(sys.stderr):
-            output.write_remark(f"\r{_bar(len(self.solved), self.total)} {len(self.solved)} of {self.total}")
+            output.write_remark(f"\r{len(self.solved)} of {self.total}")
             if len(self.solved) == self.total:
                 output.write_remark("\n")
 
@@ -214,8 +212,3 @@ def _solve(stop: Stop, variant: Variant) -> Solved:
     from halpipe.flow.fleet import solve
 
     return solve(variant, stop.clock(), lambda: stop.pressed)
-
-
-def _bar(done: int, total: int) -> str:
-    filled = 20 * done // max(1, total)
-    return f"[{'#' * filled}{'.' * (20 - filled)}]"

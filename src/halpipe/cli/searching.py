@@ -1,4 +1,4 @@
-"""Number of processors of this process: its affinity, within the quota of its container."""
+"""Searches of commands: processors, Ctrl-C and time limit, progress, and what is saved of a search that fails."""
 
 from __future__ import annotations
 
@@ -47,13 +47,8 @@ def quotas() -> Iterator[int]:
     of the group itself lie at the root; both places are looked at.
     """
     for line in _text(MEMBERSHIP).splitlines():
-        number, _, rest = line.partition(":")
-        controllers, _, path = rest.partition(":")
-        if number == "0" and not controllers:
-            yield from filter(None, (_quota_v2(folder) for folder in _folders(GROUPS, path)))
-        elif "cpu" in controllers.split(","):
-            for name in (controllers, "cpu"):
-                yield from filter(None, (_quota_v1(folder) for folder in _folders(GROUPS / name, path)))
+        if line.startswith("0::"):
+            yield from filter(None, map(_quota, _folders(GROUPS, line.removeprefix("0::"))))
 
 
 def _folders(root: Path, path: str) -> Iterator[Path]:
@@ -63,17 +58,9 @@ def _folders(root: Path, path: str) -> Iterator[Path]:
         yield from (root / part for part in (inside, *inside.parents))
 
 
-def _quota_v2(folder: Path) -> int | None:
+def _quota(folder: Path) -> int | None:
+    """Return a quota in processors; None where there is none, which the file calls "max"."""
     quota, _, period = _text(folder / "cpu.max").strip().partition(" ")
-    return _processors(quota, period)
-
-
-def _quota_v1(folder: Path) -> int | None:
-    return _processors(_text(folder / "cpu.cfs_quota_us").strip(), _text(folder / "cpu.cfs_period_us").strip())
-
-
-def _processors(quota: str, period: str) -> int | None:
-    """Return a quota in processors; None where there is none: v2 says "max", v1 -1."""
     if not (quota.isdecimal() and period.isdecimal() and int(period)):
         return None
     return -(-int(quota) // int(period))
@@ -241,7 +228,6 @@ def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
 
 def workers_of(count: int | None) -> Workers:
     """Return as many workers as the user asked for, else as many as there are processors for it."""
-    from halpipe.cli.searching import processor_count
     from halpipe.pipeline.solve.workers import Workers
 
     return Workers(processor_count() if count is None else count)

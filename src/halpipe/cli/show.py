@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.options import AnswerFormat, Answers, Quiet, ScheduleFile, Verbose, choose, modes, print_json
+from halpipe.cli.options import Quiet, ScheduleFile, Verbose, modes, print_json, takes
 from halpipe.core.diagnostics import Exit, HalpipeError, Location, printable
 
 if TYPE_CHECKING:
@@ -95,7 +95,6 @@ def show(
     verbose: Verbose = False,
 ) -> int:
     """Show a schedule in the terminal: a Gantt chart, jobs, loads and chain latencies of every mode, and switches."""
-    from halpipe.cli.show import letters_of
     from halpipe.importers.native import read_schedule
     from halpipe.models.modes import require_mode
 
@@ -131,8 +130,6 @@ def _width() -> int:
 
 def _show_chart(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], *, wraps: bool) -> None:
     """Print a Gantt chart; under an ASCII terminal with full stops where nothing runs."""
-    from halpipe.cli.show import IDLE, gantt
-
     idle = IDLE if output.can_print(IDLE) else "."
     for line in gantt(jobs, length, letters, _width() - 2, wraps=wraps):
         output.result(f"  {line.replace(IDLE, idle)}")
@@ -193,12 +190,10 @@ JOBS_SHOWN = 5
 VALUES_SHOWN = 40
 
 
+@takes(answers=True)
 def diff(
     before: Annotated[str, typer.Argument(metavar="BEFORE", help="Schedule or task model XML.")],
     after: Annotated[str, typer.Argument(metavar="AFTER", help="The same kind of file; - is standard input.")],
-    format: Answers = AnswerFormat.TEXT,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Compare two schedules, or two task models, by names: exit code 0 if they say the same, 1 if not.
 
@@ -207,12 +202,11 @@ def diff(
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.diff import diff_models, diff_schedules
 
-    choose(format, quiet=quiet, verbose=verbose)
     one, other = _read(before), _read(after)
     if isinstance(one, Schedule) and isinstance(other, Schedule):
-        return _report_schedules(diff_schedules(one, other), as_json=format is AnswerFormat.JSON)
+        return _report_schedules(diff_schedules(one, other))
     if isinstance(one, TaskModel) and isinstance(other, TaskModel):
-        return _report_models(diff_models(one, other), as_json=format is AnswerFormat.JSON)
+        return _report_models(diff_models(one, other))
     raise HalpipeError(_unlike(before, one, after, other))
 
 
@@ -237,8 +231,8 @@ def _unlike(before: str, one: object, after: str, other: object) -> Any:
     return NOT_COMPARABLE(text, at=Location(after), help="name two schedules, or two task models")
 
 
-def _report_models(changes: Sequence[Change], *, as_json: bool) -> int:
-    if as_json:
+def _report_models(changes: Sequence[Change]) -> int:
+    if not output.is_text():
         print_json({"kind": "task-model", "same": not changes, "changes": [_change(c) for c in changes]})
     elif changes:
         _show_values(changes)
@@ -247,8 +241,8 @@ def _report_models(changes: Sequence[Change], *, as_json: bool) -> int:
     return Exit.FINDINGS if changes else Exit.OK
 
 
-def _report_schedules(found: ScheduleDiff, *, as_json: bool) -> int:
-    if as_json:
+def _report_schedules(found: ScheduleDiff) -> int:
+    if not output.is_text():
         print_json(_schedules_as_json(found))
     else:
         _show_schedules(found)

@@ -40,10 +40,6 @@ def system(tmp_path, monkeypatch):
         ("0::/a/b\n", {"a__b__cpu.max": "max 100000\n", "a__cpu.max": "300000 100000\n"}, 3),
         ("0::/docker/host/path\n", {"cpu.max": "400000 100000\n"}, 4),
         ("0::/../../x\n", {"cpu.max": "400000 100000\n"}, 8),
-        ("4:cpu,cpuacct:/x\n", {"cpu,cpuacct__x__cpu.cfs_quota_us": "200000\n",
-                                "cpu,cpuacct__x__cpu.cfs_period_us": "100000\n"}, 2),
-        ("4:cpu:/docker/x\n", {"cpu__cpu.cfs_quota_us": "50000\n", "cpu__cpu.cfs_period_us": "100000\n"}, 1),
-        ("4:cpu:/\n", {"cpu__cpu.cfs_quota_us": "-1\n", "cpu__cpu.cfs_period_us": "100000\n"}, 8),
         ("5:memory:/x\n", {"cpu.max": "100000 100000\n"}, 8),
     ],
 )  # fmt: skip
