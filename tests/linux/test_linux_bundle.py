@@ -17,8 +17,8 @@ from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import judge, read_recording
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
-from halpipe.exporters.linux.bundle import unrealised
-from halpipe.exporters.linux.tables import thread_levels
+from halpipe.exporters.linux.bundle import _buffers, unrealised
+from halpipe.exporters.linux.tables import _frame, thread_levels
 from halpipe.models import (
     HealthAction,
     HealthEvent,
@@ -30,6 +30,7 @@ from halpipe.models import (
     Source,
     Split,
     Status,
+    Transfer,
     Transition,
     TransitionTable,
     Unit,
@@ -572,3 +573,32 @@ def test_recordings_that_cannot_be_read(data):
     with pytest.raises(HalpipeError) as caught:
         read_recording(data)
     assert caught.value.diagnostics[0].code == deploy_codes.NOT_RUN.id
+
+
+@pytest.mark.parametrize("sizes", [(8, 64, 4), (64, 8, 4), (4, 8, 64)])
+def test_a_buffer_has_the_size_of_its_largest_transfer_in_any_order(sizes):
+    transfers = [Transfer(buffer="b", symbol=f"s{number}", size=size) for number, size in enumerate(sizes)]
+    accesses = [replace(access("m", n, n + 1), transfers=(each,)) for n, each in enumerate(transfers)]
+    one = replace(access("m", 0, 1), transfers=(Transfer(buffer="a", symbol="s", size=1),))
+    owner = model(
+        task("a", 10, version("v", 3, "u1", *accesses)), task("b", 10, version("v", 3, "u1", one)), resources="m"
+    )
+    assert list(_buffers(owner).items()) == [("a", 1), ("b", 64)]
+
+
+def test_switches_are_a_square_of_the_modes():
+    owner = without_programs(None)
+    first = planned(owner).modes[0]
+    table = TransitionTable(
+        source="all", target="other", length=ms(0), worst_latency=ms(20), jobs=(), status=Status.VALID
+    )
+    tables = replace(planned(owner), modes=(first, replace(first, name="other")), transitions=(table,))
+    assert (tables.modes[0].name, _frame(tables).switches) == ("all", [-1, 2, -1, -1])
+
+
+def test_the_highest_level_counts_in_the_tables(tmp_path):
+    owner = without_programs(Split(anywhere=True, max_gaps=2))
+    _, files = write(tmp_path, owner, planned(owner), busy=10)
+    levels = thread_levels(owner, planned(owner), 50)
+    assert sorted(levels.values()) == [0, 1]
+    assert ".levels = 2," in files["tables.c"]
