@@ -184,6 +184,8 @@ def test_other_violations_of_the_schema_are_all_that_is_said(tmp_path):
         (["size", "model.xml", "--units", "core", "--bandwidth", "memory"], '"bandwidth" has no effect here'),
         (["size", "model.xml", "--units", "cores"], 'did you mean "core"?'),
         (["compare", "schedule.xml", "played.btf", "--mode", "drive"], '"mode" has no effect here'),
+        (["deploy", "trace", "bundle", "dump.bin", "-o", "o.csv", "--base", "-5"], "is no address"),
+        (["deploy", "calibrate", "bundle", "dump.bin", "-o", "o.yaml", "--base", "1_0"], "is no address"),
         (["export", "btf", "model.xml", "schedule.xml", "-o", "o.btf", "--title", "a\nb"], "has control characters"),
     ],
 )

@@ -8,9 +8,10 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.app import Group
-from halpipe.cli.options import ModelFile, Output, takes
+from halpipe.cli.options import ModelFile, Output, reads, takes
 from halpipe.core.diagnostics import Exit
 from halpipe.core.options import Values
+from halpipe.core.quantities import parse_address
 from halpipe.deploy.base import CheckOptions
 
 if TYPE_CHECKING:
@@ -100,7 +101,9 @@ def check(
 app.command("check")(takes("halpipe.deploy.base:CheckOptions")(check).made())
 
 
-Base = Annotated[str, typer.Option(metavar="ADDRESS", help="Address of a binary dump; by default main memory's.")]
+Base = Annotated[
+    int | None, reads(parse_address, metavar="ADDRESS", help="Address of a binary dump; by default main memory's.")
+]
 
 
 def trace(
@@ -109,7 +112,7 @@ def trace(
         str, typer.Argument(metavar="DUMP", help="Memory after a run, binary or as a debugger prints it.")
     ],
     output_file: Output,
-    base: Base = "",
+    base: Base = None,
 ) -> int:
     """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
     from halpipe.core.bundles import open_bundle
@@ -117,7 +120,7 @@ def trace(
     from halpipe.deploy.riscv.run.recording import board_csv, read_board, summary_of
 
     target = open_bundle(bundle)
-    recording = read_board(target, read_bytes(memory), memory, _address(base))
+    recording = read_board(target, read_bytes(memory), memory, base)
     content = board_csv(target, recording, memory)
     write_output(output_file, content)
     for line in summary_of(target, recording):
@@ -134,7 +137,7 @@ def calibrate(
         str, typer.Argument(metavar="RESULT", help="Memory after its run, as for trace, or what the runtime printed.")
     ],
     output_file: Output,
-    base: Base = "",
+    base: Base = None,
 ) -> int:
     """Write a target profile with the bandwidths, times and cycles that a bundle measured on its target."""
     from halpipe.core.files import read_bytes, refuse_name, write_output
@@ -142,7 +145,7 @@ def calibrate(
     from halpipe.flow.formats import open_target
 
     refuse_name(output_file, ".yaml")
-    content, lines = constants(open_target(bundle), read_bytes(memory), memory, _address(base))
+    content, lines = constants(open_target(bundle), read_bytes(memory), memory, base)
     write_output(output_file, content)
     for line in lines:
         output.inform(line)
@@ -150,15 +153,6 @@ def calibrate(
 
 
 app.command("calibrate")(takes()(calibrate).made())
-
-
-def _address(text: str) -> int | None:
-    if not text:
-        return None
-    try:
-        return int(text, 0)
-    except ValueError:
-        raise typer.BadParameter(f"{text[:40]!r} is no address; write it as 0x80000000", param_hint="--base") from None
 
 
 def _traces(file: str, files: Mapping[str, bytes]) -> dict[str, bytes]:

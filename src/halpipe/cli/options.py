@@ -27,17 +27,21 @@ ScheduleFile = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule 
 Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where to write; - is standard output.")]
 
 
-def number(least: int, most: int | None = None, *names: str, **stated: Any) -> Any:
-    """Return an option that is a whole number, written as in every other place."""
-    read = whole(least, most)
+def reads(read: Callable[[str], Any], *names: str, **stated: Any) -> Any:
+    """Return an option that is read as in every other place: by a function that raises ``ValueError``."""
 
-    def parse(text: str) -> int:
+    def parse(text: str) -> Any:
         try:
             return read(str(text))
         except ValueError as failure:
             raise typer.BadParameter(str(failure)) from None
 
-    return typer.Option(*names, parser=parse, metavar="N", **stated)
+    return typer.Option(*names, parser=parse, **stated)
+
+
+def number(least: int, most: int | None = None, *names: str, **stated: Any) -> Any:
+    """Return an option that is a whole number."""
+    return reads(whole(least, most), *names, metavar="N", **stated)
 
 
 Seed = Annotated[int, number(0, help="Same model, options and seed: same bytes.")]

@@ -101,6 +101,17 @@ def whole(least: int, most: int | None = None, what: str = "whole number") -> Ca
     return read
 
 
+_ADDRESS = re.compile(r"0[xX](?P<hex>[0-9a-fA-F]{1,16})|[0-9]{1,19}")
+
+
+def parse_address(text: str) -> int:
+    """Read an address such as ``0x80000000``."""
+    match = _ADDRESS.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"{quoted(text)} is no address; write it as 0x80000000")
+    return int(match["hex"], 16) if match["hex"] else int(text)
+
+
 def parse_size(text: str) -> int:
     """Read a size such as ``4320B`` or ``64KiB`` into whole bytes."""
     return _whole_bytes(text, text.strip(), "a size; write it as 4320B, 64KiB or 1.5MB")

@@ -8,6 +8,7 @@ from halpipe.core.quantities import (
     format_bandwidth,
     format_rational,
     format_size,
+    parse_address,
     parse_bandwidth,
     parse_rational,
     parse_share,
@@ -145,3 +146,14 @@ def test_a_size_prints_in_the_largest_unit_with_at_most_one_decimal(size, text):
 def test_long_values_are_cut_in_messages():
     assert quoted("short") == "'short'"
     assert quoted("x" * 81) == "'" + "x" * 80 + "'..."
+
+
+@pytest.mark.parametrize(("text", "value"), [("0x80000000", 1 << 31), ("0XfF", 255), ("010", 10), (" 0 ", 0)])
+def test_an_address(text, value):
+    assert parse_address(text) == value
+
+
+@pytest.mark.parametrize("text", ["-5", "1_000", "0b1", "0x", "\uff11", "", "0x" + "f" * 17, "80000000h"])
+def test_what_is_no_address(text):
+    with pytest.raises(ValueError, match="0x80000000"):
+        parse_address(text)
