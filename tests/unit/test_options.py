@@ -186,8 +186,9 @@ def test_an_empty_text_is_no_value_of_any_option(verb, name, text):
 @pytest.mark.parametrize(("verb", "name"), IN_FILES)
 def test_an_empty_text_is_no_value_in_a_pipeline_file(verb, name, tmp_path):
     for each in options_of(KINDS[verb, name]):
-        if each.form is Form.TEXT:
-            assert "HAL0023" in codes_of(tmp_path, verb, name, {each.name: '""'})
+        if each.form in (Form.TEXT, Form.LIST):
+            empty = '""' if each.form is Form.TEXT else "[]"
+            assert "HAL0023" in codes_of(tmp_path, verb, name, {each.name: empty})
 
 
 @pytest.mark.parametrize(("verb", "name"), KINDS)

@@ -254,11 +254,11 @@ def _from_field(each: Option, stated: Fields, base: str) -> Any:
             return each.default
         found = {name: section.get(name, each.read) for name in section}
         return {name: value.value for name, value in found.items() if value is not None}
-    if each.form is Form.LIST and each.splits:
-        texts = [text.value for text in stated.texts(each.name, str)]
-        return stated.checked(each.name, lambda: each.from_items(texts), each.default)
     if each.form is Form.LIST:
-        return tuple(text.value for text in stated.texts(each.name, read)) or each.default
+        texts = stated.texts_of(each.name, str if each.splits else read)
+        if texts is None or not each.splits:
+            return each.default if texts is None else texts.value
+        return stated.checked(each.name, lambda: each.from_items(texts.value), each.default)
     return stated.value(each.name, lambda text: read(text) if text.strip() else each.from_text(text), each.default)
 
 
