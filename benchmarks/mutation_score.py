@@ -49,7 +49,10 @@ ROOMS = {
         "core",
         "unit/core/* unit/test_options* properties/test_durations* unit/importers/test_overlay_r*",
     ),
-    "flow": ("flow", "unit/test_formats_and_checked* unit/pipeline/test_plan* unit/test_options* cli/test_cli_fleet*"),
+    "flow": (
+        "flow",
+        "unit/test_flow* unit/test_formats_* unit/pipeline/test_plan* unit/test_options* cli/test_cli_fleet*",
+    ),
     "cli": ("cli", "unit/cli/* cli/test_cli_verbs* cli/test_cli_mistakes* cli/test_cli_help* cli/test_cli_whatif*"),
     "models": ("models", "unit/importers/test_native_* unit/pipeline/test_expand* unit/exporters/test_native_*"),
     "schemas": ("schemas", "unit/test_schemas* unit/importers/test_native_*"),
