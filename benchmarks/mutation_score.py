@@ -323,12 +323,13 @@ def prepared(chosen: list[Mutant], tests: Tests) -> None:
     sys.dont_write_bytecode = True  # what is not changed stays compiled
     for folder in {mutant.path.parent for mutant in chosen}:
         shutil.rmtree(folder / "__pycache__", ignore_errors=True)
-    heart = chosen[0].path
-    whole = heart.read_text()
-    heart.write_text("raise ImportError\n")
+    sources = {mutant.path: mutant.path.read_text() for mutant in chosen}
+    for path in sources:
+        path.write_text("raise ImportError\n")
     if tests.pass_all():
         sys.exit("the tests do not see the copy that is changed")
-    heart.write_text(whole)
+    for path, source in sources.items():
+        path.write_text(source)
     if not tests.pass_all():
         sys.exit("the tests fail without a fault")
 
