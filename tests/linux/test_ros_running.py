@@ -18,7 +18,13 @@ from halpipe.models import Status, TransitionTable
 from support import ms
 
 SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
-NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random", "simulated")
+NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random")
+REFUSED = {
+    "simulated": "table_container: use_sim_time: the tables have the rate of the machine's clock",
+    "node_simulated": "/sink: use_sim_time: the tables have the rate of the machine's clock",
+    "no_cpu": "cpus is UNIT=CPU,..., each unit once, not u1=",
+    "two_cpus": "cpus is UNIT=CPU,..., each unit once, not u1=1",
+}
 pytestmark = [
     pytest.mark.slow,  # a program of C++ is built, and the tables begin at a whole second
     pytest.mark.skipif(not shutil.which("g++") or not shutil.which("cc"), reason="the scenarios are built with g++"),
@@ -41,7 +47,7 @@ class Played:
 @pytest.fixture(scope="module", params=[HUMBLE, JAZZY, ROLLING])
 def played(request, tmp_path_factory):
     """All scenarios with one version of rclcpp, started together."""
-    return play(tmp_path_factory.mktemp("ros"), package(), request.param, NAMES)
+    return play(tmp_path_factory.mktemp("ros"), package(), request.param, (*NAMES, *REFUSED, "no_background"))
 
 
 def play(folder, files, distribution, names):
@@ -134,11 +140,18 @@ def test_a_callback_that_never_returns_is_named_and_does_not_hold_up_the_end(pla
     assert [row["end"] for row in hung.rows if row["task"] == "/sink"].count("") == 1
 
 
-def test_simulated_time_is_refused_by_name(played):
-    simulated = played["simulated"]
-    assert numbers(simulated.out)["sent"] == 0
-    assert "use_sim_time: the tables have the rate of the machine's clock" in simulated.err
-    assert "the tables are not played" in simulated.err
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_the_tables_cannot_be_played_with_is_refused_by_name(played, name):
+    refused = played[name]
+    assert (refused.status, numbers(refused.out)["sent"]) == (1, 0)
+    assert REFUSED[name] in refused.err
+    assert "the tables are not played" in refused.err
+    assert "the tables never began" in refused.err
+
+
+def test_a_background_lane_on_no_cpu_is_refused(played):
+    refused = played["no_background"]
+    assert (refused.status, refused.err) == (1, "--background-cpus is CPU,..., not 1,x\n")
 
 
 def test_equal_timers_run_their_own_rows_or_are_refused(played):

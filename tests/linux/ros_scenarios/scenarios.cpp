@@ -34,7 +34,7 @@ struct World {
 
   int play(int ms) {
     container->stub_load(helper);
-    const uint64_t ids[] = {container->stub_load(source), container->stub_load(sink)};
+    const uint64_t ids[] = {container->stub_load(source), container->stub_load(sink, sink_parameters)};
     sink_id = ids[1];
     in_lane(ms, [] {rclcpp::shutdown();});
     tables->spin();
@@ -55,6 +55,7 @@ struct World {
   std::shared_ptr<Container> container;
   std::shared_ptr<rclcpp::Node> source, sink, helper;
   std::vector<rclcpp::TimerBase::SharedPtr> timers;
+  std::vector<rcl_interfaces::msg::Parameter> sink_parameters;
   uint64_t sink_id = 0;
 };
 
@@ -195,6 +196,22 @@ int waiting() {
 }
 
 // Tables have the rate of the clock of the machine; a simulator may run faster, slower, or pause.
+int node_simulated() {
+  Pipe pipe;
+  pipe.sink_parameters = {{"use_sim_time", {true}}};
+  const int status = pipe.play(600);
+  pipe.print();
+  return status;
+}
+
+int no_cpu(const char * cpus) {
+  rclcpp::stub_parameters::cpus = cpus;
+  Pipe pipe;
+  const int status = pipe.play(600);
+  pipe.print();
+  return status;
+}
+
 int simulated() {
   rclcpp::stub_parameters::is_simulated = true;
   Pipe pipe;
@@ -258,6 +275,13 @@ int main(int argc, char ** argv) {
   if (name == "hanging") {return hanging();}
   if (name == "waiting") {return waiting();}
   if (name == "simulated") {return simulated();}
+  if (name == "node_simulated") {return node_simulated();}
+  if (name == "no_cpu") {return no_cpu("u1=");}
+  if (name == "two_cpus") {return no_cpu("u1=0,u1=1");}
+  if (name == "no_background") {
+    const char * arguments[] = {"container", "--background-cpus", "1,x"};
+    return container_main(3, const_cast<char **>(arguments));
+  }
   if (name == "random") {return random_nodes();}
   return 2;
 }

@@ -301,7 +301,7 @@ public:
 };
 
 namespace stub_parameters {
-inline std::string record;
+inline std::string record, cpus;
 inline int64_t priority = 0;
 inline bool is_simulated = false;
 }
@@ -324,6 +324,7 @@ public:
   auto declare_parameter(const std::string & name, const T & default_value) -> T {
     if constexpr (std::is_same_v<T, std::string>) {
       if (name == "record") {return stub_parameters::record;}
+      if (name == "cpus") {return stub_parameters::cpus;}
     }
     if constexpr (std::is_same_v<T, int64_t>) {
       if (name == "priority") {return stub_parameters::priority;}

@@ -1,12 +1,25 @@
 // rclcpp_components/src/component_manager.cpp: the destructor removes each node from the executor, which throws for a node
-// that was never added, and an unload removes the node and then destroys it.
+// that was never added; an unload removes the node and then destroys it; a load creates the options, then the node, which
+// is then added. Parameters are those of rcl_interfaces/msg/Parameter.msg.
 #pragma once
 #include <map>
+#include <vector>
 
 #include "rclcpp/rclcpp.hpp"
 
+namespace rcl_interfaces::msg {
+struct ParameterValue {bool bool_value = false;};
+struct Parameter {
+  std::string name;
+  ParameterValue value;
+};
+}  // namespace rcl_interfaces::msg
+
 namespace composition_interfaces::srv {
-struct LoadNode {struct Request {}; struct Response {};};
+struct LoadNode {
+  struct Request {std::vector<rcl_interfaces::msg::Parameter> parameters;};
+  struct Response {};
+};
 struct UnloadNode {
   struct Request {uint64_t unique_id;};
   struct Response {bool success = false; std::string error_message;};
@@ -35,7 +48,10 @@ public:
       for (auto & wrapper : node_wrappers_) {executor->remove_node(wrapper.second.get_node_base_interface());}
     }
   }
-  uint64_t stub_load(std::shared_ptr<rclcpp::Node> node) {
+  uint64_t stub_load(std::shared_ptr<rclcpp::Node> node, std::vector<rcl_interfaces::msg::Parameter> parameters = {}) {
+    auto request = std::make_shared<LoadNode::Request>();
+    request->parameters = std::move(parameters);
+    create_node_options(request);
     const uint64_t id = next_++;
     node_wrappers_[id] = NodeInstanceWrapper(std::move(node));
     add_node_to_executor(id);
@@ -49,6 +65,7 @@ public:
     return answer;
   }
 protected:
+  virtual rclcpp::NodeOptions create_node_options(const std::shared_ptr<LoadNode::Request>) {return {};}
   virtual void add_node_to_executor(uint64_t node_id) {
     if (auto executor = executor_.lock()) {executor->add_node(node_wrappers_[node_id].get_node_base_interface(), true);}
   }

@@ -33,6 +33,13 @@ int run(const dispatch_job * job, int64_t at) {
   return static_cast<int>(result);
 }
 
+// The number of a CPU, or -1 where the text is none.
+int cpu_of(const std::string & text) {
+  char * end = nullptr;
+  const long cpu = std::strtol(text.c_str(), &end, 10);
+  return text.empty() || *end || cpu < 0 || cpu >= CPU_SETSIZE ? -1 : static_cast<int>(cpu);
+}
+
 class Container : public rclcpp_components::ComponentManager {
 public:
   explicit Container(std::shared_ptr<table::Executor> tables)
@@ -46,13 +53,11 @@ public:
     record_ = declare_parameter<std::string>("record", "");
     record_mib_ = declare_parameter<int64_t>("record_mib", 1024);
     locks_memory_ = declare_parameter<bool>("lock_memory", true);
+    are_stated_ = take_overrun(declare_parameter<std::string>("overrun", "")) &&
+      take_cpus(declare_parameter<std::string>("cpus", ""));
     bool is_simulated = false;
     get_parameter("use_sim_time", is_simulated);
-    if (is_simulated) {
-      RCLCPP_ERROR(get_logger(), "use_sim_time: the tables have the rate of the machine's clock, simulated time has another");
-    }
-    are_stated_ = !is_simulated && take_overrun(declare_parameter<std::string>("overrun", "")) &&
-      take_cpus(declare_parameter<std::string>("cpus", ""));
+    if (is_simulated) {refuse_simulated(get_name());}
     for (int i = 0; i < plan.n_modes; i++) {
       const auto ask = [i](
         const std::shared_ptr<std_srvs::srv::Trigger::Request>, std::shared_ptr<std_srvs::srv::Trigger::Response> answer) {
@@ -68,7 +73,11 @@ public:
 
   // Stop at the end of the table. Return whether all threads ended: what still runs may use any node.
   bool finish() {
-    if (!is_started_) {return true;}
+    if (!is_started_) {
+      if (!has_failed_) {RCLCPP_ERROR(get_logger(), "the tables never began");}
+      has_failed_ = true;
+      return true;
+    }
     dispatch_stop();
     const bool has_ended = dispatch_wait(5) == 0;
     if (dispatch_finish()) {
@@ -83,9 +92,20 @@ public:
   bool has_failed() const {return has_failed_;}
 
 protected:
+  rclcpp::NodeOptions create_node_options(const std::shared_ptr<LoadNode::Request> request) override {
+    asks_simulated_ = false;
+    for (const auto & one : request->parameters) {asks_simulated_ |= one.name == "use_sim_time" && one.value.bool_value;}
+    return ComponentManager::create_node_options(request);
+  }
+
+  // Called for the node whose options were created last.
   void add_node_to_executor(uint64_t id) override {
     ComponentManager::add_node_to_executor(id);
-    tables_->adopt(node_wrappers_.at(id).get_node_base_interface());
+    const auto node = node_wrappers_.at(id).get_node_base_interface();
+    if (asks_simulated_ && tables_->has_rows(node->get_fully_qualified_name())) {
+      refuse_simulated(node->get_fully_qualified_name());
+    }
+    tables_->adopt(node);
   }
 
   void on_unload_node(
@@ -105,6 +125,12 @@ protected:
   }
 
 private:
+  void refuse_simulated(const char * node) {
+    RCLCPP_ERROR(
+      get_logger(), "%s: use_sim_time: the tables have the rate of the machine's clock, simulated time has another", node);
+    are_stated_ = false;
+  }
+
   int mode_of(const std::string & name) {
     for (int i = 0; i < plan.n_modes; i++) {
       if (name == plan.tables[i].name) {return i;}
@@ -130,13 +156,11 @@ private:
     std::map<std::string, int> stated;
     for (std::string pair; std::getline(pairs, pair, ',');) {
       const size_t sign = pair.find('=');
-      char * end = nullptr;
-      const long cpu = sign == std::string::npos ? -1 : std::strtol(pair.c_str() + sign + 1, &end, 10);
-      if (cpu < 0 || cpu >= CPU_SETSIZE || *end) {
-        RCLCPP_ERROR(get_logger(), "cpus is UNIT=CPU,..., not %s", pair.c_str());
+      const int cpu = sign == std::string::npos ? -1 : cpu_of(pair.substr(sign + 1));
+      if (cpu < 0 || !stated.emplace(pair.substr(0, sign), cpu).second) {
+        RCLCPP_ERROR(get_logger(), "cpus is UNIT=CPU,..., each unit once, not %s", pair.c_str());
         return false;
       }
-      stated[pair.substr(0, sign)] = static_cast<int>(cpu);
     }
     std::map<std::string, int> unused = stated;
     for (int i = 0; i < plan.n_workers; i++) {
@@ -245,27 +269,34 @@ private:
   int64_t record_mib_ = 0;
   unsigned looks_ = 0;
   bool is_started_ = false, is_recording_ = false, has_failed_ = false, locks_memory_ = true, are_stated_ = true;
+  bool asks_simulated_ = false;
 };
 
 // The background lane and the threads of the middleware, which inherit it, run on these CPUs: --background-cpus 0,3.
-void move_to_background(int argc, char ** argv) {
+// Return whether they could be read.
+bool move_to_background(int argc, char ** argv) {
   for (int i = 1; i + 1 < argc; i++) {
     if (std::strcmp(argv[i], "--background-cpus") != 0) {continue;}
     cpu_set_t set;
     CPU_ZERO(&set);
     std::istringstream list(argv[i + 1]);
     for (std::string one; std::getline(list, one, ',');) {
-      const int cpu = std::atoi(one.c_str());
-      if (cpu >= 0 && cpu < CPU_SETSIZE) {CPU_SET(static_cast<size_t>(cpu), &set);}
+      const int cpu = cpu_of(one);
+      if (cpu < 0) {
+        std::fprintf(stderr, "--background-cpus is CPU,..., not %s\n", argv[i + 1]);
+        return false;
+      }
+      CPU_SET(static_cast<size_t>(cpu), &set);
     }
     if (sched_setaffinity(0, sizeof set, &set)) {std::perror("--background-cpus");}
   }
+  return true;
 }
 
 }  // namespace
 
 int main(int argc, char ** argv) {
-  move_to_background(argc, argv);
+  if (!move_to_background(argc, argv)) {return 1;}
   rclcpp::init(argc, argv);
   auto tables = std::make_shared<table::Executor>(table::rows, table::n_rows, table::takes_newest);
   executor = tables.get();
