@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class Item:
     """A module configuration or container: path, definition and its class as written, UUID (empty if none), place.
 
-    `is_generated` says that the vendor's generator owns it, `is_added` that an export put it there.
+    `is_generated` says that the vendor's generator owns it, `is_added` that an export put it there; `files` are those
+    that have a part of it.
     """
 
     path: str
@@ -32,6 +33,7 @@ class Item:
     at: Location
     is_generated: bool = False
     is_added: bool = False
+    files: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

@@ -392,3 +392,14 @@ def test_an_alarm_that_cannot_trigger_its_event_is_named(tmp_path, cycle, is_tol
     assert told == (
         [f'comes every {cycle}ms, but "Pump/Step", which it triggers, has the period 10ms'] if is_told else []
     )
+
+
+def test_an_event_that_two_os_tasks_are_to_call_is_named(tmp_path):
+    maps = [mapped("Pump/B/Tick", task).replace("Pump_B_Tick", task) for task in ("Main", "Other")]
+    tasks = os_task("Main"), os_task("Other")
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    ecu = package("E", configuration("Os", *tasks), configuration("Rte", rte(*maps)))
+    imported = read(write(tmp_path, package("T", pump), ecu), granularity="ostask")
+    assert periods(imported) == {"Main": "10ms"}
+    (told,) = found(imported, codes.SECOND_MAPPING)
+    assert told.path == 'RteEventToTaskMapping "/E/Rte/instance/Other"'

@@ -173,3 +173,14 @@ def test_the_tables_of_cores_with_other_ticks_begin_together(tmp_path):
         onto.files["delta.arxml"].replace(b"<VALUE>4</VALUE>", b"<VALUE>1</VALUE>")
     )
     assert played(path, None, planned)[0] != []
+
+
+def test_an_autostart_in_two_files_is_taken_out_of_both(tmp_path):
+    path = project(tmp_path, more=[alarm("Second", "10", activates="Main"), START])
+    model, kind = model_of(path), "Os/OsAlarm"
+    part = container(f"{kind}/OsAlarmAutostart", "s", params={"OsAlarmAutostartType": "RELATIVE"})
+    other = written(tmp_path, package("E", configuration("Os", container(kind, "Second", part))), name="more.arxml")
+    onto = put(path, model)
+    other.write_bytes(onto.files["changed/more.arxml"])
+    assert b"OsAlarmAutostart<" not in other.read_bytes()
+    assert played(path, onto)[0] == []

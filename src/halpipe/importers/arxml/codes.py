@@ -539,3 +539,9 @@ MAPS_NOTHING = warning(
     "The generated RTE would call no function. As long as no event is mapped, functions with a period are tasks "
     "without an OsTask, an order or a core.",
 )
+SECOND_MAPPING = warning(
+    "HAL1443",
+    "Event is mapped to two OsTasks",
+    "An event of a component instance has one mapping to an OsTask (SWS_Rte_07843). Of several, the first counts, and "
+    "the other OsTasks do not call its runnable.",
+)

@@ -342,6 +342,7 @@ class _Reader:
                 at=node.at,
                 is_generated=_is_generated(node.parts[0].element),
                 is_added=node.path in self._containers.added,
+                files=tuple(dict.fromkeys(part.file for part in node.parts)),
             )
         return found
 

@@ -79,7 +79,7 @@ class _Stopper:
                 self._findings.report(
                     STARTS_ONCE, message, at=at, path=named("OsTask", path), help="nothing, if meant so"
                 )
-        edits = [Edit(self._project.items[path].at.file, path) for path in self._removed]
+        edits = [Edit(file, path) for path in self._removed for file in self._project.items[path].files]
         return Stopped((*edits, *self._switched), tuple(self._stopped))
 
     def _leave(self, starter: Starter) -> None:

@@ -371,8 +371,11 @@ class _Planner:
             at = best.at
             off = [f"{what} at {time}" for _, what, time in self._instants(unit) if time % best.tick]
             shown = ", ".join(off[:_SHOWN]) + (f" and {len(off) - _SHOWN} more" if len(off) > _SHOWN else "")
+            again = f", or schedule again with --tick {best.tick}" if off else ""
             message = (
-                f"{best.path} has a tick of {best.tick}, which {shown or 'the gaps and the length'} cannot be told in"
+                f"{best.path} has a tick of {best.tick}, of which {shown} is no multiple"
+                if off
+                else f"{best.path} counts from {best.min_cycle} to {best.max_value}, which gaps or length do not fit"
             )
             again = f", or schedule again with --tick {best.tick}"
         self._findings.report(

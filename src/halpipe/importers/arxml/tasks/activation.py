@@ -90,7 +90,7 @@ def find_activations(system: System, findings: Findings) -> list[Activation]:
     """
     arrivals = Arrivals(system)
     tasks = {task.place.path: task for task in system.configuration.tasks}
-    mappings = _Mappings(system)
+    mappings = _Mappings(system, findings)
     found = [activation for instance in system.instances for activation in _of_instance(instance, mappings, tasks)]
     found += _without_events(system, found, arrivals)
     hosting = {activation.os_task.place.path for activation in found if activation.os_task}
@@ -151,7 +151,8 @@ def _of_instance(instance: Instance, mappings: _Mappings, tasks: dict[str, OsTas
 class _Mappings:
     """The mappings of events to OS tasks, by event and instance."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, findings: Findings) -> None:
+        self._findings = findings
         self._configured = system.configured
         self._by_event: dict[str, list[EventMapping]] = {}
         for mapping in system.configuration.mappings:
@@ -165,7 +166,17 @@ class _Mappings:
         general = [mapping for mapping in mappings if mapping.prototype is None]
         any_instance = mappings if len(instance.context) == 1 else []
         found = own or general or any_instance
+        self._report_second(own or general)
         return next((mapping for mapping in found if mapping.task is not None), found[0] if found else None)
+
+    def _report_second(self, mappings: Sequence[EventMapping]) -> None:
+        """Report mappings of an event to another OsTask than the first, of which there may be none (SWS_Rte_07843)."""
+        called = [mapping for mapping in mappings if mapping.task is not None]
+        for other in called[1:]:
+            if other.task != called[0].task:
+                message = f"maps an event to {other.task}, but {called[0].place.path}, to {called[0].task}, counts"
+                help = "remove one of the two mappings"
+                other.place.report(self._findings, codes.SECOND_MAPPING, message, help=help)
 
     def _is_of(self, prototype: str | None, instance: Instance) -> bool:
         return prototype in instance.context or self._configured.get(prototype or "") == instance.context
