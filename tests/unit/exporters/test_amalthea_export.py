@@ -11,10 +11,10 @@ from lxml import etree
 from growth import growth, half_way
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
-from halpipe.exporters.amalthea.model import DANGLING_NAME, _refuse_dangling
 from halpipe.exporters.amalthea.stimuli import stimuli_of
 from halpipe.exporters.common.base import ExportOptions
-from halpipe.exporters.common.codes import FOREIGN_SCHEDULE
+from halpipe.exporters.common.codes import DANGLING_NAME, FOREIGN_SCHEDULE
+from halpipe.exporters.common.names import refuse_dangling
 from halpipe.importers.amalthea import FORMAT as IN
 from halpipe.importers.amalthea import AmaltheaImportOptions
 from halpipe.models import Anchor, Chain, ModeSchedule, Precedence, Resource, ResourceKind, Status
@@ -205,7 +205,8 @@ def test_names_of_what_is_not_there_are_all_refused():
     lone = replace(task("t", "10ms", bad))
     system = model(lone, chains=[chain("c", "t nobody")], transitions=[("all", "none", None)])
     assert refusal(system) == [
-        (DANGLING_NAME.id, path) for path in ('task "t"', 'task "t"', 'task "t"', 'chain "c"', "transition")
+        (DANGLING_NAME.id, path)
+        for path in (*['task "t", version "v"'] * 3, 'chain "c"', 'transition from "all" to "none"')
     ]
     with_version = replace(system.modes[0].runs[0], versions=("w",))
     fine = model(task("t", "10ms", version("v", "1ms", "u1")))
@@ -308,7 +309,7 @@ def test_the_time_of_an_export_grows_with_the_model_alone():
         system = model(*tasks, chains=chains)
         jobs = (job(system, f"t{n}", 0, f"{n}us", "u1") for n in range(count))
         plan = schedule(system, "10ms", *jobs)
-        return lambda: (_refuse_dangling(system), stimuli_of(system, plan))
+        return lambda: (refuse_dangling(system), stimuli_of(system, plan))
 
     assert growth(prepare, 300, 2400) < half_way(8)
 

@@ -10,9 +10,9 @@ from lxml import etree
 from arxml_reading import NS, all_of, by_path, name_of, names, native, q, text, texts, write
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions, export
-from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, NO_LATENCY, WEAKER_WINDOW
+from halpipe.exporters.arxml.codes import BAD_PREFIX, NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.software import ShortNames
-from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE
+from halpipe.exporters.common.codes import DANGLING_NAME, FOREIGN_SCHEDULE, NEEDS_SCHEDULE
 from halpipe.exporters.native.document import UNWRITABLE
 from halpipe.models import Anchor, ChainLatency, Match, ModeSchedule, Precedence, Status
 from halpipe.models.modes import UNKNOWN_MODE

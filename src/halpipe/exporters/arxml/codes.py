@@ -10,12 +10,6 @@ BAD_PREFIX = error(
     "The prefix is the path of the package that holds the definitions of Os, Rte and EcuC, such as "
     "/AUTOSAR/EcucDefs or /MICROSAR. Tools ignore configurations of definitions that they do not know.",
 )
-DANGLING_NAME = error(
-    "HAL0873",
-    "ARXML export lacks a definition of a name",
-    "ARXML refers from element to element, so a task, unit, resource, version or mode that the model names, but "
-    "does not define, cannot be written. `halpipe validate` lists them, too.",
-)
 BAD_COUNTER = error(
     "HAL0874",
     "Counter settings are impossible",

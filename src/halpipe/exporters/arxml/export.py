@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
+from halpipe.core.diagnostics import Findings
 from halpipe.core.embedding import package_hash, pieces
-from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME
+from halpipe.exporters.arxml.codes import BAD_PREFIX
 from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, special
 from halpipe.exporters.arxml.options import RELEASES
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os, write_rte
@@ -18,13 +17,12 @@ from halpipe.exporters.arxml.ticks import Holds, choose_counter
 from halpipe.exporters.arxml.timing import write_demands, write_guarantees
 from halpipe.exporters.common.codes import NEEDS_SCHEDULE
 from halpipe.exporters.common.frozen import serialise
+from halpipe.exporters.common.names import refuse_dangling
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.native import format_model
 from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-
     from lxml import etree
 
     from halpipe.exporters.arxml.options import ArxmlOptions
@@ -39,7 +37,7 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     if options.mode:
         require_mode(options.mode, model.modes)
         model = model.alone(options.mode)
-    _refuse_dangling(model)
+    refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
     layout = Layout(model)
     root = document(f"{NAMESPACE} {RELEASES[options.release]}")
@@ -99,40 +97,3 @@ def _check_options(options: ArxmlOptions, *, has_schedule: bool) -> None:
         help = "run `halpipe schedule` and give its output with the model"
         findings.report(NEEDS_SCHEDULE, 'part "ecuc" of format "arxml" needs a schedule', help=help)
     findings.stop_on_errors()
-
-
-def _refuse_dangling(model: TaskModel) -> None:
-    """Raise `HalpipeError` with every name that the model does not define."""
-    findings = Findings()
-
-    def check(kind: str, names: Iterable[str], known: Collection[str], path: str) -> None:
-        for name in names:
-            if name not in known:
-                help = did_you_mean(name, sorted(known), "define it, or remove what names it")
-                findings.report(DANGLING_NAME, f'there is no {kind} "{name}"', path=path, help=help)
-
-    units = {unit.name for unit in model.units}
-    resources = {resource.name for resource in model.resources}
-    versions = {task.name: {version.name for version in task.versions} for task in model.tasks}
-    modes = {mode.name for mode in model.modes}
-    for task in model.tasks:
-        for version in task.versions:
-            path = version_of(task.name, version.name)
-            check("unit", version.units, units, path)
-            check("resource", (access.resource for access in version.accesses), resources, path)
-            check("task", (precedence.task for precedence in version.precedences), versions, path)
-    for chain in model.chains:
-        check("task", chain.tasks, versions, about(chain=chain.name))
-    for mode in model.modes:
-        for run in mode.runs:
-            path = about(mode=mode.name)
-            check("task", [run.task], versions, path)
-            check("version", run.versions, versions.get(run.task, run.versions), f'{path}, task "{run.task}"')
-    for transition in model.transitions:
-        path = about(transition_from=(transition.source, transition.target))
-        check("mode", (transition.source, transition.target), modes, path)
-    for rule in model.health:
-        check("task", [rule.task], versions, "health rule")
-        check("mode", [rule.mode] if rule.mode else [], modes, "health rule")
-    if findings.has_errors:
-        raise HalpipeError(*findings.items)

@@ -58,3 +58,9 @@ PRIORITY_CYCLE = error(
     "Jobs that may be interrupted anywhere need a target with preemptive fixed priorities, in which a task is above "
     "each one in whose gaps a job of it starts. On this unit the tasks are above one another in a circle.",
 )
+DANGLING_NAME = error(
+    "HAL0873",
+    "Export lacks a definition of a name",
+    "ARXML and AMALTHEA refer from element to element, so a task, unit, resource, version or mode that the model "
+    "names, but does not define, cannot be written. `halpipe validate` lists them, too.",
+)
