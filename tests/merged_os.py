@@ -150,6 +150,12 @@ class Os:
     def __init__(self, folder, mode=""):
         self.mode = mode
         self.containers = read_project(folder)
+        self.inside = defaultdict(list)  # each container, and all within it, by its path
+        for container in self.containers.values():
+            path = container.path
+            while path:
+                self.inside[path].append(container)
+                path = path.rpartition("/")[0]
         self.tasks = {c.path: c for c in self.containers.values() if c.kind == "OsTask"}
         self.calls = {}  # alarms and tables that the Rte starts, with the offset that it expects
         for start in self._of("RteUsedOsActivation"):
@@ -202,7 +208,7 @@ class Os:
         return found
 
     def _below(self, container):
-        return [c for c in self.containers.values() if f"{c.path}/".startswith(f"{container.path}/")]
+        return self.inside[container.path]
 
     def is_extended(self, task):
         """Whether an OsTask waits for events."""
