@@ -5,7 +5,7 @@ from arxml_case import component, composition, every, found, named, orders, pack
 from test_arxml_ecus import mappings, on
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.exporters.arxml.codes import DOUBLE_START, PHASE, UNKNOWN_EVENT
+from halpipe.exporters.arxml.codes import CANNOT_EDIT, DOUBLE_START, PHASE, UNKNOWN_EVENT
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
@@ -370,3 +370,15 @@ def test_an_alarm_of_several_application_modes_loses_one_reference(tmp_path):
     changed = put(folder, model_of(folder)).files["changed/Os.xdm"].decode()
     assert f'<d:lst name="OsAlarmAppModeRef">{refs[1]}</d:lst>' in changed
     assert changed.count('name="ENABLE" value="false"') == text.count('name="ENABLE" value="false"')
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le"])
+def test_a_file_in_which_markup_is_not_ascii_is_refused(tmp_path, encoding):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(coded(folder))
+    text = (folder / "Os.xdm").read_text().replace("<?xml version='1.0'?>", "<?xml version='1.0' encoding='utf-16'?>")
+    (folder / "Os.xdm").write_bytes(text.encode(encoding))
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, plan_of(model), str(folder), ArxmlImportOptions())
+    assert {d.code for d in failure.value.diagnostics if d.is_error} == {CANNOT_EDIT.id}

@@ -104,8 +104,7 @@ class _Walker:
 
 def apply_edits(data: bytes, file: str, edits: Sequence[Edit]) -> bytes:
     """Return the file with every change; raise `HalpipeError` if one of the values is not there."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or (data[:1] != b"<" and data[:3] != b"\xef\xbb\xbf"):
-        raise _cannot(file, "is not in an encoding in which markup is ASCII")
+    _check_encoding(data, file)
     found = _Finder(data, edits).spans()
     for edit in edits:
         if edit not in found:
@@ -119,6 +118,11 @@ def apply_edits(data: bytes, file: str, edits: Sequence[Edit]) -> bytes:
             result += escape(edit.new).encode(encoding, "xmlcharrefreplace")
         end = stop
     return bytes(result + data[end:])
+
+
+def _check_encoding(data: bytes, file: str) -> None:
+    if data[:2] in (b"<\0", b"\xff\xfe", b"\xfe\xff") or (data[:1] != b"<" and data[:3] != b"\xef\xbb\xbf"):
+        raise _cannot(file, "is not in an encoding in which markup is ASCII")
 
 
 def _cannot(file: str, message: str) -> HalpipeError:
@@ -211,6 +215,7 @@ def _path_of(element: _Element, holder: _Element) -> str:
 
 def apply_to_xdm(data: bytes, file: str, module: Box | None, edits: Sequence[Edit]) -> bytes:
     """Return the file of a module with what a delta adds to it, and with every change."""
+    _check_encoding(data, file)
     index = _Index(data)
     changes: list[tuple[int, int, str]] = []
     if module is not None:
