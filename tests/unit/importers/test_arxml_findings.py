@@ -15,7 +15,7 @@ WITHOUT_FIXTURE = {
     *(f"HAL{number:04}" for first, last in ((515, 519), (533, 536), (575, 592)) for number in range(first, last + 1)),
     codes.SEVERAL_RATES_OF_TASK.id,
     *(code.id for code in (codes.SYNCHRONISED, codes.OTHER_START, codes.MAPS_NOTHING)),  # test_arxml_joint
-    codes.SECOND_MAPPING.id,  # test_arxml_meaning
+    *(codes.SECOND_MAPPING.id, codes.BLUEPRINT.id),  # test_arxml_meaning
 }
 
 

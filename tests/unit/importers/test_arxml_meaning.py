@@ -403,3 +403,15 @@ def test_an_event_that_two_os_tasks_are_to_call_is_named(tmp_path):
     assert periods(imported) == {"Main": "10ms"}
     (told,) = found(imported, codes.SECOND_MAPPING)
     assert told.path == 'RteEventToTaskMapping "/E/Rte/instance/Other"'
+
+
+@pytest.mark.parametrize(("category", "names"), [("BLUEPRINT", ["Pump/Step"]), ("STANDARD", ["Pump/Step", "Fan/Turn"])])
+def test_blueprints_are_no_components(tmp_path, category, names):
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    fan = component("Fan", every("0.01", "Tick", "Fan/Turn"), runnables="Turn")
+    pattern = named("AR-PACKAGE", "Patterns", el("CATEGORY", category), el("ELEMENTS", fan)).replace(
+        "/T/", "/Patterns/"
+    )
+    imported = read(write(tmp_path, package("T", pump), pattern))
+    assert list(periods(imported)) == names
+    assert bool(found(imported, codes.BLUEPRINT)) == (category == "BLUEPRINT")

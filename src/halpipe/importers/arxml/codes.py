@@ -545,3 +545,8 @@ SECOND_MAPPING = warning(
     "An event of a component instance has one mapping to an OsTask (SWS_Rte_07843). Of several, the first counts, and "
     "the other OsTasks do not call its runnable.",
 )
+BLUEPRINT = warning(
+    "HAL1444",
+    "Blueprints are no components",
+    "A package of the category BLUEPRINT has patterns, from which a tool derives elements. Nothing in it runs.",
+)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.tree import Text, local, place, qualified
+from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.system.values import (
     Component,
     Composition,
@@ -52,10 +54,24 @@ _VARIABLE_REFS = {
 def read_components(tree: Tree) -> tuple[Component, ...]:
     """Read every atomic component type and BSW module description that has an internal behaviour."""
     detached = _detached_behaviors(tree)
-    components = (
-        _component(tree, node, detached.get(node.path, ())) for node in tree.nodes() if is_component_type(node.tag)
-    )
+    nodes = [node for node in tree.nodes() if is_component_type(node.tag)]
+    patterns = [node for node in nodes if _is_blueprint(node)]
+    if patterns:
+        message = f"{len(patterns)} component types and modules are left out: {listed([n.path for n in patterns])}"
+        help = "move them out of the package of the category BLUEPRINT, if they are to run"
+        tree.findings.report(codes.BLUEPRINT, message, at=patterns[0].at, help=help)
+    components = (_component(tree, node, detached.get(node.path, ())) for node in nodes if node not in patterns)
     return tuple(component for component in components if component.behaviors)
+
+
+def _is_blueprint(node: Node) -> bool:
+    """Whether an element is in a package of patterns, from which a tool derives elements."""
+    holder = node.parent
+    while holder is not None:
+        if any((element.text or "").strip() == "BLUEPRINT" for element, _ in holder.elements("CATEGORY")):
+            return True
+        holder = holder.parent
+    return False
 
 
 def _detached_behaviors(tree: Tree) -> dict[str, list[Node]]:
