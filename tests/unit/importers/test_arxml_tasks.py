@@ -108,7 +108,7 @@ def with_os(period, *os, refs=(), task="Main", offset="", event_offset=()):
 @pytest.mark.parametrize(
     ("period", "os", "refs", "expected"),
     [
-        ("0.01", [alarm("Al", "20")], [("RteUsedOsAlarmRef", "/E/Os/Al")], "10ms"),
+        ("0.04", [alarm("Al", "20")], [("RteUsedOsAlarmRef", "/E/Os/Al")], "40ms"),
         (
             "0.0",
             [alarm("Other", "20", activates="Main"), alarm("Al", "40")],
