@@ -49,13 +49,14 @@ def system_of(name):
 def test_what_an_independent_reader_counted_is_found(name):
     expected, system = observed(name), system_of(name)
     assert Counter(event.place.kind for event in system.events) == expected["events"]
-    assert len(system.resolved_events) == expected["event_runnable_resolved"]
+    assert sum(event.runnable is not None for event in system.events) == expected["event_runnable_resolved"]
     assert sum(len(c.runnables) for c in system.components if not c.is_module) == expected["runnables"]
     assert len(system.configuration.tasks) == expected["os_tasks"]
     assert len(system.configuration.applications) == expected["os_apps"]
     assert len(system.configuration.cores) == expected["cores"]
     assert len(system.configuration.mappings) == expected["mappings"]
-    assert len(system.task_mappings) == expected["mapped_event_found"] == expected["mapped_with_task"]
+    mappings = [m for m in system.configuration.mappings if m.task is not None and m.event is not None]
+    assert len(mappings) == expected["mapped_event_found"] == expected["mapped_with_task"]
     assert len(system.connectors) == expected["connectors_resolved"]
 
 
@@ -66,7 +67,8 @@ def test_every_os_task_hosts_the_events_and_periods_counted(name):
     application = {path: app for app in system.configuration.applications for path in app.tasks}
     for task in system.configuration.tasks:
         expected = observed(name)["tasks"][task.place.name]
-        mapped = [events[m.event] for m in system.task_mappings if m.task == task.place.path]
+        mappings = [m for m in system.configuration.mappings if m.event is not None]
+        mapped = [events[m.event] for m in mappings if m.task == task.place.path]
         periods = {str(parse_seconds(event.period.text).ns) for event in mapped if event.period}
         assert len(mapped) == expected["n_events"]
         assert periods == set(expected["periods"])

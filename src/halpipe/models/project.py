@@ -146,7 +146,7 @@ class Starter:
 class Project:
     """A project for one model.
 
-    `schema` is what the files say of their release; `os_module` and `rte_module` are paths of module configurations;
+    `schema` is what the files say of their release; `os_module` is the path of the configuration of the Os;
     `items` has all containers and modules that may be named, `packages` the UUIDs of packages by path. `calls` has the
     event mappings of every task of the model, `alone` the OsTask of a task that no event makes, as a call without
     mapping. `starters` are the alarms and schedule tables that do something to OsTasks. `applications` has the unit of
@@ -157,7 +157,6 @@ class Project:
 
     schema: str
     os_module: str
-    rte_module: str
     items: Mapping[str, Item]
     packages: Mapping[str, str]
     calls: Mapping[str, tuple[Call, ...]]

@@ -248,10 +248,11 @@ class _Reader:
         used |= {call.os_task for call in alone.values()}
         os_module = self._module("Os", used)
         rte = {call.mapping for found in calls.values() for call in found if call.mapping}
+        if rte:
+            self._module("Rte", rte)
         return Project(
             schema=self._schema(os_module),
             os_module=os_module,
-            rte_module=self._module("Rte", rte) if rte else "",
             items=self._items(),
             packages={node.path: node.parts[0].element.get("UUID") or "" for node in self._tree.tagged("AR-PACKAGE")},
             calls=calls,

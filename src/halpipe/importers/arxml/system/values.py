@@ -517,16 +517,6 @@ class System:
         return tuple(event for component in self.components for event in component.events)
 
     @property
-    def resolved_events(self) -> tuple[Event, ...]:
-        """The events that start a known runnable."""
-        return tuple(event for event in self.events if event.runnable is not None)
-
-    @property
-    def task_mappings(self) -> tuple[EventMapping, ...]:
-        """The event mappings of which both the event and the OsTask are known."""
-        return tuple(m for m in self.configuration.mappings if m.task is not None and m.event is not None)
-
-    @property
     def connectors(self) -> tuple[Connector, ...]:
         """The assembly connectors of every composition with both ends known."""
         return tuple(
