@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.one_mode import Found
     from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 
-    Search = Callable[[Expansion, SearchOptions, str, OnProgress], Found]
+    Search = Callable[[TaskModel, Expansion, SearchOptions, str, OnProgress], Found]
 
 FIRST_BUDGET = 2000
 """Moves per task that each group gets at first."""
@@ -100,7 +100,7 @@ def search_groups(
     found: list[Found] = []
     for key, chosen in (("first", few), ("group", options)):
         numbers = [n for n in range(len(groups)) if not found or found[n].table.status is not Status.VALID]
-        searched = partial(_search_one, groups, chosen, key, progress, search)
+        searched = partial(_search_one, model, groups, chosen, key, progress, search)
         for number, each in zip(numbers, options.workers.each(searched, numbers), strict=True):
             before = found[number].moves if len(found) == len(groups) else 0
             found[number : number + 1] = [replace(each, moves=each.moves + before)]
@@ -110,10 +110,27 @@ def search_groups(
 
 
 def _search_one(
-    groups: list[Expansion], options: SearchOptions, key: str, progress: _Progress, search: Search, number: int
+    model: TaskModel,
+    groups: list[Expansion],
+    options: SearchOptions,
+    key: str,
+    progress: _Progress,
+    search: Search,
+    number: int,
 ) -> Found:
     on_progress = partial(progress.report, number)
-    return search(groups[number], options, f"{key}{number}", on_progress)
+    return search(_narrowed(model, groups[number]), groups[number], options, f"{key}{number}", on_progress)
+
+
+def _narrowed(model: TaskModel, group: Expansion) -> TaskModel:
+    """Return the model with no units, resources and chains but those of a group, so that no group lists all of them."""
+    shared = {each for active in group.tasks for each in _shared(active)}
+    return replace(
+        model,
+        units=tuple(unit for unit in model.units if ("unit", unit.name) in shared),
+        resources=tuple(each for each in model.resources if ("resource", each.name) in shared),
+        chains=tuple(chain for chain in model.chains if group.by_name.keys() >= set(chain.tasks)),
+    )
 
 
 class _Progress:

@@ -83,8 +83,8 @@ def schedule_mode(
     elif any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
         of_mode = _SplitJobs
 
-    def search(part: Expansion, chosen: SearchOptions, key: str, tell: OnProgress) -> Found:
-        return of_mode(model, part, chosen, number, tell, earlier, key).found()
+    def search(its: TaskModel, part: Expansion, chosen: SearchOptions, key: str, tell: OnProgress) -> Found:
+        return of_mode(its, part, chosen, number, tell, earlier, key).found()
 
     if options.engine != EXACT and not options.optimise and len(expansion.tasks) > FEW_TASKS:
         from halpipe.pipeline.solve.groups import independent_groups, search_groups
@@ -92,7 +92,7 @@ def schedule_mode(
         groups = independent_groups(model, expansion)
         if len(groups) > 1:
             return search_groups(model, expansion, groups, options, on_progress, search)
-    return search(expansion, options, "", on_progress)
+    return search(model, expansion, options, "", on_progress)
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,9 @@ FIRST_SHARE = 64
 FIRST_WORK = 1
 """Deterministic seconds of the exact engine in its first turn, which is the second of the annealer."""
 
-FEW_JOBS = 50
-"""Jobs up to which this is so. Of n times as many, a deterministic second takes up to n squared times as long, and the
-exact engine gets as much less, so that neither engine waits long for the other."""
+FEW_JOBS, FEWER = 50, 5
+"""Jobs up to which this is so. Of n times as many, the exact engine gets less by this power of n: a deterministic second
+takes longer, and the annealer waits for it, which finds larger modes far more often."""
 
 FASTER = 4
 """How many times as much a turn is as the one before."""
@@ -62,7 +62,7 @@ def turns(least: int, budget: int, jobs: int) -> Iterator[Turn]:
     """Yield the turns; with a budget above `least`, which is that of a time limit, they continue until it is spent."""
     moves, number, scale = max(1, least // FIRST_SHARE), 0, 1
     while True:
-        work = FIRST_WORK * scale * FEW_JOBS**2 / (FASTER * max(FEW_JOBS, jobs) ** 2) if number else 0
+        work = FIRST_WORK * scale * FEW_JOBS**FEWER / (FASTER * max(FEW_JOBS, jobs) ** FEWER) if number else 0
         yield Turn(number, min(moves * scale, budget), work)
         if moves * scale >= budget:
             return
