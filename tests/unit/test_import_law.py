@@ -96,6 +96,7 @@ WORLD = {
         "cli",
         "pipeline.solve.workers",
         "pipeline.solve.checkpoint",
+        "pipeline.solve.groups",
         "pipeline.solve.kernel",
         "workbench",
     },

@@ -8,7 +8,7 @@ import pytest
 
 from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve import one_mode
+from halpipe.pipeline.solve import exact, one_mode, relay
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
 from halpipe.pipeline.solve.groups import independent_groups
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -90,3 +90,17 @@ def test_a_stop_reaches_all_groups():
     result = schedule_model(corners(hard=True), SearchOptions(), lambda *_: False)
     assert result.stopped
     assert len(result.schedule.modes[0].jobs) == 7
+
+
+def test_the_exact_engine_decides_a_group_alone(monkeypatch):
+    """It once had the whole mode to solve for each group that the annealer had not found yet."""
+    pytest.importorskip("ortools")
+    asked = []
+
+    def solve(system, mode, effort):
+        asked.append(([each.name for each in system.tasks], [run.task for run in mode.runs]))
+        return exact.solve_exact(system, mode, effort)
+
+    monkeypatch.setattr(relay, "solve_exact", solve)
+    schedule_model(corners(hard=True), SearchOptions(), lambda *_: not asked)
+    assert asked[0] == (["h0", "h1", "h2"], ["h0", "h1", "h2"])

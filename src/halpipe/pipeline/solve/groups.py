@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
@@ -49,7 +50,12 @@ def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion
     members: dict[str, list[ActiveTask]] = {}
     for active in expansion.tasks:
         members.setdefault(groups.root(active.name), []).append(active)
-    return [replace(expansion, tasks=tuple(tasks)) for tasks in members.values()]
+    runs = {run.task: run for run in expansion.mode.runs}
+    found = []
+    for tasks in members.values():
+        mode = replace(expansion.mode, runs=tuple(runs[active.name] for active in tasks))
+        found.append(replace(expansion, mode=mode, tasks=tuple(tasks)))
+    return found
 
 
 class _Groups:
@@ -96,7 +102,8 @@ def search_groups(
 ) -> Found:
     """Search every group and put the tables together; name the groups without a schedule."""
     progress = _Progress(on_progress, [options.moves(len(group.tasks)) for group in groups])
-    few = replace(options, budget=min(FIRST_BUDGET, options.budget or FIRST_BUDGET))
+    # The first round is quickly repeated: to save the states of thousands of groups would take longer.
+    few = replace(options, budget=min(FIRST_BUDGET, options.budget or FIRST_BUDGET), keeper=None)
     found: list[Found] = []
     for key, chosen in (("first", few), ("group", options)):
         numbers = [n for n in range(len(groups)) if not found or found[n].table.status is not Status.VALID]
@@ -123,13 +130,20 @@ def _search_one(
 
 
 def _narrowed(model: TaskModel, group: Expansion) -> TaskModel:
-    """Return the model with no units, resources and chains but those of a group, so that no group lists all of them."""
+    """Return the model of a group alone: its tasks in its mode, their units and resources, its chains."""
     shared = {each for active in group.tasks for each in _shared(active)}
+    rows = (row.task for active in group.tasks for version in active.task.versions for row in version.precedences)
+    absent = set(rows) - group.by_name.keys()  # tasks that do not run in this mode
+    named = [task for task in model.tasks if task.name in absent] if absent else []
     return replace(
         model,
         units=tuple(unit for unit in model.units if ("unit", unit.name) in shared),
         resources=tuple(each for each in model.resources if ("resource", each.name) in shared),
+        tasks=(*(active.task for active in group.tasks), *named),
         chains=tuple(chain for chain in model.chains if group.by_name.keys() >= set(chain.tasks)),
+        modes=(group.mode,),
+        transitions=(),
+        health=(),
     )
 
 
@@ -138,17 +152,23 @@ class _Progress:
 
     def __init__(self, on_progress: OnProgress, allowed: list[int]) -> None:
         self._tell = on_progress
+        self._lock = Lock()
         self._allowed = sum(allowed)
         self._made = [0] * len(allowed)
         self._costs = [-1] * len(allowed)
+        self._moves, self._cost, self._open = 0, -len(allowed), len(allowed)
         self.is_stopped = False
 
     def report(self, number: int, mode: str, moves: int, _allowed: int, cost: int) -> bool:
         """Pass on the moves of all groups, and their cost once every group has one."""
-        self._made[number], self._costs[number] = moves, cost
+        with self._lock:  # sums are kept, since there are as many reports as groups, and more
+            self._moves += moves - self._made[number]
+            self._cost += cost - self._costs[number]
+            self._open += (cost < 0) - (self._costs[number] < 0)
+            self._made[number], self._costs[number] = moves, cost
+            made, whole = self._moves, -1 if self._open else self._cost
         if not self.is_stopped:
-            whole = -1 if min(self._costs) < 0 else sum(self._costs)
-            self.is_stopped = not self._tell(mode, sum(self._made), self._allowed, whole)
+            self.is_stopped = not self._tell(mode, made, self._allowed, whole)
         return not self.is_stopped
 
 

@@ -42,8 +42,8 @@ FIRST_WORK = 1
 """Deterministic seconds of the exact engine in its first turn, which is the second of the annealer."""
 
 FEW_JOBS, FEWER = 50, 5
-"""Jobs up to which this is so. Of n times as many, the exact engine gets less by this power of n: a deterministic second
-takes longer, and the annealer waits for it, which finds larger modes far more often."""
+"""Jobs up to which this is so. Of n times as many, the exact engine gets less by this power of n: a deterministic
+second takes longer, and the annealer waits for it, which finds larger modes far more often."""
 
 FASTER = 4
 """How many times as much a turn is as the one before."""
