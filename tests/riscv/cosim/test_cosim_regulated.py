@@ -68,7 +68,7 @@ def test_transfers_pass_the_tables_and_come_late_where_these_grant_too_little(ex
     bundle = guaranteeing(export, "2MB/s")
     (first, *_) = [d for d in DEPLOYMENT.check(bundle, CheckOptions(inject="none")).diagnostics if "image" in d.message]
     assert first.code == TRANSFER_OUTSIDE_PHASE.id
-    assert "ran from 601.64us to 700.14us, its phase is 600us to 700us; it was held back for" in first.message
+    assert "ran from 601.7us to 700.14us, its phase is 600us to 700us; it was held back for" in first.message
     assert "larger share" in first.help
     (outcome, *_) = play(bundle)
     free = {t.size: t for job in play(export())[0].jobs for t in job.transfers if t}
