@@ -221,6 +221,8 @@ def due_of(tables: Tables, record: Record, starts: Sequence[int] | Mapping[int, 
     """Return the tick and the order of an operation that is recorded, by the starts of tables."""
     if record.kind == Kind.TABLE:
         return starts[record.cycle], _RELEASE
+    if not tables.has(record):
+        raise LookupError("a record names no operation of its job")
     operation = tables.operations(record.program)[record.operation]
     return starts[record.cycle] + tables.releases(record.table)[record.release][0] + operation.at, operation.order
 
