@@ -79,7 +79,9 @@ USES = (
     Use("export amalthea", "the file differs from the schedule", _ROUND_TRIP),
     Use("export arxml", "an expiry point, an offset or a priority is wrong", f"{_ROUND_TRIP}; {_COMPARE}"),
     Use("export btf", "an event is wrong", "`halpipe compare` of the file with the schedule", "TI2", "TD1"),
+    Use("export feo", "an order of the table is not kept", _COMPARE),
     Use("export graph", "the picture misleads", "pictures are no basis of a release", "TI1"),
+    Use("export launch-manager", "a mode or a recovery action is wrong", "the project's validator and a review"),
     Use("export linux", "the dispatcher plays another table", f"`halpipe deploy check`; {_COMPARE}"),
     Use(
         "export regulator",
@@ -91,6 +93,7 @@ USES = (
     Use("export report", "the page misleads", "verify decides; the page is for people", "TI1"),
     Use("export riscv", "the bundle plays another table, or protects less", f"`halpipe deploy check`; {_COMPARE}"),
     Use("export ros", "the package starts something else", _COMPARE),
+    Use("export timpani", "a release time, a CPU or a budget is wrong", _COMPARE),
     Use("export trace", "the picture misleads", "pictures are no basis of a release", "TI1"),
     Use("export xlsx", "the workbook misleads", "verify decides; the workbook is for people", "TI1"),
     Use("deploy check", "a faulty bundle is accepted", _COMPARE),
