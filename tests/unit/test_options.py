@@ -165,7 +165,8 @@ def test_python_has_the_options_of_its_kind_and_no_others(verb, name):
 @pytest.mark.parametrize(("verb", "name"), KINDS)
 def test_every_option_is_used_in_the_code_of_its_verb(verb, name):
     """Whatever is accepted is read somewhere: as an attribute, in the code of its format or verb."""
-    places = {"import": f"importers/{name}", "export": f"exporters/{name}", "explain": "pipeline/explain"}
+    places = {"import": f"importers/{name}", "explain": "pipeline/explain"}
+    places |= {"export": "/".join(type(exporter(name)).__module__.split(".")[1:3])} if verb == "export" else {}
     places |= {"schedule": "pipeline", "compare": "pipeline/compare", "deploy": "deploy"}
     places |= {"size": "pipeline/whatif", "sensitivity": "pipeline/whatif", "generate": "pipeline/generate"}
     shared = ("flow", "cli", "exporters/common", *(("exporters/riscv",) if name == "prepare" else ()))
