@@ -242,7 +242,8 @@ def test_cpus_that_cannot_be_read(text):
 
 def test_cpus_that_can_be_read():
     assert option_of(FORMAT, "cpus").from_text("core1=2, a=b=0") == {"core1": 2, "a=b": 0}
-    assert option_of(FORMAT, "cpus").from_text("") is None
+    with pytest.raises(ValueError, match="empty"):
+        option_of(FORMAT, "cpus").from_text("")
 
 
 @pytest.mark.parametrize("text", ["0", "100", "x", "-1"])
