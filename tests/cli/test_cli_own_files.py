@@ -38,7 +38,7 @@ def place(folder, halpipe):
     return folder
 
 
-EXPORTS = ["amalthea", "arxml", "btf", "graph", "report", "ros", "trace", "xlsx"]
+EXPORTS = ["amalthea", "arxml", "btf", "feo", "graph", "launch-manager", "report", "ros", "timpani", "trace", "xlsx"]
 OVERWRITING = {
     "schedule": ["schedule model.xml -o {model.xml}", "schedule model.xml --freeze s.xml -o {s.xml}"],
     "import": [
