@@ -97,13 +97,14 @@ INPUTS ?= 100000
 fuzz: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python fuzz.py --inputs $(INPUTS)
 
-SYSTEMS ?= 10000
-# The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
-# Then valid systems through every verb: 10 000 take some two hours.
+# Each condition of both checkers weakened in turn: the edges of the self-test have to notice it.
 conditions: $(VENV)/.test-ready
 	$(BIN)/python benchmarks/conditions.py verify --mutants 1
 	$(BIN)/python benchmarks/conditions.py second --mutants 1
 
+SYSTEMS ?= 10000
+# The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
+# Then valid systems through every verb: 10 000 take some two hours.
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
 	cd tests && ../$(BIN)/python kills.py 2000
