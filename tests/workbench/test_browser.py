@@ -157,6 +157,37 @@ def test_a_dragged_job_is_pinned(page):
     assert start_of(page, "logging", 0) > before + 2
 
 
+def test_a_job_that_is_dragged_to_another_unit_keeps_its_start(page):
+    """And by keyboard, back again."""
+    before, shown = start_of(page, "brake", 1), state(page)
+    canvas = page.find_element(By.ID, "chart")
+    x, y, lane, to, width, height = page.execute_script(
+        "const v = viewer; const j = v.jobs.find(j => j.name === 'brake' && j.index === 1);"
+        "const at = lane => v.top + (lane + .5) * v.lane;"
+        "return [v.x((j.start + j.end) / 2), at(j.lanes[0]), j.lanes[0], at(1 - j.lanes[0]), v.width, v.height]"
+    )
+    drag = ActionChains(page).move_to_element_with_offset(canvas, x - width / 2, y - height / 2).click_and_hold()
+    drag.move_by_offset(1, to - y).release().perform()
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["revision"] > shown["revision"])
+    assert {pin[1] for pin in state(page)["pins"]} == {"brake"}
+    assert start_of(page, "brake", 1) == before
+    lanes = "return viewer.jobs.find(j => j.name === 'brake' && j.index === 1).lanes[0]"
+    assert page.execute_script(lanes) == 1 - lane
+    back = Keys.ARROW_UP if lane == 0 else Keys.ARROW_DOWN
+    page.execute_script(
+        "viewer.select(viewer.jobs.find(j => j.name === 'brake' && j.index === 1)); viewer.canvas.focus()"
+    )
+    ActionChains(page).key_down(Keys.ALT).send_keys(back).key_up(Keys.ALT).perform()
+    WebDriverWait(page, PATIENCE).until(lambda b: b.execute_script(lanes) == lane)
+
+
+def test_a_chain_is_edited_in_its_table(page):
+    change(page, "see-and-brake tasks", "camera brake")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("tasks = camera brake"))
+    change(page, "see-and-brake tasks", "camera brakes")
+    WebDriverWait(page, PATIENCE).until(lambda b: "wrong" in field(b, "see-and-brake tasks").get_attribute("class"))
+
+
 def test_the_keyboard_is_enough(page):
     canvas = page.find_element(By.ID, "chart")
     canvas.send_keys(Keys.ARROW_RIGHT)

@@ -25,9 +25,12 @@ BAD_EDIT = error(
 TASK_FIELDS = ("period", "offset", "deadline", "slack", "binding")
 VERSION_FIELDS = ("wcet", "units")
 WINDOW_FIELDS = ("min", "max")
-CHAIN_FIELDS = ("max_latency", "max_reaction", "max_age")
-OPTIONAL = ("offset", "deadline", *CHAIN_FIELDS)
+LIMITS = ("max_latency", "max_reaction", "max_age")
+CHAIN_FIELDS = ("tasks", *LIMITS)
+OPTIONAL = ("offset", "deadline", *LIMITS)
 """Attributes that an empty text removes."""
+NAMES = ("units", "tasks")
+"""Attributes that are lists of names."""
 
 
 @record
@@ -74,8 +77,7 @@ def _version(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, VERSION_FIELDS)
     task = _named(edit, model.tasks, edit.name)
     version = _named(edit, task.versions, edit.inner)
-    value: Any = tuple(edit.value.split()) if edit.field == "units" else edit.value
-    changed = replace(task, versions=_exchanged(task.versions, version, _with(edit, version, value)))
+    changed = replace(task, versions=_exchanged(task.versions, version, _with(edit, version)))
     return replace(model, tasks=_exchanged(model.tasks, task, changed))
 
 
@@ -94,12 +96,14 @@ def _window(model: TaskModel, edit: Edit) -> TaskModel:
 def _chain(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, CHAIN_FIELDS)
     chain = _named(edit, model.chains, edit.name)
+    for name in edit.value.split() if edit.field == "tasks" else ():
+        _named(edit, model.tasks, name)
     return replace(model, chains=_exchanged(model.chains, chain, _with(edit, chain)))
 
 
-def _with(edit: Edit, element: Any, value: Any = None) -> Any:
+def _with(edit: Edit, element: Any) -> Any:
     """Return the element with the new value, which its own type reads."""
-    given: Any = edit.value.strip() if value is None else value
+    given: Any = tuple(edit.value.split()) if edit.field in NAMES else edit.value.strip()
     if not given and edit.field in OPTIONAL:
         given = None
     try:

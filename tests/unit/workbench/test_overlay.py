@@ -20,6 +20,7 @@ EDITS = {
     "deadline": [Edit("task", "logging", "deadline", "20ms")],
     "window": [Edit("window", "detection", "max", "3ms", "fine", "camera")],
     "chain": [Edit("chain", "see-and-brake", "max_reaction", "200ms")],
+    "way of a chain": [Edit("chain", "see-and-brake", "tasks", "camera brake")],
     "no limit": [Edit("chain", "see-and-brake", "max_age", "")],
     "nothing": [],
 }

@@ -58,6 +58,7 @@ def test_most_jobs_stay_where_they_are(session):
         (wcet("1ms", "kamera"), "camera"),
         (wcet("1ms", version="fool"), "full"),
         (Edit("task", "camera", "colour", "red"), "period"),
+        (Edit("chain", "see-and-brake", "tasks", "camera brakes"), "brake"),
         (Edit("moon", "camera", "period", "1ms"), "moon"),
         (Edit("task", "camera", "binding", "often"), "binding"),
         (Edit("window", "detection", "max", "1ms", "fine", "logging"), "logging"),
@@ -99,6 +100,22 @@ def test_jobs_without_slack_move_with_the_pinned_one(session):
     after = {job.index: job.start for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
     assert session.state.is_valid, session.state.findings
     assert {n: after[n] - before[n] for n in before} == {n: Duration.parse("1ms") for n in before}
+
+
+def test_a_job_is_pinned_to_another_unit_and_keeps_its_start(session):
+    job = next(job for job in session.state.schedule.mode("drive").jobs if job.task == "logging")
+    other = next(unit.name for unit in session.state.model.units if unit.name not in job.units)
+    session.pin(Pin("drive", "logging", job.index, job.start, other))
+    moved = next(job for job in session.state.schedule.mode("drive").jobs if job.task == "logging")
+    assert session.state.is_valid, session.state.findings
+    assert (moved.units, moved.start) == ((other,), job.start)
+    assert verified(session) == []
+
+
+def test_a_chain_takes_another_way(session):
+    session.edit(Edit("chain", "see-and-brake", "tasks", "camera  brake"))
+    assert session.state.model.chains[0].tasks == ("camera", "brake")
+    assert verified(session) == []
 
 
 def test_there_is_no_job_to_pin(session):

@@ -12,8 +12,9 @@ const viewer = new Viewer($("chart"), {
       job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") +
       (spare === undefined ? "" : `; its WCET can grow by ${Math.floor(spare * 1000) / 10} %`);
   },
-  moved(job, start) {
-    order("pin", {mode: viewer.mode.name, task: job.name, index: job.index, start: `${+start.toFixed(6)}ms`});
+  moved(job, start, lane) { // a start that stays is sent as it was read: thirds of a millisecond have no decimals
+    const when = start === job.start ? job.startText : `${+start.toFixed(6)}ms`, unit = lane < 0 ? {} : {unit: state.units[lane]};
+    order("pin", {mode: viewer.mode.name, task: job.name, index: job.index, start: when, ...unit});
   },
 });
 
@@ -222,17 +223,21 @@ function chainTable() {
   const rows = state.chains.flatMap(chain => {
     const found = latencies(chain);
     const limits = [chain.max_latency, chain.max_reaction, chain.max_age];
-    return kept(`chain ${chain.name}`, [], [...limits, found.latency, found.reaction, found.age], chain, chainRows);
+    return kept(`chain ${chain.name}`, [], [path(chain), ...limits, found.latency, found.reaction, found.age], chain, chainRows);
   });
   fill($("chains").tBodies[0], rows);
   $("chains").hidden = !rows.length;
 }
+
+function path(chain) { return chain.tasks.map(number => state.tasks[number].name).join(" "); }
 
 function latencies(chain) { return chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {}; }
 
 function chainRows(chain, fields, texts) {
   const row = element("tr"), {name} = chain;
   cell(row, name);
+  const tasks = field({kind: "chain", name, field: "tasks"}, true);
+  cell(row, tasks); fields.set(tasks, path);
   for (const [limit, key] of [["max_latency", "latency"], ["max_reaction", "reaction"], ["max_age", "age"]]) {
     const input = field({kind: "chain", name, field: limit});
     cell(row, input); fields.set(input, now => now[limit]);

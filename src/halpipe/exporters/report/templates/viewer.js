@@ -6,7 +6,7 @@ const METER = 30, FONT = "12px system-ui, sans-serif"; // pixels
 class Viewer {
   constructor(canvas, owner) {
     this.canvas = canvas;
-    this.owner = owner; // {chosen(job), moved(job, start)}
+    this.owner = owner; // {chosen(job), moved(job, start, lane)}
     this.context = canvas.getContext("2d");
     this.scene = null; this.mode = null; this.beside = null;
     this.from = 0; this.to = 1; this.filter = ""; this.chain = null; this.heat = null; this.pinned = new Set();
@@ -167,7 +167,7 @@ class Viewer {
       if (job.gaps) this.paintGaps(pen, tone, job, y + high / 2);
     }
     pen.globalAlpha = 1;
-    if (this.drag && this.drag.job && !this.fixed && this.drag.job.lanes.includes(lane)) {
+    if (this.drag && this.drag.job && !this.fixed && (this.drag.lane < 0 ? this.drag.job.lanes.includes(lane) : lane === this.drag.lane)) {
       const job = this.drag.job;
       pen.globalAlpha = .55; pen.fillStyle = tone.accent;
       pen.fillRect(this.x(job.start + this.drag.by), y, Math.max(2, this.x(job.end) - this.x(job.start)), high);
@@ -265,7 +265,7 @@ class Viewer {
     if (this.fingers.size > 1) { this.drag = null; return; }
     const job = this.at(event.offsetX, event.offsetY);
     if (job) this.select(job);
-    this.drag = {job, x: event.offsetX, from: this.from, by: 0, moved: false};
+    this.drag = {job, x: event.offsetX, from: this.from, by: 0, lane: this.laneFor(job, event.offsetY), moved: false};
   }
   onMove(event) {
     if (!this.mode) return;
@@ -277,8 +277,10 @@ class Viewer {
       return;
     }
     const by = (event.offsetX - drag.x) / (this.width - this.left) * (this.to - this.from);
-    if (Math.abs(event.offsetX - drag.x) > 3) drag.moved = true;
-    if (drag.job && !this.fixed) drag.by = by;
+    const isAside = Math.abs(event.offsetX - drag.x) > 3;
+    if (drag.job) drag.lane = this.laneFor(drag.job, event.offsetY);
+    if (isAside || (drag.job && drag.lane >= 0 && drag.lane !== drag.job.lanes[0])) drag.moved = true;
+    if (drag.job && !this.fixed) drag.by = isAside ? by : 0; // a job that is moved to another unit keeps its start
     else { const span = this.to - this.from; this.from = Math.max(0, Math.min(this.mode.length - span, drag.from - by)); this.to = this.from + span; }
     this.draw();
   }
@@ -293,20 +295,29 @@ class Viewer {
   onUp(event) {
     this.fingers.delete(event.pointerId);
     const drag = this.drag; this.drag = null;
-    if (drag && drag.job && drag.moved && !this.fixed) this.move(drag.job, drag.job.start + drag.by);
+    if (drag && drag.job && drag.moved && !this.fixed) this.move(drag.job, drag.job.start + drag.by, drag.lane);
     this.draw();
   }
-  move(job, start) {
+  laneFor(job, y) { // -1: the job stays on its units, as one that takes several of them together
+    const lane = Math.floor((y - this.top) / this.lane);
+    return job && job.lanes.length === 1 && lane >= 0 && lane < this.scene.units.length ? lane : -1;
+  }
+  move(job, start, lane = -1) {
     if (this.fixed) return;
+    const isElsewhere = lane >= 0 && lane !== job.lanes[0];
+    if (start === job.start) { if (isElsewhere) this.owner.moved(job, start, lane); return; }
     const grid = 10 ** Math.floor(Math.log10(Math.max(1e-6, (this.to - this.from) / 200)));
     const length = this.mode.length, snapped = Math.round(start / grid) * grid;
-    this.owner.moved(job, ((snapped % length) + length) % length);
+    this.owner.moved(job, ((snapped % length) + length) % length, isElsewhere ? lane : -1);
   }
   onKey(event) {
     if (!this.mode) return;
     const step = (this.to - this.from) / 50, key = event.key;
     if (event.altKey && this.selected && (key === "ArrowLeft" || key === "ArrowRight")) this.move(this.selected, this.selected.start + (key === "ArrowLeft" ? -step : step));
-    else if (key === "+" || key === "=") this.zoom(1 / 1.5, (this.from + this.to) / 2);
+    else if (event.altKey && this.selected && this.selected.lanes.length === 1 && (key === "ArrowUp" || key === "ArrowDown")) {
+      const lane = this.selected.lanes[0] + (key === "ArrowUp" ? -1 : 1);
+      if (this.scene.units[lane]) this.move(this.selected, this.selected.start, lane);
+    } else if (key === "+" || key === "=") this.zoom(1 / 1.5, (this.from + this.to) / 2);
     else if (key === "-") this.zoom(1.5, (this.from + this.to) / 2);
     else if (key === "0") { this.from = 0; this.to = this.mode.length; this.draw(); }
     else if (key.startsWith("Arrow")) this.step(key);
