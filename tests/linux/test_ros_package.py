@@ -149,6 +149,24 @@ def test_equal_timers_of_different_groups_are_refused(groups, period, fits):
 
 
 @pytest.mark.parametrize(
+    ("node", "period", "fits"),
+    [
+        ("/source", 10_010_000, False),  # the container takes it for the row's, if it was constructed first
+        ("/source", 9_990_000, False),
+        ("/source", 10_010_001, True),
+        ("/source", 10_000_000, True),  # equal: the graph counts both
+        ("/other", 10_010_000, True),
+    ],
+)
+def test_a_timer_without_a_row_that_is_nearly_equal_to_one_is_refused(node, period, fits):
+    bindings = {**BINDINGS, "/spare": Binding(node=node, kind="timer", period=period)}
+    if fits:
+        assert package(bindings=bindings)
+    else:
+        assert refusal(bindings=bindings) == {codes.EQUAL_CALLBACKS.id}
+
+
+@pytest.mark.parametrize(
     ("chosen", "row"),
     [
         ({"wait": {"/sink": ms("0.5ms")}}, "500000, -1}"),

@@ -200,6 +200,16 @@ def _refuse_equal(model: TaskModel, tasks: Iterable[str], options: RosOptions, f
             )
             help = "create both in one callback group, or give timers periods that differ by more than 0.1 %"
             findings.add(EQUAL_CALLBACKS(text, at=model.task(task).at, path=about(task=task), help=help))
+    rows = {task: bindings[task] for task in tasks if task in bindings and bindings[task].kind == "timer"}
+    periods = {(row.node, row.period) for row in rows.values()}
+    for name, spare in bindings.items():
+        if spare.kind != "timer" or name in rows or (spare.node, spare.period) in periods:
+            continue
+        for task, row in rows.items():
+            if spare.node == row.node and abs(spare.period - row.period) <= row.period // 1000:
+                text = f'node {row.node} has the timer "{name}" of {Duration(spare.period)} without a row beside it'
+                help = "schedule both, or give the timers periods that differ by more than 0.1 %"
+                findings.add(EQUAL_CALLBACKS(text, at=model.task(task).at, path=about(task=task), help=help))
 
 
 def _are_equal(one: Binding, other: Binding) -> bool:
