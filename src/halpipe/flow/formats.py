@@ -182,8 +182,13 @@ def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None
         return _put_onto(model, schedule, options)
     if getattr(options, "graphs", ()):
         options = _with_bindings(options)
+    seen: tuple[Diagnostic, ...] = ()
+    if schedule is not None and any(getattr(options, name, None) for name in ("trace", "against")):
+        from halpipe.flow.beside import with_beside
+
+        options, seen = with_beside(model, schedule, options)  # type: ignore[arg-type]
     contents = writer.write(model, schedule, options)
-    return Exported(contents, tuple(writer.remarks(model, schedule, options, contents)))
+    return Exported(contents, (*seen, *writer.remarks(model, schedule, options, contents)))
 
 
 ALSO = {".dot": (".gv", ".svg"), ".html": (".htm",), ".yaml": (".yml",), ".arxml": (".xml",), ".amxmi": (".xml",)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.extent import Extent
 from halpipe.core.options import option, specific
 from halpipe.core.records import record
@@ -11,16 +12,38 @@ from halpipe.exporters.common.base import PlainExporter, TitledOptions
 
 if TYPE_CHECKING:
     from halpipe.exporters.common.base import ExportOptions
+    from halpipe.exporters.report.beside import Beside
     from halpipe.models import Schedule, TaskModel
 
 
 @record(kw_only=True)
 class ReportOptions(TitledOptions):
-    """`import_report`: the file in which the import of the model gave its account; empty: none."""
+    """`import_report`: the file in which the import of the model gave its account; empty: none.
+
+    `beside` is what the file of `trace` or `against` shows, for the tables that are drawn; `flow` reads it.
+    """
 
     import_report: str = option(
         "", "What `halpipe import FORMAT --report` wrote; shown as a section.", metavar="FILE", is_path=True
     )
+    trace: str = option(
+        "", "Recording of a run that is drawn under the schedule, aligned by table.", metavar="FILE", is_path=True
+    )
+    against: str = option("", "Another schedule that is drawn under this one.", metavar="FILE", is_path=True)
+    tolerance: Duration = option(
+        ZERO, "With --trace: lateness that is allowed at starts and ends.", Duration.parse, metavar="TIME"
+    )
+    origin: Duration | None = option(
+        None,
+        "With --trace: instant at which the schedule starts in it; otherwise found, so that no job is early.",
+        Duration.parse,
+        metavar="TIME",
+    )
+    beside: Beside | None = None
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others."""
+        return ("against",) if self.trace else ("tolerance", "origin")
 
 
 class ReportExporter(PlainExporter):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.exporters.common.timeline import Placement, Steps, Window
+    from halpipe.exporters.report.beside import Strip
     from halpipe.models import TaskModel
 
 GRID = 100_000
@@ -28,6 +29,9 @@ AXIS_HEIGHT = 26
 METER_HEIGHT = 60
 METER_GAP = 14
 REGION_HEIGHT = 18
+# Height of the second row of a lane, and the distance to the first.
+STRIP_HEIGHT = 9
+STRIP_GAP = 2
 # A chart with more rows than this repeats its axis at the foot.
 MANY_ROWS = 20
 NAME_WIDTH = 190
@@ -35,6 +39,8 @@ NAME_WIDTH = 190
 BASE_WIDTH = 780
 ZOOM_LEVELS = 5
 CHARACTER = Fraction(66, 10)
+# What differs is drawn over what does not.
+MARKS = ("missing", "", "off", "extra", "delay", "over")
 # From this many units on, lanes without any job are listed rather than drawn.
 MANY_LANES = 24
 
@@ -64,8 +70,22 @@ class Gap:
 
 
 @record
+class SeenBar:
+    """A box in the second row of a lane; see `halpipe.exporters.report.beside.Seen`."""
+
+    x: str
+    width: str
+    tone: int
+    mark: str
+    title: str
+
+
+@record
 class Lane:
-    """A unit: its bars, the gaps between those of one job, and a path of access phases per resource, by position."""
+    """A unit: its bars, the gaps between those of one job, and a path of access phases per resource, by position.
+
+    `seen` is the second row: what ran, or the jobs of another schedule.
+    """
 
     name: str
     caption: str
@@ -74,6 +94,7 @@ class Lane:
     bars: tuple[Bar, ...]
     phases: tuple[tuple[int, str], ...]
     gaps: tuple[Gap, ...] = ()
+    seen: tuple[SeenBar, ...] = ()
 
 
 @record
@@ -118,6 +139,7 @@ class Chart:
     idle: tuple[str, ...]
     tones: tuple[tuple[int, str], ...]
     wraps: bool
+    strip: str
 
 
 @record(kw_only=True)
@@ -138,14 +160,19 @@ def region(window: Window, start: Duration, end: Duration, caption: str, kind: s
     return Region(decimal(low, 4), decimal(high - low, 4), caption, kind)
 
 
-def build_chart(model: TaskModel, placements: Sequence[Placement], window: Window, caption: Caption) -> Chart:
-    """Return the chart of `placements` over `window`."""
+def build_chart(
+    model: TaskModel, placements: Sequence[Placement], window: Window, caption: Caption, strip: Strip | None = None
+) -> Chart:
+    """Return the chart of `placements` over `window`, with a second row in each lane for a `strip`."""
     shown = [placement for placement in placements if window.shows(placement)]
     tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
     used = {placement.job.task for placement in shown}
     by_unit = _by_unit(model, shown)
-    drawn = [name for name, found in by_unit.items() if found or len(by_unit) <= MANY_LANES]
+    seen = _seen(strip, window, tones) if strip else {}
+    idle = {name for name, found in by_unit.items() if not (found or seen.get(name)) and len(by_unit) > MANY_LANES}
+    drawn = [name for name in by_unit if name not in idle]
     lane_height, bar_height = _heights(len(drawn))
+    lane_height += STRIP_HEIGHT + STRIP_GAP if strip else 0
     top = AXIS_HEIGHT + (REGION_HEIGHT if caption.regions else 0)
     lanes = _Lanes(model, window, tones, bar_height, caption.loads)
     meters = _meters(resource_steps(model, shown, window), window, top + lane_height * len(drawn) + METER_GAP)
@@ -159,14 +186,30 @@ def build_chart(model: TaskModel, placements: Sequence[Placement], window: Windo
         top=top,
         low_axis=low_axis,
         bar_height=bar_height,
-        lanes=tuple(lanes.lane(name, by_unit[name], top + lane_height * row) for row, name in enumerate(drawn)),
+        lanes=tuple(
+            lanes.lane(name, by_unit[name], top + lane_height * row, tuple(seen.get(name, ())))
+            for row, name in enumerate(drawn)
+        ),
         meters=meters,
         ticks=tuple(ticks(window, fine=caption.fine)),
         regions=caption.regions,
-        idle=tuple(name for name, found in by_unit.items() if not found and len(by_unit) > MANY_LANES),
+        idle=tuple(name for name in by_unit if name in idle),
         tones=tuple((tones[task.name], task.name) for task in model.tasks if task.name in used),
         wraps=any(p.start < window.start or p.end > window.end for p in shown),
+        strip=strip.caption if strip else "",
     )
+
+
+def _seen(strip: Strip, window: Window, tones: dict[str, int]) -> dict[str, list[SeenBar]]:
+    """Return the boxes of the second rows by unit; what is marked comes last, over the others."""
+    found: dict[str, list[SeenBar]] = {}
+    for box in sorted(strip.boxes, key=lambda box: MARKS.index(box.mark)):
+        low, high = _place(box.start, window), _place(box.end, window)
+        if window.meets(box.start, box.end):
+            bar = SeenBar(decimal(low, 4), decimal(high - low, 4), tones[box.task], box.mark, box.title)
+            for unit in box.units:
+                found.setdefault(unit, []).append(bar)
+    return found
 
 
 def _by_unit(model: TaskModel, placements: Sequence[Placement]) -> dict[str, list[Placement]]:
@@ -197,7 +240,7 @@ class _Lanes:
         self.times = PhaseTimes(model)
         self.resources = {resource.name: number for number, resource in enumerate(model.resources)}
 
-    def lane(self, name: str, placements: Sequence[Placement], y: int) -> Lane:
+    def lane(self, name: str, placements: Sequence[Placement], y: int, seen: tuple[SeenBar, ...]) -> Lane:
         """Return the lane of one unit."""
         load = percent(self.loads[name]) if name in self.loads else ""
         bars = tuple(
@@ -207,7 +250,7 @@ class _Lanes:
             if self.window.meets(start, end)
         )
         gaps = tuple(gap for placement in placements for gap in self._gaps(placement))
-        return Lane(name, elide(name, 24 - len(load)), load, y, bars, self._phases(placements), gaps)
+        return Lane(name, elide(name, 24 - len(load)), load, y, bars, self._phases(placements), gaps, seen)
 
     def _gaps(self, placement: Placement) -> Iterator[Gap]:
         for (_, end), (start, _) in pairwise(placement.stretches()):

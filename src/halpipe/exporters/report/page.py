@@ -24,6 +24,8 @@ from halpipe.exporters.report.chart import (
     METER_HEIGHT,
     NAME_WIDTH,
     REGION_HEIGHT,
+    STRIP_GAP,
+    STRIP_HEIGHT,
     ZOOM_LEVELS,
     Caption,
     approximate,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.exporters.common.timeline import Link
     from halpipe.exporters.report import ReportOptions
+    from halpipe.exporters.report.beside import Beside
     from halpipe.exporters.report.chains import Hop, PathChart
     from halpipe.models import (
         Chain,
@@ -95,7 +98,9 @@ LARGE = 1500
 def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) -> str:
     """Return the HTML page of a schedule that fits `model` (see `select`)."""
     context = shows_context(schedule)
-    is_large = sum(len(mode.jobs) for mode in schedule.modes) > LARGE
+    beside = options.beside
+    # The viewer has no second rows.
+    is_large = beside is None and sum(len(mode.jobs) for mode in schedule.modes) > LARGE
     shown = {table.name for table in schedule.modes}
     return _template().render(
         title=options.title or f"{model.name} schedule",
@@ -106,10 +111,13 @@ def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) ->
         graph=build_mode_graph(model, schedule),
         bandwidths=list(draw_bounds(model, schedule).values()),
         account=build_account(model, options.import_report),
-        modes=[_mode(model, table, f"mode-{n}", is_large=is_large) for n, table in enumerate(schedule.modes, 1)],
+        beside=beside,
+        modes=[
+            _mode(model, table, f"mode-{n}", beside, is_large=is_large) for n, table in enumerate(schedule.modes, 1)
+        ],
         scene=embedded(scene(model, schedule)) if is_large else "",
         transitions=[
-            _transition(model, schedule, table, f"switch-{n}", context)
+            _transition(model, schedule, table, f"switch-{n}", beside, context=context)
             for n, table in enumerate(schedule.transitions, 1)
         ],
         tasks=[] if is_large else _tasks(model, schedule),
@@ -140,6 +148,8 @@ def _template() -> jinja2.Template:
         meter_height=METER_HEIGHT,
         region_height=REGION_HEIGHT,
         zoom_levels=ZOOM_LEVELS,
+        strip_gap=STRIP_GAP,
+        strip_height=STRIP_HEIGHT,
     )
     return environment.get_template("report.html.j2")
 
@@ -170,7 +180,7 @@ def _size(model: TaskModel) -> str:
 # --------------------------------------------------------------------------------------------------- modes
 
 
-def _mode(model: TaskModel, table: ModeSchedule, id: str, *, is_large: bool) -> Row:
+def _mode(model: TaskModel, table: ModeSchedule, id: str, beside: Beside | None, *, is_large: bool) -> Row:
     used = {unit for job in table.jobs for unit in job.units}
     tasks = {job.task for job in table.jobs}
     caption = Caption(
@@ -182,6 +192,7 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str, *, is_large: bool) -> 
     )
     chains = {chain.name: chain for chain in model.chains}
     cost = table.cost
+    window, strip = Window(ZERO, table.hyperperiod), beside.strip(table.name) if beside else None
     return {
         "id": id,
         "name": table.name,
@@ -192,7 +203,7 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str, *, is_large: bool) -> 
         "unit_count": len(used),
         "cost": "" if cost is None else approximate(cost.total),
         "terms": [] if cost is None else [(name, approximate(getattr(cost, name)), text) for name, text in _TERMS],
-        "chart": None if is_large else build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
+        "chart": None if is_large else build_chart(model, unroll(table), window, caption, strip),
         "chains": [
             _chain(model, table, chains[row.name], row, f"{id}-chain-{n}") for n, row in enumerate(table.chains, 1)
         ],
@@ -302,7 +313,9 @@ def _waits(link: Link) -> str:
 # --------------------------------------------------------------------------------------------- transitions
 
 
-def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, context: bool) -> Row:
+def _transition(
+    model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, beside: Beside | None, *, context: bool
+) -> Row:
     source, target = schedule.mode(table.source), schedule.mode(table.target)
     window, placements = unroll_switch(table, source, target, context=context)
     limits = {(pair.source, pair.target): pair.max_length for pair in model.transitions}
@@ -313,6 +326,7 @@ def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id
         cycles = (window.end - table.length) // target.hyperperiod
         first = f"first {cycles} cycles" if cycles > 1 else "first cycle"
         regions.append(region(window, table.length, window.end, f"{first} of {table.target}", "mode"))
+    strip = beside.strip(table.name) if beside else None
     caption = Caption(
         name=id,
         title=f"Switch from {table.source} to {table.target}",
@@ -331,7 +345,7 @@ def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id
         "limit": "" if limit is None else str(limit),
         "worst_latency": str(table.worst_latency),
         "jobs": _job_rows(model, table, {}),
-        "chart": build_chart(model, placements, window, caption) if window.length else None,
+        "chart": build_chart(model, placements, window, caption, strip) if window.length else None,
     }
 
 

@@ -91,8 +91,8 @@ class TaskRow:
 class Comparison:
     """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations.
 
-    `played` has the tables by cycle, `counts` the deviations by kind, `starts` median, p99 and worst of the lateness of
-    all starts; `others` are the rows of tasks that the schedule does not have.
+    `played` has the tables by cycle, `counts` the deviations by kind, `by_line` by line of the matching; `starts` are
+    median, p99 and worst of the lateness of all starts; `others` are the rows of tasks that the schedule does not have.
     """
 
     name: str
@@ -102,6 +102,7 @@ class Comparison:
     diagnostics: tuple[Diagnostic, ...]
     played: Mapping[int, str] = field(default_factory=dict)
     counts: Mapping[Kind, int] = field(default_factory=dict)
+    by_line: Mapping[int, int] = field(default_factory=dict)
     starts: tuple[Duration, ...] = ()
     matching: Matching
     others: Sequence[int] = ()
@@ -128,7 +129,7 @@ def compare(
     executions, others = _known(trace, schedule, judge, findings)
     unknown_tables(executions, tables, judge)
     origin = None if options.origin is None else options.origin.ns
-    if executions and _is_stated(executions):
+    if executions and is_stated(executions):
         names = {
             name
             for number in {executions.table[row] for row in executions.order}
@@ -170,13 +171,14 @@ def compare(
         diagnostics=tuple(findings.items),
         played=played,
         counts=judge.counts,
+        by_line=judge.by_line,
         starts=tuple(Duration(quantile(every, Fraction(share, 100))) for share in (50, 99, 100) if every),
         matching=matching,
         others=others,
     )
 
 
-def _is_stated(executions: Executions) -> bool:
+def is_stated(executions: Executions) -> bool:
     """Whether each execution names its table and the cycle of it."""
     nameless = executions.number("")
     return not any(executions.cycle[row] == NONE or executions.table[row] == nameless for row in executions.order)

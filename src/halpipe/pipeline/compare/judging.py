@@ -14,7 +14,7 @@ from halpipe.models.trace import NONE
 from halpipe.pipeline.compare.codes import CODES, Kind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Job, TaskModel
@@ -55,15 +55,18 @@ class Judge:
         self.prefix = prefix
         self.scope = scope
         self.counts: Counter[Kind] = Counter()
+        self.by_line: Counter[int] = Counter()
+        self.marks: dict[int, list[tuple[Kind, Instant, str]]] | None = None
         self._worst: dict[tuple[str, str], _Deviation] = {}
 
     def judge(self, matching: Matching, model: TaskModel | None) -> None:
         """Judge everything that ran, and what did not."""
         self.origin = Duration(matching.origin)
         self._matching = matching
-        self._each()
+        self._each(matching.rows())
         lines = matching.lines
         for line, place in matching.missing:
+            self.by_line[line] += 1
             table, job = lines.table[line], lines.table[line].due[place].job
             start = Duration(lines.start[line] + job.start.ns)
             message = f"did not run at {start} (cycle {lines.cycle[line]})"
@@ -75,15 +78,21 @@ class Judge:
             self.add(Kind.EXTRA, about(task=execution.task), 0, message, execution.at, "check who starts it")
         self._order(model)
 
-    def _each(self) -> None:
-        """Compare each execution with its job; objects are made only of those that deviate."""
+    def mark(self, matching: Matching, rows: Sequence[int]) -> dict[int, list[tuple[Kind, Instant, str]]]:
+        """Return how some executions deviate from their jobs: kinds, amounts and messages by row."""
+        self.origin, self._matching, self.marks = Duration(matching.origin), matching, {}
+        self._each(rows)
+        return self.marks
+
+    def _each(self, rows: Iterable[int]) -> None:
+        """Compare executions with their jobs; objects are made only of those that deviate."""
         matching, tolerance, origin = self._matching, self.tolerance.ns, self.origin.ns
         seen = matching.executions
         starts, ends, planned, lacking = seen.start, seen.end, seen.planned, seen.has_data
         units = [frozenset(names) for names in seen.units]
         instants = (starts[row] if ends[row] == NONE else ends[row] for row in matching.rows())
         last = max(instants, default=origin) - origin
-        for row in matching.rows():
+        for row in rows:
             due, start = matching.due(row), matching.start(row)
             late = starts[row] - origin - start
             if late > tolerance or -late > tolerance:
@@ -209,6 +218,10 @@ class Judge:
 
     def _of(self, match: Match, kind: Kind, amount: Instant, message: str, help: str) -> None:
         path = _job(match.table.name, match.job)
+        if kind in self.scope.codes:
+            self.by_line[self._matching.line[match.row]] += 1
+        if self.marks is not None:
+            self.marks.setdefault(match.row, []).append((kind, amount, message))
         self.add(kind, path, amount, f"{message} (cycle {match.cycle})", match.execution.at, help)
 
     def add(self, kind: Kind, path: str, amount: Instant, message: str, at: Location, help: str) -> None:

@@ -27,6 +27,7 @@ SAMPLE = 2000
 class Match:
     """An execution and the job it is: `start` is the scheduled one, after the origin."""
 
+    row: int
     execution: Execution
     table: Table
     cycle: int
@@ -89,7 +90,7 @@ class Matching:
         line, due = self.line[row], self.due(row)
         table, cycle = self.lines.table[line], self.lines.cycle[line]
         start = Duration(self.start(row))
-        return Match(self.executions.row(row), table, cycle, due.job, start, Duration(due.reserved))
+        return Match(row, self.executions.row(row), table, cycle, due.job, start, Duration(due.reserved))
 
     def keep(self, row: int, line: int, places: Sequence[int]) -> None:
         """Assign an execution to a job of a line, the best of those that start at once.

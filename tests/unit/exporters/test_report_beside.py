@@ -1,0 +1,156 @@
+"""What a report draws under its jobs: the worst cycle of a trace, or another schedule, each difference marked."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from exporter_samples import roboracer
+from lxml import etree
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
+from halpipe.exporters.native import format_schedule
+from halpipe.exporters.report import ReportOptions
+from halpipe.flow.formats import export_with_remarks
+from support import ms
+
+CYCLE = 25_000_000
+ZERO = 1000
+
+
+def sample():
+    """A schedule that verifies: the figures of the sample are made up."""
+    system, planned = roboracer()
+    (table,) = planned.modes
+    return system, replace(planned, modes=(replace(table, cost=None),))
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Draw a run of four cycles of the sample, of which `change` makes a row other rows."""
+    system, planned = sample()
+
+    def draw(change=lambda cycle, task, start, end, unit: [(task, start, end, unit)], **options):
+        rows = ["task,start,end,units"]
+        for cycle in range(4):
+            for job in planned.modes[0].jobs:
+                times = [int(at.ns) + cycle * CYCLE + ZERO for at in (job.start, job.end)]
+                rows += [",".join(map(str, row)) for row in change(cycle, job.task, *times, *job.units)]
+        file = tmp_path / "run.csv"
+        file.write_text("\n".join(rows) + "\n")
+        options = ReportOptions(**{"trace": str(file), "origin": Duration(ZERO)} | options)
+        return drawn(system, planned, options)
+
+    return draw
+
+
+def drawn(system, planned, options):
+    """Return the page, the remarks, and task, mark, x and width in per cent of each box of the lower rows."""
+    made = export_with_remarks("report", system, planned, options)
+    page = made.contents[""].decode()
+    boxes = []
+    for text in re.findall(r'<rect class="j seen .*?</rect>', page, re.DOTALL):
+        box = etree.fromstring(text)
+        mark = re.fullmatch(r"j seen (\w*) ?t\d+", box.get("class"))[1]
+        title = box.find("title").text.splitlines()
+        x, width = (float(box.get(key).rstrip("%")) for key in ("x", "width"))
+        boxes.append((re.sub(" #.*", "", title[0]), mark, x, width))
+    return page, [d.code for d in made.remarks], boxes
+
+
+def test_a_faithful_run_lies_under_its_jobs(run):
+    page, remarks, boxes = run()
+    assert {mark for _, mark, _, _ in boxes} == {""}
+    assert remarks == []
+    assert ("opponent_detection", "", 0.0, 48.0) in boxes  # of the job that began in the cycle before
+    assert ("path_planner", "", 48.0, 52.0) in boxes
+    assert "Nothing deviates." in page
+    assert "Cycle 1, of 4 " in page
+
+
+def test_the_cycle_with_the_most_deviations_is_drawn_with_marks(run):
+    def change(cycle, task, start, end, unit):
+        rows = [(task, start, end, unit)]
+        if cycle == 2 and task == "particle_filter":
+            rows = [
+                (task, start + 500_000, end + 500_000, unit),
+                (task, start + 10_000_000, start + 11_000_000, "core4"),
+            ]
+        elif cycle == 2 and task == "pure_pursuit":
+            rows = [(task, start, end + 1_000_000, unit)]
+        elif cycle == 2 and task == "path_planner":
+            rows = []
+        elif cycle == 1 and task == "pure_pursuit":
+            rows = [(task, start + 1, end + 1, unit)]
+        return rows
+
+    page, remarks, boxes = run(change)
+    marked = [box for box in boxes if box[1]]
+    assert ("particle_filter", "off", 2.0, 96.0) in marked
+    assert ("particle_filter", "delay", 0.0, 2.0) in marked
+    assert ("pure_pursuit", "off", 44.0, 12.0) in marked
+    assert ("pure_pursuit", "over", 52.0, 4.0) in marked
+    assert ("path_planner", "missing", 48.0, 52.0) in marked
+    assert [box[0] for box in marked if box[1] == "extra"] == ["particle_filter"]
+    assert len(marked) == 6
+    assert remarks == ["HAL1475"]
+    assert "Cycle 2, of 4 the one with the most deviations, from 50.001ms of the trace on" in page
+    assert "runs for 3ms, 1ms more than the 2ms" in page
+
+
+def test_the_tolerance_is_that_of_compare(run):
+    def change(cycle, task, start, end, unit):
+        return [(task, start + 500, end + 500, unit)]
+
+    assert {box[1] for box in run(change, tolerance=Duration(500))[2]} == {""}
+    assert "delay" in {box[1] for box in run(change, tolerance=Duration(499))[2]}
+
+
+def test_another_schedule_lies_under_this_one(tmp_path):
+    system, planned = sample()
+    (table,) = planned.modes
+    moved = [replace(j, start=ms(13), end=ms(15)) if j.task == "pure_pursuit" else j for j in table.jobs]
+    moved = tuple(replace(j, units=("core4",)) if j.task == "particle_filter" else j for j in moved)
+    other = replace(planned, modes=(replace(table, jobs=moved),))
+    file = tmp_path / "other.xml"
+    file.write_bytes(format_schedule(other))
+    page, remarks, boxes = drawn(system, planned, ReportOptions(against=str(file)))
+    assert [box for box in boxes if box[1]] == [
+        ("particle_filter", "off", 0.0, 96.0),
+        ("pure_pursuit", "off", 52.0, 8.0),
+    ]
+    assert "starts 2ms later" in page
+    assert "runs on core4 instead of core1" in page
+    assert remarks == ["HAL1475"]
+    without = replace(table, jobs=tuple(j for j in table.jobs if j.task != "pure_pursuit"))
+    file.write_bytes(format_schedule(replace(planned, modes=(without,))))
+    assert ("pure_pursuit", "missing", 44.0, 8.0) in drawn(system, planned, ReportOptions(against=str(file)))[2]
+
+
+def test_what_does_not_match_is_refused(run, tmp_path):
+    with pytest.raises(HalpipeError) as refused:
+        run(lambda cycle, task, start, end, unit: [("other", start, end, unit)])
+    assert [d.code for d in refused.value.diagnostics] == ["HAL1476"]
+    system, planned = sample()
+    (table,) = planned.modes
+    file = tmp_path / "other.xml"
+    for other in (
+        replace(planned, model="another"),
+        replace(planned, modes=(replace(table, name="limp"),)),
+        replace(planned, modes=(replace(table, hyperperiod=ms(50)),)),
+        replace(planned, modes=(replace(table, jobs=(replace(table.jobs[0], task="ghost"),)),)),
+        replace(planned, modes=(replace(table, jobs=(replace(table.jobs[0], units=("ghost",)),)),)),
+    ):
+        file.write_bytes(format_schedule(other))
+        with pytest.raises(HalpipeError) as refused:
+            drawn(system, planned, ReportOptions(against=str(file)))
+        assert [d.code for d in refused.value.diagnostics] == ["HAL1476"]
+
+
+@pytest.mark.parametrize(
+    "options", [{"against": "other.xml"}, {"trace": "", "tolerance": Duration(1)}, {"trace": ""}], ids=str
+)
+def test_an_option_without_effect_is_refused(run, options):
+    with pytest.raises(HalpipeError) as refused:
+        run(**options)
+    assert {d.code for d in refused.value.diagnostics} == {"HAL0025"}
