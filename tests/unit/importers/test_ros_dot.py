@@ -45,6 +45,36 @@ def test_edge_defaults_and_several_attribute_lists():
     assert edge.attributes == {"weight": "8", "label": "x", "color": "red", "penwidth": "2"}
 
 
+@pytest.mark.parametrize(
+    ("text", "pairs"),
+    [
+        ("a -> b [dir=back]", [("b", "a")]),
+        ("a -> b [dir=both]", [("a", "b"), ("b", "a")]),
+        ('a -> b [dir="forward"] b -> c [dir=""]', [("a", "b"), ("b", "c")]),
+        ("edge [dir=back] a -> b -> c; c -> d [dir=forward]", [("b", "a"), ("c", "b"), ("c", "d")]),
+        ("{edge [dir=back] a -> b} c -> {d e}", [("b", "a"), ("c", "d"), ("c", "e")]),
+        ("{a b} -> c [dir=back]", [("c", "a"), ("c", "b")]),
+    ],
+)
+def test_edges_point_where_dir_says(text, pairs):
+    assert edges(f"digraph {{ {text} }}") == pairs
+
+
+def test_both_ways_count_twice(monkeypatch):
+    monkeypatch.setattr(dot, "MAX_ELEMENTS", 3)
+    assert len(edges("digraph { a -> b }")) == 1
+    with pytest.raises(HalpipeError) as caught:
+        edges("digraph { a -> b [dir=both] }")
+    assert caught.value.diagnostics[0].code == TOO_MUCH.id
+
+
+@pytest.mark.parametrize("stated", ["none", "forwards"])
+def test_edges_without_a_direction_are_refused(stated):
+    diagnostic = error_of(f"digraph {{\n edge [dir={stated}]\n a -> b\n}}")
+    assert (diagnostic.at.line, diagnostic.help) == (3, "write dir=forward, dir=back or dir=both")
+    assert f"dir={stated}" in diagnostic.message
+
+
 def test_quoted_text_keeps_escapes_until_shown_and_can_be_joined():
     graph = dot.parse('digraph { a [label="one\\n" + "\\N \\"two\\"\\\n!"] }', "g.dot")
     assert dot.unescape(graph.vertices["a"].attributes["label"], "a") == 'one\na "two"!'

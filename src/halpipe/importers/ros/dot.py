@@ -5,7 +5,8 @@ on the edge. Edges carry the QoS settings as tooltip, and with ROS 1 statistics 
 task graph: each vertex a node, which publishes one topic of its own name (or the label of the edge).
 
 The language is read by a tokenizer and a recursive descent parser after https://graphviz.org/doc/info/lang.html.
-Ports and the look of things are skipped. Depth, words, vertices and edges are bounded.
+Ports and the look of things are skipped, but for `dir`, which turns the arrow of an edge. Depth, words, vertices and
+edges are bounded.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from fractions import Fraction
-from itertools import pairwise
-from typing import TYPE_CHECKING, NoReturn
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration, seconds
@@ -168,6 +169,7 @@ _TOKEN = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 _ESCAPE = re.compile(r"\\(\r?\n|.)", re.DOTALL)
+_WAYS: dict[str, tuple[Literal[1, -1], ...]] = {"": (1,), "forward": (1,), "back": (-1,), "both": (1, -1)}
 _KEYWORDS = ("graph", "node", "edge", "subgraph", "digraph", "strict")
 
 
@@ -270,8 +272,8 @@ def _html(text: str, start: int, file: str, line: int) -> str:
     raise _malformed(file, line, "an HTML label is never closed")
 
 
-def _malformed(file: str, line: int, what: str) -> HalpipeError:
-    return HalpipeError(codes.NOT_DOT(what, at=Location(file, line), help="repair the DOT file or save it again"))
+def _malformed(file: str, line: int, what: str, help: str = "repair the DOT file or save it again") -> HalpipeError:
+    return HalpipeError(codes.NOT_DOT(what, at=Location(file, line), help=help))
 
 
 class _Parser:
@@ -331,9 +333,19 @@ class _Parser:
             return
         attributes = self._attributes(dict(scope.edge))
         for tails, heads in pairwise(operands):
-            more = len(tails) * len(heads)
+            ways = self._ways(attributes.get("dir", ""), line)
+            more = len(tails) * len(heads) * len(ways)
             self._bound(len(self._graph.vertices) + len(self._graph.edges) + more, line)
-            self._graph.edges.extend(Edge(tail, head, line, attributes) for tail in tails for head in heads)
+            for tail, head in product(tails, heads):
+                self._graph.edges.extend(Edge(*(tail, head)[::way], line, attributes) for way in ways)
+
+    def _ways(self, stated: str, line: int) -> tuple[Literal[1, -1], ...]:
+        """Return which ways an edge with this `dir` points: 1 from tail to head, -1 from head to tail."""
+        if stated in _WAYS:
+            return _WAYS[stated]
+        shown = f"dir={printable(stated[:40])}"
+        what = f"an edge with {shown}: it does not say which way data flows"
+        raise _malformed(self._file, line, what, "write dir=forward, dir=back or dir=both")
 
     def _operand(self, scope: _Scope, depth: int) -> list[str]:
         """Read a vertex or a block and return the ids it stands for."""
