@@ -279,3 +279,40 @@ def test_a_graph_without_periods_is_refused():
     failure = refusal("closed_loop.yaml")
     assert found(failure.diagnostics, codes.NO_TASKS)
     assert found(failure.diagnostics, codes.NO_PERIOD)
+
+
+TWICE = """\
+named_paths: []
+executors:
+- {executor_type: single_threaded_executor, executor_name: e1, callback_group_names: [/n/g1]}
+- executor_type: single_threaded_executor
+  executor_name: e2
+  callback_group_names:
+  - /n/g1
+nodes:
+- node_name: /n
+  callback_groups:
+  - {callback_group_type: reentrant, callback_group_name: /n/g1, callback_names: [/n/a, /n/a]}
+  - {callback_group_type: mutually_exclusive, callback_group_name: /n/g2, callback_names: [/n/a]}
+  callbacks:
+  - {callback_name: /n/a, callback_type: timer_callback, period_ns: 10000000, topic_name: UNDEFINED}
+  - callback_name: /n/b
+    callback_type: subscription_callback
+    topic_name: /t
+    period_ns: 20000000
+"""
+
+
+def test_a_callback_of_two_groups_and_a_group_of_two_executors_are_reported(tmp_path):
+    imported = read(str(write(tmp_path, TWICE, "architecture.yaml")))
+    assert places(imported.diagnostics, codes.TWO_OWNERS) == [(7, 'callback group "/n/g1"'), (12, 'callback "/n/a"')]
+    assert all("remove it from the other" in d.help for d in found(imported.diagnostics, codes.TWO_OWNERS))
+    assert refusal(str(tmp_path / "architecture.yaml"), strict=True)
+
+
+def test_a_key_of_another_type_of_callback_is_reported(tmp_path):
+    imported = read(str(write(tmp_path, TWICE, "architecture.yaml")))
+    (warning,) = found(imported.diagnostics, codes.UNKNOWN_KEY)
+    assert (warning.at.line, warning.path) == (18, 'callback "/n/b"')
+    assert '"period_ns"' in warning.message
+    assert "timer_callback" in warning.help

@@ -108,6 +108,7 @@ def _check_unique(nodes: list[NodeReader], reader: Reader) -> None:
 def _executors(document: YamlMap, groups: list[Group], reader: Reader) -> tuple[Group, ...]:
     members = {group.name: group.callbacks for group in groups}
     executors = []
+    owners = Owners(reader, "callback group", "executor")
     for entry in reader.entries(document, "executors", "file"):
         name = reader.text(entry, "executor_name", "executor")
         path = named("executor", name)
@@ -116,6 +117,7 @@ def _executors(document: YamlMap, groups: list[Group], reader: Reader) -> tuple[
         callbacks: list[str] = []
         for group, line in reader.names(entry, "callback_group_names", path):
             if group in members:
+                owners.check(group, name, line)
                 callbacks.extend(members[group])
                 continue
             help = did_you_mean(group, members, "declare it in callback_groups of its node")
@@ -149,6 +151,25 @@ def _paths(document: YamlMap, nodes: set[str], reader: Reader) -> tuple[Path, ..
     return tuple(paths)
 
 
+class Owners:
+    """Finds elements of one kind that two elements of another kind name as theirs."""
+
+    def __init__(self, reader: Reader, kind: str, owning: str) -> None:
+        self._reader = reader
+        self._kind = kind
+        self._owning = owning
+        self._first: dict[str, tuple[str, int]] = {}
+
+    def check(self, name: str, owner: str, line: int) -> None:
+        """Report that `owner` names what another one has named before."""
+        first, where = self._first.setdefault(name, (owner, line))
+        if first != owner:
+            text = f'is in {self._owning} "{owner}", and on line {where} in "{first}"'
+            at = Location(self._reader.file, line)
+            help = f"name it in the {self._owning} that the program puts it into, and remove it from the other"
+            self._reader.findings.add(codes.TWO_OWNERS(text, at=at, path=named(self._kind, name), help=help))
+
+
 MAX_FLOWS = 50_000
 UNDEFINED = "UNDEFINED"
 """What CARET writes where it found nothing out."""
@@ -176,6 +197,8 @@ _CALLBACK_KEYS = (
     "service_name",
     "construction_order",
 )
+_KEY_OF = {Kind.TIMER: "period_ns", Kind.SUBSCRIPTION: "topic_name", Kind.SERVICE: "service_name"}
+"""The key that callbacks of one type have, and those of the others do not."""
 _PASSING_KEYS = ("callback_name_write", "callback_name_read", "callback_id_write", "callback_id_read")
 _PUBLISH_KEYS = ("topic_name", "callback_names", "callback_name", "callback_ids", "callback_id", "construction_order")
 _SUBSCRIBE_KEYS = ("topic_name", "callback_name", "callback_id", "construction_order")
@@ -204,6 +227,7 @@ class NodeReader:
         self._path = named("node", self.name)
         reader.check_keys(entry, self._path, _NODE_KEYS)
         self._known: dict[str, str] = {}
+        self._group_of = Owners(reader, "callback", "callback group")
         self.callbacks = [c for c in map(self._callback, reader.entries(entry, "callbacks", self._path)) if c]
         self.groups = [self._group(e) for e in reader.entries(entry, "callback_groups", self._path)]
         self.flows = self._passings()
@@ -225,6 +249,7 @@ class NodeReader:
         for alias in {stated, name, str(entry.get("callback_id") or name)}:
             self._known[alias] = name
         kind = self._kind(entry, path)
+        self._check_keys_of(kind, entry, path)
         at = Location(reader.file, entry.line)
         if kind is Kind.TIMER:
             return Callback(name=name, node=self.name, kind=kind, period=self._period(entry, path), at=at)
@@ -244,6 +269,15 @@ class NodeReader:
             help = did_you_mean(stated, known, "use one of " + ", ".join(known))
             self._reader.findings.add(codes.BAD_CALLBACK_TYPE(f'no type "{stated}"', at=at, path=path, help=help))
         return None
+
+    def _check_keys_of(self, kind: Kind | None, entry: YamlMap, path: str) -> None:
+        """Report keys of callbacks of another type."""
+        for other, key in _KEY_OF.items():
+            if kind not in (None, other) and entry.get(key) not in (None, UNDEFINED):
+                at = Location(self._reader.file, entry.line_of(key))
+                help = f"remove it, or state the type {other} if that is what it is"
+                text = f'key "{key}" of a {kind} is not read'
+                self._reader.findings.add(codes.UNKNOWN_KEY(text, at=at, path=path, help=help))
 
     def _period(self, entry: YamlMap, path: str) -> Duration | None:
         reader = self._reader
@@ -274,6 +308,8 @@ class NodeReader:
             reader.malformed(f'"{kind}" is no type of group: {known}', entry.line_of("callback_group_type"), path)
         exclusive = kind != "reentrant"
         callbacks = self._references(entry, path, "callback_names", "callback_ids")
+        for callback in callbacks:
+            self._group_of.check(callback, name, entry.line)
         return Group(kind="callback_group", name=name, exclusive=exclusive, callbacks=callbacks, at=reader.at(entry))
 
     def _references(self, entry: YamlMap, path: str, *keys: str) -> tuple[str, ...]:

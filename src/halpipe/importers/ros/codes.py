@@ -24,7 +24,8 @@ TWO_GRAPHS = error(
 NOT_DOT = error(
     "HAL0604",
     "DOT is malformed",
-    "The file does not follow the DOT grammar, or is an undirected graph, which states no direction of data flow.",
+    "The file does not follow the DOT grammar, or is an undirected graph or has an edge with dir=none, which state no "
+    "direction of data flow.",
 )
 SKIPPED_FILE = note(
     "HAL0605",
@@ -60,7 +61,14 @@ BAD_CALLBACK_TYPE = error(
 UNKNOWN_KEY = warning(
     "HAL0615",
     "Key is not read",
-    "The key is no part of CARET's format as far as the importer knows it; its value has no effect.",
+    "The key is no part of CARET's format as far as the importer knows it, or not with a callback of this type; its "
+    "value has no effect.",
+)
+TWO_OWNERS = warning(
+    "HAL1453",
+    "Callback or callback group belongs to two",
+    "In rclcpp a callback has one callback group, and a callback group one executor. The model keeps a callback apart "
+    "from the others of both groups if they are mutually exclusive; a package looks for it in the last one.",
 )
 SNAPPED = note(
     "HAL0620",
