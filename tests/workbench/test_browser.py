@@ -307,6 +307,8 @@ def test_exports_are_saved_or_refused_with_a_reason(page, tmp_path):
     for format, asked, file in (("report", "", "export.html"), ("regulator", "platform.yaml", "regulator.zip")):
         export(page, format, asked)
         WebDriverWait(page, PATIENCE).until(lambda _, file=file: page.execute_script("return saved") == [file])
+    export(page, "timpani")  # of the mode that is shown
+    WebDriverWait(page, PATIENCE).until(lambda _: page.execute_script("return saved") == ["export.yaml"])
     export(page, "riscv")
     verdict(page, "sources")
     assert page.execute_script("return saved") == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from halpipe.exporters.report.scene import scene
+from halpipe.flow.formats import EXPORTERS, formats
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
@@ -33,6 +34,7 @@ def picture(session: Session) -> Plain:
         },
         "findings": [plain(found) for found in state.findings],
         "variants": list(session.variants),
+        "formats": formats(EXPORTERS),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
         **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn),
     }

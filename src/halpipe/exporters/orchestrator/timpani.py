@@ -116,8 +116,9 @@ def _tasks(model: TaskModel, mode: ModeSchedule, cpus: Mapping[str, int], node: 
             refuse(f"start {job.start} is no whole number of us", path, microseconds)
         if len(job.units) > 1:
             refuse(f"takes {len(job.units)} units together", path, "give the version a gang size of 1")
-        elif cpus.get(job.units[0], MOST_CPUS) >= MOST_CPUS:
-            refuse(f'unit "{job.units[0]}" has no CPU from 0 to {MOST_CPUS - 1}', path, "state it with --cpus")
+    for unit in sorted({job.units[0] for job in mode.jobs}):
+        if cpus.get(unit, MOST_CPUS) >= MOST_CPUS:
+            refuse(f"has no CPU from 0 to {MOST_CPUS - 1}", about(unit=unit), "state it with --cpus")
     findings.stop_on_errors()
     rows: list[dict[str, Any]] = []
     loads = dict.fromkeys(cpus, Fraction())

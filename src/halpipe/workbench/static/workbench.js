@@ -70,6 +70,7 @@ function show(told, quiet) {
   $("title").textContent = `${told.model}`;
   options($("mode"), told.modes.map(mode => mode.name), $("mode").value);
   options($("chain"), told.chains.map(chain => chain.name), $("chain").value, "no chain");
+  options($("export"), told.formats, "", "export…");
   options($("variants"), told.variants, $("variants").value, "variants…");
   viewer.pinned = new Set(told.pins.map(([mode, task, index]) => `${mode} ${told.tasks.findIndex(t => t.name === task)} ${index}`));
   const chain = told.chains.find(each => each.name === $("chain").value);
@@ -284,6 +285,7 @@ $("export").addEventListener("change", async event => {
   if (!format) return;
   const options = {revision: state.revision};
   if (format === "regulator" && !(options.platform = prompt("Platform file of the regulators (YAML)"))) return;
+  if (["timpani", "feo"].includes(format)) options.mode = viewer.mode.name; // these hold one mode
   const answer = await fetch(`/api/export/${format}`, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(options)});
   if (!answer.ok) { show(await answer.json(), true); return; }
   const name = (answer.headers.get("Content-Disposition") || "").split('"')[1] || format;
