@@ -188,6 +188,16 @@ def test_a_chain_is_edited_in_its_table(page):
     WebDriverWait(page, PATIENCE).until(lambda b: "wrong" in field(b, "see-and-brake tasks").get_attribute("class"))
 
 
+def test_windows_and_modes_are_edited_in_their_tables(page):
+    change(page, "detection fine camera max", "3ms")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("max = 3ms"))
+    verdict(page, "valid")
+    change(page, "limp tasks", "camera detection")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"] == 'mode "limp" tasks = camera detection')
+    verdict(page, "valid")
+    assert len({job[0] for job in state(page)["modes"][1]["jobs"]}) == 2
+
+
 def test_the_keyboard_is_enough(page):
     canvas = page.find_element(By.ID, "chart")
     canvas.send_keys(Keys.ARROW_RIGHT)

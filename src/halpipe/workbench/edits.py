@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
+from halpipe.models import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -35,9 +36,9 @@ NAMES = ("units", "tasks")
 
 @record
 class Edit:
-    """`kind` is task, version, window or chain; `inner` is a version's name, or the number of its window.
+    """`kind` is task, version, window, chain or mode; `inner` is the name of a version.
 
-    The `name` is that of the task or chain; a window is that of version `inner` after the task `after`.
+    The `name` is that of the task, chain or mode; a window is that of version `inner` after the task `after`.
     """
 
     kind: str
@@ -51,7 +52,8 @@ class Edit:
     def place(self) -> str:
         """The element in words, for messages and the history."""
         version = f' version "{self.inner}"' if self.inner else ""
-        return f'{"chain" if self.kind == "chain" else "task"} "{self.name}"{version} {self.field.replace("_", "-")}'
+        kind = self.kind if self.kind in ("chain", "mode") else "task"
+        return f'{kind} "{self.name}"{version} {self.field.replace("_", "-")}'
 
 
 def edited(model: TaskModel, edit: Edit) -> TaskModel:
@@ -61,9 +63,10 @@ def edited(model: TaskModel, edit: Edit) -> TaskModel:
         "version": _version,
         "window": _window,
         "chain": _chain,
+        "mode": _mode,
     }
     if edit.kind not in makers:
-        raise _bad(edit, f'"{edit.kind}" is nothing that can be edited', "edit a task, a version, a window or a chain")
+        raise _bad(edit, f'"{edit.kind}" is nothing that can be edited', "edit a task, version, window, chain or mode")
     return makers[edit.kind](model, edit)
 
 
@@ -85,9 +88,11 @@ def _window(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, WINDOW_FIELDS)
     task = _named(edit, model.tasks, edit.name)
     version = _named(edit, task.versions, edit.inner)
-    window = next((w for w in version.precedences if w.task == edit.after), None)
-    if window is None:
-        raise _bad(edit, f'has no window after task "{edit.after}"', "name the task that precedes it")
+    found = [w for w in version.precedences if w.task == edit.after]
+    if len(found) != 1:
+        text = f'has {len(found) or "no"} windows after task "{edit.after}"'
+        raise _bad(edit, text, "change the file" if found else "name the task that precedes it")
+    (window,) = found
     windows = _exchanged(version.precedences, window, _with(edit, window))
     changed = replace(task, versions=_exchanged(task.versions, version, replace(version, precedences=windows)))
     return replace(model, tasks=_exchanged(model.tasks, task, changed))
@@ -99,6 +104,18 @@ def _chain(model: TaskModel, edit: Edit) -> TaskModel:
     for name in edit.value.split() if edit.field == "tasks" else ():
         _named(edit, model.tasks, name)
     return replace(model, chains=_exchanged(model.chains, chain, _with(edit, chain)))
+
+
+def _mode(model: TaskModel, edit: Edit) -> TaskModel:
+    """Return the model with other tasks in a mode; those that are new in it run in any of their versions."""
+    _known(edit, edit.field, ("tasks",))
+    mode = _named(edit, model.modes, edit.name)
+    kept = {run.task: run for run in mode.runs}
+    wanted = [_named(edit, model.tasks, name) for name in dict.fromkeys(edit.value.split())]
+    if not wanted:
+        raise _bad(edit, "has no task", "name the tasks that run in it")
+    runs = [kept.get(t.name) or Run(task=t.name, versions=[v.name for v in t.versions]) for t in wanted]
+    return replace(model, modes=_exchanged(model.modes, mode, replace(mode, runs=runs)))
 
 
 def _with(edit: Edit, element: Any) -> Any:

@@ -17,7 +17,7 @@ NOT_STATABLE = error(
     "HAL0960",
     "Overlay cannot state an edit",
     "An overlay states values in place of those of the source; it cannot take an offset away, so that the first "
-    "release is free again. Save the model instead, or undo the edit.",
+    "release is free again, and the tasks of modes are not written. Save the model instead, or undo the edit.",
 )
 
 SUFFIXES = (".yaml", ".yml")
@@ -34,6 +34,9 @@ def overlay_of(opened: TaskModel, shown: TaskModel) -> bytes:
     """
     import yaml
 
+    if opened.modes != shown.modes:
+        help = "save the model as .xml, or state the modes in an overlay by hand"
+        raise HalpipeError(NOT_STATABLE("the tasks of a mode were changed", help=help))
     tasks = {
         new.name: stated for old, new in zip(opened.tasks, shown.tasks, strict=True) if (stated := _task(old, new))
     }

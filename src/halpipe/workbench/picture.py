@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from halpipe.exporters.report.scene import scene
@@ -9,6 +10,7 @@ from halpipe.flow.formats import EXPORTERS, formats
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.models import TaskModel
     from halpipe.workbench.session import Session
 
 Plain = dict[str, Any]
@@ -34,10 +36,25 @@ def picture(session: Session) -> Plain:
         },
         "findings": [plain(found) for found in state.findings],
         "variants": list(session.variants),
+        "runs": [{"name": mode.name, "tasks": " ".join(run.task for run in mode.runs)} for mode in state.model.modes],
+        "windows": _windows(state.model),
         "formats": formats(EXPORTERS),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
         **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn),
     }
+
+
+def _windows(model: TaskModel) -> list[Plain]:
+    """Return the precedence windows that can be edited: those that version and predecessor identify."""
+    found = []
+    for task in model.tasks:
+        for version in task.versions:
+            count = Counter(window.task for window in version.precedences)
+            for window in version.precedences:
+                if count[window.task] == 1:
+                    name = {"name": task.name, "inner": version.name, "after": window.task, "words": window.words}
+                    found.append(name | {"min": str(window.min), "max": str(window.max)})
+    return found
 
 
 def plain(found: Diagnostic) -> Plain:

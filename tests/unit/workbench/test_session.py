@@ -1,6 +1,7 @@
 """The workbench without a server: edits, pins, history, variants, saving."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from halpipe.exporters.report.scene import scene
 from halpipe.importers.native import parse_model, read_model
 from halpipe.pipeline.checked import verify_schedule
 from halpipe.starters import first_model
-from halpipe.workbench.edits import Edit, Pin
+from halpipe.workbench.edits import Edit, Pin, edited
 from halpipe.workbench.picture import picture
 from halpipe.workbench.session import Session
 
@@ -58,6 +59,9 @@ def test_most_jobs_stay_where_they_are(session):
         (wcet("1ms", "kamera"), "camera"),
         (wcet("1ms", version="fool"), "full"),
         (Edit("task", "camera", "colour", "red"), "period"),
+        (Edit("mode", "limp", "tasks", " "), "name the tasks"),
+        (Edit("mode", "limp", "tasks", "kamera"), "camera"),
+        (Edit("mode", "limp", "edge", "closed"), "tasks"),
         (Edit("chain", "see-and-brake", "tasks", "camera brakes"), "brake"),
         (Edit("moon", "camera", "period", "1ms"), "moon"),
         (Edit("task", "camera", "binding", "often"), "binding"),
@@ -110,6 +114,26 @@ def test_a_job_is_pinned_to_another_unit_and_keeps_its_start(session):
     assert session.state.is_valid, session.state.findings
     assert (moved.units, moved.start) == ((other,), job.start)
     assert verified(session) == []
+
+
+def test_a_mode_takes_other_tasks(session):
+    limp = session.state.model.mode("limp").runs
+    session.edit(Edit("mode", "limp", "tasks", "logging detection"))
+    runs = session.state.model.mode("limp").runs
+    assert [run.task for run in runs] == ["logging", "detection"]
+    assert runs[1] in limp, "what stays keeps its versions"
+    with pytest.raises(HalpipeError, match="of a mode were changed"):
+        session.save(str(session.path) + ".yaml")
+
+
+def test_a_window_that_two_share_is_not_guessed(session):
+    model = session.state.model
+    task = model.task("detection")
+    twice = replace(task.versions[0], precedences=task.versions[0].precedences * 2)
+    changed = replace(task, versions=(twice, *task.versions[1:]))
+    model = replace(model, tasks=tuple(changed if t is task else t for t in model.tasks))
+    with pytest.raises(HalpipeError, match="has 2 windows"):
+        edited(model, Edit("window", "detection", "max", "3ms", "fine", "camera"))
 
 
 def test_a_chain_takes_another_way(session):

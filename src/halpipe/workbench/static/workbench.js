@@ -86,7 +86,7 @@ function show(told, quiet) {
   if (told.unkept) findings([{severity: "warning", message: `edits are in memory only: ${told.unkept}`, help: "save under another name before you stop the server"}], true);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
   tools();
-  if (!quiet) { taskTable(); chainTable(); }
+  if (!quiet) { tables(); }
 }
 
 // Shows the mode that is chosen, as high as its lanes need.
@@ -132,14 +132,14 @@ function findings(found, more = false) {
 
 function field(edit, wide) {
   const input = element("input", "", {className: wide ? "wide" : "", told: ""});
-  input.setAttribute("aria-label", [edit.name, edit.inner, edit.field].filter(Boolean).join(" "));
+  input.setAttribute("aria-label", [edit.name, edit.inner, edit.after, edit.field].filter(Boolean).join(" "));
   input.addEventListener("change", async () => {
     input.told = input.value;
     const told = await order("edit", {...edit, value: input.value}, true);
     for (const known of made.values()) if (known.fields.has(input)) known.content = ""; // what was typed is no content of the model
     const isOutdated = told && told.refused && told.refused[0].code === "HAL0952"; // the new state is shown, in the tables, too
     if (told && told.refused && !isOutdated) { input.classList.add("wrong"); input.title = told.refused[0].message; }
-    else { taskTable(); chainTable(); }
+    else { tables(); }
   });
   input.addEventListener("keydown", event => { if (event.key === "Escape") { input.told = input.value; tell(input, input.actual); } });
   return input;
@@ -230,6 +230,32 @@ function chainTable() {
   $("chains").hidden = !rows.length;
 }
 
+function tables() { taskTable(); chainTable(); windowTable(); modeTable(); }
+
+function windowTable() {
+  const rows = state.windows.flatMap(each => kept(`window ${each.name} ${each.inner} ${each.after}`, each.words, [each.min, each.max], each, windowRows));
+  fill($("windows").tBodies[0], rows);
+  $("windows").hidden = !rows.length;
+}
+
+function windowRows({name, inner, after, words}, fields) {
+  const row = element("tr");
+  for (const text of [name, inner, words]) cell(row, text).title = text;
+  for (const limit of ["min", "max"]) {
+    const input = field({kind: "window", name, inner, after, field: limit});
+    cell(row, input); fields.set(input, now => now[limit]);
+  }
+  return [row];
+}
+
+function modeTable() { fill($("modes").tBodies[0], state.runs.flatMap(mode => kept(`mode ${mode.name}`, [], mode.tasks, mode, modeRows))); }
+
+function modeRows({name}, fields) {
+  const row = element("tr"), tasks = field({kind: "mode", name, field: "tasks"}, true);
+  cell(row, name); cell(row, tasks); fields.set(tasks, now => now.tasks);
+  return [row];
+}
+
 function path(chain) { return chain.tasks.map(number => state.tasks[number].name).join(" "); }
 
 function latencies(chain) { return chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {}; }
@@ -247,7 +273,7 @@ function chainRows(chain, fields, texts) {
   return [row];
 }
 
-$("mode").addEventListener("change", () => { draw(); taskTable(); chainTable(); });
+$("mode").addEventListener("change", () => { draw(); tables(); });
 $("chain").addEventListener("change", () => show(state, true));
 $("search").addEventListener("input", () => { viewer.filter = $("search").value.toLowerCase(); viewer.draw(); taskTable(); });
 $("undo").addEventListener("click", () => order("undo"));
