@@ -46,6 +46,9 @@ def compare(
             show_default=False,
         ),
     ] = "",
+    histogram: Annotated[
+        bool, typer.Option("--histogram", help="Show how start errors, responses, run times and jitter are spread.")
+    ] = False,
 ) -> int:
     """Compare what ran with the schedule: lateness, overruns, order, missing and extra jobs of every task."""
     from halpipe.importers.native import read_model, read_schedule
@@ -57,9 +60,9 @@ def compare(
     if not learn:
         refuse_unused(chosen, "compare without --learn", ("quantile", "margin"))
     if os.path.isdir(schedule):
-        for name, value in (("model", model), ("learn", learn)):
+        for name, value in (("model", model), ("learn", learn), ("histogram", histogram)):
             if value:
-                help = "omit it: budgets of bytes stand in the bundle"
+                help = "omit it: a bundle of regulators has budgets of bytes, and no jobs"
                 raise HalpipeError(WITHOUT_EFFECT(f'compare: "{name}" has no effect here', help=help), exit=Exit.USAGE)
         return _counters(schedule, trace, chosen)
     tables = read_schedule(schedule)
@@ -69,6 +72,8 @@ def compare(
     found = [*recording.diagnostics, *(d for line in lines for d in line.diagnostics)]
     if output.is_text():
         _show(lines, has_model=system is not None)
+        if histogram:
+            _show_histograms(lines, system)
     output.report(found, as_result=True)
     if learn:
         _learn(lines, chosen, system, trace, learn)
@@ -131,6 +136,18 @@ def _show(lines: list[Comparison], *, has_model: bool) -> None:
                 for c in line.chains
             ]
             output.table(CHAINS, chains, right=range(2, len(CHAINS)))
+
+
+SPREAD = ("task", "figure", "least", "worst", "bin")
+
+
+def _show_histograms(lines: list[Comparison], model: TaskModel | None) -> None:
+    from halpipe.pipeline.compare.histograms import BINS, histograms
+
+    columns = (*SPREAD, *(f"#{number}" for number in range(1, BINS + 1)))
+    for line in lines:
+        rows = [(h.task, h.figure, *map(str, (h.least, h.worst, h.width, *h.counts))) for h in histograms(line, model)]
+        output.table(columns, rows, right=range(2, len(columns)))
 
 
 def _text(span: Duration | None) -> str:

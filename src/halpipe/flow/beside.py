@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Severity, about, error, warning
 from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.common.timeline import Window, shows_context, unroll, unroll_switch
-from halpipe.exporters.report.beside import Beside, Seen, Strip
+from halpipe.exporters.report.beside import Beside, Seen, Spread, Strip
 from halpipe.models.trace import NONE, Executions
 from halpipe.pipeline.compare import CompareOptions, compare, is_stated
 from halpipe.pipeline.compare.codes import Kind
+from halpipe.pipeline.compare.histograms import histograms
 from halpipe.pipeline.compare.judging import Judge, Scope
 
 if TYPE_CHECKING:
@@ -92,7 +93,12 @@ def _run(model: TaskModel, schedule: Schedule, options: ReportOptions) -> tuple[
     findings.extend(d for d in found if d.severity is Severity.NOTE)
     listed = tuple(f"{d.path}: {d.message}" for d in found if d.severity is not Severity.NOTE)
     absent = "The trace has no cycle of this table."
-    return Beside(options.trace, strips, listed, absent), [*findings.items]
+    spreads = tuple(
+        Spread(h.task, h.figure, str(h.least), str(h.worst), str(h.width), h.counts)
+        for line in lines
+        for h in histograms(line, model)
+    )
+    return Beside(options.trace, strips, listed, absent, spreads), [*findings.items]
 
 
 def _worst_cycles(lines: Sequence[Comparison]) -> dict[str, tuple[int, int, int, int]]:

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
 
 
+SPREAD_HEIGHT = 18
+
+
 @record
 class Seen:
     """A box under the schedule, on the line of its table.
@@ -37,6 +40,23 @@ class Strip:
 
 
 @record
+class Spread:
+    """Distribution of a figure of a task over bins of `width` from `least` on."""
+
+    task: str
+    figure: str
+    least: str
+    worst: str
+    width: str
+    counts: tuple[int, ...]
+
+    @property
+    def heights(self) -> list[int]:
+        """Heights of the bars, at most `SPREAD_HEIGHT`; of a bin that is not empty at least 1."""
+        return [-(-count * SPREAD_HEIGHT // max(self.counts)) for count in self.counts]
+
+
+@record
 class Beside:
     """The strips by table, a mode or a switch; `found` lists what deviates, `absent` says why a table has no strip."""
 
@@ -44,6 +64,7 @@ class Beside:
     strips: Mapping[str, Strip]
     found: tuple[str, ...]
     absent: str
+    spreads: tuple[Spread, ...] = ()
 
     def strip(self, table: str) -> Strip:
         """Return the strip of a table, an empty one if nothing was seen of it."""
