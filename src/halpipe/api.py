@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from halpipe.importers.common.base import Imported
     from halpipe.models import DurationLike, Schedule, TaskModel
     from halpipe.pipeline.compare import Comparison
+    from halpipe.pipeline.compare.learning import Learned
     from halpipe.pipeline.diff import Change, ScheduleDiff
     from halpipe.pipeline.explain.explanation import Explanation
     from halpipe.pipeline.whatif.sensitivity import Sensitivity
@@ -232,6 +233,22 @@ def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **op
 
     chosen = CompareOptions(**from_keywords("compare", CompareOptions, options))
     return [compare_line(schedule, line, chosen, model) for line in read_traces(trace).traces]
+
+
+def learn(schedule: Schedule, trace: str, model: TaskModel | None = None, **options: Any) -> Learned:
+    """Return what a recording teaches of WCETs and periods: as `compare`, with the options ``quantile`` and ``margin``.
+
+    ``.corrected(model)`` is the model with it, ``.overlay("run.btf")`` the text of an overlay.
+    """
+    from halpipe.core.options import from_keywords
+    from halpipe.importers.traces import read_traces
+    from halpipe.pipeline.compare import compare as compare_line
+    from halpipe.pipeline.compare.learning import LearnOptions
+    from halpipe.pipeline.compare.learning import learn as learn_from
+
+    chosen = LearnOptions(**from_keywords("learn", LearnOptions, options))
+    lines = [compare_line(schedule, line, chosen, model) for line in read_traces(trace).traces]
+    return learn_from(lines, chosen, model)
 
 
 def check(bundle: str, **options: Any) -> Checked:

@@ -239,3 +239,17 @@ def test_a_schedule_draws_its_jobs():
     assert axes.get_xlim() == (0, 20)
     with pytest.raises(KeyError):
         plan.plot("zz")
+
+
+def test_learning_from_a_recording_is_that_of_the_command(tmp_path):
+    system = model(task("a", 10, version("v", 3)))
+    planned = halpipe.schedule(system)
+    file = tmp_path / "run.csv"
+    starts = [10_000_000 * cycle for cycle in range(5)]
+    file.write_text("task,start,end\n" + "".join(f"a,{at},{at + 4_000_000 + at // 10_000_000}\n" for at in starts))
+    learned = halpipe.learn(planned, str(file), system, quantile="0.5", margin="50%")
+    (found,) = learned.versions
+    assert (str(found.longest), str(found.wcet)) == ("4.000004ms", "6.001ms")  # 1.5 times the third, in microseconds
+    assert str(learned.corrected(system).task("a").versions[0].wcet) == "6.001ms"
+    with pytest.raises(TypeError, match="has no option"):
+        halpipe.learn(planned, str(file), system, quantil="0.5")

@@ -48,7 +48,7 @@ KINDS = {
 NAMES = sorted({name for kind in KINDS.values() for name in names_of(kind)})
 OWN = {
     *("output", "report", "coverage", "trace", "bandwidth", "format", "quiet", "verbose", "help"),
-    *("share", "workers", "resume", "model", "witness", "seed", "learn"),
+    *("share", "workers", "resume", "model", "witness", "seed", "learn", "histogram"),
 }
 """Options of commands that name further files, or say where results go and how they look, not what they are."""
 
