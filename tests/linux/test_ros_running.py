@@ -18,7 +18,7 @@ from halpipe.models import Status, TransitionTable
 from support import ms
 
 SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
-NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random")
+NAMES = ("full", "within", "dead", "patterns", "cancelling", "unload", "lifecycle", "throwing", "hanging", "random")
 REFUSED = {
     "simulated": "table_container: use_sim_time: the tables have the rate of the machine's clock",
     "node_simulated": "/sink: use_sim_time: the tables have the rate of the machine's clock",
@@ -113,6 +113,13 @@ def test_what_no_row_runs_is_served_in_the_background_lane(played):
     assert found["overlap"] == 0  # of a handler and a job of one exclusive group
     assert (found["own"], found["polled"]) == (0, 0)  # its node spins this group
     assert "no row, so it runs in the background lane: timer" in played["patterns"].err
+
+
+def test_a_timer_that_was_cancelled_does_not_run(played):
+    """In the background lane, where it was ready when another cancelled it, and as a row, which has no datum then."""
+    assert numbers(played["cancelling"].out) == {"first": 1, "after": 0, "sent": 0}
+    assert {row["data"] for row in played["cancelling"].rows} == {"0"}
+    assert "/source: there was no message for a job" in played["cancelling"].err
 
 
 def test_a_node_is_not_unloaded_while_the_tables_run_it(played):

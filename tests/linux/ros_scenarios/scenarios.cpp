@@ -136,6 +136,26 @@ int public_patterns() {
   return status;
 }
 
+// One of two timers that are ready at once cancels the other, which does not run any more, claimed by a row or not.
+int cancelling() {
+  Pipe pipe;
+  std::atomic_int first{0}, other{0}, at_cancel{-1};
+  rclcpp::TimerBase::SharedPtr cancelled;
+  const auto timer = pipe.helper->create_wall_timer(milliseconds(20), [&] {
+    first++;
+    if (first == 1) {std::this_thread::sleep_for(milliseconds(50));}   // both are ready after that
+    if (first == 2) {
+      at_cancel = other.load();
+      cancelled->cancel();
+      pipe.timer->cancel();
+    }
+  });
+  cancelled = pipe.helper->create_wall_timer(milliseconds(20), [&] {other++;});
+  const int status = pipe.play(2500);
+  std::printf("first %d after %d sent %d\n", int(first > 20), other - at_cancel, pipe.sent.load());
+  return status;
+}
+
 int unload() {
   Pipe pipe;
   bool before = true, playing = true;
@@ -269,6 +289,7 @@ int main(int argc, char ** argv) {
   if (name == "within") {return full_queue(true);}
   if (name == "dead") {return dead();}
   if (name == "patterns") {return public_patterns();}
+  if (name == "cancelling") {return cancelling();}
   if (name == "unload") {return unload();}
   if (name == "lifecycle") {return lifecycle();}
   if (name == "throwing") {return throwing();}

@@ -7,6 +7,7 @@
 #include <cstdarg>
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <deque>
 #include <functional>
 #include <list>
@@ -79,7 +80,10 @@ public:
   virtual ~TimerBase() = default;
 #if STUB_RCLCPP >= 28
   virtual std::shared_ptr<void> call() {return move() ? std::make_shared<int>(0) : nullptr;}
-  virtual void execute_callback(const std::shared_ptr<void> &) {callback_();}
+  virtual void execute_callback(const std::shared_ptr<void> & data) {  // it reads the data
+    if (!data) {std::abort();}
+    callback_();
+  }
 #else
   virtual bool call() {return move();}
   virtual void execute_callback() {callback_();}
@@ -388,7 +392,8 @@ struct ExecutorOptions {};
 
 // rclcpp/src/rclcpp/executor.cpp: a node that was never added cannot be removed; groups that are not added automatically
 // are left alone; timers come first, then subscriptions, services, waitables; the data of a waitable is taken when it is
-// chosen, and a timer is called then.
+// chosen, and a timer is called then. One that was cancelled since the wait is skipped (Humble: the memory strategy's
+// get_next_timer).
 class Executor {
 public:
   explicit Executor(const ExecutorOptions & = ExecutorOptions()) {}
@@ -451,22 +456,29 @@ protected:
     } while (ok() && stub::now() < end);
   }
   bool get_next_ready_executable(AnyExecutable & any) {
-    for (auto one = ready_.begin(); one != ready_.end(); ++one) {
-      if (!one->callback_group->can_be_taken_from().load()) {continue;}
+    for (auto one = ready_.begin(); one != ready_.end();) {
+      if (!one->callback_group->can_be_taken_from().load()) {
+        ++one;
+        continue;
+      }
+      std::shared_ptr<void> data;
+      if (one->timer) {
+        const auto called = one->timer->call();
+        if (!called) {
+          one = ready_.erase(one);
+          continue;
+        }
+#if STUB_RCLCPP >= 28
+        data = called;
+#endif
+      }
       any.subscription = one->subscription;
       any.timer = one->timer;
       any.service = one->service;
       any.waitable = one->waitable;
       any.callback_group = one->callback_group;
+      any.data = one->waitable ? one->waitable->take_data() : data;
       ready_.erase(one);
-      if (any.timer) {
-#if STUB_RCLCPP >= 28
-        any.data = any.timer->call();
-#else
-        any.timer->call();
-#endif
-      }
-      if (any.waitable) {any.data = any.waitable->take_data();}
       if (any.callback_group->type() == CallbackGroupType::MutuallyExclusive) {any.callback_group->can_be_taken_from() = false;}
       return true;
     }
