@@ -26,6 +26,7 @@ BAD_EDIT = error(
 TASK_FIELDS = ("period", "offset", "deadline", "slack", "binding")
 VERSION_FIELDS = ("wcet", "units")
 WINDOW_FIELDS = ("min", "max")
+ACCESS_FIELDS = ("start", "end", "bound")
 LIMITS = ("max_latency", "max_reaction", "max_age")
 CHAIN_FIELDS = ("tasks", *LIMITS)
 OPTIONAL = ("offset", "deadline", *LIMITS)
@@ -36,9 +37,10 @@ NAMES = ("units", "tasks")
 
 @record
 class Edit:
-    """`kind` is task, version, window, chain or mode; `inner` is the name of a version.
+    """`kind` is task, version, window, access, chain or mode; `inner` is the name of a version.
 
-    The `name` is that of the task, chain or mode; a window is that of version `inner` after the task `after`.
+    The `name` is that of the task, chain or mode; a window is that of version `inner` after the task `after`, and an
+    access is that of the version to the resource `after`.
     """
 
     kind: str
@@ -62,11 +64,14 @@ def edited(model: TaskModel, edit: Edit) -> TaskModel:
         "task": _task,
         "version": _version,
         "window": _window,
+        "access": _access,
         "chain": _chain,
         "mode": _mode,
     }
     if edit.kind not in makers:
-        raise _bad(edit, f'"{edit.kind}" is nothing that can be edited', "edit a task, version, window, chain or mode")
+        raise _bad(
+            edit, f'"{edit.kind}" is nothing that can be edited', "edit a task, version, window, access, chain or mode"
+        )
     return makers[edit.kind](model, edit)
 
 
@@ -88,14 +93,28 @@ def _window(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, WINDOW_FIELDS)
     task = _named(edit, model.tasks, edit.name)
     version = _named(edit, task.versions, edit.inner)
-    found = [w for w in version.precedences if w.task == edit.after]
-    if len(found) != 1:
-        text = f'has {len(found) or "no"} windows after task "{edit.after}"'
-        raise _bad(edit, text, "change the file" if found else "name the task that precedes it")
-    (window,) = found
+    window = _only(edit, [w for w in version.precedences if w.task == edit.after], "windows after task")
     windows = _exchanged(version.precedences, window, _with(edit, window))
     changed = replace(task, versions=_exchanged(task.versions, version, replace(version, precedences=windows)))
     return replace(model, tasks=_exchanged(model.tasks, task, changed))
+
+
+def _access(model: TaskModel, edit: Edit) -> TaskModel:
+    _known(edit, edit.field, ACCESS_FIELDS)
+    task = _named(edit, model.tasks, edit.name)
+    version = _named(edit, task.versions, edit.inner)
+    access = _only(edit, [a for a in version.accesses if a.resource == edit.after], "accesses to")
+    accesses = _exchanged(version.accesses, access, _with(edit, access))
+    changed = replace(task, versions=_exchanged(task.versions, version, replace(version, accesses=accesses)))
+    return replace(model, tasks=_exchanged(model.tasks, task, changed))
+
+
+def _only(edit: Edit, found: list[Any], what: str) -> Any:
+    """Return the only one found; raise `HalpipeError` where the edit does not say which."""
+    if len(found) != 1:
+        help = "change the file" if found else "choose one of the model"
+        raise _bad(edit, f'has {len(found) or "no"} {what} "{edit.after}"', help)
+    return found[0]
 
 
 def _chain(model: TaskModel, edit: Edit) -> TaskModel:

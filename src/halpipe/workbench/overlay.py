@@ -17,7 +17,8 @@ NOT_STATABLE = error(
     "HAL0960",
     "Overlay cannot state an edit",
     "An overlay states values in place of those of the source; it cannot take an offset away, so that the first "
-    "release is free again, and the tasks of modes are not written. Save the model instead, or undo the edit.",
+    "release is free again, and accesses and the tasks of modes are not written. Save the model instead, or undo the "
+    "edit.",
 )
 
 SUFFIXES = (".yaml", ".yml")
@@ -63,6 +64,9 @@ def _version(old: Version, new: Version) -> Plain:
     stated = _changed(old, new, VERSION_FIELDS)
     if old.units != new.units:
         stated["units"] = list(new.units)
+    if old.accesses != new.accesses:
+        help = "save the model as .xml, or state the accesses in an overlay by hand"
+        raise HalpipeError(NOT_STATABLE(f'an access of version "{new.name}" was changed', help=help))
     if old.precedences != new.precedences:
         stated["precedence"] = [_window(each) for each in new.precedences]
     return stated

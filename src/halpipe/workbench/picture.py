@@ -45,15 +45,20 @@ def picture(session: Session) -> Plain:
 
 
 def _windows(model: TaskModel) -> list[Plain]:
-    """Return the precedence windows that can be edited: those that version and predecessor identify."""
+    """Return windows and accesses that can be edited: those that version and predecessor or resource identify."""
     found = []
     for task in model.tasks:
         for version in task.versions:
+            name = {"name": task.name, "inner": version.name}
             count = Counter(window.task for window in version.precedences)
-            for window in version.precedences:
-                if count[window.task] == 1:
-                    name = {"name": task.name, "inner": version.name, "after": window.task, "words": window.words}
-                    found.append(name | {"min": str(window.min), "max": str(window.max)})
+            for window in (w for w in version.precedences if count[w.task] == 1):
+                limits = [["min", str(window.min)], ["max", str(window.max)]]
+                found.append(name | {"kind": "window", "after": window.task, "words": window.words, "limits": limits})
+            count = Counter(access.resource for access in version.accesses)
+            for access in (a for a in version.accesses if count[a.resource] == 1):
+                limits = [["start", str(access.start)], ["end", str(access.end)], ["bound", str(access.bound)]]
+                words = f"access to {access.resource}: from, to, share"
+                found.append(name | {"kind": "access", "after": access.resource, "words": words, "limits": limits})
     return found
 
 

@@ -60,6 +60,8 @@ def test_most_jobs_stay_where_they_are(session):
         (wcet("1ms", version="fool"), "full"),
         (Edit("task", "camera", "colour", "red"), "period"),
         (Edit("mode", "limp", "tasks", " "), "name the tasks"),
+        (Edit("access", "logging", "bound", "0.5", "only", "bus"), "choose"),
+        (Edit("access", "logging", "bound", "half", "only", "memory"), "half"),
         (Edit("mode", "limp", "tasks", "kamera"), "camera"),
         (Edit("mode", "limp", "edge", "closed"), "tasks"),
         (Edit("chain", "see-and-brake", "tasks", "camera brakes"), "brake"),
@@ -123,6 +125,14 @@ def test_a_mode_takes_other_tasks(session):
     assert [run.task for run in runs] == ["logging", "detection"]
     assert runs[1] in limp, "what stays keeps its versions"
     with pytest.raises(HalpipeError, match="of a mode were changed"):
+        session.save(str(session.path) + ".yaml")
+
+
+def test_an_access_takes_another_share(session):
+    session.edit(Edit("access", "logging", "bound", "0.5", "only", "memory"))
+    assert session.state.model.task("logging").version("only").accesses[0].bound * 2 == 1
+    assert verified(session) == []
+    with pytest.raises(HalpipeError, match="an access of version"):
         session.save(str(session.path) + ".yaml")
 
 

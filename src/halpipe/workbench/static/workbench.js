@@ -233,18 +233,18 @@ function chainTable() {
 function tables() { taskTable(); chainTable(); windowTable(); modeTable(); }
 
 function windowTable() {
-  const rows = state.windows.flatMap(each => kept(`window ${each.name} ${each.inner} ${each.after}`, each.words, [each.min, each.max], each, windowRows));
+  const rows = state.windows.flatMap(each => kept(`${each.kind} ${each.name} ${each.inner} ${each.after}`, each.words, each.limits, each, windowRows));
   fill($("windows").tBodies[0], rows);
   $("windows").hidden = !rows.length;
 }
 
-function windowRows({name, inner, after, words}, fields) {
+function windowRows({kind, name, inner, after, words, limits}, fields) {
   const row = element("tr");
   for (const text of [name, inner, words]) cell(row, text).title = text;
-  for (const limit of ["min", "max"]) {
-    const input = field({kind: "window", name, inner, after, field: limit});
-    cell(row, input); fields.set(input, now => now[limit]);
-  }
+  limits.forEach(([limit], place) => {
+    const input = field({kind, name, inner, after, field: limit});
+    cell(row, input); fields.set(input, now => now.limits[place][1]);
+  });
   return [row];
 }
 
