@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -86,8 +87,9 @@ def _run(model: TaskModel, schedule: Schedule, options: ReportOptions) -> tuple[
     windows = {name: window for name, (window, _) in _drawn(schedule, context=shows_context(schedule)).items()}
     units = {unit.name for unit in model.units}
     strips = {
-        name: _Cycle(lines[number], line, windows[name], options.tolerance, units).strip()
-        for name, (_, _, number, line) in _worst_cycles(lines).items()
+        name: _Cycle(lines[-found[0][2]], -found[0][3], windows[name], options.tolerance, units).strip(len(found))
+        for name, found in _worst_cycles(lines).items()
+        if name in windows
     }
     found = [d for line in lines for d in line.diagnostics]
     findings.extend(d for d in found if d.severity is Severity.NOTE)
@@ -101,21 +103,25 @@ def _run(model: TaskModel, schedule: Schedule, options: ReportOptions) -> tuple[
     return Beside(options.trace, strips, listed, absent, spreads), [*findings.items]
 
 
-def _worst_cycles(lines: Sequence[Comparison]) -> dict[str, tuple[int, int, int, int]]:
-    """Return, by table, the cycle with the most deviations, of equals the first around which most jobs ran.
+def _worst_cycles(lines: Sequence[Comparison]) -> dict[str, list[tuple[int, int, int, int]]]:
+    """Return the cycles of each table, first the one with the most deviations, of equals that with the most jobs.
 
-    A cycle is the number of its comparison and of its line, after deviations and jobs.
+    A cycle is its deviations, its jobs with those before, and the numbers of its comparison and its line, both negative
+    so that the first of equals comes first.
     """
-    worst: dict[str, tuple[int, int, int, int]] = {}
+    cycles: dict[str, list[tuple[int, int, int, int]]] = defaultdict(list)
     for number, comparison in enumerate(lines):
-        played = comparison.matching.lines
+        played, before = comparison.matching.lines, ""
         for line, table in enumerate(played.table):
             # With the cycle before, since jobs that wrap are drawn, too.
             slots = comparison.matching.slots[played.slot[max(0, line - 1)] : played.slot[line + 1]]
-            found = comparison.by_line.get(line, 0), sum(row >= 0 for row in slots), number, line
-            if sum(found[:2]) and (table.name not in worst or found[:2] > worst[table.name][:2]):
-                worst[table.name] = found
-    return worst
+            jobs, found = sum(row >= 0 for row in slots), comparison.by_line.get(line, 0)
+            # A switch of length zero is no line of its own.
+            for name in (table.name, f"{before}->{table.name}"):
+                if jobs or found:
+                    cycles[name].append((found, jobs, -number, -line))
+            before = table.name
+    return {name: sorted(found, reverse=True) for name, found in cycles.items()}
 
 
 class _Cycle:
@@ -128,8 +134,8 @@ class _Cycle:
         self.zero = self.matching.lines.start[line] + self.matching.origin
         self.low, self.high = self.zero + window.start.ns, self.zero + window.end.ns
 
-    def strip(self) -> Strip:
-        """Return the boxes of the cycle."""
+    def strip(self, played: int) -> Strip:
+        """Return the boxes of the cycle, the worst of those that were `played`."""
         seen, lines = self.matching.executions, self.matching.lines
         extra = set(self.matching.extra)
         rows = [row for row in seen.order if self._shows(seen.start[row], seen.end[row])]
@@ -138,8 +144,7 @@ class _Cycle:
         boxes = [box for row in own for box in self._boxes(row, marks.get(row, []))]
         boxes += [box for row in rows if row in extra for box in self._extra(row)]
         boxes += [box for at in self.matching.missing for box in self._missing(*at)]
-        played = sum(table is lines.table[self.line] for table in lines.table)
-        many = f", of {played} the one with the most deviations" if played > 1 else ""
+        many = f", the one of {played} with the most deviations" if played > 1 else ""
         counted = f"{self.deviations} deviation{'' if self.deviations == 1 else 's'}"
         when = f"from {Duration(self.zero)} of the trace on"
         return Strip(tuple(boxes), f"Cycle {lines.cycle[self.line]}{many}, {when}: {counted}.")

@@ -7,12 +7,13 @@ import pytest
 from exporter_samples import roboracer
 from lxml import etree
 
+import halpipe
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_schedule
 from halpipe.exporters.report import ReportOptions
 from halpipe.flow.formats import export_with_remarks
-from support import ms
+from support import mode, model, ms, task, version
 
 CYCLE = 25_000_000
 ZERO = 1000
@@ -65,7 +66,7 @@ def test_a_faithful_run_lies_under_its_jobs(run):
     assert ("opponent_detection", "", 0.0, 48.0) in boxes  # of the job that began in the cycle before
     assert ("path_planner", "", 48.0, 52.0) in boxes
     assert "Nothing deviates." in page
-    assert "Cycle 1, of 4 " in page
+    assert "Cycle 1, the one of 4 " in page
 
 
 def test_the_cycle_with_the_most_deviations_is_drawn_with_marks(run):
@@ -94,7 +95,7 @@ def test_the_cycle_with_the_most_deviations_is_drawn_with_marks(run):
     assert [box[0] for box in marked if box[1] == "extra"] == ["particle_filter"]
     assert len(marked) == 6
     assert remarks == ["HAL1475"]
-    assert "Cycle 2, of 4 the one with the most deviations, from 50.001ms of the trace on" in page
+    assert "Cycle 2, the one of 4 with the most deviations, from 50.001ms of the trace on" in page
     assert "runs for 3ms, 1ms more than the 2ms" in page
 
 
@@ -154,3 +155,25 @@ def test_an_option_without_effect_is_refused(run, options):
     with pytest.raises(HalpipeError) as refused:
         run(**options)
     assert {d.code for d in refused.value.diagnostics} == {"HAL0025"}
+
+
+def test_a_switch_of_length_zero_has_the_cycles_around_it(tmp_path):
+    a, b = task("a", 10, version("v", 2)), task("b", 20, version("v", 3))
+    modes = [mode("fast", (a,)), mode("slow", (a, b))]
+    system = model(a, b, modes=modes, transitions=[("fast", "slow", None), ("slow", "fast", None)])
+    planned = halpipe.schedule(system)
+    assert [table.length for table in planned.transitions] == [ms(0), ms(0)]
+    rows = ["task,start,end,mode,cycle"]
+    now = 0
+    for cycle, name in enumerate(("fast", "slow", "slow")):
+        table = planned.mode(name)
+        for job in table.jobs:
+            late = 1_000_000 * (job.task == "b" and cycle == 1)
+            rows.append(f"{job.task},{now + late + job.start.ns},{now + late + job.end.ns},{name},{cycle}")
+        now += int(table.hyperperiod.ns)
+    file = tmp_path / "run.csv"
+    file.write_text("\n".join(rows) + "\n")
+    page, _, boxes = drawn(system, planned, ReportOptions(trace=str(file), origin=Duration(0)))
+    assert len([box for box in boxes if box[1] == "delay"]) == 2  # in the mode, and after the switch to it
+    assert "Cycle 1, from 10ms of the trace on" in page
+    assert page.count("The trace has no cycle of this table.") == 1  # the switch back
