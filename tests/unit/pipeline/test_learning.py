@@ -128,3 +128,11 @@ def test_the_overlay_is_one(tmp_path):
 def test_an_overlay_without_entries_is_one_too(tmp_path):
     (tmp_path / "o.yaml").write_text(learned((Execution(task="a", start=ZERO, end=ms(1)),)).overlay("t"))
     assert read_overlays([str(tmp_path / "o.yaml")]).tasks == ()
+
+
+def test_of_an_irregular_task_the_least_distance_of_starts_is_learned():
+    found = learned(run(2, 2, 2, 2, 2, 2, others=[("x", at) for at in (1, 4, 30, 34, 59)] + [("once", 7)]))
+    assert found.distances == {"x": ms(3)}
+    text = found.overlay("run.csv")
+    assert '#  "x": 3ms' in text.splitlines()
+    assert "once" not in text

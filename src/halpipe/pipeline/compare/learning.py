@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from dataclasses import replace
+from dataclasses import field, replace
 from fractions import Fraction
 from itertools import pairwise
 from statistics import median_low
@@ -22,7 +22,7 @@ from halpipe.core.samples import quantile
 from halpipe.pipeline.compare import CompareOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.models import TaskModel
     from halpipe.models.trace import Instant
@@ -82,10 +82,14 @@ class LearnedPeriod:
 
 @record(kw_only=True)
 class Learned:
-    """Everything that recordings teach of the tasks of a schedule, and of others that ran."""
+    """Everything that recordings teach of the tasks of a schedule, and of others that ran.
+
+    `distances` has the least distance of two starts of other tasks that keep no period.
+    """
 
     versions: tuple[LearnedVersion, ...]
     periods: tuple[LearnedPeriod, ...]
+    distances: Mapping[str, Duration] = field(default_factory=dict)
 
     def corrected(self, model: TaskModel) -> TaskModel:
         """Return a model with the WCETs and periods that are learned."""
@@ -114,6 +118,9 @@ class Learned:
         if others:
             lines.append("# Not in the schedule; uncomment the tasks that the source leaves without a period:")
         lines += [f"#  {json.dumps(o.task)}: {{period: {o.period}, offset: {o.offset}}}" for o in others]
+        if self.distances:
+            lines.append("# Not in the schedule, and without a period; starts were at least so far apart:")
+        lines += [f"#  {json.dumps(task)}: {distance}" for task, distance in sorted(self.distances.items())]
         return "\n".join(lines) + "\n"
 
 
@@ -144,6 +151,7 @@ def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskM
     busy: dict[tuple[str, str], list[Instant]] = defaultdict(list)
     stated = {(t.name, v.name): v.wcet for t in model.tasks for v in t.versions} if model else {}
     periods: dict[str, LearnedPeriod] = {}
+    distances: dict[str, Instant] = {}
     for comparison in comparisons:
         starts: dict[str, list[Instant]] = defaultdict(list)
         known = {row.task for row in comparison.rows}
@@ -160,6 +168,9 @@ def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskM
             cycle = None if model is None or task not in known else model.task(task).period
             if (period := _period(task, found, comparison.origin, cycle, task in known)) is not None:
                 periods[task] = period
+            elif task not in known and len(found) > 1:
+                least = min(after - before for before, after in pairwise(sorted(found)))
+                distances[task] = min(least, distances.get(task, least))
     versions = []
     for (task, version), times in sorted(busy.items()):
         times.sort()
@@ -175,7 +186,8 @@ def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskM
                 stated=stated.get((task, version)),
             )
         )
-    return Learned(versions=tuple(versions), periods=tuple(periods.values()))
+    irregular = {task: Duration(least) for task, least in distances.items() if task not in periods}
+    return Learned(versions=tuple(versions), periods=tuple(periods.values()), distances=irregular)
 
 
 def _period(
