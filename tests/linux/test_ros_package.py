@@ -11,6 +11,7 @@ import yaml
 from ctf_writer import ros_trace
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.packaging import Binding
@@ -187,6 +188,18 @@ def test_a_job_may_wait_for_its_message_within_its_wcet(chosen, row):
         assert refusal(owner=owner, tables=tables, **chosen) == {codes.NO_EVENT.id}
 
 
+@pytest.mark.parametrize(
+    ("wait", "longest", "fits"), [("0.4ms", 600_000, True), ("0.4ms", 600_001, False), ("0.9ms", 0, True)]
+)
+def test_a_wait_leaves_the_measured_time_of_the_callback(wait, longest, fits):
+    owner, tables = system()
+    bindings = {**BINDINGS, "/sink": replace(BINDINGS["/sink"], longest=longest)}
+    options = RosOptions(package=True, bindings=bindings, cpus={"u1": 0}, wait={"/sink": ms(wait)})
+    found = [d for d in FORMAT.remarks(owner, tables, options, {}) if d.code == codes.NO_TIME_LEFT.id]
+    assert [d.path for d in found] == ([] if fits else ['task "/sink"'])
+    assert all(f"make the WCET {ms(wait) + Duration(longest)} or longer" in d.help for d in found)
+
+
 def gapped(split):
     """The system with a job of two parts in place of the first one in one piece."""
     owner, tables = system()
@@ -218,7 +231,7 @@ def test_a_callback_may_be_interrupted_anywhere():
 def test_a_trace_says_which_callbacks_the_tasks_are(tmp_path):
     found = callbacks_of([str(ros_trace(3).write(tmp_path))])
     assert found == {
-        "/source": Bound("/source", "timer", "", 10_000_000, 0),
-        "/sink/callback_0": Bound("/sink", "timer", "", 20_000_000, 0, "/sink/callback_group_0"),
-        "/sink/callback_1": Bound("/sink", "subscription", "/a", 0, 0, "/sink/callback_group_0"),
+        "/source": Bound("/source", "timer", "", 10_000_000, 0, longest=1_002_000),
+        "/sink/callback_0": Bound("/sink", "timer", "", 20_000_000, 0, "/sink/callback_group_0", 3_000_000),
+        "/sink/callback_1": Bound("/sink", "subscription", "/a", 0, 0, "/sink/callback_group_0", 700_000),
     }

@@ -7,6 +7,7 @@ from ctf_writer import MS, ROS, Trace, ros_trace
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.options import RosImportOptions
+from halpipe.importers.ros.traced import callbacks_of
 from halpipe.importers.traces.codes import RESTARTED
 
 GRAPH = """\
@@ -210,6 +211,13 @@ def test_two_traces_are_one_too_many(trace, tmp_path):
     with pytest.raises(HalpipeError) as caught:
         read(trace, ros_trace(2).write(tmp_path / "two"))
     assert {d.code for d in caught.value.diagnostics} == {codes.TWO_GRAPHS.id}
+
+
+def test_a_trace_beside_an_architecture_has_the_longest_job_of_each_callback(trace, graph):
+    """The timer of the sink has the processor for 2 of its 3 ms."""
+    longest = {name: bound.longest for name, bound in callbacks_of([str(graph()), str(trace)]).items()}
+    assert longest == {"/source": 1_019_000, "/sink/keep": 700_000, "/sink/send": 2_000_000}
+    assert not any(bound.longest for bound in callbacks_of([str(graph())]).values())
 
 
 def test_an_overlay_may_drop_callbacks_of_a_trace(trace):

@@ -136,7 +136,10 @@ class RosExporter(PlainExporter):
 
         chosen = specific(RosOptions, options)
         if chosen.package:
-            return package_remarks(model, select(model, schedule, options.mode, self.name))
+            from halpipe.exporters.ros.packaging import wait_remarks
+
+            remarks = package_remarks(model, select(model, schedule, options.mode, self.name))
+            return [*remarks, *wait_remarks(model, chosen)]
         return unrealised(model, select(model, schedule, options.mode, self.name), chosen)
 
 

@@ -1,4 +1,4 @@
-"""The diagnostics of the ROS export: HAL0897, HAL0899, HAL0816, HAL0817, HAL1301, HAL1302 and HAL1304."""
+"""The diagnostics of the ROS export: HAL0897, HAL0899, HAL0816, HAL0817, HAL1301, HAL1302, HAL1304 and HAL1454."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -42,4 +42,10 @@ NO_EVENT = error(
     "Task cannot wait for a message as stated",
     "Only jobs of subscriptions get messages. A job waits within the time that the schedule reserves for it, so the "
     "wait is shorter than the WCET of every version; and the mode for a missing message is one of the schedule.",
+)
+NO_TIME_LEFT = warning(
+    "HAL1454",
+    "WCET does not hold the wait and the measured time",
+    "A job of --wait runs after its wait, and its WCET holds both. In the trace that --graph names, a job of the "
+    "callback took longer than its WCET less the wait, so a job whose message comes late would end late.",
 )

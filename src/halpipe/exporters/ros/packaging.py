@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe import __version__
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, about, version_of
-from halpipe.core.durations import Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.linux import LinuxOptions
@@ -18,11 +18,12 @@ from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_f
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
-from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, NO_EVENT, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
+from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, NO_EVENT, NO_TIME_LEFT, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Schedule, TaskModel
 
@@ -44,7 +45,8 @@ _ROS_NAME = re.compile(r"/[A-Za-z0-9_/]{1,250}")
 class Binding:
     """The callback of a task: `kind` timer or subscription, `topic` of a subscription, `period` of a timer in ns.
 
-    `order` counts equal ones of the node in their order of construction; `group` is its callback group, if known.
+    `order` counts equal ones of the node in their order of construction; `group` is its callback group, if known,
+    and `longest` its longest traced job in ns, or 0.
     """
 
     node: str
@@ -53,6 +55,7 @@ class Binding:
     period: int = 0
     order: int = 0
     group: str = ""
+    longest: int = 0
 
 
 @record
@@ -168,6 +171,20 @@ def _refuse_waits(
         elif task in missing and missing[task] not in modes:
             help = did_you_mean(missing[task], modes, "the modes are " + ", ".join(modes))
             findings.add(NO_EVENT(f'there is no mode "{missing[task]}"', path=about(task=task), help=help))
+
+
+def wait_remarks(model: TaskModel, options: RosOptions) -> list[Diagnostic]:
+    """Return a warning for each task that was measured to take longer than its WCET leaves beside its wait."""
+    found = []
+    for task, wait in (options.wait or {}).items():
+        binding = (options.bindings or {}).get(task)
+        known = [version.wcet for version in model.task(task).versions if version.wcet is not None]
+        longest = Duration(binding.longest) if binding is not None else ZERO
+        if known and longest + wait > min(known):
+            text = f"a job took {longest}, and {min(known) - wait} of the WCET of {min(known)} is left after the wait"
+            help = f"make the WCET {longest + wait} or longer and schedule again, or wait shorter"
+            found.append(NO_TIME_LEFT(text, at=model.task(task).at, path=about(task=task), help=help))
+    return found
 
 
 def _services(schedule: Schedule, findings: Findings) -> list[str]:

@@ -280,7 +280,7 @@ def _subject(key: Key) -> str:
 class Bound:
     """A callback by node, kind (timer or subscription), topic or period in ns, and order among equal ones.
 
-    `group` is its callback group, empty where the graph does not tell.
+    `group` is its callback group, empty where the graph does not tell; `longest` its longest traced job in ns, or 0.
     """
 
     node: str
@@ -289,18 +289,27 @@ class Bound:
     period: int
     order: int
     group: str = ""
+    longest: int = 0
 
 
 def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
     """Return the callbacks of an architecture.yaml or a trace, by the names of their tasks."""
     inputs, findings = find(paths), Findings()
+    trace = read_ros_trace(inputs.traces[0], findings) if inputs.traces else None
+    longest: dict[str, int] = {}
     if inputs.graphs and inputs.graphs[0].kind is FileKind.CARET:
         graph = read_caret(inputs.graphs[0].content, inputs.graphs[0].name, findings, Coverage())
-    elif inputs.traces:
-        graph = graph_of(read_ros_trace(inputs.traces[0], findings), findings, Coverage())
+        measured = matched(trace, graph.callbacks) if trace else {}
+    elif trace:
+        graph = graph_of(trace, findings, Coverage())
+        measured = names_of(trace)
     else:
         return {}
     findings.stop_on_errors()
+    if trace:
+        longest = {
+            name: max((job.busy for job in trace.jobs.get(key, ())), default=0) for key, name in measured.items()
+        }
     names = task_names(graph, Names(Findings()))
     count: Counter[tuple[str, str, str, int]] = Counter()
     found = {}
@@ -312,6 +321,8 @@ def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
             key = (callback.node, "subscription", callback.inputs[0], 0)
         else:
             continue
-        found[names[callback.name]] = Bound(*key, count[key], groups.get(callback.name, ""))
+        found[names[callback.name]] = Bound(
+            *key, count[key], groups.get(callback.name, ""), longest.get(callback.name, 0)
+        )
         count[key] += 1
     return found
