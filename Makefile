@@ -29,7 +29,7 @@ $(BIN)/python:
 	  { rm -rf $(VENV); echo "cannot create a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
 LOCKED := constraints/locked.txt
-EXTRAS := dev,docs,arxml,exact,table,plot,riscv,serve,mdf
+EXTRAS := dev,docs,arxml,exact,table,plot,riscv,serve,mdf,zstd
 
 $(VENV)/.demo-ready: pyproject.toml hatch_build.py $(LOCKED) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(LOCKED) -e '.[riscv]'

@@ -13,6 +13,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.orchestrator.feo import FORMAT as FEO
 from halpipe.exporters.orchestrator.lifecycle import FORMAT as LIFECYCLE
 from halpipe.exporters.orchestrator.timpani import FORMAT as TIMPANI
+from halpipe.exporters.orchestrator.timpani import MOST_CPUS, MOST_LOAD
 from halpipe.models import HealthRule, Mode, Run
 from support import after, job, mode, model, ms, schedule, task, version
 
@@ -84,9 +85,9 @@ def test_equidistant_jobs_are_one_task_and_others_one_each():
 
 def test_cpus_and_node_are_as_stated():
     made = system(SENSE, ACT, LOG)
-    rows = workload(made, planned(made), cpus={"u1": 63, "u2": 2}, node="front")
+    rows = workload(made, planned(made), cpus={"u1": MOST_CPUS - 1, "u2": 2}, node="front")
     assert {(r["node_id"], r["cpu_affinity"]) for r in rows.values()} == {("front", 1 << 63), ("front", 4)}
-    found = refusals(TIMPANI, made, planned(made), cpus={"u1": 64, "u2": 2})
+    found = refusals(TIMPANI, made, planned(made), cpus={"u1": MOST_CPUS, "u2": 2})
     assert found == [("HAL1494", 'unit "u1"', "has no CPU from 0 to 63")]
 
 
@@ -94,6 +95,7 @@ def test_cpus_and_node_are_as_stated():
 def test_a_unit_that_timpani_would_empty_is_refused(wcet, refused):
     made = model(task("a", 10, version("v", wcet, "u1")))
     plan = schedule(made, 10, job(made, "a", 0, 0, "u1"))
+    assert refused is (ms(wcet) >= ms("10ms") * MOST_LOAD)
     if refused:
         assert refusals(TIMPANI, made, plan) == [("HAL1494", 'unit "u1"', "load is 90 %, not below 90 %")]
     else:

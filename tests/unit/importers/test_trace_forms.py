@@ -56,7 +56,7 @@ def test_a_trace_dat_compressed_by_zstd_without_its_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "zstandard", None)
     with pytest.raises(HalpipeError) as refused:
         parse_traces(forms.trace_dat_7(bytes, b"zstd"), "t")
-    assert "zstandard" in refused.value.diagnostics[0].help
+    assert "halpipe[zstd]" in refused.value.diagnostics[0].help
 
 
 def seen(found):

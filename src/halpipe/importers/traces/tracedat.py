@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Trace
 
 _CONVERT = "write it in version 6 with `trace-cmd convert --file-version 6`, or as text with `trace-cmd report`"
-_INSTALL = f"pip install zstandard, or {_CONVERT}"
+_INSTALL = f"pip install 'halpipe[zstd]', or {_CONVERT}"
 _FIELD = re.compile(r"field:.*?(\w+)(?:\[\w*\])?;\s*offset:(\d+);\s*size:(\d+);")
 _MALFORMED = (struct.error, IndexError, ValueError, KeyError, UnicodeDecodeError, zlib.error, EOFError)
 _DONE, _BUFFER, _HEADER, _FORMATS = 0, 3, 16, 18
