@@ -25,15 +25,15 @@ CONTAINMENT = {
         "monitor.c",
         "MTIMECMP(hp_site[HART]) = box->deadline;",
         "MTIMECMP(hp_site[HART]) = NEVER;",
-        declared.NOT_CONTAINED,
+        declared.WRONG_CALL,
     ),
     "the deadline is a second late": (
         "monitor.c",
         "= box->deadline;",
         "= box->deadline + 1000000U;",
-        declared.NOT_CONTAINED,
+        declared.WRONG_CALL,
     ),
-    "the timer is not enabled": ("monitor.c", "WRITE_CSR(mie, MIE_TIMER);", "", declared.NOT_CONTAINED),
+    "the timer is not enabled": ("monitor.c", "WRITE_CSR(mie, MIE_TIMER);", "", declared.WRONG_CALL),
     "faults are ignored": ("monitor.c", "box->status = FLAG_FAULT;", "box->status = 0U;", declared.FOREIGN_TRANSFER),
     "overruns are ignored": (
         "runtime.c",

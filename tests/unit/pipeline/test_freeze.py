@@ -6,11 +6,12 @@ from fractions import Fraction
 import pytest
 
 from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.models import Split
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.shipped import check_shipped
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
-from support import access, after, job, mode, model, schedule, task, version
+from support import access, after, job, mode, model, ms, schedule, task, version
 
 UNITS = "u1 u2"
 
@@ -120,3 +121,16 @@ def test_frozen_jobs_that_exclude_each_other_are_a_proof(start, is_possible):
         check_shipped(system, shipped)
     assert [each.code for each in refused.value.diagnostics] == ["HAL0469"]
     assert refused.value.exit is Exit.INFEASIBLE
+
+
+def test_preemptive_jobs_that_are_all_shipped_stay_where_windows_from_releases_hold():
+    wide = after("a", 0, 6, "release")
+    split = Split(points=(ms("500us"),))
+    first = task("a", 6, version("v", 1, "u1"), slack=1, offset=0)
+    second = task("b", 6, replace(version("v", 1, "u1", wide), split=split), slack=1, offset=0)
+    made = model(first, second)
+    shipped = schedule(made, 6, job(made, "a", 0, 0, "u1"), job(made, "b", 0, 3, "u1"))
+    assert not [d for d in verify_schedule(made, shipped) if d.is_error]
+    again = found(made, shipped)
+    assert again.is_complete
+    assert placed(again) == {(j.task, j.index): (j.start, j.units, j.version) for j in shipped.modes[0].jobs}

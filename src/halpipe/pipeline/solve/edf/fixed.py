@@ -122,7 +122,7 @@ def window_excess(
     """
     excess: dict[int, int] = {}
     for each in jobs:
-        for window in each.way.windows:
+        for window in (window for window in each.way.windows if not window.is_aim):
             distances = [
                 _beyond(each.start - (end if window.from_end else start), window.least, window.most, cycle)
                 for start, end in instants.get(window.task, ())

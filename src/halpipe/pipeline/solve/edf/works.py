@@ -43,12 +43,16 @@ class Phase:
 
 @record
 class Window:
-    """A job may start between `least` and `most` after some start (or end) of a job of `task`."""
+    """A job may start between `least` and `most` after some start (or end) of a job of `task`.
+
+    An aim stands for another rule, which the cost of a table decides: jobs that stay need not keep it.
+    """
 
     task: int
     least: int
     most: int
     from_end: bool
+    is_aim: bool = False
 
 
 @record
@@ -271,8 +275,8 @@ class _Builder:
         lag = self.up(row.point or ZERO) - (self.up(version.wcet or ZERO) if row.to is Anchor.END else 0)
         least, most = max(0, self.up(row.min) + lag), self.down(row.max) + lag - late
         if task < 0 or most < least:
-            return Window(task, 0, self.down(self.expansion.hyperperiod), False)
-        return Window(task, least, most, row.anchor is Anchor.END)
+            return Window(task, 0, self.down(self.expansion.hyperperiod), False, is_aim=True)
+        return Window(task, least, most, row.anchor is Anchor.END, is_aim=True)
 
     def _ends_early(self, task: int) -> bool:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
