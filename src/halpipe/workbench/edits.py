@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from halpipe.core.durations import Duration
-    from halpipe.models import TaskModel
+    from halpipe.models import TaskModel, Version
 
 BAD_EDIT = error(
     "HAL0951",
@@ -83,30 +83,35 @@ def _task(model: TaskModel, edit: Edit) -> TaskModel:
 
 def _version(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, VERSION_FIELDS)
+    return _with_version(model, edit, lambda version: _with(edit, version))
+
+
+def _with_version(model: TaskModel, edit: Edit, change: Callable[[Version], Version]) -> TaskModel:
+    """Return the model with a change of the version that an edit names."""
     task = _named(edit, model.tasks, edit.name)
     version = _named(edit, task.versions, edit.inner)
-    changed = replace(task, versions=_exchanged(task.versions, version, _with(edit, version)))
+    changed = replace(task, versions=_exchanged(task.versions, version, change(version)))
     return replace(model, tasks=_exchanged(model.tasks, task, changed))
 
 
 def _window(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, WINDOW_FIELDS)
-    task = _named(edit, model.tasks, edit.name)
-    version = _named(edit, task.versions, edit.inner)
-    window = _only(edit, [w for w in version.precedences if w.task == edit.after], "windows after task")
-    windows = _exchanged(version.precedences, window, _with(edit, window))
-    changed = replace(task, versions=_exchanged(task.versions, version, replace(version, precedences=windows)))
-    return replace(model, tasks=_exchanged(model.tasks, task, changed))
+
+    def change(version: Version) -> Version:
+        window = _only(edit, [w for w in version.precedences if w.task == edit.after], "windows after task")
+        return replace(version, precedences=_exchanged(version.precedences, window, _with(edit, window)))
+
+    return _with_version(model, edit, change)
 
 
 def _access(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, ACCESS_FIELDS)
-    task = _named(edit, model.tasks, edit.name)
-    version = _named(edit, task.versions, edit.inner)
-    access = _only(edit, [a for a in version.accesses if a.resource == edit.after], "accesses to")
-    accesses = _exchanged(version.accesses, access, _with(edit, access))
-    changed = replace(task, versions=_exchanged(task.versions, version, replace(version, accesses=accesses)))
-    return replace(model, tasks=_exchanged(model.tasks, task, changed))
+
+    def change(version: Version) -> Version:
+        access = _only(edit, [a for a in version.accesses if a.resource == edit.after], "accesses to")
+        return replace(version, accesses=_exchanged(version.accesses, access, _with(edit, access)))
+
+    return _with_version(model, edit, change)
 
 
 def _only(edit: Edit, found: list[Any], what: str) -> Any:

@@ -46,9 +46,8 @@ _ORDER = {DONE: 0, STOP: 0, OUTPUT: 0, RUN: 1, INPUT: 2, COPY: 2}
 class Operation:
     """One operation, `at` ticks after the job's start. What the fields of each kind mean is in runtime/halpipe.h.
 
-    A transfer knows its phase, and how many ticks it and those after it in the phase need. A driver takes up to `time`,
-    beyond what every operation does. What `is_copy` is between
-    buffers in main memory.
+    A transfer knows its phase, and how many ticks it and those after it in the phase need; with `is_copy` it is between
+    buffers in main memory. A driver takes up to `time`, beyond what every operation does.
     """
 
     at: int
@@ -186,10 +185,8 @@ class Operations:
         transfers = list(self._transfers(access, images))
         drivers = list(self._drivers(access, images[0])) if not self.copies.of(images[0].part.task) else []
         yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
-        times = [self.clock.transfer(access.resource, size, memory) for _, _, size, _, _, memory in transfers]
-        rest = sum(times)
-        for (source, target, size, unit, what, _), taken in zip(transfers, times, strict=True):
-            yield Operation(
+        moves = [
+            Operation(
                 at=at,
                 kind=COPY,
                 unit=unit,
@@ -197,12 +194,14 @@ class Operations:
                 source=source,
                 target=target,
                 size=size,
-                limit=max(end - at, 0),
                 what=what,
                 access=access,
-                needs=rest,
             )
-            at, rest = at + taken, rest - taken
+            for source, target, size, unit, what, _ in transfers
+        ]
+        times = [self.clock.transfer(access.resource, size, memory) for _, _, size, _, _, memory in transfers]
+        yield from _in_turn(moves, times, end)
+        at += sum(times)
         unit = images[0].core.index
         yield Operation(at=max(at, end), kind=DONE, unit=unit, channel=channel, what=str(access.kind))
         yield from (replace(driver, at=max(at, end)) for driver in drivers if driver.kind == OUTPUT)
@@ -214,27 +213,13 @@ class Operations:
         drivers = [driver for access in phases for driver in self._drivers(access, image)]
         at, end = turn.at + turn.after, turn.at + turn.after + turn.length
         yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
-        sizes = list(turn.sizes[part.version.name].items())
-        times = [self.clock.transfer(COPIES, size, "main") for _, size in sizes]
-        rest = sum(times)
-        for (buffer, size), taken in zip(sizes, times, strict=True):
+        copy = Operation(at=at, kind=COPY, unit=unit, channel=channel, access=phases[0], is_copy=True)
+        moves = []
+        for buffer, size in turn.sizes[part.version.name].items():
             ends = self.memory.buffers[buffer].base, self.memory.shadows[part.task, turn.kind, buffer].base
             source, target = ends if turn.kind is AccessKind.READ else ends[::-1]
-            yield Operation(
-                at=at,
-                kind=COPY,
-                unit=unit,
-                channel=channel,
-                source=source,
-                target=target,
-                size=size,
-                limit=end - at,
-                what=buffer,
-                access=phases[0],
-                needs=rest,
-                is_copy=True,
-            )
-            at, rest = at + taken, rest - taken
+            moves.append(replace(copy, source=source, target=target, size=size, what=buffer))
+        yield from _in_turn(moves, [self.clock.transfer(COPIES, move.size, "main") for move in moves], end)
         yield Operation(at=end, kind=DONE, unit=unit, channel=channel, what=f"LET {turn.kind}")
         yield from (replace(driver, at=end) for driver in drivers if driver.kind == OUTPUT)
 
@@ -266,6 +251,15 @@ class Operations:
                 symbol = images[member].elf.symbols[transfer.symbol].address + offset
                 ends = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
                 yield *ends, size, images[member].core.index, transfer.buffer, memory_of(access)
+
+
+def _in_turn(moves: Sequence[Operation], times: Sequence[int], end: int) -> Iterable[Operation]:
+    """Yield transfers one after the other, from the instant of each on, with what is left of the phase for each."""
+    after, rest = 0, sum(times)
+    for move, taken in zip(moves, times, strict=True):
+        at = move.at + after
+        yield replace(move, at=at, limit=max(end - at, 0), needs=rest)
+        after, rest = after + taken, rest - taken
 
 
 def check_version(part: Part, clock: Clock, findings: Findings) -> None:

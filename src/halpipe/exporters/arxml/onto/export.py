@@ -24,6 +24,7 @@ from halpipe.exporters.native import paired
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+    from halpipe.core.diagnostics import Code
     from halpipe.exporters.arxml.document import Box
     from halpipe.exporters.arxml.onto.plan import OntoPlan, Placed
     from halpipe.exporters.arxml.tables import Table
@@ -84,15 +85,9 @@ class _Stopper:
 
     def _leave(self, starter: Starter) -> None:
         """Report a table of another mode, or an alarm, that only code of the project starts."""
-        kind = "OsScheduleTable" if starter.is_table else "OsAlarm"
-        tasks = sorted({deed.os_task for deed in starter.deeds if deed.os_task in self._played})
-        self._findings.report(
-            CODE_STARTS,
-            f"is left as it is, and starts {', '.join(tasks)} when code of the project starts it",
-            at=self._project.items[starter.path].at,
-            path=named(kind, starter.path),
-            help="stop the tables of the schedule in the code that starts it, or start it nowhere",
-        )
+        text = f"is left as it is, and starts {self._started(starter)} when code of the project starts it"
+        remedy = "stop the tables of the schedule in the code that starts it, or start it nowhere"
+        self._report(CODE_STARTS, starter, text, remedy)
 
     def _stop(self, starter: Starter) -> None:
         """Take away what starts an alarm or table that only does what the schedule plays."""
@@ -120,15 +115,15 @@ class _Stopper:
         self._removed += dict.fromkeys(deed.path if deed.point in kept else deed.point for deed in doubled)
 
     def _refuse(self, starter: Starter, why: str, remedy: str) -> None:
-        kind = "OsScheduleTable" if starter.is_table else "OsAlarm"
-        tasks = sorted({deed.os_task for deed in starter.deeds if deed.os_task in self._played})
-        self._findings.report(
-            DOUBLE_START,
-            f"starts {', '.join(tasks)} beside the schedule, and {why}",
-            at=self._project.items[starter.path].at,
-            path=named(kind, starter.path),
-            help=remedy,
-        )
+        self._report(DOUBLE_START, starter, f"starts {self._started(starter)} beside the schedule, and {why}", remedy)
+
+    def _started(self, starter: Starter) -> str:
+        """Return the names of the OsTasks of the schedule that an alarm or a table starts."""
+        return ", ".join(sorted({deed.os_task for deed in starter.deeds if deed.os_task in self._played}))
+
+    def _report(self, code: Code, starter: Starter, text: str, remedy: str) -> None:
+        path = named("OsScheduleTable" if starter.is_table else "OsAlarm", starter.path)
+        self._findings.report(code, text, at=self._project.items[starter.path].at, path=path, help=remedy)
 
 
 _POINT = "OsScheduleTableExpiryPoint"
