@@ -6,6 +6,7 @@ A bundle carries the model and the schedule that it realises, so that the folder
 from __future__ import annotations
 
 import json
+import os
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +80,8 @@ def open_bundle(path: str) -> Bundle:
 
 def _manifest(folder: str) -> dict[str, Any]:
     name = f"{folder}/{MANIFEST}"
+    if os.path.isdir(folder) and not os.path.lexists(name):
+        raise HalpipeError(_no_bundle(name, "the folder has no such file"))
     try:
         manifest = json.loads(read_plain(name))
     except (ValueError, RecursionError) as failure:

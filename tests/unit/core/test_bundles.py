@@ -84,4 +84,6 @@ def test_a_manifest_that_is_no_json(folder, text):
 
 
 def test_a_folder_without_a_manifest(tmp_path):
-    assert [d.code for d in refusal(tmp_path)] == ["HAL0001"]
+    [found] = refusal(tmp_path)
+    assert (found.code, found.message) == ("HAL1001", "the folder has no such file")
+    assert "halpipe export" in found.help
