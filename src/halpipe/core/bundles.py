@@ -6,12 +6,11 @@ A bundle carries the model and the schedule that it realises, so that the folder
 from __future__ import annotations
 
 import json
-import os
 import re
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, error
-from halpipe.core.files import MANIFEST, MANIFEST_KEY, read_plain, sha256
+from halpipe.core.files import MANIFEST, MANIFEST_KEY, is_folder_without, read_plain, sha256
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def open_bundle(path: str) -> Bundle:
 
 def _manifest(folder: str) -> dict[str, Any]:
     name = f"{folder}/{MANIFEST}"
-    if os.path.isdir(folder) and not os.path.lexists(name):
+    if is_folder_without(folder, MANIFEST):
         raise HalpipeError(_no_bundle(name, "the folder has no such file"))
     try:
         manifest = json.loads(read_plain(name))

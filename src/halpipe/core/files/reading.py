@@ -63,6 +63,11 @@ def read_plain(path: str) -> bytes:
     return read_bytes(path)
 
 
+def is_folder_without(folder: str, name: str) -> bool:
+    """Return whether a folder is there and has no entry of this name, not even a dangling link."""
+    return os.path.isdir(folder) and not os.path.lexists(os.path.join(folder, name))
+
+
 def input_size(path: str | os.PathLike[str]) -> int:
     """Return how many bytes an input file has; 0 for standard input, and for what cannot be asked."""
     name = os.fspath(path)
