@@ -177,9 +177,13 @@ def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
     by_item: dict[Item, list[Chained]] = {}
     for chain in chains:
         by_item.setdefault(chain.item, []).append(chain)
-    stricter = [item for item, same in by_item.items() if _is_stricter(same)]
+    stricter = [item for item, same in by_item.items() if _is_stricter(same, entities)]
     help = "state the limits of one activation or writer as chains in an overlay, if the others may be late"
     forest.report_each(codes.STRICTER, "chains keep their limits for each activation or writer alone", stricter, help)
+    partial = [item for item in reader.partial if any(map(_limited, by_item.get(item, ())))]
+    help = "state the limits of the other activations as chains in an overlay"
+    what = "chains pass tasks that wait, of which the first activation alone keeps their limits"
+    forest.report_each(codes.NOT_IMPORTED, what, partial, help)
     help = "let events name tasks, or runnables that one task calls"
     forest.report_each(codes.BAD_CHAIN, "chains name no tasks", reader.bad, help)
     forest.report_each(
@@ -202,6 +206,8 @@ class _Reader:
         self.entities = entities
         self.bad: list[Item] = []
         self.unread: list[Item] = []
+        self.partial: dict[Item, None] = {}
+        """Chains through a task that waits and has several activations, of which the first alone counts."""
 
     # ------------------------------------------------------------------------------------ event chains
 
@@ -216,7 +222,7 @@ class _Reader:
         known = [(way, self._tasks(way.events)) for way in found]
         if any(path is None for _, path in known):
             self.bad.append(item)
-        paths = [(way, each) for way, path in known if path is not None for each in self._activated(path)]
+        paths = [(way, each) for way, path in known if path is not None for each in self._activated(item, path)]
         if paths:
             item.use_all()
         for way, _ in paths:
@@ -228,19 +234,26 @@ class _Reader:
             for name, (way, path) in zip(names, paths, strict=True)
         ]
 
-    def _activated(self, path: tuple[Draft, ...]) -> list[tuple[Draft, ...]]:
+    def _activated(self, item: Item, path: tuple[Draft, ...]) -> list[tuple[Draft, ...]]:
         """Return a path for each activation of its first and of its last task.
 
-        Between them one activation is enough: with more, data could only pass earlier.
+        Between them one activation in each mode is enough: with more, data could only pass earlier.
         """
-        firsts, lasts = self._equal(path[0]), self._equal(path[-1])
+        firsts, lasts = self._equal(item, path[0]), self._equal(item, path[-1])
         if len(path) == 1:
             return [(first,) for first in firsts]
-        return [(first, *path[1:-1], last) for first in firsts for last in lasts]
+        inner = [_one_in_each_mode(self._equal(item, draft)) for draft in path[1:-1]]
+        found = itertools.product(firsts, *inner, lasts)
+        return [way for way in found if frozenset.intersection(*(frozenset(draft.modes) for draft in way))] or [path]
 
-    def _equal(self, draft: Draft) -> list[Draft]:
+    def _equal(self, item: Item, draft: Draft) -> list[Draft]:
+        """Return the drafts of the task for its activations; of a task that waits the first alone, which is noted."""
         drafts = self.entities.of(draft.task)
-        return [draft] if any(other.part.index for other in drafts) else list(drafts)
+        if not any(other.part.index for other in drafts):
+            return list(drafts)
+        if sum(other.part is draft.part for other in drafts) > 1:
+            self.partial[item] = None
+        return [draft]
 
     def _begin(self, way: _Way) -> Anchor | None:
         """Return the instant of the first task from which a chain counts; None: its start."""
@@ -420,7 +433,7 @@ class _Reader:
         return [one for known in found.values() for one in known]
 
     def _process_chains(self, item: Item, path: tuple[Draft, ...]) -> list[Chained]:
-        paths = self._activated(path)
+        paths = self._activated(item, path)
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
         return [_begun(Chained(name, each, item), Anchor.RELEASE) for name, each in zip(names, paths, strict=True)]
 
@@ -446,13 +459,30 @@ class _Reader:
         return found
 
 
-def _is_stricter(chains: Sequence[Chained]) -> bool:
-    """Return whether other jobs of the first or last task in a mode could keep a limit that each chain has to keep."""
-    ages = [chain.drafts[0] for chain in chains if chain.age is not None]
-    others = [chain.drafts[-1] for chain in chains if chain.latency is not None or chain.reaction is not None]
-    return any(
-        a is not b and a.modes & b.modes for found in (ages, others) for a, b in itertools.combinations(found, 2)
-    )
+def _is_stricter(chains: Sequence[Chained], entities: Entities) -> bool:
+    """Return whether other jobs of a task in a mode could keep a limit that each chain has to keep.
+
+    Of the last task each job has an age, and of the first each has a response.
+    """
+    limited = [chain for chain in chains if _limited(chain)]
+    ages = [chain.drafts[0] for chain in limited if chain.age is not None]
+    others = [chain.drafts[-1] for chain in limited if chain.latency is not None or chain.reaction is not None]
+    pairs = [pair for found in (ages, others) for pair in itertools.combinations(found, 2)]
+    pairs += [(a, b) for chain in limited for a in chain.drafts[1:-1] for b in entities.of(a.task) if b.part is a.part]
+    return any(a is not b and a.modes & b.modes for a, b in pairs)
+
+
+def _limited(chain: Chained) -> bool:
+    return any(limit is not None for limit in (chain.latency, chain.reaction, chain.age))
+
+
+def _one_in_each_mode(drafts: Sequence[Draft]) -> list[Draft]:
+    """Return drafts, the first in each mode."""
+    kept: list[Draft] = []
+    for draft in drafts:
+        if not draft.modes <= {mode for other in kept for mode in other.modes}:
+            kept.append(draft)
+    return kept or list(drafts[:1])
 
 
 def _only(drafts: Sequence[Draft]) -> Draft | None:

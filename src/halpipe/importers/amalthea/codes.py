@@ -232,13 +232,14 @@ STARTS_APART = error(
     "HAL1420",
     "Limit between starts is shorter than the distance of activations",
     "Each activation starts one job, so starts on average follow on each other no faster than activations do. No "
-    "schedule keeps a StartToStart limit below the longest distance of two activations.",
+    "schedule keeps a StartToStart limit below the average distance of two activations.",
 )
 STRICTER = warning(
     "HAL1421",
-    "Limit of a chain is stricter than in AMALTHEA",
+    "Limit is stricter than in AMALTHEA",
     "Each activation of a task is a task of the model. An age then counts from the data of each activation or writer "
-    "alone, and a reaction to each activation of the last task, where AMALTHEA takes the newest or the next of all.",
+    "alone, and a reaction to each activation of the last task, where AMALTHEA takes the newest or the next of all. "
+    "Jobs start within a period of their activation, however long the limit of the response time is.",
 )
 NOT_READ = warning(
     "HAL1252",

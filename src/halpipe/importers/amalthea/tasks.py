@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _MICROSECOND = Duration(1000)
 FREE = Fraction(1)
-"""The slack of an imported task: a job may start any time after its activation, within its deadline."""
+"""The slack of an imported task: a job may start any time within a period of its activation, within its deadline."""
 
 
 @dataclass(slots=True)
@@ -76,6 +76,8 @@ class TaskBuilder:
         self._unbound: list[Item] = []
         self._unlimited: list[Item] = []
         """Tasks with a limit that the model has no instant for."""
+        self._early: list[Item] = []
+        """Tasks that may start later by their limit than the model lets them."""
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
         """Return the tasks in the order of the drafts, and the chains."""
@@ -98,6 +100,9 @@ class TaskBuilder:
         help = "state what matters of them as deadline, slack or precedence in an overlay"
         what = "limits of tasks count from instants that the model does not have"
         self._forest.report_each(codes.NOT_IMPORTED, what, list(dict.fromkeys(self._unlimited)), help)
+        help = "let the limit be a period and the execution time at most, if a schedule is to use all of it"
+        what = "response times may exceed a period, but jobs start within one of their activation"
+        self._forest.report_each(codes.STRICTER, what, list(dict.fromkeys(self._early)), help)
         return Built(tasks, tuple(chains), self._by_mode, list(self._resources))
 
     # --------------------------------------------------------------------------------------- versions
@@ -137,12 +142,15 @@ class TaskBuilder:
             if draft.task in timing.most_between_starts:
                 self._unlimited.append(draft.task)
             return self._waiting(draft, whole, deadline, chains)
+        latest = draft.activation.distance or draft.activation.period
+        if deadline is not None and deadline > latest + min(v.wcet or ZERO for v in self._made[draft]):
+            self._early.append(draft.task)
         deadline = None if draft.trigger is not None else deadline  # of a trigger, a window
         most = timing.most_between_starts.get(draft.task)
         if most is not None:
             return self._slack(draft, drafts, most), deadline
         at = draft.task.at
-        self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts at any time within the deadline", at)
+        self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts within a period and the deadline", at)
         return FREE, deadline
 
     def _slack(self, draft: Draft, drafts: Drafts, most: Duration) -> Fraction:
@@ -153,10 +161,13 @@ class TaskBuilder:
         if len(known) < len(gaps):
             self._unlimited.append(draft.task)
             return FREE
-        if most < max(known):
-            message = f"starts are to be at most {most} apart, but activations are {max(known)} apart"
-            help = f"set the limit to at least {max(known)}"
-            self._forest.report(codes.STARTS_APART, message, draft.task, help)
+        mean = draft.activation.period / len(known)
+        if most < mean:
+            message = f"starts are to be at most {most} apart, but activations are {mean} apart on average"
+            self._forest.report(codes.STARTS_APART, message, draft.task, f"set the limit to at least {mean}")
+        elif most < max(known):  # a late start could keep it, but the slack of one activation alone cannot say so
+            self._unlimited.append(draft.task)
+            return FREE
         return min(FREE, max(Fraction(0), (most - max(known)) / draft.activation.period))
 
     def _whole(self, first: Draft, drafts: Drafts) -> list[Draft]:
@@ -183,13 +194,15 @@ class TaskBuilder:
             return FREE, None
         work = _longest_within(deadline, [[v.wcet or ZERO for v in self._made[d]] for d in whole])
         spare = _MICROSECOND * (max(ZERO, deadline - work) / 2 // _MICROSECOND)
-        chains.append(self._chain(name, whole, draft.task, max_age=deadline - spare))
+        if draft.trigger is None:
+            spare = min(spare, draft.activation.period)  # no start is later; the rest is for the work
         what = f"{spare} for its start, {deadline - spare} from there to the end of its last part"
         self._coverage.defaulted(f'task "{draft.name}"', "deadline of a task that waits", what, draft.task.at)
+        chains.append(self._chain(name, whole, draft.task, max_age=deadline - spare))
         if draft.trigger is not None:
             self._spare[draft] = spare
             return FREE, None
-        return min(FREE, spare / draft.activation.period), None
+        return spare / draft.activation.period, None
 
     def _chain(self, name: str, drafts: Sequence[Draft], item: Item, **limits: Any) -> Chain:
         origin = Origin(item.at.file, item.at.line, item.name)

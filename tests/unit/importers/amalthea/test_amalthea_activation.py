@@ -335,6 +335,8 @@ def test_a_task_that_waits_is_cut_and_its_response_time_is_the_age_of_a_chain(tm
     assert [(c.name, c.tasks, str(c.max_age)) for c in model.chains] == [("T.response", ("T", "G", "T.2"), "7ms")]
     assert model.task("T").slack * model.task("T").period.fraction == 10**6
     assert model.task("T").deadline is None
+    long = read(tmp_path, sw=OFFLOAD, stimuli=PLAIN_STIMULI + GO, constraints=LIMIT.replace('"8"', '"40"')).model
+    assert (long.task("T").slack, str(long.chains[0].max_age)) == (1, "30ms")
     assert len(found(imported.diagnostics, codes.WAITING)) == 1
 
 

@@ -1,7 +1,7 @@
 """Requirements by their instants: responses to triggers, limits from activations, latencies, locks, timed accesses."""
 
 import pytest
-from amalthea_case import PLAIN_STIMULI, call, found, read, refusal, runnable, stimulus, task, ticks
+from amalthea_case import HARDWARE, PLAIN_STIMULI, call, found, read, refusal, runnable, stimulus, task, ticks
 
 from halpipe.importers.amalthea import codes
 
@@ -129,6 +129,9 @@ def test_a_task_runs_in_the_modes_in_which_it_is_triggered(tmp_path, steps, expe
     assert ran == expected
 
 
+SINGLE = HARDWARE[: HARDWARE.index(' <modules xsi:type="am:ProcessingUnit" name="b0"')] + (
+    "</structures>" + HARDWARE[HARDWARE.index('<domains xsi:type="am:FrequencyDomain" name="slow"') :]
+)
 SYNTHETIC = stimulus(
     "p20",
     "PeriodicSyntheticStimulus",
@@ -156,6 +159,32 @@ def test_starts_are_as_far_apart_as_the_longest_gap_of_activations_allows(tmp_pa
     assert [str(found.slack) for found in imported.model.tasks] == slacks
     refused = refusal(read, tmp_path, sw=sw, stimuli=PLAIN_STIMULI + SYNTHETIC, constraints=apart(10 - 1))
     assert len(found(refused.diagnostics, codes.STARTS_APART)) == 1
+
+
+@pytest.mark.parametrize("limit", [10, 14])
+def test_starts_nearer_than_the_longest_gap_are_possible_and_warn(tmp_path, limit):
+    """Activated at 3 and 8 of 20 ms, a task that starts at 8 and 18 keeps 10 ms."""
+    sw = task("T", ticks(500), stimuli="p20?type=PeriodicSyntheticStimulus")
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + SYNTHETIC, constraints=apart(limit))
+    assert len(found(imported.diagnostics, codes.NOT_IMPORTED)) == 1
+    assert [found.slack for found in imported.model.tasks] == [1, 1]
+
+
+SPORADIC_10 = stimulus(
+    "s10",
+    "RelativePeriodicStimulus",
+    '<nextOccurrence xsi:type="am:TimeBoundaries"><lowerBound value="10" unit="ms"/></nextOccurrence>',
+)
+
+
+@pytest.mark.parametrize("source", ["p10?type=PeriodicStimulus", "s10?type=RelativePeriodicStimulus"])
+@pytest.mark.parametrize(("work", "warns"), [(100_000, False), (99_999, True)])
+def test_a_response_time_beyond_a_period_is_stricter_and_warns(tmp_path, source, work, warns):
+    """A job of 1 ms that starts within the 10 ms after its activation ends within 11 ms."""
+    sw = task("T", ticks(work), stimuli=source)
+    options = {"stimuli": PLAIN_STIMULI + SPORADIC_10, "hw": SINGLE}
+    imported = read(tmp_path, sw=sw, constraints=response(11, "T"), **options)
+    assert len(found(imported.diagnostics, codes.STRICTER)) == warns
 
 
 def test_starts_of_a_task_that_waits_or_has_stimuli_of_several_periods_warn(tmp_path):
@@ -425,6 +454,66 @@ def test_limits_that_each_activation_keeps_alone_warn(tmp_path, kind, source, ta
     stimuli = PLAIN_STIMULI + SYNTHETIC + in_mode("p", 10, "x") + in_mode("q", 20, "y")
     imported = chained(tmp_path, "Tstart", "Uterminate", kind, stimuli=stimuli, sw=sw)
     assert len(found(imported.diagnostics, codes.STRICTER)) == is_stricter
+
+
+THROUGH = (
+    '<events xsi:type="am:ProcessEvent" name="Vstart" eventType="start" entity="V?type=Task"/>'
+    '<events xsi:type="am:ProcessEvent" name="Vterminate" eventType="terminate" entity="V?type=Task"/>'
+)
+
+
+def through(tmp_path, kind, source):
+    """A chain from T to U through V, which `source` activates."""
+    ends = (("a", "Tstart", "Vstart"), ("b", "Vterminate", "Uterminate"))
+    chains = "".join(
+        f'<eventChains name="{name}" stimulus="{first}?type=ProcessEvent" response="{last}?type=ProcessEvent"/>'
+        for name, first, last in ends
+    )
+    items = "".join(
+        f'<items xsi:type="am:EventChainReference" eventChain="{name}?type=EventChain"/>' for name, *_ in ends
+    )
+    chains += (
+        f'<eventChains name="c" stimulus="Tstart?type=ProcessEvent" response="Uterminate?type=ProcessEvent">{items}'
+        "</eventChains>"
+    )
+    limit = (
+        f'<timingConstraints xsi:type="am:EventChainLatencyConstraint" name="l" type="{kind}" '
+        'scope="c?type=EventChain">'
+        '<maximum value="20" unit="ms"/></timingConstraints>'
+    )
+    sw = task("T", ticks(5)) + task("V", ticks(5), stimuli=source) + task("U", ticks(5)) + MODES
+    stimuli = PLAIN_STIMULI + SYNTHETIC + in_mode("p", 10, "x") + in_mode("q", 20, "y")
+    return read(tmp_path, sw=sw, stimuli=stimuli, events=EVENTS + THROUGH, constraints=chains + limit)
+
+
+@pytest.mark.parametrize("kind", ["Age", "Reaction"])
+def test_a_chain_passes_a_task_in_each_of_its_modes(tmp_path, kind):
+    imported = through(tmp_path, kind, "p?type=PeriodicStimulus q?type=PeriodicStimulus")
+    limited = [c.tasks for c in imported.model.chains if c.max_age or c.max_latency]
+    assert limited == [("T", "V@p", "U"), ("T", "V@q", "U")]
+    assert found(imported.diagnostics, codes.STRICTER) == []
+
+
+@pytest.mark.parametrize("kind", ["Age", "Reaction"])
+def test_a_chain_passes_one_activation_of_a_mode_and_warns(tmp_path, kind):
+    imported = through(tmp_path, kind, "p20?type=PeriodicSyntheticStimulus")
+    assert len([c for c in imported.model.chains if c.max_age or c.max_latency]) == 1
+    assert len(found(imported.diagnostics, codes.STRICTER)) == 1
+
+
+def test_a_limit_through_several_activations_of_a_task_that_waits_warns(tmp_path):
+    """The chain has the parts of the first activation; without a limit nothing is lost."""
+    wait, sets = (
+        f'<items xsi:type="am:{kind}"><eventMask events="done?type=OsEvent"/></items>'
+        for kind in ("WaitEvent", "SetEvent")
+    )
+    sw = task("T", ticks(5), wait, ticks(5), stimuli="p20?type=PeriodicSyntheticStimulus")
+    sw += task("U", ticks(5), sets) + '<events name="done"/>'
+    stimuli = PLAIN_STIMULI + SYNTHETIC
+    for kind, warns in (("Age", 1), ("None", 0)):
+        imported = chained(tmp_path, "Tstart", "Uterminate", kind, sw=sw, stimuli=stimuli)
+        told = [d for d in found(imported.diagnostics, codes.NOT_IMPORTED) if "tasks that wait" in d.message]
+        assert len(told) == warns
 
 
 def test_an_age_of_several_writers_is_kept_by_each_and_warns(tmp_path):
