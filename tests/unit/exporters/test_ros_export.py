@@ -104,10 +104,14 @@ def test_a_task_that_changes_its_unit_has_a_group_on_each_executor():
 
 def test_cpus_are_stated_or_in_order_or_left_open():
     system, planned = roboracer()
-    assert [unit["cpu"] for unit in document(system, planned)["units"]] == [0, 1, 2, 3]
-    stated = document(system, planned, cpus={"core2": 7})
-    assert [unit.get("cpu") for unit in stated["units"]] == [None, 7, None, None]
-    assert {e["name"]: e.get("cpu") for e in stated["modes"][0]["executors"]}["core2"] == 7
+    assert [executor["cpu"] for executor in document(system, planned)["modes"][0]["executors"]] == [0, 1, 2, 3]
+    stated = document(system, planned, cpus={"core2": 7})["modes"][0]["executors"]
+    assert {executor["name"]: executor.get("cpu") for executor in stated} == {
+        "core1": None,
+        "core2": 7,
+        "core3": None,
+        "core4": None,
+    }
 
 
 def test_the_priority_is_that_of_the_executors():

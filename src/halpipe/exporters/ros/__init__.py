@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.extent import Extent
+from halpipe.core.extent import ASPECTS, Extent
 from halpipe.core.options import CPUS, Form, cpu_number, option, positive_duration, specific
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
@@ -86,23 +86,16 @@ class RosExporter(PlainExporter):
     help = "Write executors, callback groups and timers (YAML) that realise a schedule with ROS 2 on Linux."
     extent = Extent(
         {
-            "units": "`units`, and an executor for each that has jobs",
-            "tasks": "`tasks` with their periods",
-            "timing": "`offset`, `slack` and `deadline` of a task",
-            "versions": "`versions` with WCET, units and gang size",
-            "precedence": "`after` of a version",
-            "chains": "`chains` with their limits",
-            "modes": "`modes` with the tasks that run in them",
-            "transitions": "`transitions` with their limits",
-            "health": "`health`",
+            **dict.fromkeys(ASPECTS, "in the native model"),
             "schedule": "timers with period and offset, in callback groups of the executor of their unit",
+            "units": "an executor for each that has jobs",
+            "health": "with --package: switches after one overrun or exception",
+            "parts": "with --package: preempted by priorities",
+            "tables": "with --package",
         },
         (
-            "Resources, access phases, transfers, sources and origins are not written.",
-            "Transition tables are not written: executors do not switch between modes.",
             "Jobs start at whole nanoseconds, and by time, also those of tasks without a period.",
             "The callback of a gang runs on one CPU; the others are only kept free for it.",
-            "Split, bindings, interrupts and distances of arrivals are not written.",
             "Jobs with gaps are refused; the package (--package) plays those that are interrupted anywhere.",
         ),
     )
@@ -117,11 +110,11 @@ class RosExporter(PlainExporter):
         chosen = select(model, schedule, options.mode, self.name)
         refuse_let(model, chosen, "an executor")
         own = specific(RosOptions, options)
+        if options.mode:  # what is written is a system of its own, that knows no other mode
+            model = model.alone(options.mode)
         if own.package:
             from halpipe.exporters.ros.packaging import build
 
-            if options.mode:  # the package is a system of its own, that knows no other mode
-                model = model.alone(options.mode)
             return build(model, chosen, own)
         refuse_gaps(model, chosen, "an executor interrupts no callback", WITHOUT_GAPS, WITHOUT_POINTS)
         refuse_early_phases(model, chosen, "an executor does not hold a callback until the phase begins", WITH_HOLDS)

@@ -1,4 +1,4 @@
-"""Document of the ROS export: the model, and for each mode the executors with their callback groups and timers.
+"""Document of the ROS export: executors of each mode with callback groups and timers, and the native model.
 
 A ROS timer has a period in whole nanoseconds. Where the hyperperiod is none, as 100/3 ms, the timers repeat with the
 smallest multiple of it that is, so that nothing drifts however long the system runs.
@@ -7,21 +7,23 @@ smallest multiple of it that is, so that nothing drifts however long the system 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, about
+from halpipe.core.embedding import pieces
 from halpipe.core.records import record
 from halpipe.exporters.common.cpus import placed
+from halpipe.exporters.native import format_model
 from halpipe.exporters.ros.codes import TOO_FINE, UNREALISED
-from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.exporters.ros import RosOptions
-    from halpipe.models import Chain, Job, Mode, ModeSchedule, Schedule, Task, TaskModel, Version
+    from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel
 
 
 _HEADER = """\
@@ -36,33 +38,34 @@ def format_executors(model: TaskModel, schedule: Schedule, options: RosOptions) 
     import yaml
 
     cpus = placed(model, options.cpus)
-    scheduled = {table.name: table for table in schedule.modes}
     document = {
-        "halpipe-executors": 1,
+        "halpipe-executors": 2,
         "model": model.name,
         "model-sha256": schedule.model_sha256,
         "scheduling": {"policy": "SCHED_FIFO", "priority": options.priority},
-        "units": [_stated(name=unit.name, type=unit.type or None, cpu=cpus.get(unit.name)) for unit in model.units],
-        "tasks": [_task(task) for task in model.tasks],
-        "chains": [_chain(chain) for chain in model.chains],
-        "transitions": [texts(t) for t in model.transitions if {t.source, t.target} <= set(scheduled)],
-        **_health(model, scheduled),
-        "modes": [_mode(model, mode, scheduled[mode.name], cpus) for mode in model.modes if mode.name in scheduled],
+        "modes": [_mode(model, table, cpus) for table in schedule.modes],
         "not-realised": [finding.message for finding in unrealised(model, schedule, options)],
+        "model-xml": _Block("".join(pieces(format_model(model)))),
     }
-    dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    text = yaml.dump(document, Dumper=dumper, sort_keys=False, default_flow_style=None, width=_WIDTH)
+    text = yaml.dump(document, Dumper=_dumper(), sort_keys=False, default_flow_style=None, width=_WIDTH)
     return (_HEADER + text).encode()
 
 
-def _health(model: TaskModel, scheduled: Mapping[str, ModeSchedule]) -> dict[str, list[dict[str, Any]]]:
-    """Return the health rules, if there are any, that lead to no other modes than those of the schedule."""
-    rules = [
-        _stated(task=r.task, on=str(r.event), count=r.count, cycles=r.cycles, action=str(r.action), mode=r.mode or None)
-        for r in model.health
-        if not r.mode or r.mode in scheduled
-    ]
-    return {"health": rules} if rules else {}
+class _Block(str):
+    """A text that YAML shows line by line."""
+
+    __slots__ = ()
+
+
+@cache
+def _dumper() -> Any:
+    import yaml
+
+    class Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+        pass
+
+    Dumper.add_representer(_Block, lambda own, text: own.represent_scalar("tag:yaml.org,2002:str", str(text), "|"))
+    return Dumper
 
 
 def _stated(**values: Any) -> dict[str, Any]:
@@ -70,30 +73,9 @@ def _stated(**values: Any) -> dict[str, Any]:
     return {key.replace("_", "-"): value for key, value in values.items() if value is not None}
 
 
-def _task(task: Task) -> dict[str, Any]:
-    return {**texts(task, "distance", "binding"), "versions": [_version(version) for version in task.versions]}
-
-
-def _version(version: Version) -> dict[str, Any]:
-    more = {
-        "units": list(version.units),
-        "gang": version.gang if version.gang != 1 else None,
-        "after": [texts(precedence) for precedence in version.precedences],
-    }
-    return {**texts(version), **{key: value for key, value in more.items() if value}}
-
-
-def _chain(chain: Chain) -> dict[str, Any]:
-    return {**texts(chain), "tasks": list(chain.tasks)}
-
-
-def _mode(model: TaskModel, mode: Mode, table: ModeSchedule, cpus: dict[str, int]) -> dict[str, Any]:
-    return {
-        "name": mode.name,
-        "runs": [{"task": run.task, "versions": list(run.versions)} for run in mode.runs],
-        "cycle-ns": int(cycle_of(table).fraction),
-        "executors": _executors(model, table, cpus),
-    }
+def _mode(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> dict[str, Any]:
+    cycle = int(cycle_of(table).fraction)
+    return {"name": table.name, "cycle-ns": cycle, "executors": _executors(model, table, cpus)}
 
 
 def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> list[dict[str, Any]]:
@@ -245,7 +227,7 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
         )
     if ruled := dict.fromkeys(rule.task for rule in model.health):
         yield (
-            f"health rules are written, but executors do not follow them: {_few(list(ruled))}",
+            f"executors do not follow health rules: {_few(list(ruled))}",
             "let a supervisor watch the callbacks, and start the executors of the mode that is meant",
         )
     if on_demand := [task.name for task in model.tasks if task.period is None and task.name in used]:

@@ -1,4 +1,4 @@
-"""Attributes of elements of the model as people state them in settings: overlays, and the executors of ROS systems.
+"""Attributes of elements of the model as people state them: in overlays and in tables.
 
 Readers of single values raise ``ValueError("what is wrong; what to do")``. They take only what makes sense, where the
 reader of our own XML leaves the judgement to validate.

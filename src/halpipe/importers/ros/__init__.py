@@ -27,18 +27,19 @@ class RosFormat:
     summary = "ROS: CARET architecture.yaml, rqt_graph DOT, Autoware System Design; rosbag2 metadata.yaml for periods"
     extent = Extent(
         {
-            "units": "compute units of a design; `units` of an executors file",
+            "units": "compute units of a design",
             "resources": "mutually exclusive callback groups",
             "tasks": "timer and subscription callbacks, nodes of a DOT graph, processes of a design",
-            "timing": "`offset`, `slack` and `deadline` of an executors file",
-            "versions": "WCETs from measured durations (`--calibrate`); `versions` of an executors file",
+            "versions": "WCETs from measured durations (`--calibrate`)",
             "accesses": "of tasks in such groups: from start to end, wholly",
-            "precedence": "topics, from publisher to reader; `after` of an executors file",
-            "chains": "named paths, without limits; `chains` of an executors file",
-            "modes": "modes of a design or an executors file",
-            "transitions": "`transitions` of an executors file",
-            "health": "`health` of an executors file",
+            "precedence": "topics, from publisher to reader",
+            "chains": "named paths, without limits",
+            "modes": "modes of a design",
             "origins": "file and line of node, callback or process",
+            **dict.fromkeys(
+                ("timing", "split", "binding", "interrupts", "transfers", "transitions", "health", "sources"),
+                "native model of an executors file, which has the rest of a model, too",
+            ),
         },
         (
             "Service callbacks and executors have no place in the model and are counted as ignored.",
