@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 class Item:
     """A module configuration or container: path, definition and its class as written, UUID (empty if none), place.
 
-    `is_generated` says that the vendor's generator owns it, `is_added` that an export put it there; `files` are those
-    that have a part of it.
+    `is_generated` says that the vendor's generator owns it, `is_added` that an export put it there; `places` are those
+    of its parts.
     """
 
     path: str
@@ -33,7 +33,7 @@ class Item:
     at: Location
     is_generated: bool = False
     is_added: bool = False
-    files: tuple[str, ...] = ()
+    places: tuple[Location, ...] = ()
 
     @property
     def name(self) -> str:
@@ -67,6 +67,16 @@ class Call:
     alarms: tuple[Value, ...] = ()
     points: tuple[Value, ...] = ()
     has_period: bool = True
+
+
+@record
+class LeftOut:
+    """A task of the project that the model has not: its name, period, offset, and event mappings."""
+
+    name: str
+    period: Duration | None
+    offset: Duration | None
+    calls: tuple[Call, ...]
 
 
 @record(kw_only=True)
@@ -148,11 +158,11 @@ class Project:
 
     `schema` is what the files say of their release; `os_module` is the path of the configuration of the Os;
     `items` has all containers and modules that may be named, `packages` the UUIDs of packages by path. `calls` has the
-    event mappings of every task of the model, `alone` the OsTask of a task that no event makes, as a call without
-    mapping. `starters` are the alarms and schedule tables that do something to OsTasks. `applications` has the unit of
-    each OsApplication, `app_mode` the application mode (path) that the model is of, empty if there is none;
-    `references` has what OsApplications and OsTasks refer to, `definitions` are the files that define modules, `files`
-    those that hold the configurations of Os and Rte.
+    event mappings of every task of the model, `left_out` those of other tasks, `alone` the OsTask of a task that no
+    event makes, as a call without mapping. `starters` are the alarms and schedule tables that do something to OsTasks.
+    `applications` has the unit of each OsApplication, `app_mode` the application mode (path) that the model is of,
+    empty if there is none; `references` has what OsApplications and OsTasks refer to, `definitions` are the files that
+    define modules, `files` those that hold the configurations of Os and Rte.
     """
 
     schema: str
@@ -160,6 +170,7 @@ class Project:
     items: Mapping[str, Item]
     packages: Mapping[str, str]
     calls: Mapping[str, tuple[Call, ...]]
+    left_out: tuple[LeftOut, ...]
     alone: Mapping[str, Call]
     tasks: Mapping[str, ProjectTask]
     counters: tuple[ProjectCounter, ...]

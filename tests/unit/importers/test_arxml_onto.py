@@ -2,6 +2,8 @@
 
 import json
 import re
+from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 from arxml_case import (
@@ -22,11 +24,13 @@ from arxml_case import (
 from test_arxml_ecus import BOTH, VEHICLE
 
 from command_line import run_here
-from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.files import write_directory
+from halpipe.deploy.base import CheckOptions
 from halpipe.exporters.arxml import codes
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.flow.formats import import_model
+from halpipe.flow.formats import check_bundle, import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes as import_codes
 from halpipe.importers.arxml.files import sniff
@@ -337,9 +341,9 @@ def test_edits_keep_every_other_byte(encoding, newline):
         ]
     )
     data = text.encode(encoding)
-    changed = apply_edits(data, "f", [Edit("f", "/P/C", "R", "/Old", "/N\xfc")])
+    changed = apply_edits(data, "f", [Edit(Location("f"), "/P/C", "R", "/Old", "/N\xfc")])
     assert changed == text.replace(" /Old <!-- \xe4 -->", "/N\xfc").encode(encoding)
-    assert apply_edits(data, "f", [Edit("f", "/P/C", "R", "/Old")]) == re.sub(
+    assert apply_edits(data, "f", [Edit(Location("f"), "/P/C", "R", "/Old")]) == re.sub(
         r"<VALUE-REF.*</VALUE-REF>", "", text
     ).encode(encoding)
 
@@ -347,7 +351,7 @@ def test_edits_keep_every_other_byte(encoding, newline):
 @pytest.mark.parametrize("data", [b"<a/>", "<a/>".encode("utf-16")])
 def test_an_edit_that_finds_nothing_is_refused(data):
     with pytest.raises(HalpipeError) as failure:
-        apply_edits(data, "f", [Edit("f", "/P/C", "R", "/Old", "/New")])
+        apply_edits(data, "f", [Edit(Location("f"), "/P/C", "R", "/Old", "/New")])
     assert failure.value.diagnostics[0].code == codes.CANNOT_EDIT.id
 
 
@@ -579,11 +583,84 @@ def test_a_call_without_event_is_woken_by_that_of_its_period(tmp_path):
 
 
 def test_an_extended_os_task_of_which_no_event_is_known_is_refused(tmp_path):
-    text = project(tmp_path, events=["Go", "Come"]).read_text()
-    path = tmp_path / "system.arxml"
-    path.write_text(text.replace("RteUsedOsEventRef", "RteOther"))
+    path = project(tmp_path, events=["Go", "Come"])
+    text = path.read_text().replace("RteUsedOsEventRef", "RteOther")
+    path.write_text(text)
     (told,) = refused(path, model_of(path))
     assert (told.code, told.path) == (codes.UNKNOWN_EVENT.id, 'OsTask "/E/Os/Main"')
+    assert "waits for 2 OsEvents" in told.message
+    kind = os_task("Main", OsTaskType="EXTENDED")
+    kind = kind[kind.index("<PARAMETER-VALUES>") : kind.index("<REFERENCE-VALUES>")]
+    at = text.index("<PARAMETER-VALUES>", text.index("<SHORT-NAME>Main</SHORT-NAME>"))
+    text = text[:at] + kind + text[text.index("<REFERENCE-VALUES>", at) :]
+    path.write_text(text.replace("OsTaskEventRef", "OsOther"))
+    (told,) = refused(path, model_of(path))
+    assert (told.code, "EXTENDED, but has no OsEvent" in told.message) == (codes.UNKNOWN_EVENT.id, True)
+
+
+def test_an_event_for_two_os_tasks_is_set_for_both(tmp_path):
+    waits = container("Os/OsTask", "Other", refs=[("OsTaskEventRef", "/E/Os/Ring")])
+    model = model_of(project(tmp_path, rings=True, more=[waits, container("Os/OsEvent", "Ring")]))
+    model = replace(model, tasks=tuple(replace(task, slack=Fraction(1, 2)) for task in model.tasks))
+    unit = model.units[0].name
+    jobs = job(model, "Lone", 0, "2ms", unit), job(model, "Other", 0, "5ms", unit)
+    steps = [job(model, "p/Step", index, f"{10 * index}ms", unit) for index in range(2)]
+    plan = schedule(model, 20, *steps, *jobs, mode_name="default")
+    changes = export_onto(model, plan, str(tmp_path), ArxmlImportOptions()).changes
+    woken = [c.new for c in changes if c.name == "OsScheduleTableSetEventTaskRef"]
+    assert woken == ["/E/Os/Lone", "/E/Os/Other"]
+
+
+# ----------------------------------------------------------------------------------------- what the model leaves out
+
+
+def two_calls(folder, slow, *, events=()):
+    """An OsTask that calls Step every 10 ms and Long more seldom, each woken by an event of an alarm, or activated."""
+    ticks = every("0.01", "Tick", "Pump/Step"), every(slow, "Tock", "Pump/Long")
+    refs = [[("RteUsedOsEventRef", f"/E/Os/{event}")] for event in events] or [(), ()]
+    mappings = (mapped("Pump/B/Tick", "Main", "1", more=refs[0]), mapped("Pump/B/Tock", "Main", "2", more=refs[1]))
+    alarms = [
+        alarm(f"Al{event}", str(10 + 10 * index), start="10", sets=event)
+        for index, event in enumerate(dict.fromkeys(events))
+    ]
+    os = configuration(
+        "Os",
+        container("Os/OsTask", "Main", refs=[("OsTaskEventRef", f"/E/Os/{event}") for event in events]),
+        *(container("Os/OsEvent", event) for event in dict.fromkeys(events)),
+        container("Os/OsAppMode", "OSDEFAULTAPPMODE"),
+        counter(),
+        *(alarms or [alarm("Al", "10", activates="Main")]),
+    )
+    types = package("T", component("Pump", *ticks, runnables="Step Long"), composition("Car", "p:Pump"))
+    return write(folder, types, package("E", os, configuration("Rte", rte(*mappings, prototype="Car/p"))))
+
+
+def of_steps(model):
+    return schedule(model, 10, job(model, "p/Step", 0, "3ms", model.units[0].name), mode_name="default")
+
+
+def test_an_alarm_of_what_an_overlay_dropped_goes_on_and_is_named(tmp_path):
+    path = two_calls(tmp_path, "0.02", events=["Go", "Come"])
+    model = model_of(path, drop="p/Long")
+    onto = export_onto(model, of_steps(model), str(tmp_path), ArxmlImportOptions())
+    assert removed(onto) == ["/E/Os/AlGo/s"]
+    (told,) = [d for d in onto.findings if d.code == codes.RUNS_BESIDE.id]
+    assert (told.path, "/E/Os/Come" in told.message) == ('OsAlarm "/E/Os/AlCome"', True)
+    write_directory(str(tmp_path / "out"), onto.files)
+    checked = check_bundle(str(tmp_path / "out"), CheckOptions())
+    assert (checked.diagnostics, checked.lines[0]) == ((), "2 actions on 1 OsTasks in 10ms")
+
+
+@pytest.mark.parametrize(("slow", "code"), [("0.02", codes.OTHER_RATE.id), ("0.01", None)])
+@pytest.mark.parametrize("events", [(), ("Go", "Go")], ids=["basic", "extended"])
+def test_what_an_overlay_dropped_keeps_its_rate_or_is_refused(tmp_path, slow, code, events):
+    path = two_calls(tmp_path, slow, events=events)
+    model = model_of(path, drop="p/Long")
+    try:
+        found = export_onto(model, of_steps(model), str(tmp_path), ArxmlImportOptions()).findings
+    except HalpipeError as failure:
+        found = failure.diagnostics
+    assert next((d.code for d in found if d.is_error), None) == code
 
 
 def test_an_os_task_alone_is_woken_by_the_event_that_its_alarm_sets(tmp_path):

@@ -1,5 +1,6 @@
 """Variants: formulas of the standard, value sets of predefined variants, and what exists in one of them."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
@@ -8,6 +9,7 @@ from arxml_case import (
     component,
     composition,
     configuration,
+    container,
     el,
     every,
     found,
@@ -26,10 +28,13 @@ from arxml_case import (
     write,
 )
 from lxml import etree
+from test_arxml_onto import planned, project
 
 from command_line import run_here
+from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate
+from halpipe.importers.arxml.options import ArxmlImportOptions
 
 KNOWN = {"/V/A": Fraction(2), "/V/B": Fraction(0), "/V/S": "left"}
 
@@ -248,6 +253,23 @@ def test_mappings_and_formulas_of_the_configuration_are_evaluated(tmp_path):
 
     assert order("Gen2Left") == [("Pump/A", "Pump/B")]
     assert order("Gen4Right") == [("Pump/B", "Pump/A")]
+
+
+def test_only_the_chosen_variant_of_a_container_is_taken_out_of_a_project(tmp_path):
+    """Two autostarts of one alarm, of which each variant has one; both stand in one file."""
+    path = project(tmp_path, more=[container("Os/OsAppMode", "OSDEFAULTAPPMODE")])
+    before, start, rest = path.read_text().partition("<ECUC-CONTAINER-VALUE><SHORT-NAME>s</SHORT-NAME>")
+    inner, end, rest = rest.partition("</ECUC-CONTAINER-VALUE>")
+    starts = [f"\n{start}{inner}{when(platform(f'== {number}'), str(number))}{end}" for number in (2, 4)]
+    path.write_text(before + "".join(starts) + rest)
+    write(tmp_path, VARIANTS, name="variants.arxml")
+    model = read(tmp_path, variant="Gen4Right").model
+    model = replace(model, tasks=tuple(replace(t, versions=(replace(t.versions[0], wcet="1ms"),)) for t in model.tasks))
+    onto = export_onto(model, planned(model, 0, 2), str(tmp_path), ArxmlImportOptions(variant="Gen4Right"))
+    changed = onto.files["changed/system.arxml"].decode()
+    assert (starts[0] in changed, starts[1].strip() in changed) == (True, False)
+    (told,) = [d for d in onto.findings if d.code == codes.ONE_VARIANT.id]
+    assert "/E/Os/Al/s" in told.message
 
 
 def test_the_command_takes_variants_and_conditions(tmp_path):

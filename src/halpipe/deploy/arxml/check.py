@@ -81,16 +81,17 @@ def _differences(os: Os, acts: list[Act], mode: ModeSchedule, facts: Mapping[str
     length = mode.hyperperiod.in_unit("s")
     needed: dict[str, set[Fraction]] = {}
     allowed: dict[str, set[Fraction]] = {}
+    events: dict[str, set[str]] = {}
     for job in mode.jobs:
-        for task in facts.get("tasks", {}).get(job.task, ()):
+        for task, set_events in facts.get("tasks", {}).get(job.task, {}).items():
+            events.setdefault(task, {""}).update(set_events)
             needed.setdefault(task, set()).add(job.start.in_unit("s") % length)
             allowed.setdefault(task, set()).update(_starts(job, length))
     done: dict[tuple[str, str], Counter[Fraction]] = {}
     for act in acts:
-        done.setdefault((act.task, act.event), Counter())[act.time % length] += 1
+        if act.event in events.get(act.task, ()):  # another event wakes what the model left out, beside the schedule
+            done.setdefault((act.task, act.event), Counter())[act.time % length] += 1
     for (task, event), times in done.items():
-        if task not in needed:
-            continue
         what = f"gets {event}" if event else "is activated"
         for time, count in times.items():
             if count > 1:

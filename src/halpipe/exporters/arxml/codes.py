@@ -118,6 +118,19 @@ STARTS_ONCE = warning(
     "OsTaskAutostart activates an OsTask when the OS starts, beside the activations of the schedule. That is right for "
     "one that initialises something first, and takes its time before the first job.",
 )
+RUNS_BESIDE = warning(
+    "HAL1445",
+    "OsEvent is set beside the schedule",
+    "An alarm or schedule table of the project sets an OsEvent for an OsTask of the schedule, and no task of the model "
+    "waits for it: an overlay dropped what it wakes, or no runnable is known that it wakes. It stays, and takes time "
+    "that the schedule does not know.",
+)
+OTHER_RATE = error(
+    "HAL1446",
+    "Runnable left out of the model would change its rate",
+    "The generated RTE runs it at the same activation, or OsEvent, as a task of the schedule, and counts which of the "
+    "two is due. With the activations of the schedule alone, that count is wrong.",
+)
 UNKNOWN_EVENT = error(
     "HAL0895",
     "It is not known what wakes an extended OsTask",

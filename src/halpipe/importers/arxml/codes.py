@@ -432,6 +432,13 @@ MORE_IN_PROJECT = warning(
     "They were left out by an overlay, or are new since the import. Nothing is written for them; they run beside the "
     "schedule, and disturb it.",
 )
+ONE_VARIANT = warning(
+    "HAL1447",
+    "Schedule of one variant is put onto a project of several",
+    "The delta and the changed files have no variation points, so that they count in each variant of the project. In "
+    "another one, OsTasks would start as this variant needs it. A post-build variant is chosen when the ECU starts: "
+    "there, each variant needs schedule tables of its own, started by code.",
+)
 NO_CONFIGURATION = error(
     "HAL0583",
     "Project has no configuration to put a schedule onto",

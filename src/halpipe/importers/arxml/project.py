@@ -23,17 +23,17 @@ from halpipe.importers.arxml.system.containers import Containers, standard_modul
 from halpipe.importers.arxml.system.ecuc import Ticks, chosen_mode, replaced, started_elsewhere
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.versions import FULL
-from halpipe.models.project import Call, Deed, Item, Project, ProjectCounter, ProjectTask, Starter, Value
+from halpipe.models.project import Call, Deed, Item, LeftOut, Project, ProjectCounter, ProjectTask, Starter, Value
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.importers.arxml.build import Built
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.containers import Container
     from halpipe.importers.arxml.system.values import Trigger
-    from halpipe.importers.arxml.tasks.activation import Activation
+    from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.models import Task, TaskModel
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
@@ -79,49 +79,56 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ArxmlImportOpt
     Raise `HalpipeError` with every difference, if the project is another one or changed.
     """
     tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions), marks=True)
-    built = _again(tree, model, paths, options, findings)
+    if tree.removed:
+        others = listed([removed.path for removed in tree.removed])
+        findings.report(
+            codes.ONE_VARIANT,
+            f"{len(tree.removed)} elements are not in the variant of the model: {others}",
+            at=tree.removed[0].at,
+            help="add the delta, and the changed files, to a build of this variant only",
+        )
+    built, rest = _again(tree, model, paths, options, findings)
     _compare(model, built.model, findings)
     findings.stop_on_errors()
-    return _Reader(tree, built, findings).project()
+    return _Reader(tree, built, rest, findings).project()
 
 
 def _again(
     tree: Tree, model: TaskModel, paths: Sequence[str], options: ArxmlImportOptions, findings: Findings
-) -> Built:
-    """Return the model of the project at the granularity of the given one, without what that has not."""
+) -> tuple[Built, list[Draft]]:
+    """Return the model of the project at the granularity of the given one, without what that has not, and the rest."""
     system = read_system(tree, options.ecu)
     tree.findings.stop_on_errors()
-    found: dict[str, Mapping[str, Task]] = {}
+    found: dict[str, Built] = {}
     failures = []
     for granularity in GRANULARITIES:
         try:
-            made = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=False))
+            found[granularity] = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=False))
         except HalpipeError as failure:
             failures.append(failure)
-        else:
-            found[granularity] = {task.name: task for task in made.model.tasks}
     if not found:
         raise failures[0]
     findings.extend(dict.fromkeys(read for read in tree.findings.items if read.code in _CAUSES))
     wanted = {task.name for task in model.tasks}
     origins = {_path(task) for task in model.tasks}
-    granularity = max(found, key=lambda known: _likeness(found[known], wanted, origins))
-    _report_others(model, found[granularity], paths, findings)
+    granularity = max(found, key=lambda known: _likeness(found[known].model, wanted, origins))
+    _report_others(model, found[granularity].model, paths, findings)
     findings.stop_on_errors()
     tree.findings = Findings()  # what the other granularities found does not count
     built = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=True))
     tree.findings.stop_on_errors()
-    return built
+    return built, [draft for draft in found[granularity].drafts if draft.name not in wanted]
 
 
-def _likeness(tasks: Mapping[str, Task], names: set[str], origins: set[str]) -> tuple[int, int]:
-    """Return how many `tasks` have one of the names, and how many were imported from one of the origins."""
-    return len(names & tasks.keys()), sum(_path(task) in origins for task in tasks.values())
+def _likeness(model: TaskModel, names: set[str], origins: set[str]) -> tuple[int, int]:
+    """Return how many tasks have one of the names, and how many were imported from one of the origins."""
+    return sum(task.name in names for task in model.tasks), sum(_path(task) in origins for task in model.tasks)
 
 
-def _report_others(model: TaskModel, tasks: Mapping[str, Task], paths: Sequence[str], findings: Findings) -> None:
+def _report_others(model: TaskModel, project: TaskModel, paths: Sequence[str], findings: Findings) -> None:
     """Report the tasks that only the model has, or only the project; the name of a task may tell its period."""
     wanted = {task.name for task in model.tasks}
+    tasks = {task.name: task for task in project.tasks}
     new = [task for name, task in sorted(tasks.items()) if name not in wanted]
     for task in model.tasks:
         if task.name in tasks:
@@ -215,9 +222,11 @@ def _orders(task: Task) -> set[str]:
 class _Reader:
     """Collects what an export needs to know of the containers of Os, Rte and EcuC."""
 
-    def __init__(self, tree: Tree, built: Built, findings: Findings) -> None:
+    def __init__(self, tree: Tree, built: Built, others: Sequence[Draft], findings: Findings) -> None:
         self._tree = tree
         self._built = built
+        self._drafts = (*built.drafts, *others)
+        self._others = {draft.name: (draft.period, draft.offset) for draft in others}
         self._findings = findings
         self._containers = Containers(tree)
         self._standard = standard_modules(tree)
@@ -234,7 +243,7 @@ class _Reader:
         """Return the project; raise `HalpipeError` if it has no configuration that a schedule could be put onto."""
         calls = {
             draft.name: tuple(self._call(member) for member in draft.members if member.event is not None)
-            for draft in self._built.drafts
+            for draft in self._drafts
         }
         alone = {
             draft.name: self._alone(member, member.os_task.place.path)
@@ -244,6 +253,7 @@ class _Reader:
         }
         tasks = {c.node.path: self._task(c) for c in self._containers.of("OsTask")}
         calls = self._woken(calls)
+        others = tuple(LeftOut(name, *rate, calls.pop(name)) for name, rate in self._others.items())
         used = {call.os_task for found in calls.values() for call in found if call.os_task}
         used |= {call.os_task for call in alone.values()}
         os_module = self._module("Os", used)
@@ -256,6 +266,7 @@ class _Reader:
             items=self._items(),
             packages={node.path: node.parts[0].element.get("UUID") or "" for node in self._tree.tagged("AR-PACKAGE")},
             calls=calls,
+            left_out=others,
             alone=alone,
             tasks=tasks,
             counters=tuple(self._counters(os_module)),
@@ -277,7 +288,7 @@ class _Reader:
     def _woken(self, calls: dict[str, tuple[Call, ...]]) -> dict[str, tuple[Call, ...]]:
         """Return the calls of each task; where no OsEvent is named, with those of the other calls of the period."""
         rates = _rates(self._built.triggers)
-        periods = {draft.name: draft.period for draft in self._built.drafts}
+        periods = {draft.name: draft.period for draft in self._drafts}
         known: dict[tuple[str, Duration | None], set[str]] = {}
         tasks: dict[tuple[str, Duration | None], set[str]] = {}
         for name, call in ((name, call) for name, found in calls.items() for call in found):
@@ -343,7 +354,7 @@ class _Reader:
                 at=node.at,
                 is_generated=_is_generated(node.parts[0].element),
                 is_added=node.path in self._containers.added,
-                files=tuple(dict.fromkeys(part.file for part in node.parts)),
+                places=tuple(place(part.element, part.file) for part in node.parts),
             )
         return found
 

@@ -29,10 +29,10 @@ _ENCODING = re.compile(rb"<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)")
 class Edit:
     """A change in a container (path): a reference `name` from `old` to `new` (None: not set), or all of it removed.
 
-    The container is removed where `name` is empty.
+    The container is removed where `name` is empty. `at` tells one variant of an element from another (line 0: any).
     """
 
-    file: str
+    at: Location
     path: str
     name: str = ""
     old: str = ""
@@ -136,7 +136,9 @@ class _Finder(_Walker):
     def __init__(self, data: bytes, edits: Sequence[Edit]) -> None:
         super().__init__(data)
         self._path: list[str] = []
-        self._wanted: dict[tuple[str, str, str], Edit] = {(e.path, e.name, e.old): e for e in edits}
+        self._wanted: dict[tuple[str, str, str], list[Edit]] = {}
+        for edit in edits:
+            self._wanted.setdefault((edit.path, edit.name, edit.old), []).append(edit)
         self._found: dict[Edit, tuple[int, int]] = {}
 
     def spans(self) -> dict[Edit, tuple[int, int]]:
@@ -154,15 +156,19 @@ class _Finder(_Walker):
         elif element.tag == "VALUE-REF" and holder is not None:
             holder.value = element
         elif element.tag == "ECUC-REFERENCE-VALUE" and (value := element.value) is not None:
-            edit = self._wanted.get(("/" + "/".join(self._path), element.definition, "".join(value.text.split())))
-            if edit is not None:
+            for edit in self._edits_of(value, element.definition, "".join(value.text.split())):
                 span = (value.start, value.end) if edit.new is None else (value.opened, value.closed)
                 self._found.setdefault(edit, span)
         if element.name:
-            edit = self._wanted.get(("/" + "/".join(self._path), "", ""))
-            if edit is not None and element.tag == "ECUC-CONTAINER-VALUE":
+            for edit in self._edits_of(element) if element.tag == "ECUC-CONTAINER-VALUE" else ():
                 self._found.setdefault(edit, (element.start, element.end))
             self._path.pop()
+
+    def _edits_of(self, element: _Element, name: str = "", old: str = "") -> Iterator[Edit]:
+        """Yield the edits of an element of the current path; parsers count its line where its first tag ends."""
+        for edit in self._wanted.get(("/" + "/".join(self._path), name, old), ()):
+            if not edit.at.line or edit.at.line == 1 + self._data.count(b"\n", 0, element.opened):
+                yield edit
 
 
 def tag_end(data: bytes, start: int) -> int:

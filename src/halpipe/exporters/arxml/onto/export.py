@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, named
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.core.records import record
-from halpipe.exporters.arxml.codes import CODE_STARTS, DOUBLE_START, IN_THE_WAY, NEVER_STARTED, PHASE, STARTS_ONCE
+from halpipe.exporters.arxml.codes import (
+    CODE_STARTS,
+    DOUBLE_START,
+    IN_THE_WAY,
+    NEVER_STARTED,
+    PHASE,
+    RUNS_BESIDE,
+    STARTS_ONCE,
+)
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.delta import Delta, mark
@@ -26,7 +34,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Code
     from halpipe.exporters.arxml.document import Box
-    from halpipe.exporters.arxml.onto.plan import OntoPlan, Placed
+    from halpipe.exporters.arxml.onto.plan import Action, OntoPlan, Placed
     from halpipe.exporters.arxml.tables import Table
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.project import Call, Deed, Project, ProjectCounter, Starter
@@ -40,15 +48,18 @@ class Stopped:
     starters: tuple[Starter, ...]
 
 
-def stop_others(project: Project, played: Collection[str], reused: Collection[str], findings: Findings) -> Stopped:
-    """Return how to stop what starts the OsTasks `played` (paths), beside tables that are reused; report the rest."""
-    return _Stopper(project, played, reused, findings).run()
+def stop_others(project: Project, actions: Collection[Action], reused: Collection[str], findings: Findings) -> Stopped:
+    """Return how to stop what does what the schedule does, beside tables that are reused; report the rest."""
+    return _Stopper(project, actions, reused, findings).run()
 
 
 class _Stopper:
-    def __init__(self, project: Project, played: Collection[str], reused: Collection[str], findings: Findings) -> None:
+    def __init__(
+        self, project: Project, actions: Collection[Action], reused: Collection[str], findings: Findings
+    ) -> None:
         self._project = project
-        self._played = played
+        self._played = {action.os_task for action in actions}
+        self._events = {(action.os_task, action.event) for action in actions}
         self._reused = reused
         self._findings = findings
         self._removed: list[str] = []
@@ -57,7 +68,7 @@ class _Stopper:
 
     def run(self) -> Stopped:
         for starter in self._project.starters:
-            doubled = [deed for deed in starter.deeds if deed.os_task in self._played]
+            doubled = [deed for deed in starter.deeds if self._is_doubled(deed)]
             if starter.path in self._reused:
                 self._removed += (
                     p
@@ -71,7 +82,9 @@ class _Stopper:
             elif doubled and starter.is_table:
                 self._cut(starter, doubled)
             elif doubled and not starter.is_coded:
-                self._refuse(starter, "concerns other OsTasks, too", "stop it by hand for those of the schedule")
+                self._refuse(starter, "does more than that", "stop it by hand for what the schedule starts")
+            if starter.path not in self._reused and not starter.is_coded:
+                self._report_rest(starter)
         for path in sorted(self._played):
             task = self._project.tasks[path]
             if task.autostart and not task.is_extended:
@@ -80,8 +93,19 @@ class _Stopper:
                 self._findings.report(
                     STARTS_ONCE, message, at=at, path=named("OsTask", path), help="nothing, if meant so"
                 )
-        edits = [Edit(file, path) for path in self._removed for file in self._project.items[path].files]
+        edits = [Edit(at, path) for path in self._removed for at in self._project.items[path].places]
         return Stopped((*edits, *self._switched), tuple(self._stopped))
+
+    def _is_doubled(self, deed: Deed) -> bool:
+        """Whether the schedule does the same: an OsEvent that it never sets wakes something else."""
+        return deed.os_task in self._played and (not deed.event or (deed.os_task, deed.event) in self._events)
+
+    def _report_rest(self, starter: Starter) -> None:
+        """Report the OsEvents that an alarm or table still sets for OsTasks of the schedule."""
+        rest = {d.event for d in starter.deeds if d.os_task in self._played and not self._is_doubled(d)}
+        if rest:
+            text = f"still sets {', '.join(sorted(rest))}, for which no task of the schedule waits"
+            self._report(RUNS_BESIDE, starter, text, "keep what the OsEvent wakes in the model, so that it has time")
 
     def _leave(self, starter: Starter) -> None:
         """Report a table of another mode, or an alarm, that only code of the project starts."""
@@ -96,7 +120,7 @@ class _Stopper:
             begins = [starter.autostart] if starter.autostart and mode is None else []
             self._removed += [*begins, *starter.calls]
             if mode is not None:  # it starts in other application modes as before
-                self._switched.append(Edit(mode.at.file, starter.autostart, mode.name, mode.text, None))
+                self._switched.append(Edit(mode.at, starter.autostart, mode.name, mode.text, None))
             self._stopped.append(starter)
         elif starter.is_table:
             self._refuse(
@@ -119,7 +143,7 @@ class _Stopper:
 
     def _started(self, starter: Starter) -> str:
         """Return the names of the OsTasks of the schedule that an alarm or a table starts."""
-        return ", ".join(sorted({deed.os_task for deed in starter.deeds if deed.os_task in self._played}))
+        return ", ".join(sorted({deed.os_task for deed in starter.deeds if self._is_doubled(deed)}))
 
     def _report(self, code: Code, starter: Starter, text: str, remedy: str) -> None:
         path = named("OsScheduleTable" if starter.is_table else "OsAlarm", starter.path)
@@ -141,7 +165,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
     writer.run()
     by_file: dict[str, list[Edit]] = {}
     for edit in writer.edits:
-        by_file.setdefault(edit.file, []).append(edit)
+        by_file.setdefault(edit.at.file, []).append(edit)
     modules = writer.delta.modules()
     in_place = {path: file for path in modules if (file := project.items[path].at.file).endswith(XDM)}
     contents = {DELTA: writer.delta.write(in_place)} if len(in_place) < len(modules) else {}
@@ -153,7 +177,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
             continue
         module = next((modules[path] for path in in_place if in_place[path] == file), None)
         contents[f"changed/{name}"] = apply_to_xdm(data, name, module, edits)
-    changes = [Change(files[e.file][0], e.path, e.name, e.old or "container", e.new) for e in writer.edits]
+    changes = [Change(files[e.at.file][0], e.path, e.name, e.old or "container", e.new) for e in writer.edits]
     changes += writer.delta.changes({path: files[file][0] for path, file in in_place.items()})
     contents[CHANGES] = (json.dumps([_as_json(c) for c in changes], indent=1, ensure_ascii=True) + "\n").encode()
     contents |= paired(model, schedule)
@@ -163,7 +187,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
         "project": {file: _state(*files[file], contents) for file in project.files},
         "code": [writer.path(placed) for placed in plan.tables if placed.is_reused],
         "tables": [writer.path(placed) for placed in plan.tables if writer.begins(placed)],
-        "tasks": {task: _os_tasks(project, task) for task in sorted({*project.calls, *project.alone})},
+        "tasks": {task: _os_tasks(project, task, plan) for task in sorted({*project.calls, *project.alone})},
         "files": {name: sha256(contents[name]) for name in sorted(contents)},
     }
     contents[MANIFEST] = (json.dumps(manifest, indent=1, ensure_ascii=True) + "\n").encode()
@@ -176,10 +200,13 @@ def _state(name: str, data: bytes, contents: Mapping[str, bytes]) -> dict[str, s
     return {"sha256": sha256(data), "changed": changed if changed in contents else ""}
 
 
-def _os_tasks(project: Project, task: str) -> list[str]:
-    """Return the OsTasks (paths) that run a task of the model."""
+def _os_tasks(project: Project, task: str, plan: OntoPlan) -> dict[str, list[str]]:
+    """Return the OsTasks (paths) that run a task of the model, with the OsEvents of each that the schedule sets."""
     calls = [*project.calls.get(task, ()), *([project.alone[task]] if task in project.alone else [])]
-    return sorted({call.os_task for call in calls if call.os_task})
+    events: dict[str, list[str]] = {}
+    for action in plan.actions.values():
+        events.setdefault(action.os_task, []).extend([action.event] if action.event else [])
+    return {path: sorted(events.get(path, ())) for path in sorted({call.os_task for call in calls if call.os_task})}
 
 
 def _as_json(change: Change) -> dict[str, str | None]:
@@ -225,8 +252,7 @@ class _Writer:
     def run(self) -> None:
         """Write counters, tables and references; stop what starts the same tasks otherwise."""
         reused = [self.path(placed) for placed in self._plan.tables if placed.is_reused]
-        played = {action.os_task for action in self._plan.actions.values()}
-        stopped = stop_others(self._project, played, reused, self._findings)
+        stopped = stop_others(self._project, self._plan.actions.values(), reused, self._findings)
         self._findings.stop_on_errors()
         self.edits += stopped.edits
         if not self._project.app_mode:
@@ -287,8 +313,8 @@ class _Writer:
         """Give a table of the project other expiry points, and the length of the schedule."""
         path, name = self.path(placed), "OsScheduleTableDuration"
         starter = next(starter for starter in self._project.starters if starter.path == path)
-        file = self._project.items[path].at.file
-        self.edits.append(Edit(file, path, name, starter.cycle, str(placed.table.duration)))
+        at = self._project.items[path].at
+        self.edits.append(Edit(at, path, name, starter.cycle, str(placed.table.duration)))
         self._points(self.delta.box(path), placed.table, "")
 
     def _report_phases(self) -> None:
@@ -355,9 +381,9 @@ class _Writer:
         if call.points:
             first = next((value for value in call.points if not value.is_generated), None)
             if first is not None:
-                self.edits.append(Edit(first.at.file, call.mapping, name, first.text, point))
+                self.edits.append(Edit(first.at, call.mapping, name, first.text, point))
         else:
             self.delta.box(call.mapping).refer(name, point)
         for alarm in call.alarms if call.has_period else ():
             if not alarm.is_generated:
-                self.edits.append(Edit(alarm.at.file, call.mapping, alarm.name, alarm.text, None))
+                self.edits.append(Edit(alarm.at, call.mapping, alarm.name, alarm.text, None))

@@ -16,6 +16,7 @@ from halpipe.exporters.arxml.codes import (
     BASIC_SHARED,
     COUNTER_NEEDED,
     NOT_MAPPED,
+    OTHER_RATE,
     SHARED_EVENT,
     SPLIT_JOB,
     UNKNOWN_EVENT,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.models import Job, Schedule, Split, TaskModel
-    from halpipe.models.project import Call, Project, ProjectTask, Starter
+    from halpipe.models.project import Call, Deed, Project, ProjectTask, Starter
 
 
 class Gaps:
@@ -157,8 +158,8 @@ class Action:
 
     @property
     def key(self) -> str:
-        """Identity of the action."""
-        return self.event or self.os_task
+        """Identity of the action: an OsEvent may be set for several OsTasks."""
+        return f"{self.os_task} {self.event}"
 
 
 @record
@@ -194,6 +195,7 @@ def make_onto_plan(model: TaskModel, schedule: Schedule, project: Project, findi
 
 class _Planner:
     def __init__(self, model: TaskModel, schedule: Schedule, project: Project, findings: Findings) -> None:
+        self._model = model
         self._project = project
         self._findings = findings
         self._tables = list(_tables(schedule))
@@ -217,9 +219,11 @@ class _Planner:
         self._gaps.check(self._findings)
         self._findings.stop_on_errors()
         self._report_shared(starts)
+        self._report_left_out(starts)
+        self._findings.stop_on_errors()
         self._actions = {action.key: action for found in starts.values() for action in found}
         self._reused = {starter.path: starter for starter in self._project.starters if self._is_reused(starter)}
-        self._owner = {deed.event or deed.os_task: path for path, s in self._reused.items() for deed in s.deeds}
+        self._owner = {Action(d.os_task, d.event): path for path, s in self._reused.items() for d in s.deeds}
         placed, new = [], []
         for unit in self._units:
             counter, is_new = self._counter(unit, starts)
@@ -251,12 +255,11 @@ class _Planner:
         at = self._project.items[starter.path].at.file
         if not (starter.is_table and starter.is_coded and at.endswith(XDM)):
             return False
-        played = {action.os_task for action in self._actions.values()} - {
-            c.os_task for c in self._project.alone.values()
-        }
-        units = {self._project.tasks[deed.os_task].unit for deed in starter.deeds if deed.os_task in played}
+        alone = {call.os_task for call in self._project.alone.values()}
+        units = {self._project.tasks[deed.os_task].unit for deed in starter.deeds}
         tick = next((c.tick for c in self._project.counters if c.path == starter.counter), None)
-        if starter.is_kept or tick is None or len(units) != 1 or any(d.os_task not in played for d in starter.deeds):
+        is_played = all(_key(d) in self._actions and d.os_task not in alone for d in starter.deeds)
+        if starter.is_kept or tick is None or len(units) != 1 or not is_played:
             return False
         return not any(time % tick for mode, _, time in self._instants(units.pop()) if mode == self._first)
 
@@ -291,18 +294,24 @@ class _Planner:
 
     def _of_call(self, task: str, call: Call) -> list[Action]:
         """Return what runs a call: the events that an extended OsTask waits for, or one activation."""
-        target = self._project.tasks[call.os_task]
-        if not target.is_extended:
-            return [Action(call.os_task)]
-        events = call.os_events or (target.events if len(target.events) == 1 else ())
-        if not events:
+        actions, count = self._actions_of(call), len(self._project.tasks[call.os_task].events)
+        if not actions:
+            why = f'waits for {count} OsEvents, and nothing states which of them is for "{task}"'
             self._findings.report(
                 UNKNOWN_EVENT,
-                f'waits for {len(target.events)} OsEvents, and nothing tells which of them is for "{task}"',
+                why if count else f'is of the type EXTENDED, but has no OsEvent to wake it for "{task}"',
                 at=self._at(call.mapping or call.os_task),
                 path=named("OsTask", call.os_task),
                 help="run the RTE generator once, or state RteUsedOsEventRef in the mapping",
             )
+        return actions
+
+    def _actions_of(self, call: Call) -> list[Action]:
+        """Return what runs a call; nothing where no OsEvent of an extended OsTask is known."""
+        target = self._project.tasks[call.os_task]
+        if not target.is_extended:
+            return [Action(call.os_task)]
+        events = call.os_events or (target.events if len(target.events) == 1 else ())
         return [Action(call.os_task, event) for event in events]
 
     def _check_core(self, task: str, os_task: str, units: Iterable[str]) -> None:
@@ -319,22 +328,36 @@ class _Planner:
                 )
 
     def _report_shared(self, starts: dict[str, tuple[Action, ...]]) -> None:
-        by_action: dict[str, list[str]] = {}
+        by_action: dict[Action, list[str]] = {}
         for task, actions in starts.items():
             for action in actions if self._project.calls.get(task) else ():
-                by_action.setdefault(action.key, []).append(task)
-        basic = {action.key for actions in starts.values() for action in actions if not action.event}
-        for key, tasks in by_action.items():
+                by_action.setdefault(action, []).append(task)
+        for action, tasks in by_action.items():
             if len(tasks) < 2:
                 continue
             shown = ", ".join(tasks[:_SHOWN]) + (f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else "")
             code, help = (
                 (BASIC_SHARED, "import with --granularity ostask, and schedule again")
-                if key in basic
+                if not action.event
                 else (SHARED_EVENT, "run the RTE generator on the merged project, or import with --granularity ostask")
             )
-            self._findings.report(code, f"starts {shown}", path=key, help=help, at=self._at(key))
-        self._findings.stop_on_errors()
+            path = action.event or action.os_task
+            self._findings.report(code, f"starts {shown}", path=path, help=help, at=self._at(path))
+
+    def _report_left_out(self, starts: dict[str, tuple[Action, ...]]) -> None:
+        """Report calls that the model has not, but which run where the schedule starts others, at another rate."""
+        tasks = {action: self._model.task(name) for name, actions in starts.items() for action in actions}
+        for other in self._project.left_out:
+            actions = [action for call in other.calls if call.os_task for action in self._actions_of(call)]
+            played = next((tasks[action] for action in actions if action in tasks), None)
+            if played is not None and (played.period, played.offset) != (other.period, other.offset):
+                self._findings.report(
+                    OTHER_RATE,
+                    f"is started with {played.name} every {played.period}, but recurs every {other.period}",
+                    at=self._at(next(call.mapping for call in other.calls)),
+                    path=about(task=other.name),
+                    help="keep it in the model, with --granularity ostask, or give it an OsTask or OsEvent of its own",
+                )
 
     # ------------------------------------------------------------------------------------------------ counters
 
@@ -416,7 +439,7 @@ class _Planner:
                 for calls, number in self._gaps.calls(job):
                     offset = ticks.ticks(job.parts[number].start if number else job.start)
                     for action in self._started(job.task, calls, starts):
-                        own = self._owner.get(action.key, "") if (mode, target) == (self._first, "") else ""
+                        own = self._owner.get(action, "") if (mode, target) == (self._first, "") else ""
                         points = tables.setdefault(own, {})
                         points.setdefault(offset, {})[action.key] = None
                     if number:
@@ -432,6 +455,11 @@ class _Planner:
         if len(calls) == len(self._project.calls.get(task, ())):
             return starts[task]
         return [action for call in calls for action in self._of_call(task, call)]
+
+
+def _key(deed: Deed) -> str:
+    """Return the identity of what an alarm or expiry point of the project does."""
+    return Action(deed.os_task, deed.event).key
 
 
 def _tables(schedule: Schedule) -> Iterator[tuple[str, str, Duration, tuple[Job, ...]]]:
