@@ -38,7 +38,7 @@ def test_a_schedule_is_written_for_the_cpus_named(place, capsys):
     arguments = ["export", "ros", "model.xml", "s.xml", "--cpus", "c1=2,c2=5", "--priority", "70", "-o", "-"]
     assert invoke(arguments) == 0
     written = yaml.safe_load(capsys.readouterr().out)
-    assert [unit["cpu"] for unit in written["units"]] == [2, 5]
+    assert [(one["name"], one["cpu"]) for one in written["modes"][0]["executors"]] == [("c1", 2)]
     assert written["scheduling"]["priority"] == 70
 
 
@@ -67,7 +67,8 @@ def test_a_pipeline_calibrates_and_exports(place):
     )
     assert invoke(["run", "p.yaml", "-q"]) == 0
     assert str(read_model("m.xml").task("/a").versions[0].wcet) == "50us"
-    assert yaml.safe_load((place / "e.yaml").read_text())["units"] == [{"name": "core0", "cpu": 3}]
+    [executor] = yaml.safe_load((place / "e.yaml").read_text())["modes"][0]["executors"]
+    assert (executor["name"], executor["cpu"]) == ("core0", 3)
 
 
 def test_wrong_numbers_of_a_pipeline_are_named(place, capsys):
