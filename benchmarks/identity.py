@@ -30,7 +30,7 @@ from halpipe.models import Mode, TaskModel, Transition  # noqa: E402
 
 SCHEDULE = ("schedule", "--quiet", "--seed", "7")
 BUDGET = ("--budget", "400")
-"""Moves per task: more than the first search makes alone, so that the others of the portfolio have their turns."""
+"""Moves per task: enough for most models, so that failures are compared, too."""
 
 SHIPPED = ".shipped.xml"
 """Ends the name of a model without some of its tasks: its schedule is frozen in that of the whole."""

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
     from halpipe.models import TaskModel
 
-CONSTRUCTION, PORTFOLIO = "construction", "portfolio"
+CONSTRUCTION = "construction"
 RULES = Part.LANES | Part.WINDOWS | Part.DEMANDS | Part.CHAINS
-PARTS = ("", CONSTRUCTION, PORTFOLIO, *(part.name or "" for part in Part if part not in RULES))
+PARTS = ("", CONSTRUCTION, *(part.name or "" for part in Part if part not in RULES))
 HARD = [row for row in SUITES["hard"] if len(row.cells) == 1 and not row.is_open]
 FULL = [cell for experiment in TABLE_III for cell in experiment.cells if cell.utilisation >= Fraction(7, 10)]
 
@@ -80,7 +80,7 @@ def without(part: str) -> Iterator[None]:
     if part == CONSTRUCTION:
         with mock.patch.object(search, "construct", return_value=False):
             yield
-    elif part in ("", PORTFOLIO):
+    elif not part:
         yield
     else:
         enabled = ALL_PARTS & ~Part[part]
@@ -90,7 +90,7 @@ def without(part: str) -> Iterator[None]:
 
 def measured(models: Sequence[TaskModel], part: str, limit: float) -> tuple[int, float]:
     """Return how many systems are found without a part, and the processor time of all."""
-    options = SearchOptions(budget=10**7, portfolio=1) if part == PORTFOLIO else SearchOptions(budget=10**7)
+    options = SearchOptions(budget=10**7)
     found, spent = 0, 0.0
     with without(part):
         for model in models:

@@ -50,11 +50,9 @@ class Stop:
 @pytest.mark.parametrize("slices", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 5, 9))])  # 1 stops most
 @pytest.mark.parametrize("work", [pytest.param(100, marks=pytest.mark.slow), 1000])  # some hundred stops, or some ten
 def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices, workers, work):
-    from halpipe.pipeline.solve.kernel import portfolio
+    from halpipe.pipeline.solve.kernel import slices as kernel_slices
 
-    monkeypatch.setattr(portfolio, "SLICE_WORK", work)
-    monkeypatch.setattr(portfolio, "LEAD", 2)
-    monkeypatch.setattr(portfolio, "TURN", 2)
+    monkeypatch.setattr(kernel_slices, "SLICE_WORK", work)
     system = parse_model(format_model(tight_model()), "m.xml")
     options = SearchOptions(seed=10, budget=400)
     straight = schedule_model(system, options, lambda *progress: True)
@@ -67,9 +65,9 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
     from halpipe.pipeline.solve import optimise
-    from halpipe.pipeline.solve.kernel import portfolio
+    from halpipe.pipeline.solve.kernel import slices
 
-    monkeypatch.setattr(portfolio, "SLICE_WORK", 400)
+    monkeypatch.setattr(slices, "SLICE_WORK", 400)
     monkeypatch.setattr(optimise, "POLISH_BUDGET", 30)
     system = parse_model(format_model(loose_model()), "m.xml")
     options = SearchOptions(seed=1, optimise=tuple(map(Objective, aim)))

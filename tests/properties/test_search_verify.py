@@ -15,7 +15,7 @@ from halpipe.importers.native import parse_schedule
 from halpipe.models import Status
 from halpipe.pipeline.checked import validate_model
 from halpipe.pipeline.solve.kernel import assign_units as dealing
-from halpipe.pipeline.solve.kernel import portfolio
+from halpipe.pipeline.solve.kernel import slices
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
 from profiles import examples
@@ -154,7 +154,7 @@ def modest(seeds):
 def test_the_bytes_do_not_depend_on_the_slices(monkeypatch, slice_work):
     """Slices of 1 move, of some, and of many."""
     expected = [text_of(system) for system in modest(range(40))]
-    monkeypatch.setattr(portfolio, "SLICE_WORK", slice_work)
+    monkeypatch.setattr(slices, "SLICE_WORK", slice_work)
     assert [text_of(system) for system in modest(range(40))] == expected
 
 
@@ -178,7 +178,7 @@ def test_a_search_that_is_stopped_returns_every_job(seed, slices):
         return len(calls) <= slices
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(portfolio, "SLICE_WORK", 1)
+        patch.setattr(slices, "SLICE_WORK", 1)
         scheduled = schedule_model(system, SearchOptions(budget=BUDGET), stop)
     if any(chain.max_reaction or chain.max_age or chain.max_latency for chain in system.chains):
         pass  # the construction along chains counts its moves in one piece

@@ -40,3 +40,24 @@ def test_a_time_limit_is_used_to_its_end_unless_a_budget_is_stated(tmp_path, mon
     monkeypatch.setattr(searching, "find_schedule", lambda system, options, *rest, **named: asked.append(options) or 0)
     assert run_here(tmp_path, "schedule", "model.xml", "-o", "s.xml", *stated).returncode == 0
     assert [(options.budget, options.effort) for options in asked] == [(budget, effort)]
+
+
+@pytest.mark.parametrize(("budget", "asked"), [(None, 1), (100, 0)])
+def test_a_stated_budget_bounds_the_improvement_too(monkeypatch, budget, asked):
+    """With it, no step takes more moves, and the exact engine is not asked for shorter chains."""
+    from halpipe.pipeline.checked import schedule_model
+    from halpipe.pipeline.measure.objectives import Objective
+    from halpipe.pipeline.solve import exact_goals, one_mode
+    from halpipe.pipeline.solve.optimise import POLISH_BUDGET
+    from support import chain, model, task, version
+
+    calls, budgets, polish_of = [], [], one_mode.polish_of
+    bounded = lambda *rest: exact_goals.Shortest(exact_goals._sum(rest[4]))  # noqa: E731
+    monkeypatch.setattr(exact_goals, "shortest_chains", lambda *rest: calls.append(rest) or bounded(*rest))
+    monkeypatch.setattr(one_mode, "polish_of", lambda *rest: budgets.append(polish_of(*rest)) or budgets[-1])
+    tasks = [task(name, period, version("v", 3, "u1 u2")) for name, period in (("a", 12), ("b", 18), ("c", 12))]
+    system = model(*tasks, units="u1 u2", chains=[chain("c", "a b c")])
+    options = SearchOptions(budget=budget, optimise=(Objective.CHAINS,))
+    assert schedule_model(system, options, lambda *_: True).is_complete
+    assert len(calls) == asked
+    assert [polish.budget for polish in budgets] == [budget or POLISH_BUDGET]

@@ -298,11 +298,11 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_bytes():
         chains=(chain("a-c", "a b c"), chain("c-b", "c b")),
         units="u1 u2",
     )
-    whole = search(owner, SearchOptions(budget=50, optimise=(Objective.CHAINS, Objective.COST)), lambda *_: True)
+    whole = search(owner, SearchOptions(budget=4000, optimise=(Objective.CHAINS, Objective.COST)), lambda *_: True)
     kept = Keeper()
     for tables in (2, 5, 30, 10**9):
         left = iter(range(tables))
-        options = SearchOptions(budget=50, optimise=(Objective.CHAINS, Objective.COST), keeper=kept)
+        options = SearchOptions(budget=4000, optimise=(Objective.CHAINS, Objective.COST), keeper=kept)
         found = search(owner, options, lambda *_, left=left: next(left, None) is not None)
         assert found.unimproved == (tables < 10**9)
     assert kept.notes > 30

@@ -53,7 +53,7 @@ def fingerprint(model: TaskModel, options: SearchOptions, version: str) -> str:
     shipped = "" if options.shipped is None and options.near is None else repr((options.shipped, options.near))
     parts = (
         version, model.digest, options.seed, options.tick, options.modes, options.target, shipped,
-        options.portfolio, options.grid, options.optimise,
+        options.grid, options.optimise,
     )  # fmt: skip
     return hashlib.sha256(repr([str(part) for part in parts]).encode()).hexdigest()
 

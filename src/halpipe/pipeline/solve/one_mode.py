@@ -12,7 +12,6 @@ from halpipe.core.records import record
 from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
-from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
-    from halpipe.pipeline.solve.kernel.portfolio import Keeper, Kept
-    from halpipe.pipeline.solve.kernel.search import Outcome
+    from halpipe.pipeline.solve.kernel.search import Outcome, Search
+    from halpipe.pipeline.solve.kernel.slices import Kept
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.optimise import Polish, Reached
     from halpipe.pipeline.solve.problem import Problem
@@ -47,9 +46,6 @@ TURN_SEED = 1000
 
 FEW_TASKS = 200
 """Tasks of a mode up to which its independent groups are searched together: a few moves more."""
-
-STARTS, START_SEED = 3, 0x632BE59BD9B4E019
-"""First schedules of a small mode from which chains are made shorter, and what lies between their seeds."""
 
 POLISH_TABLES = 4000
 """Whole tables of preemptive jobs that are tried at least to improve a valid one."""
@@ -143,13 +139,16 @@ class _Search:
         goals = Goals.of(self.options.optimise)
         from halpipe.pipeline.solve.optimise import telling
 
-        tell = partial(self.options.on_better, self.name)
-        return polish_of(self.model, self.expansion, goals, self.options.target, self.seed + 1, telling(goals, tell))
+        tell = telling(goals, partial(self.options.on_better, self.name))
+        options = self.options
+        return polish_of(self.model, self.expansion, goals, options.target, self.seed + 1, tell, options.budget)
 
-    def kept(self, keeper: Keeper | None) -> Kept | None:
-        """Return the name under which a keeper has this search."""
-        from halpipe.pipeline.solve.kernel.portfolio import Kept
+    @property
+    def kept(self) -> Kept | None:
+        """The name under which a checkpoint has this search."""
+        from halpipe.pipeline.solve.kernel.slices import Kept
 
+        keeper = self.options.keeper
         return None if keeper is None else Kept(keeper, f"{self.options.attempt}/{self.number}{self.part}")
 
     def finished(self, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool) -> Finished:
@@ -187,7 +186,7 @@ class _Search:
                 return None
             raise
         on_slice = lambda made, best: self.on_progress(self.name, made, made + 1, best)  # noqa: E731
-        return improved(problem, jobs, self.polish, on_slice, self.earlier, self.kept(self.options.keeper))
+        return improved(problem, jobs, self.polish, on_slice, self.earlier, self.kept)
 
     def report(self, jobs: tuple[Job, ...], status: Status) -> ModeSchedule:
         """Return the jobs with their figures."""
@@ -241,11 +240,10 @@ class _SplitJobs(_Search):
         budget = options.placements(tasks, expansion.job_count)
         effort = Effort(
             budget,
-            max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count),
+            max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count) if options.is_open else budget,
             lambda placed, excess: self.on_progress(self.name, placed, budget, excess),
         )
-        kept = self.kept(options.keeper)
-        found = search(mode, self.model, self.seed, self.pinned, effort, self.polish, kept)
+        found = search(mode, self.model, self.seed, self.pinned, effort, self.polish, self.kept)
         self.on_progress(self.name, found.placed, budget, found.excess)
         notes = self.changed(changed, "number of jobs, version, units or parts")
         table = self.report(found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
@@ -275,13 +273,6 @@ class _WholeJobs(_Search):
         """Whether the exact engine may look for a schedule, too."""
         is_free = self.options.is_open and self.tick is None
         return is_free and self.expansion.job_count <= EXACT_JOBS and has_whole_jobs(self.model)
-
-    @cached_property
-    def keeper(self) -> Keeper | None:
-        """Keeper of the annealer's states: between its turns, and in a file."""
-        from halpipe.pipeline.solve.relay import Memory
-
-        return Memory(self.options.keeper) if self.may_ask else self.options.keeper
 
     @cached_property
     def problem(self) -> Problem:
@@ -333,53 +324,30 @@ class _WholeJobs(_Search):
         if outcome.cost:
             table = self.report(outcome.jobs, Status.NOT_FOUND)
             return Found(table, notes, outcome.moves, outcome.stopped)
-        is_free = not self.shipped and self.tick is None and not self.pinned and not outcome.unimproved
-        if is_free and self.may_ask and self.polish is not None and Objective.CHAINS in self.options.optimise[:1]:
-            outcome = self._best_of_several(outcome, self.polish)
         is_cut = outcome.unimproved
-        is_free = is_free and not is_cut
+        is_free = not (self.shipped or self.pinned or is_cut) and self.tick is None and self.options.is_open
         end = self.finished(outcome.jobs, self.seed, self._go_on(outcome), is_free=is_free)
         table = self.report(end.jobs, Status.VALID)
         unimproved = is_cut or end.stopped
         return Found(table, notes, outcome.moves, outcome.stopped, unimproved, reached=end.reached)
 
-    def _best_of_several(self, found: Outcome, polish: Polish) -> Outcome:
-        """Return the best of what the search comes to from several first schedules, the first of which is `found`.
+    def _anneal(self, moves: int) -> Outcome:
+        """Let the annealer continue to so many moves in all."""
+        return self.annealer.run(moves, lambda made, best: self.on_progress(self.name, made, self.budget, best))
 
-        An improvement stays in the basin in which it begins. None is taken that is worse than the first schedule in
-        anything that counts.
-        """
-        judge, first = polish.judge, polish.first[0]
-        best, worth, moves = found, judge.worth(found.jobs), found.moves
-        for other in self.options.workers.each(partial(self._anneal, self.budget), range(1, STARTS)):
-            moves += other.moves
-            if other.stopped or other.unimproved:
-                return replace(best, moves=moves, unimproved=True)
-            its_worth = judge.worth(other.jobs)
-            if not other.cost and its_worth.values < worth.values and judge.keeps(first, its_worth):
-                best, worth = other, its_worth
-        return replace(best, moves=moves)
+    @cached_property
+    def annealer(self) -> Search:
+        """The annealer, and how far it is."""
+        from halpipe.pipeline.solve.kernel.search import Search
 
-    def _anneal(self, moves: int, start: int = 0) -> Outcome:
-        """Let the annealer go on to so many moves in all; other numbers of `start` are other searches."""
-        from halpipe.pipeline.solve.kernel.search import Effort, search
-
-        polish, kept = self.polish, self.kept(self.keeper)
-        effort = Effort(self.options.portfolio, self.options.workers)
-        if start:
-            kept = kept and kept.stage(f"start{start}")
-            polish = polish and replace(polish, seed=polish.seed + start, first=[], on_better=lambda worth: None)
-        return search(
+        return Search(
             self.problem,
             lambda: self.problem if self.shipped else self._stated(grouped=False),
-            self.seed + start * START_SEED,
-            moves,
-            lambda made, best: self.on_progress(self.name, made, self.budget, best),
+            self.seed,
             self.earlier,
-            None if polish is None else (polish, lambda: self._stated(every_chain=True)),
+            None if self.polish is None else (self.polish, lambda: self._stated(every_chain=True)),
             self.shipped,
-            kept,
-            effort,
+            self.kept,
         )
 
     def _solve(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:

@@ -97,8 +97,12 @@ def polish_of(
     target: Fraction | None,
     seed: int,
     on_better: Callable[[Worth], None] = lambda worth: None,
+    budget: int | None = None,
 ) -> Polish:
-    """Return the improvement of the first valid schedule of a mode, which ends once its cost F is at most `target`."""
+    """Return the improvement of the first valid schedule of a mode, which ends once its cost F is at most `target`.
+
+    No step takes more than a stated `budget`.
+    """
 
     def is_enough(jobs: tuple[Job, ...]) -> bool:
         if target is None:
@@ -107,7 +111,7 @@ def polish_of(
         return report.cost is not None and report.cost.total <= target
 
     judge = Judge(model, expansion, goals.objectives)
-    return Polish(goals, judge, POLISH_BUDGET, seed, is_enough, on_better)
+    return Polish(goals, judge, min(POLISH_BUDGET, budget or POLISH_BUDGET), seed, is_enough, on_better)
 
 
 @record

@@ -7,12 +7,10 @@ many processors there are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.core.records import record
-from halpipe.pipeline.solve.checkpoint import SAVED
 from halpipe.pipeline.solve.codes import (
     EXACT_ELEMENT,
     EXACT_INFEASIBLE,
@@ -24,14 +22,11 @@ from halpipe.pipeline.solve.codes import (
 from halpipe.pipeline.solve.exact import Answer, Effort, is_preemptive, is_small, solve_exact, unknown_to_exact
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
     from halpipe.core.durations import Duration
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
-    from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.kernel.kernel import State
-    from halpipe.pipeline.solve.kernel.portfolio import Keeper
     from halpipe.pipeline.solve.kernel.search import Outcome
 
 
@@ -90,38 +85,6 @@ def relay(
             return outcome, answer
     assert outcome is not None, "there is at least one turn"
     return outcome, None
-
-
-@dataclass(slots=True)
-class Memory:
-    """A keeper that remembers every search at the end of its turn, for the next; saving is left to another one."""
-
-    saver: Keeper | None = None
-    _states: dict[str, dict[str, Ints]] = field(default_factory=dict)
-
-    def restore(self, key: str, state: State) -> None:
-        """Fill a fresh state with what is remembered of it, or was saved."""
-        if key in self._states:
-            for name, values in self._states[key].items():
-                getattr(state, name)[:] = values
-        elif self.saver is not None:
-            self.saver.restore(key, state)
-
-    def keep(self, key: str, state: State, *, now: bool) -> None:
-        """Remember a state at the end of its turn."""
-        if now:
-            self._states[key] = {name: getattr(state, name)[:] for name in SAVED}
-        if self.saver is not None:
-            self.saver.keep(key, state, now=now)
-
-    def note(self, key: str, facts: Mapping[str, Ints]) -> None:
-        """Save the outcome of a stage that is over, which no later turn comes to again."""
-        if self.saver is not None:
-            self.saver.note(key, facts)
-
-    def noted(self, key: str) -> Mapping[str, Ints] | None:
-        """Return such an outcome."""
-        return None if self.saver is None else self.saver.noted(key)
 
 
 def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, effort: Effort) -> tuple[Job, ...]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
-    from halpipe.pipeline.solve.kernel.portfolio import Keeper
+    from halpipe.pipeline.solve.checkpoint import Checkpoint
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.optimise import Reached
     from halpipe.pipeline.solve.quantise import BurstGrid
@@ -41,9 +41,6 @@ LEAST_MOVES = 1_000_000
 
 LEAST_TABLES, MOST_TABLED = 300, 10_000_000
 """Tables of a mode of preemptive jobs that are tried at least, without a budget; but no more jobs in all of them."""
-
-DEFAULT_PORTFOLIO = 4
-"""Searches of a mode that take turns."""
 
 SWITCHES = "switches"
 """Stands for the mode while tables between the modes are looked for; what is counted is mode pairs."""
@@ -67,12 +64,11 @@ class SearchOptions:
     - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can. One that it should be
       `like` is tried first.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
-    - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - Objectives to `optimise` come one before the other, none worse than at first. A cost F of at most `target` is the
       end of it.
     - `on_better` gets a mode and its objectives, whenever a better schedule is found.
     - `keeper` saves the search on its way, or restores one that was saved.
-    - `workers` are the threads for modes and searches; their number changes the time alone.
+    - `workers` are the threads for modes and groups of tasks; their number changes the time alone.
     """
 
     seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
@@ -138,20 +134,14 @@ class SearchOptions:
         metavar="FILE",
         is_path=True,
     )
-    portfolio: int = option(
-        DEFAULT_PORTFOLIO,
-        "Searches of a mode that take turns when the first is not quick.",
-        whole(1),
-        metavar="N",
-    )
-    keeper: Keeper | None = field(default=None, compare=False)
+    keeper: Checkpoint | None = field(default=None, compare=False)
     on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
 
     def unused(self) -> tuple[str, ...]:
         """Return the fields that have no effect beside the others; stating one is refused."""
         idle = () if Objective.COST in self.optimise else ("target",)
-        return (*idle, *(("budget", "portfolio") if self.engine == EXACT else ()))
+        return (*idle, *(("budget",) if self.engine == EXACT else ()))
 
     @property
     def is_open(self) -> bool:

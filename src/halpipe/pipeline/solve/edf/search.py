@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.trials import Latency, Ticks
     from halpipe.pipeline.solve.edf.works import Mode, Way
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.kernel.portfolio import Kept
+    from halpipe.pipeline.solve.kernel.slices import Kept
     from halpipe.pipeline.solve.optimise import Polish
 
 

@@ -35,7 +35,7 @@ from halpipe.pipeline.solve.kernel.kernel import (
     worst_age,
     worst_reaction,
 )
-from halpipe.pipeline.solve.kernel.portfolio import Kept, OnSlice, run
+from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.optimise import chain_bounds
 from halpipe.pipeline.solve.problem import NO_TICK
 
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job
     from halpipe.pipeline.measure.objectives import Worth
     from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
     from halpipe.pipeline.solve.optimise import Polish
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
@@ -146,7 +147,9 @@ class _Improvement:
         _fit_slack(arrays, state)
         load(arrays, state)
         budget = self.polish.budget * len(arrays.entry_offset)
-        stopped = run(problem, state, budget, lambda moves, _: self.on_slice(self.moves + moves, 0), kept)
+        if kept is not None:
+            kept.restore(state)
+        stopped = run(arrays, state, budget, lambda moves, _: self.on_slice(self.moves + moves, 0), kept)
         units = deal(problem, state.best_start, state.best_option) if state.register[BEST] == 0 else None
         if kept is not None and not stopped:
             placed = {} if units is None else {name: getattr(state, name) for name in PLACED}

@@ -2,40 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, NEVER, State, load, new_state
-from halpipe.pipeline.solve.kernel.portfolio import Kept, OnSlice, race, run
+from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import Option
-from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from halpipe.models import Job
+    from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
     from halpipe.pipeline.solve.optimise import Polish
     from halpipe.pipeline.solve.problem import Problem
 
 NOTHING = Earlier()
-
-MEMBER_SEED = 0x2127599BF4325C37
-"""Between the seeds of searches that take turns."""
-
-
-@record
-class Effort:
-    """Number of searches that take turns, and the threads that they share."""
-
-    members: int = 1
-    workers: Workers = field(default_factory=Workers)
-
-
-ALONE = Effort()
 
 
 @record
@@ -53,75 +38,79 @@ class Outcome:
     unimproved: bool = False
 
 
-def search(
-    problem: Problem,
-    separate: Callable[[], Problem],
-    seed: int,
-    budget: int,
-    on_slice: OnSlice,
-    earlier: Earlier = NOTHING,
-    polish: tuple[Polish, Callable[[], Problem]] | None = None,
-    shipped: Mapping[tuple[str, int], Job] | None = None,
-    kept: Kept | None = None,
-    effort: Effort = ALONE,
-) -> Outcome:
-    """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
+class Search:
+    """The annealer's search for a valid schedule, trying first where `earlier` modes put the tasks.
 
     `separate` builds the same problem with one lane per unit; it is needed only where the load of a group of
     units fits, but the jobs cannot be assigned to its units as they lie. `polish` improves a valid one further, and
     comes with what builds the problem with the chains that count for that.
-    `shipped` jobs stay where they are. What is `kept` is gone on from.
+    `shipped` jobs stay where they are. What is `kept` is continued.
     """
-    if shipped:
-        problem = separate()
-    hint = hints(problem, earlier)
-    problem = problem.with_construction(known_first(problem.arrays.construction, hint))
-    changed: tuple[str, ...] = ()
-    first = new_state(problem.arrays, seed, problem.mean_wcet)
-    first.hint[:] = hint
-    if shipped:
-        problem, changed = freeze(problem, first, shipped)
 
-    def begin(member: int) -> State:
-        if member == 0:
-            return first
-        state = new_state(problem.arrays, seed + member * MEMBER_SEED, problem.mean_wcet)
+    def __init__(
+        self,
+        problem: Problem,
+        separate: Callable[[], Problem],
+        seed: int,
+        earlier: Earlier = NOTHING,
+        polish: tuple[Polish, Callable[[], Problem]] | None = None,
+        shipped: Mapping[tuple[str, int], Job] | None = None,
+        kept: Kept | None = None,
+    ) -> None:
+        problem = separate() if shipped else problem
+        hint = hints(problem, earlier)
+        problem = problem.with_construction(known_first(problem.arrays.construction, hint))
+        state = new_state(problem.arrays, seed, problem.mean_wcet)
         state.hint[:] = hint
+        self._changed: tuple[str, ...] = ()
         if shipped:
-            freeze(problem, state, shipped)
-        return state
+            problem, self._changed = freeze(problem, state, shipped)
+        self._problem, self._state, self._separate, self._seed = problem, state, separate, seed
+        self._earlier, self._polish, self._is_fixed, self._kept = earlier, polish, bool(shipped), kept
+        self._apart: tuple[Problem, State] | None = None
+        self._is_begun = False
 
-    if len(problem.arrays.chain_limit):
-        construct(problem, first, budget, lambda made: on_slice(made, -1))
-    found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept)
-    state, moves, stopped = found.state, found.moves, found.stopped
-    if state.register[BEST] == NEVER:
-        state = _completed(problem, state, seed)
-    units = deal(problem, state.best_start, state.best_option)
-    if units is None and state.register[BEST] == 0:
-        problem, state = _continue(problem, state, separate(), seed)
-        rest = kept and kept.stage("units")
-        before = moves
-        stopped = stopped or run(
-            problem, state, budget - before, lambda made, best: on_slice(before + made, best), rest
-        )
-        moves += state.register[MOVES]
+    def run(self, budget: int, on_slice: OnSlice) -> Outcome:
+        """Continue until `budget` moves have been made in all."""
+        problem, state = self._problem, self._state
+        kept = self._kept and self._kept.stage("groups")
+        if not self._is_begun:
+            self._is_begun = True
+            if len(problem.arrays.chain_limit):
+                construct(problem, state, budget, lambda made: on_slice(made, -1))
+            if kept is not None:
+                kept.restore(state)
+        stopped = run(problem.arrays, state, budget, on_slice, kept)
+        moves = before = state.register[MOVES]
+        if state.register[BEST] == NEVER:
+            state = _completed(problem, state, self._seed)
         units = deal(problem, state.best_start, state.best_option)
+        if units is None and state.register[BEST] == 0:
+            rest = self._kept and self._kept.stage("units")
+            if self._apart is None:
+                self._apart = _apart(problem, state, self._separate(), self._seed)
+                if rest is not None:
+                    rest.restore(self._apart[1])
+            problem, state = self._apart
+            on_rest = lambda made, best: on_slice(before + made, best)  # noqa: E731
+            stopped = stopped or run(problem.arrays, state, budget - before, on_rest, rest)
+            moves += state.register[MOVES]
+            units = deal(problem, state.best_start, state.best_option)
+        unimproved = False
+        if units is not None and state.register[BEST] == 0 and self._polish is not None and not stopped:
+            from halpipe.pipeline.solve.kernel.quality import improve
 
-    def named(problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
-        renamed = units if shipped else rename_units(problem, units, earlier)
+            wish, chained = self._polish
+            better = improve(problem.with_chains(chained()), state, units, wish, on_slice, self._named, self._kept)
+            problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
+            moves += better.moves
+        units = units or deal_anyhow(problem, state.best_start, state.best_option)
+        jobs = self._named(problem, state, units)
+        return Outcome(jobs, state.register[BEST], moves, stopped, self._changed, unimproved)
+
+    def _named(self, problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
+        renamed = units if self._is_fixed else rename_units(problem, units, self._earlier)
         return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
-
-    unimproved = False
-    if units is not None and state.register[BEST] == 0 and polish is not None and not stopped:
-        from halpipe.pipeline.solve.kernel.quality import improve
-
-        wish, chained = polish
-        better = improve(problem.with_chains(chained()), state, units, wish, on_slice, named, kept)
-        problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
-        moves += better.moves
-    units = units or deal_anyhow(problem, state.best_start, state.best_option)
-    return Outcome(named(problem, state, units), state.register[BEST], moves, stopped, changed, unimproved)
 
 
 def improved(
@@ -167,7 +156,7 @@ def _completed(problem: Problem, state: State, seed: int) -> State:
     return fresh
 
 
-def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> tuple[Problem, State]:
+def _apart(problem: Problem, state: State, alone: Problem, seed: int) -> tuple[Problem, State]:
     """Carry a schedule over to the problem with one lane per unit; overlaps are left to the kernel."""
     units = deal_anyhow(problem, state.start, state.option)
     fresh = new_state(alone.arrays, seed + 1, alone.mean_wcet)

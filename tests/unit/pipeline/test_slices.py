@@ -1,23 +1,17 @@
-"""Searches that take turns: who wins depends on the moves alone, not on threads, slices or a stop on the way."""
-
-import operator
+"""Searches in slices: the outcome depends on the moves alone, not on threads, slices or a stop on the way."""
 
 import pytest
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel import portfolio
+from halpipe.pipeline.solve.kernel import slices
 from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, new_state
-from halpipe.pipeline.solve.kernel.portfolio import Kept, race
+from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.problem import build_problem
-from halpipe.pipeline.solve.relay import Memory
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.solve.workers import Workers
 from support import access, mode, model, task, version
 
 UNITS = "u1 u2 u3"
-
-
-TASKS = 21
 
 
 def tight_model(idle=0):
@@ -38,95 +32,40 @@ def problem():
 
 
 @pytest.fixture(autouse=True)
-def short_turns(monkeypatch):
-    """Let the others begin after a handful of moves, and every turn be short."""
-    monkeypatch.setattr(portfolio, "LEAD", 2)
-    monkeypatch.setattr(portfolio, "TURN", 1)
-    monkeypatch.setattr(portfolio, "SLICE_WORK", 200)
+def short_slices(monkeypatch):
+    """Come back after a handful of moves."""
+    monkeypatch.setattr(slices, "SLICE_WORK", 200)
 
 
-def run(problem, members=3, workers=1, seed=1, budget=40_000, on_slice=lambda *_: True, kept=None):
-    def begin(member):
-        return new_state(problem.arrays, 1000 * seed + member, problem.mean_wcet)
-
-    return race(problem, begin, budget, members, Workers(workers), on_slice, kept)
-
-
-@pytest.mark.parametrize("seed", range(1, 9))
-def test_any_number_of_threads_comes_to_the_same(problem, seed):
-    first, second, third = (run(problem, workers=count, seed=seed) for count in (1, 2, 3))
-    assert first.state.register[BEST] == 0
-    for other in (second, third):
-        assert other.moves == first.moves
-        assert other.state.start.tolist() == first.state.start.tolist()
-
-
-@pytest.mark.parametrize("seed", range(1, 9))
-def test_the_winner_is_the_first_by_turn_and_then_by_number(problem, seed):
-    """Recomputed from what each search needs when it is alone."""
-    needed = [run_alone(problem, 1000 * seed + member) for member in range(3)]
-    bounds = [(2 * TASKS, 0, 0)]
-    while not any(map(operator.ge, bounds[-1], needed)):
-        bounds.append(tuple(bound + share * TASKS for bound, share in zip(bounds[-1], (2, 1, 1), strict=True)))
-    winner = next(member for member in range(3) if bounds[-1][member] >= needed[member])
-    expected = [bounds[-1 if member < winner else -2][member] for member in range(3)] if len(bounds) > 1 else [0, 0, 0]
-    expected[winner] = needed[winner]
-    result = run(problem, seed=seed)
-    assert int(result.state.register[MOVES]) == needed[winner]
-    assert result.moves == sum(expected)
-    assert len(bounds) > 1, "a seed that decides something"
-
-
-def run_alone(problem, seed):
-    state = new_state(problem.arrays, seed, problem.mean_wcet)
-    portfolio.run(problem, state, 10**6, lambda *_: True)
-    return int(state.register[MOVES])
-
-
-def test_the_budget_is_that_of_all_searches_together(problem):
-    hopeless = tight_model(idle=-2)
-    full = build_problem(expand(hopeless, hopeless.modes[0]), hopeless.units, ["mem"], [])
-    result = run(full, budget=1000)
-    assert result.state.register[BEST] > 0
-    assert not result.stopped
-    assert 1000 - 3 < result.moves <= 1000
-
-
-def test_a_stop_ends_all_searches_and_returns_the_best(problem):
-    told = []
-
-    def stop(moves, best):
-        told.append(moves)
-        return len(told) < 4
-
-    result = run(problem, budget=10**6, on_slice=stop, workers=2, seed=3)
-    assert result.stopped
-    assert result.state.register[BEST] > 0
-
-
-def facts(found):
-    return found.moves, found.stopped, found.state.start.tolist(), found.state.option.tolist()
-
-
-class Snapshots(Memory):
-    """A keeper that saves every time it may, as one on disk does when it is time."""
-
-    def keep(self, key, state, *, now):
-        super().keep(key, state, now=True)
+def facts(state):
+    return state.register[MOVES], state.register[BEST], state.start.tolist(), state.option.tolist()
 
 
 @pytest.mark.parametrize("stop_at", [3, 40, 90, 150, 400])
 @pytest.mark.parametrize("seed", [2, 5])
 def test_stopped_anywhere_it_continues_to_the_same(problem, seed, stop_at):
-    whole = run(problem, seed=seed)
-    keeper, calls = Snapshots(), []
+    whole, parts = (new_state(problem.arrays, seed, problem.mean_wcet) for _ in range(2))
+    assert not run(problem.arrays, whole, 40_000, lambda *_: True)
+    assert whole.register[BEST] == 0
+    calls = []
 
     def stop(moves, best):
         calls.append(moves)
         return len(calls) < stop_at
 
-    run(problem, seed=seed, on_slice=stop, kept=Kept(keeper, "mode"))
-    assert facts(run(problem, seed=seed, kept=Kept(keeper, "mode"))) == facts(whole)
+    is_stopped = run(problem.arrays, parts, 40_000, stop)
+    assert is_stopped == (len(calls) == stop_at)
+    run(problem.arrays, parts, 40_000, lambda *_: True)
+    assert facts(parts) == facts(whole)
+
+
+def test_a_search_ends_with_its_budget():
+    hopeless = tight_model(idle=-2)
+    full = build_problem(expand(hopeless, hopeless.modes[0]), hopeless.units, ["mem"], [])
+    state = new_state(full.arrays, 1, full.mean_wcet)
+    assert not run(full.arrays, state, 1000, lambda *_: True)
+    assert state.register[BEST] > 0
+    assert state.register[MOVES] == 1000
 
 
 @pytest.mark.parametrize("workers", [2, 4])

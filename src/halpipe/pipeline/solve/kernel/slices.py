@@ -1,0 +1,76 @@
+"""The kernel in slices, so that progress shows and Ctrl-C is answered; the outcome does not depend on their size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from halpipe.core.records import record
+from halpipe.pipeline.solve.kernel.kernel import BEST, FROZEN, INSERTED, MOVES, State, anneal, gumbel_table, total_cost
+
+if TYPE_CHECKING:
+    from halpipe.pipeline.solve.checkpoint import Checkpoint
+    from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.problem import Arrays
+
+
+SLICE_WORK = 20_000
+"""Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
+
+OnSlice = Callable[[int, int], bool]
+"""Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
+
+
+@record
+class Kept:
+    """A checkpoint and the name under which it has one search."""
+
+    keeper: Checkpoint
+    key: str
+
+    def stage(self, name: str) -> Kept:
+        """Return the same for one stage of the search."""
+        return Kept(self.keeper, f"{self.key}/{name}")
+
+    def restore(self, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        self.keeper.restore(self.key, state)
+
+    def keep(self, state: State, *, now: bool) -> None:
+        """Save a state: at once, or when it is time."""
+        self.keeper.keep(self.key, state, now=now)
+
+    def note(self, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of a finished stage in place of its state."""
+        self.keeper.note(self.key, facts)
+
+    def noted(self) -> Mapping[str, Ints] | None:
+        """Return the outcome of this stage if it was finished before."""
+        return self.keeper.noted(self.key)
+
+
+def run(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
+    """Continue from a state until the cost is zero, out of moves, or told to stop (then True)."""
+    register = state.register
+    if register[FROZEN] == len(arrays.entry_offset):
+        register[BEST] = total_cost(arrays, state)
+        return False
+    stopped = _advance(arrays, state, budget, on_slice, kept)
+    if kept is not None:
+        kept.keep(state, now=True)
+    return stopped
+
+
+def _advance(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None) -> bool:
+    noise, register = gumbel_table(), state.register
+    size = max(1, SLICE_WORK * len(arrays.entry_offset) // (20 * max(1, len(arrays.job_task))))
+    while register[MOVES] < budget:
+        cost = anneal(arrays, state, noise, min(size, budget - register[MOVES]))
+        is_whole = register[INSERTED] == len(arrays.entry_offset)
+        if is_whole and cost == 0:
+            return False
+        if not on_slice(register[MOVES], register[BEST] if is_whole else -1):
+            return True
+        if kept is not None:
+            kept.keep(state, now=False)
+    return False
