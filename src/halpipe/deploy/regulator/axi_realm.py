@@ -11,46 +11,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
-from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import (
     DEVICE_OVER_CAPACITY,
     DEVICE_REFUSES,
     GRANTS_DIFFER,
-    NOT_UNDERSTOOD,
     SHARED_ISOLATION,
 )
-from halpipe.deploy.regulator.loading import (
-    WORD,
-    check_loader,
-    header_number,
-    header_of,
-    hexadecimal,
-    load_functions,
-    scripts_of,
-)
+from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Range, check_loader, scripts_of, steps_of
 from halpipe.devices.registers import RegisterFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.deploy.regulator.loading import Case, Header, Script
+    from halpipe.deploy.regulator.loading import Case, Write
     from halpipe.deploy.regulator.reading import Table
 
-HEADER, LOADER = "axi_realm.h", "load.sh"
-TYPES = {
-    "struct realm_write": "uint32_t window, offset, value;",
-    "struct realm_range": "uint32_t offset, mask, least, most;",
-    "struct realm_table": "uint32_t windows, successor, entries, changes; const struct realm_write *entry, *change;",
-}
-ARRAYS = {
-    "realm_built": "struct realm_range",
-    "realm_started": "struct realm_range",
-    "realm_setup": "struct realm_write",
-    "realm_entry": "struct realm_write",
-    "realm_change": "struct realm_write",
-    "realm_tables": "struct realm_table",
-    "realm_switches": "struct { uint32_t from, to, request; }",
-}
 OPEN = 2**31 - 1
 DEVICE = "axi_realm"
 BOUNDS = ("start_low", "start_high", "end_low", "end_high")
@@ -59,27 +34,6 @@ PERIODS = {"write": "write_period", "read": "read_period"}
 
 Register = tuple[str, int, int]
 """Name, manager (or word), region."""
-
-
-@record
-class Write:
-    """A register write and where it stands; `window` is the one in which it is done, -1 before the first."""
-
-    window: int
-    offset: int
-    value: int
-    line: int = 0
-
-
-@record
-class Range:
-    """A read: the bits of `mask` are from `least` to `most`; and where it stands."""
-
-    offset: int
-    mask: int
-    least: int
-    most: int
-    line: int = 0
 
 
 class Device:
@@ -140,104 +94,14 @@ def device_of(case: Case) -> Device:
 
 
 def execute(case: Case) -> None:
-    """Execute the set-up and every table, of the scripts and of the header."""
-    named, numbered = scripts_of(case, ".txt", "setup.txt", LOADER)
-    if LOADER in named:
-        check_loader(case, named[LOADER], case.facts.settings["axi-realm"]["base"])
-    if "setup.txt" in named:
-        _set_up(case, "setup.txt", _setup_steps(case, named["setup.txt"]))
+    """Execute the set-up and every table."""
+    named, numbered = scripts_of(case, ".txt", SETUP, LOADER)
+    check_loader(case, named, case.facts.settings["axi-realm"]["base"])
+    if SETUP in named:
+        _set_up(case, SETUP, steps_of(case, named[SETUP]))
     for index, script in sorted(numbered.items()):
-        entry, changes = _table_writes(case, script)
-        _play(case, script.name, case.tables.tables[index], entry, changes)
-    header = header_of(case, HEADER, TYPES, ARRAYS, "REALM_SCHEDULE_SHA256", *load_functions("realm"))
-    if header is not None:
-        _header(case, header)
+        _play(case, script.name, case.tables.tables[index], steps_of(case, script))
     _share(case)
-
-
-# ------------------------------------------------------------------------------------------------- reading
-
-
-def _setup_steps(case: Case, script: Script) -> list[Write | Range]:
-    """Return the writes and the reads of the set-up in their order."""
-    found: list[Write | Range] = []
-    for line in script.lines:
-        kind, *rest = line.text.split()
-        words = [word for word in map(hexadecimal, rest) if word is not None]
-        if kind == "-" and len(words) == len(rest) == 2:
-            found.append(Write(-1, words[0], words[1], line.number))
-        elif kind == "?" and len(words) == len(rest) == 4:
-            found.append(Range(words[0], words[1], words[2], words[3], line.number))
-        else:
-            case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}", no write and no read', line=line.number)
-    return found
-
-
-def _table_writes(case: Case, script: Script) -> tuple[list[Write], list[Write]]:
-    entry: list[Write] = []
-    changes: list[Write] = []
-    for line in script.lines:
-        first, *rest = line.text.split()
-        words = [hexadecimal(word) for word in rest]
-        window = -1 if first == "-" else int(first) if first.isdecimal() and len(first) < 10 else None
-        if window is None or len(words) != 2 or words[0] is None or words[1] is None:
-            case.note(
-                NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}", not "window offset value"', line=line.number
-            )
-        elif window < 0 and changes:
-            case.note(DEVICE_REFUSES, script.name, "is to be written before the first window", line=line.number)
-        else:
-            (entry if window < 0 else changes).append(Write(window, words[0], words[1], line.number))
-    return entry, changes
-
-
-def _header(case: Case, header: Header) -> None:
-    tables = case.tables.tables
-    stated = {
-        "REALM_BASE": int(case.facts.settings["axi-realm"]["base"], 16),
-        "REALM_GUARD": device_of(case).file.claim.offset,
-        "REALM_WINDOW_CYCLES": case.facts.cycles,
-        "REALM_TABLES": len(tables),
-    }
-    numbers = {name: header_number(text) for name, text in header.defines.items() if name != "REALM_SCHEDULE_SHA256"}
-    for name, value in stated.items():
-        if numbers.pop(name, None) != value:
-            case.note(GRANTS_DIFFER, HEADER, f"{name} is {header.defines.get(name, 'missing')}, it must be {value}")
-    if list(numbers.values()) != list(range(len(tables))):
-        case.note(GRANTS_DIFFER, HEADER, f"does not name the tables 0 to {len(tables) - 1}, each once")
-    writes = _rows(case, header, "realm_setup", is_first=True)
-    built, started = (_ranges(case, header, name) for name in ("realm_built", "realm_started"))
-    _set_up(case, HEADER, [*writes[:1], *built, *writes[1:], *started])
-    for table in tables:
-        entry = _rows(case, header, f"realm_entry_{table.index}", is_first=True)
-        changes = _rows(case, header, f"realm_change_{table.index}")
-        _play(case, HEADER, table, entry, changes)
-        names = [f"realm_{kind}_{table.index}" if w else "0" for kind, w in (("entry", entry), ("change", changes))]
-        row = [*map(str, (table.windows, table.successor, len(entry), len(changes))), *names]
-        have = header.arrays.get("realm_tables", [])[table.index : table.index + 1]
-        if have != [row]:
-            case.note(GRANTS_DIFFER, HEADER, f"row {table.index} of realm_tables is {have}, it must be {row}")
-    modes = {table.mode: table.index for table in tables if not table.is_transition}
-    switches = [(modes.get(s.source, -1), modes.get(s.target, -1), s.request) for s in case.tables.switches]
-    if header.numbers("realm_switches") != switches:
-        case.note(GRANTS_DIFFER, HEADER, "realm_switches are not those of the schedule")
-
-
-def _rows(case: Case, header: Header, array: str, *, is_first: bool = False) -> list[Write]:
-    """Return the writes of an array; those before the first window all state window 0."""
-    rows = header.numbers(array)
-    if any(len(row) != 3 or (is_first and row[0]) for row in rows) or len(rows) != len(header.arrays.get(array, [])):
-        case.note(NOT_UNDERSTOOD, HEADER, f"{array} is not rows of window, offset and value")
-        return []
-    return [Write(-1 if is_first else window, offset, value) for window, offset, value in rows]
-
-
-def _ranges(case: Case, header: Header, array: str) -> list[Range]:
-    rows = header.numbers(array)
-    if any(len(row) != 4 for row in rows) or len(rows) != len(header.arrays.get(array, [])):
-        case.note(NOT_UNDERSTOOD, HEADER, f"{array} is not rows of offset, mask, least and most")
-        return []
-    return [Range(*row) for row in rows]
 
 
 # ------------------------------------------------------------------------------------------------- set-up
@@ -367,14 +231,17 @@ def _shown(value: int | None) -> str:
 # ------------------------------------------------------------------------------------------------- tables
 
 
-def _play(case: Case, name: str, table: Table, entry: Sequence[Write], changes: Sequence[Write]) -> None:
+def _play(case: Case, name: str, table: Table, steps: Sequence[Write | Range]) -> None:
     """Execute a table once and again, and compare the budget of every window with its entries."""
     device = device_of(case)
     device.is_claimed = True
     seen: dict[Register, list[tuple[int, int]]] = {}
     path, last, count = f'table "{table.name}"', -1, 0
-    for write in (*entry, *changes):
+    for write in steps:
         case.steps += 1
+        if isinstance(write, Range):
+            case.note(DEVICE_REFUSES, name, "reads a budget, which is write-only", line=write.line, path=path)
+            continue
         register = device.register(write.offset)
         before = device.values.get(register) if register else None
         refused = device.write(write.offset, write.value)
@@ -382,15 +249,15 @@ def _play(case: Case, name: str, table: Table, entry: Sequence[Write], changes: 
             text = refused or f"register {write.offset:#x} is no budget"
             case.note(DEVICE_REFUSES, name, text, line=write.line, path=path)
             continue
-        if write.window < last or write.window >= table.windows:
-            case.note(DEVICE_REFUSES, name, f"window {write.window} is over by then", line=write.line, path=path)
+        if write.at >= table.windows:
+            case.note(DEVICE_REFUSES, name, f"window {write.at} is over by then", line=write.line, path=path)
         if before == write.value:
             case.note(GRANTS_DIFFER, name, f"{_named(register)} is that already", line=write.line, path=path)
-        count = count + 1 if write.window == last else 1
-        last = max(last, write.window)
-        if write.window >= 0 and count > case.facts.number("axi-realm", "writes-per-window"):
+        count = count + 1 if write.at == last else 1
+        last = max(last, write.at)
+        if write.at >= 0 and count > case.facts.number("axi-realm", "writes-per-window"):
             case.note(DEVICE_REFUSES, name, f"{count} writes in window {last}", line=write.line, path=path)
-        seen.setdefault(register, []).append((write.window + 1, write.value))
+        seen.setdefault(register, []).append((write.at + 1, write.value))
     expected = _budgets(case, table)
     for register in sorted(expected.keys() | seen.keys()):
         fault = _difference(seen.get(register, []), expected.get(register, []), table)

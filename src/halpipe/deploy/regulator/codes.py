@@ -63,7 +63,7 @@ UNSAFE_DEFAULT = error(
 FORMS_DIFFER = error(
     "HAL1021",
     "Forms of the tables differ",
-    "The memory images, the binary and the C header must say what tables.json says, entry by entry.",
+    "The memory images and the C header must say what tables.json says, entry by entry.",
 )
 TOO_DEEP = error(
     "HAL1022",

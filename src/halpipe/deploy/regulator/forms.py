@@ -1,10 +1,8 @@
-"""Holds the forms that hardware and software load - memory images, binary, C header - against tables.json."""
+"""Comparison of the forms that hardware and software load (memory images, C header) with tables.json."""
 
 from __future__ import annotations
 
 import re
-import struct
-import zlib
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
@@ -18,13 +16,10 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.reading import Tables, Unit
 
 FOLDER = "table"
-BINARY = f"{FOLDER}/bw_tables.bin"
 HEADER = f"{FOLDER}/bw_tables.h"
 _AGAIN = "export the bundle again; the forms of one bundle are made from one object"
 TERMINATOR, NO_TABLE = "ffffffff0000000000000000", "0" * 16
 MOST_HEADERS = 256
-BINARY_VERSION = 2
-"""Of the layout of the binary; version 1 had no parts of cycles."""
 
 
 def header_lines(tables: Tables) -> int:
@@ -43,7 +38,7 @@ def image_names(unit: Unit) -> tuple[str, str]:
 def check_forms(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
     """Yield every form that is missing or says something else."""
     names = [name for unit in tables.units for name in image_names(unit)]
-    missing = [name for name in (*names, BINARY, HEADER) if name not in bundle.files]
+    missing = [name for name in (*names, HEADER) if name not in bundle.files]
     for name in missing:
         yield FORMS_DIFFER("is missing", at=bundle.at(name), help=_AGAIN)
     for name, expected in images(tables).items():
@@ -51,8 +46,6 @@ def check_forms(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
             yield from _lines(bundle, name, expected.decode().splitlines())
     for unit in tables.units:
         yield from _depth(bundle, image_names(unit)[0], tables, unit)
-    if BINARY not in missing:
-        yield from _binary(bundle, tables)
     if HEADER not in missing:
         yield from _c_header(bundle, tables)
 
@@ -99,64 +92,6 @@ def _depth(bundle: Bundle, name: str, tables: Tables, unit: Unit) -> Iterator[Di
         text = f"{entries} entries with the terminator, the unit's table has {depth}"
         help = "use a longer window, quantise the schedule (halpipe schedule --quantise), or build a deeper table"
         yield TOO_DEEP(text, at=bundle.at(name), path=about(unit=unit.name), help=help)
-
-
-# ------------------------------------------------------------------------------------------------ binary
-
-
-def _binary(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
-    """Compare field by field; the hash of the schedule and the checksum have messages of their own."""
-    data = bundle.files[BINARY]
-    at = bundle.at(BINARY)
-    body, stated = data[:-4], data[-4:]
-    if stated != struct.pack("<I", zlib.crc32(body)):
-        text = f"its CRC-32 is {zlib.crc32(body):08x}, it states {stated[::-1].hex()}"
-        yield FORMS_DIFFER(text, at=at, help=_AGAIN)
-    if body[36:68].hex() != tables.schedule_sha256:
-        text = f"is of the schedule {body[36:68].hex()[:16]}..., tables.json of {tables.schedule_sha256[:16]}..."
-        yield OTHER_SCHEDULE(text, at=at, help=_AGAIN)
-    version = int.from_bytes(body[4:6], "little")
-    if version != BINARY_VERSION:
-        text = f"is version {version} of the binary, this check reads version {BINARY_VERSION}"
-        yield FORMS_DIFFER(text, at=at, help=_AGAIN)
-        return
-    offset = 0
-    for what, value in _fields(tables):
-        have = body[offset : offset + len(value)]
-        if have != value and what != "schedule":
-            text = f"{what} at byte {offset} is {have.hex() or 'missing'}, tables.json gives {value.hex()}"
-            yield FORMS_DIFFER(text, at=at, help=_AGAIN)
-        offset += len(value)
-    if len(body) != offset:
-        yield FORMS_DIFFER(f"has {len(body)} bytes before its CRC, tables.json gives {offset}", at=at, help=_AGAIN)
-
-
-def _fields(tables: Tables) -> Iterator[tuple[str, bytes]]:
-    """Yield the fields of the binary in order, little-endian, each with its name."""
-    platform = tables.platform
-    yield "magic", b"HBWT"
-    yield "version and counts", struct.pack("<HHHH", BINARY_VERSION, len(tables.units), len(tables.tables), 0)
-    for name, value in (
-        ("window_cycles", platform.window_cycles),
-        ("window_extra", platform.window_extra.numerator),
-        ("window_of", platform.window_extra.denominator),
-        ("clock_hz", platform.clock_hz),
-        ("burst_bytes", platform.burst_bytes),
-        ("capacity_bytes", tables.capacity_bytes),
-    ):
-        yield name, struct.pack("<I", value)
-    yield "schedule", tables.schedule_sha256.encode()[:64].ljust(64)[:32]
-    for unit in tables.units:
-        count = len(entry_words(tables, unit))
-        values = (unit.manager, unit.default["read"], unit.default["write"], count)
-        yield f'unit "{unit.name}"', struct.pack("<4I", *values)
-    for unit in tables.units:
-        for table, word in zip(tables.tables, header_words(tables, unit), strict=True):
-            yield f'unit "{unit.name}", table "{table.name}"', struct.pack("<2I", int(word[8:], 16), int(word[:8], 16))
-    for unit in tables.units:
-        for word in entry_words(tables, unit):
-            budgets = [int(word[at : at + 8], 16) for at in (0, 8, 16)]
-            yield f'an entry of unit "{unit.name}"', struct.pack("<3I", *budgets)
 
 
 # ------------------------------------------------------------------------------------------------ C header

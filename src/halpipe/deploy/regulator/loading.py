@@ -12,10 +12,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Protocol, cast
 
 from halpipe.core.records import record
-from halpipe.deploy.regulator.codes import NOT_UNDERSTOOD, OTHER_SCHEDULE
+from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD, OTHER_SCHEDULE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.diagnostics import Code, Diagnostic
@@ -104,7 +104,7 @@ def scripts_of(case: Case, suffix: str, *others: str) -> tuple[dict[str, Script]
             named[name] = _script(case, name, found[name])
         elif match and int(match[1]) < len(case.tables.tables) and int(match[1]) not in numbered:
             numbered[int(match[1])] = _script(case, name, found[name])
-        elif not name.endswith(".h"):
+        else:
             case.note(NOT_UNDERSTOOD, name, "belongs to no table and to no part of the set-up")
     for name in others:
         if name not in named:
@@ -117,10 +117,10 @@ def scripts_of(case: Case, suffix: str, *others: str) -> tuple[dict[str, Script]
 
 def _script(case: Case, name: str, data: bytes) -> Script:
     lines = [Line(n, text.rstrip()) for n, text in enumerate(data.decode("utf-8", "replace").splitlines(), 1)]
-    comments = tuple(line for line in lines if line.text.startswith("#"))
+    comments = tuple(line for line in lines if line.text.startswith(("#", "//")))
     if not any(f"schedule {case.tables.schedule_sha256}" in line.text for line in comments):
         case.note(OTHER_SCHEDULE, name, "does not state the schedule of this bundle")
-    return Script(name, comments, tuple(line for line in lines if line.text and not line.text.startswith("#")))
+    return Script(name, comments, tuple(line for line in lines if line.text and line not in comments))
 
 
 def take(case: Case, script: Script, begin: Sequence[str]) -> Iterator[Line]:
@@ -158,157 +158,70 @@ def choices(case: Case, script: Script, lines: Sequence[Line]) -> Iterator[tuple
         case.note(NOT_UNDERSTOOD, script.name, "does not end as documented")
 
 
-def check_loader(case: Case, script: Script, base: str) -> None:
+SETUP, LOADER = "setup.txt", "load.sh"
+
+
+def check_loader(case: Case, named: Mapping[str, Script], base: str) -> None:
     """Note where the script that loads the others does not write, read and stop as documented."""
-    in_range = '[ $((least)) -le "$have" ] && [ "$have" -le $((most)) ]'
-    fails = '{ echo "$1: register $offset is $have, not from $((least)) to $((most))" >&2; exit 1; }'
+    in_range = '[ $((c)) -le "$have" ] && [ "$have" -le $((d)) ]'
+    fails = '{ echo "$1: register $a is $have, not from $((c)) to $((d))" >&2; exit 1; }'
     expected = (
         "set -e",
-        """sed '/^#/d' "$1" | while read -r what offset value least most; do""",
-        f"  at=$(({base} + offset))",
-        '  case "$what" in',
-        '  -) devmem "$at" 32 "$value" ;;',
-        r"  \?)",
-        '    have=$(devmem "$at" 32)',
-        "    have=$((have & value))",
+        """grep -v '^//' "$1" | tr '(,)' '   ' | while read -r what a b c d; do""",
+        '  case "$what $a" in',
+        f'  "WRITE -1") devmem $(({base} + b)) 32 "$c" ;;',
+        "  READ*)",
+        f"    have=$(devmem $(({base} + a)) 32)",
+        "    have=$((have & b))",
         f"    {in_range} || {fails}",
         "    ;;",
         "  esac",
         "done",
     )
-    for line in take(case, script, expected):
-        case.note(NOT_UNDERSTOOD, script.name, f'has "{line.text[:60]}" after its end', line=line.number)
-
-
-def load_functions(prefix: str) -> tuple[str, ...]:
-    """Return the C functions that write registers and read ranges; words are one space apart."""
-    return (
-        (
-            f"static inline void {prefix}_load(uintptr_t base, const struct {prefix}_write *write, uint32_t count) {{ "
-            "for (uint32_t n = 0u; n < count; n++) "
-            "{ *(volatile uint32_t *)(base + write[n].offset) = write[n].value; } }"
-        ),
-        (
-            f"static inline uint32_t {prefix}_check(uintptr_t base, const struct {prefix}_range *range, "
-            "uint32_t count) { for (uint32_t n = 0u; n < count; n++) { "
-            "uint32_t have = *(volatile uint32_t *)(base + range[n].offset) & range[n].mask; "
-            "if (have < range[n].least || have > range[n].most) { return n + 1u; } } return 0u; }"
-        ),
-    )
-
-
-def hexadecimal(text: str) -> int | None:
-    """Return a word of 32 bits written as ``0x...``, None if it is none."""
-    if not re.fullmatch(r"0x[0-9a-f]{1,16}", text):
-        return None
-    return int(text, 16)
-
-
-# ------------------------------------------------------------------------------------------------- C headers
+    for line in take(case, named[LOADER], expected) if LOADER in named else ():
+        case.note(NOT_UNDERSTOOD, LOADER, f'has "{line.text[:60]}" after its end', line=line.number)
 
 
 @record
-class Header:
-    """A C header: what it defines and declares, the type of each array, and its rows; numbers as text."""
+class Write:
+    """A register write and its line; `at` is its window or nanosecond, -1 before the first."""
 
-    name: str
-    defines: dict[str, str]
-    types: dict[str, str]
-    kinds: dict[str, str]
-    arrays: dict[str, list[list[str]]]
-
-    def numbers(self, array: str) -> list[tuple[int, ...]]:
-        """Return the rows of an array of numbers; no rows if it is not there, or a value is no number."""
-        rows = self.arrays.get(array, [])
-        try:
-            return [tuple(int(word, 0) for word in row) for row in rows]
-        except ValueError:
-            return []
+    at: int
+    offset: int
+    value: int
+    line: int
 
 
-_DEFINE = re.compile(r'#define (\w+)(?: ("[^"\n]*"|\w+))?')
-_ARRAY = re.compile(r"static const (struct \w+|struct \{[^}]*\}) (\w+)\[(\w+)\] = \{(.*?)\n\};", re.DOTALL)
-_ROW = re.compile(r"\s*\{([^{}]*)\},")
-_FUNCTION = re.compile(r"static inline [^{};]+\{\n.*?\n\}", re.DOTALL)
-_TYPE = re.compile(r"(struct \w+) \{([^}]*)\};")
-_VALUE = re.compile(r"(0x[0-9a-f]+|[0-9]+)u|0|[a-z]\w*")
+@record
+class Range:
+    """A read and its line: the bits of `mask` are from `least` to `most`."""
+
+    offset: int
+    mask: int
+    least: int
+    most: int
+    line: int
 
 
-def header_of(
-    case: Case, name: str, types: dict[str, str], arrays: dict[str, str], digest: str, *functions: str
-) -> Header | None:
-    """Return the header `name`, which declares `types` (with members) and has the schedule in the macro `digest`.
-
-    `arrays` gives the type of each array by its name, without the number of its table; `functions` are those that
-    it defines, words apart by one space.
-    """
-    data = files_of(case).get(name)
-    if data is None:
-        case.note(NOT_UNDERSTOOD, name, "is missing")
-        return None
-    text = re.sub(r"/\*.*?\*/", "", data.decode("utf-8", "replace"), flags=re.DOTALL)
-    header = Header(name, {}, {}, {}, {})
-    if [" ".join(found.split()) for found in _FUNCTION.findall(text)] != [*functions]:
-        case.note(NOT_UNDERSTOOD, name, "does not write and read back as documented")
-    text = _FUNCTION.sub("", text)
-    text = _ARRAY.sub(lambda match: _array(case, header, match), text)
-    text = _TYPE.sub(lambda match: _declare(header, match), text)
-    rest = [line.strip() for line in text.splitlines() if line.strip()]
-    guard = name.upper().replace(".", "_")
-    known = {f"#ifndef {guard}", f"#define {guard}", "#include <stdint.h>", "#endif"}
-    for line in rest:
-        match = _DEFINE.fullmatch(line)
-        if line not in known and match is None:
-            case.note(NOT_UNDERSTOOD, name, f'has "{line[:60]}"')
-        elif match is not None and line not in known:
-            if match[1] in header.defines:
-                case.note(NOT_UNDERSTOOD, name, f"defines {match[1]} twice")
-            header.defines[match[1]] = (match[2] or "").strip('"').removesuffix("u")
-    if [line for line in rest if line in known] != [
-        f"#ifndef {guard}",
-        f"#define {guard}",
-        "#include <stdint.h>",
-        "#endif",
-    ]:
-        case.note(NOT_UNDERSTOOD, name, "is not guarded and closed as documented")
-    if list(header.types.items()) != list(types.items()):
-        case.note(NOT_UNDERSTOOD, name, f"declares {list(header.types)}, not {list(types)} as documented")
-    for array, kind in header.kinds.items():
-        if arrays.get(re.sub(r"_[0-9]+$", "", array)) != kind:
-            case.note(NOT_UNDERSTOOD, name, f"has an array {array} of {kind}")
-    if header.defines.get(digest) != case.tables.schedule_sha256:
-        case.note(OTHER_SCHEDULE, name, "does not state the schedule of this bundle")
-    return header
+_HEX = "(0x[0-9a-f]{1,16})"
+_WRITE = re.compile(rf"WRITE\((-1|[0-9]{{1,18}}), {_HEX}, {_HEX}\)")
+_READ = re.compile(rf"READ\({_HEX}, {_HEX}, {_HEX}, {_HEX}\)")
 
 
-def _declare(header: Header, match: re.Match[str]) -> str:
-    members = " ".join(match[2].split())
-    header.types[match[1]] = members if match[1] not in header.types else f"{members} twice"
-    return ""
-
-
-def _array(case: Case, header: Header, match: re.Match[str]) -> str:
-    type, name, size, body = match.groups()
-    rows = [[word.strip() for word in row.split(",")] for row in _ROW.findall(body)]
-    if _ROW.sub("", body).strip() or not all(_VALUE.fullmatch(word) for row in rows for word in row):
-        case.note(NOT_UNDERSTOOD, header.name, f"{name} has more than rows of numbers")
-    if name in header.arrays:
-        case.note(NOT_UNDERSTOOD, header.name, f"{name} is there twice")
-    stated = header_number(text) if (text := _lookup(case, header.name, size)) else header_number(size)
-    if stated is not None and stated != len(rows):
-        case.note(NOT_UNDERSTOOD, header.name, f"{name} has {len(rows)} rows, declared are {stated}")
-    header.arrays[name] = [[word.removesuffix("u") for word in row] for row in rows]
-    header.kinds[name] = type
-    return ""
-
-
-def _lookup(case: Case, name: str, size: str) -> str:
-    """Return what a size stands for where it is a macro."""
-    match = re.search(rf"#define {re.escape(size)} (\w+)", files_of(case)[name].decode("utf-8", "replace"))
-    return match[1] if match else ""
-
-
-def header_number(text: str) -> int | None:
-    """Return a number of C, None if it is none."""
-    plain = text.removesuffix("u")
-    return int(plain, 0) if re.fullmatch(r"0x[0-9a-f]+|[0-9]+", plain) else None
+def steps_of(case: Case, script: Script) -> list[Write | Range]:
+    """Return the writes and reads of a register script; note the lines that are neither, and instants that fall."""
+    found: list[Write | Range] = []
+    last = -1
+    for line in script.lines:
+        write, read = _WRITE.fullmatch(line.text), _READ.fullmatch(line.text)
+        if read:
+            offset, mask, least, most = (int(word, 16) for word in read.groups())
+            found.append(Range(offset, mask, least, most, line.number))
+        elif not write:
+            case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}", no write and no read', line=line.number)
+        elif int(write[1]) < last:
+            case.note(DEVICE_REFUSES, script.name, f"{write[1]} is over by then", line=line.number)
+        else:
+            last = int(write[1])
+            found.append(Write(last, int(write[2], 16), int(write[3], 16), line.number))
+    return found

@@ -6,73 +6,49 @@ From Xilinx UG1087 (addresses) and Arm DSU 0026 (meaning): a token bucket for ea
 
 from __future__ import annotations
 
-import re
 from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator import rates
-from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.loading import choices, header_number, header_of, scripts_of
+from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER
+from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Range, check_loader, scripts_of, steps_of
 from halpipe.deploy.regulator.promise import rate_steps
-from halpipe.deploy.regulator.reading import setting_frequency
+from halpipe.deploy.regulator.reading import DIRECTIONS, setting_frequency
 from halpipe.devices.registers import port_registers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Sequence
 
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.loading import Case, Header, Line, Script
+    from halpipe.deploy.regulator.loading import Case, Write
     from halpipe.deploy.regulator.promise import Row
     from halpipe.deploy.regulator.reading import Table
-
-HEADER = "qos400.h"
-TYPES = {
-    "struct qos400_init": "uint64_t address; uint32_t value;",
-    "struct qos400_write": "uint64_t at_ns, address; uint32_t value;",
-    "struct qos400_table": "uint32_t writes; const struct qos400_write *write;",
-}
-ARRAYS = {
-    "qos400_init": "struct qos400_init",
-    "qos400_write": "struct qos400_write",
-    "qos400_tables": "struct qos400_table",
-}
-PUT = (
-    "static inline uint32_t qos400_put(uint64_t address, uint32_t value) { "
-    "volatile uint32_t *at = (volatile uint32_t *)(uintptr_t)address; "
-    "*at = value; return (*at == value) ? 0u : 1u; }"
-)
-"""Writes a register and reads it back."""
 
 STEPS = 4096
 DESCRIPTION = port_registers("qos400")
 PORTS = DESCRIPTION.ports
 AT = {register.offset: register for register in DESCRIPTION.registers.values()}
-CONTROL = DESCRIPTION.registers["control"].offset
-ENABLES = {"write": 1, "read": 2}
-COMMAND = re.compile(r"jailhouse qos (\w+):((?:,?a[rw]_b=\d{1,9},a[rw]_r=\d{1,9}){1,2})")
-DIRECTIONS = {"ar": "read", "aw": "write"}
 
-Order = tuple[str, str, int]
-"""Owner (unit and direction), what of it (``b`` or ``r``), value."""
+Block = tuple[int, list[tuple[str, int]]]
+"""The instant of a setting in nanoseconds, and the rates that it writes: owner (unit and direction), value."""
 Setting = tuple[int, dict[str, Fraction]]
 """From which nanosecond on, and the rate of every owner."""
 
 
 def execute(case: Case) -> None:
-    """Execute the scripts of all tables, and the header's set-up and tables."""
+    """Execute the set-up and the scripts of all tables."""
     case.caveat = "on a model that was held against nothing real"
     owners = _owners(case)
-    _, numbered = scripts_of(case, ".sh")
-    played = {i: list(_script(case, owners, s)) for i, s in numbered.items()}
-    _check(case, {i: s.name for i, s in numbered.items()}, played)
-    header = header_of(case, HEADER, TYPES, ARRAYS, "QOS400_SCHEDULE_SHA256", PUT)
-    if header is not None:
-        _init(case, owners, header)
-        tables = case.tables.tables
-        _check(case, {t.index: HEADER for t in tables}, {t.index: list(_rows(case, owners, header, t)) for t in tables})
-        _index(case, header)
+    named, numbered = scripts_of(case, ".txt", SETUP, LOADER)
+    check_loader(case, named, "0x0")
+    if SETUP in named:
+        _init(case, owners, steps_of(case, named[SETUP]))
+    names = {index: script.name for index, script in numbered.items()}
+    _check(
+        case, names, {i: _blocks(case, owners, script.name, steps_of(case, script)) for i, script in numbered.items()}
+    )
 
 
 def _owners(case: Case) -> dict[str, str]:
@@ -81,121 +57,89 @@ def _owners(case: Case) -> dict[str, str]:
     for unit in case.tables.units:
         port = case.facts.units[unit.name].get("port", "")
         if port not in PORTS:
-            case.note(DEVICE_REFUSES, HEADER, f'the chip has no port "{port}"', path=about(unit=unit.name))
+            case.note(DEVICE_REFUSES, SETUP, f'the chip has no port "{port}"', path=about(unit=unit.name))
         elif port in found:
             text = f'port {port} is that of unit "{found[port]}", too'
-            case.note(DEVICE_REFUSES, HEADER, text, path=about(unit=unit.name))
+            case.note(DEVICE_REFUSES, SETUP, text, path=about(unit=unit.name))
         found[port] = unit.name
     return found
 
 
 # ------------------------------------------------------------------------------------------------- scripts
 
-Block = tuple[int, list[Order]]
-"""The instant of a setting in nanoseconds, and its orders."""
 
-
-def _script(case: Case, owners: dict[str, str], script: Script) -> Iterator[Block]:
-    """Yield the settings of a script; one without choices has one, at 0."""
-    lines = list(script.lines)
-    if not lines or lines[0].text != "set -e":
-        case.note(NOT_UNDERSTOOD, script.name, 'does not begin with "set -e"')
-    for instant, block in choices(case, script, lines[1:]):
-        yield instant, [order for line in block for order in _command(case, owners, script, line)]
-
-
-def _command(case: Case, owners: dict[str, str], script: Script, line: Line) -> Iterator[Order]:
-    match = COMMAND.fullmatch(line.text.strip())
-    if match is None:
-        case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}", no command for a port', line=line.number)
-        return
-    port = match[1]
-    if port not in owners:
-        case.note(DEVICE_REFUSES, script.name, f"port {port} belongs to no unit", line=line.number)
-        return
-    for parameter in match[2].split(","):
-        name, _, value = parameter.partition("=")
-        yield f"{owners[port]} {DIRECTIONS[name[:2]]}", name[3:], int(value)
-
-
-# ------------------------------------------------------------------------------------------------- header
-
-
-def _address(owners: dict[str, str], address: int) -> tuple[str, int] | None:
-    """Return the unit and the offset of a register."""
+def _decode(case: Case, owners: dict[str, str], name: str, write: Write) -> tuple[str, str, int] | None:
+    """Return the unit, the register and the value of a write; None where no port of a unit has the register."""
     for port, unit in owners.items():
-        base = PORTS.get(port, 0)
-        if 0 <= address - base < 0x100:
-            return unit, address - base
+        register = AT.get(write.offset - PORTS.get(port, 0))
+        if register is not None:
+            held = register.decode(write.value)
+            if held is None:
+                text = f"{write.value:#x} sets bits that register {write.offset:#x} does not have"
+                case.note(DEVICE_REFUSES, name, text, line=write.line)
+            return unit, register.name, write.value >> register.shift if held is None else held
+    case.note(DEVICE_REFUSES, name, f"there is no such register of a unit: {write.offset:#x}", line=write.line)
     return None
 
 
-def _decode(case: Case, owners: dict[str, str], address: int, value: int) -> Order | None:
-    found = _address(owners, address)
-    register = AT.get(found[1]) if found else None
-    if found is None or register is None or register.offset == CONTROL:
-        case.note(DEVICE_REFUSES, HEADER, f"there is no such register of a unit: {address:#x}")
-        return None
-    held = register.decode(value)
-    if held is None:
-        case.note(DEVICE_REFUSES, HEADER, f"{value:#x} sets bits that register {address:#x} does not have")
-    direction, _, what = register.name.partition("_")
-    return f"{found[0]} {direction}", what[0], value >> register.shift if held is None else held
+def _read_back(case: Case, name: str, steps: Sequence[Write | Range]) -> list[Write]:
+    """Return the writes; note those before the table that are not read back as written, or in part."""
+    due: dict[int, int] = {}
+    writes = []
+    for step in steps:
+        case.steps += 1
+        if isinstance(step, Range):
+            value = due.pop(step.offset, None)
+            if (step.mask, step.least, step.most) != (WORD - 1, value, value):
+                text = f"register {step.offset:#x} is read as {step.least:#x}, which is not what it was written with"
+                case.note(GRANTS_DIFFER, name, text, line=step.line)
+            continue
+        writes.append(step)
+        if step.at < 0:
+            due[step.offset] = step.value
+    for offset in due:
+        case.note(GRANTS_DIFFER, name, f"register {offset:#x} is not read back")
+    return writes
 
 
-def _init(case: Case, owners: dict[str, str], header: Header) -> None:
+def _init(case: Case, owners: dict[str, str], steps: Sequence[Write | Range]) -> None:
     """Execute the set-up: every bucket has its size and the lowest rate before it is switched on."""
     values: dict[tuple[str, str], int] = {}
     enabled: set[str] = set()
-    for address, value in (row for row in header.numbers("qos400_init") if len(row) == 2):
-        case.steps += 1
-        found = _address(owners, address)
-        if found and found[1] == CONTROL:
-            on = {f"{found[0]} {d}" for d, bit in ENABLES.items() if value & bit}
-            if value != 3 or found[0] in {owner.rpartition(" ")[0] for owner in enabled}:
-                case.note(GRANTS_DIFFER, HEADER, f"{value:#x} in {address:#x} is not both rates on, once")
-            if any((owner, what) not in values for owner in on for what in ("b", "r")):
-                case.note(DEVICE_REFUSES, HEADER, f"{address:#x} switches on what has no rate yet")
-            enabled |= on
+    for write in _read_back(case, SETUP, steps):
+        unit, register, value = _decode(case, owners, SETUP, write) or ("", "", 0)
+        if (unit, register) in values or unit in enabled or write.at >= 0:
+            text = f"writes {write.offset:#x} again, or after it was switched on"
+            case.note(GRANTS_DIFFER, SETUP, text, line=write.line)
+        if register == "control":
+            if any((unit, f"{d}_{what}") not in values for d in DIRECTIONS for what in ("burstiness", "rate")):
+                text = f"{write.offset:#x} switches on what has no rate yet"
+                case.note(DEVICE_REFUSES, SETUP, text, line=write.line)
+            enabled.add(unit)
+        values[unit, register] = value
+    wanted = {"control": 3}
+    for d in DIRECTIONS:
+        wanted |= {f"{d}_rate": 1, f"{d}_burstiness": case.facts.number("qos400", "burstiness")}
+    for unit, register in ((unit.name, register) for unit in case.tables.units for register in wanted):
+        if values.get((unit, register)) != wanted[register]:
+            text = f"the set-up does not leave {register} of {unit} with {wanted[register]}"
+            case.note(GRANTS_DIFFER, SETUP, text)
+
+
+def _blocks(case: Case, owners: dict[str, str], name: str, steps: Sequence[Write | Range]) -> list[Block]:
+    """Return the settings of a table; the sizes of buckets are those of the set-up."""
+    found: list[Block] = [(0, [])]
+    for write in _read_back(case, name, steps):
+        unit, register, value = _decode(case, owners, name, write) or ("", "", 0)
+        if not register.endswith("_rate") or not 0 < value < STEPS:
+            text = "a rate of 0 switches the regulator off" if register.endswith("_rate") else "is no rate"
+            case.note(DEVICE_REFUSES, name, text, line=write.line)
             continue
-        order = _decode(case, owners, address, value)
-        if order and (order[:2] in values or order[0] in enabled):
-            case.note(GRANTS_DIFFER, HEADER, f"writes {address:#x} again, or after it was switched on")
-        if order:
-            values[order[:2]] = order[2]
-    for unit in case.tables.units:
-        for owner in (f"{unit.name} {d}" for d in ENABLES):
-            wanted = (1, case.facts.number("qos400", "burstiness"))
-            if owner not in enabled or (values.get((owner, "r")), values.get((owner, "b"))) != wanted:
-                case.note(GRANTS_DIFFER, HEADER, f"the set-up does not leave {owner} with rate and bucket {wanted}")
-
-
-def _rows(case: Case, owners: dict[str, str], header: Header, table: Table) -> Iterator[Block]:
-    """Yield the settings of a table of the header; the bucket sizes are those of the set-up."""
-    orders: list[Order] = []
-    instant = last = 0
-    for at, address, value in (row for row in header.numbers(f"qos400_write_{table.index}") if len(row) == 3):
-        order = _decode(case, owners, address, value)
-        if at < last:
-            case.note(DEVICE_REFUSES, HEADER, f"{at} ns are over by then", path=about(table=table.name))
-        if at != instant:
-            yield instant, orders
-            instant, orders = at, []
-        last = at
-        orders += [order] if order else []
-    yield instant, orders
-
-
-def _index(case: Case, header: Header) -> None:
-    tables = case.tables.tables
-    for table in tables:
-        count = len(header.arrays.get(f"qos400_write_{table.index}", []))
-        row = [str(count), f"qos400_write_{table.index}" if count else "0"]
-        if header.arrays.get("qos400_tables", [])[table.index : table.index + 1] != [row]:
-            case.note(GRANTS_DIFFER, HEADER, f"row {table.index} of qos400_tables is not {row}")
-    named = [header_number(v) for k, v in header.defines.items() if k.startswith("QOS400_TABLE_")]
-    if named != list(range(len(tables))):
-        case.note(GRANTS_DIFFER, HEADER, f"does not name the tables 0 to {len(tables) - 1}, each once")
+        instant = max(0, write.at)
+        if instant != found[-1][0]:
+            found.append((instant, []))
+        found[-1][1].append((f"{unit} {register.removesuffix('_rate')}", value))
+    return found
 
 
 # ------------------------------------------------------------------------------------------------- verdict
@@ -206,7 +150,7 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
     step = Fraction(case.facts.burst * setting_frequency(case.facts, "qos400"), STEPS)
     final: dict[int, dict[str, int]] = {}
     for index, blocks in played.items():
-        final[index] = {owner: value for _, orders in blocks for owner, what, value in orders if what == "r"}
+        final[index] = {owner: value for _, orders in blocks for owner, value in orders}
     for plan in case.planned:
         table = plan.table
         if table.index not in played:
@@ -220,50 +164,39 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
         state: dict[str, int] = {}
         for (instant, orders), (_, promised) in zip(blocks, expected, strict=True):
             before = [final.get(t.index, {}) for t in case.tables.before(table)] if instant == 0 else [dict(state)]
-            rates.fall_first(
-                case, name, table, [(owner, value) for owner, what, value in orders if what == "r"], before
-            )
+            rates.fall_first(case, name, table, orders, before)
             for start in before:
                 _rise(case, name, table, start, orders, step, instant)
-            for owner, what, value in orders:
-                case.steps += 1
-                if what == "r":
-                    if state.get(owner) == value:
-                        case.note(GRANTS_DIFFER, name, f"{owner} has that rate already", path=about(table=table.name))
-                    state[owner] = value
-                _bounds(case, name, table, what, value)
+            for owner, value in orders:
+                if state.get(owner) == value:
+                    case.note(GRANTS_DIFFER, name, f"{owner} has that rate already", path=about(table=table.name))
+                state[owner] = value
             rates.compare(
                 case, name, table, state, promised, lambda rate: max(1, ceil(rate / step)), lambda n: n * step
             )
 
 
-def _bounds(case: Case, name: str, table: Table, what: str, value: int) -> None:
-    """Note values that switch a regulator off or that its fields do not hold, and other bucket sizes than stated."""
-    burstiness = case.facts.number("qos400", "burstiness")
-    if what == "b" and value != burstiness:
-        text = f"a bucket holds {value} transfers, the platform states {burstiness}"
-        case.note(GRANTS_DIFFER, name, text, path=about(table=table.name))
-    elif what == "r" and not 0 < value < STEPS:
-        text = "a rate of 0 switches the regulator off" if not value else f"a rate has 12 bits, {value} does not fit"
-        case.note(DEVICE_REFUSES, name, text, path=about(table=table.name))
-
-
 def _rise(
-    case: Case, name: str, table: Table, start: dict[str, int], orders: list[Order], step: Fraction, instant: int
+    case: Case,
+    name: str,
+    table: Table,
+    start: dict[str, int],
+    orders: list[tuple[str, int]],
+    step: Fraction,
+    instant: int,
 ) -> None:
     """Note the first write after which all rates together are above the capacity."""
     state = dict(start)
-    for owner, what, value in orders:
-        if what == "r":
-            state[owner] = value
-            granted = {who: count * step for who, count in state.items()}
-            if rates.hold(case, name, table, granted, f" while rates change at {instant} ns"):
-                return
+    for owner, value in orders:
+        state[owner] = value
+        granted = {who: count * step for who, count in state.items()}
+        if rates.hold(case, name, table, granted, f" while rates change at {instant} ns"):
+            return
 
 
 def _promised(case: Case, plan: Planned, step: Fraction) -> list[Setting]:
     """Return what must be set and when: the highest rates of a table, or (phases) every change of the steps set."""
-    owners = [f"{unit.name} {d}" for unit in case.tables.units for d in ("read", "write")]
+    owners = [f"{unit.name} {d}" for unit in case.tables.units for d in DIRECTIONS]
     if case.facts.settings["qos400"]["granularity"] != "phase":
         highest = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
         return [(0, {owner: highest.get(owner, Fraction(0)) for owner in owners})]

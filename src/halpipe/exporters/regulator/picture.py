@@ -1,7 +1,4 @@
-"""Pictures of bandwidth over time: for every table the units stacked, under the line of what memory surely serves.
-
-`draw` shows the budgets of an export, `draw_bounds` the bounds of a schedule, for which no platform is needed.
-"""
+"""Pictures of bandwidth over time: the bounds of the units, stacked, table by table, under the line of the capacity."""
 
 from __future__ import annotations
 
@@ -20,7 +17,6 @@ from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
 from halpipe.exporters.regulator.rates import segments
-from halpipe.exporters.regulator.tables import run_starts
 from halpipe.exporters.report.chart import ticks
 
 if TYPE_CHECKING:
@@ -29,7 +25,6 @@ if TYPE_CHECKING:
     import jinja2
 
     from halpipe.exporters.regulator.frames import Frame
-    from halpipe.exporters.regulator.tables import Table, Tables
     from halpipe.exporters.report.chart import Tick
     from halpipe.models import Schedule, TaskModel
 
@@ -60,13 +55,12 @@ class Steps:
 
 @record
 class Panel:
-    """One table: `full` is the value at the capacity line; `kept`, in per cent of it, is reserved for overshoot."""
+    """One table: `full` is the value at the capacity line."""
 
     title: str
     span: int
     length: Duration
     full: int
-    kept: int
     rows: dict[Row, Steps]
 
 
@@ -88,27 +82,6 @@ class Drawing:
     y: int
     areas: tuple[Area, ...]
     marks: tuple[Tick, ...]
-    reserve: str
-
-
-def draw(tables: Tables) -> str:
-    """Return the budgets of every table as SVG."""
-    p = tables.platform
-    full = p.window_capacity
-    kept = tables.reserve * 100 // full
-    panels = [
-        Panel(
-            title=f"{table.frame.kind} {table.name}",
-            span=table.windows,
-            length=p.window * table.windows,
-            full=full,
-            kept=kept,
-            rows={row: _budgets(table, row, p.burst) for row in tables.rows if row in table.bursts},
-        )
-        for table in tables.tables
-    ]
-    rate = format_bandwidth(p.capacity)
-    return _svg(panels, [unit.name for unit in tables.units], f"{tables.resource}: budgets, capacity {rate}")
 
 
 def draw_bounds(model: TaskModel, schedule: Schedule) -> dict[str, str]:
@@ -129,19 +102,13 @@ def draw_bounds(model: TaskModel, schedule: Schedule) -> dict[str, str]:
     return pictures
 
 
-def _budgets(table: Table, row: Row, burst: int) -> Steps:
-    values = table.row(row)
-    changes = [0, *run_starts(values)]
-    return Steps(changes, [values[k] * burst for k in changes])
-
-
 def _bounds(frame: Frame, grid: Grid) -> Panel:
     found = segments(frame)
     full = math.lcm(*(bound.denominator for segment in found for bound in segment.bounds.values()))
     used = sorted({row for segment in found for row in segment.bounds})
     instants = [segment.begin for segment in found]
     rows = {row: Steps(instants, [int(s.bounds.get(row, 0) * full) for s in found]) for row in used}
-    return Panel(f"{frame.kind} {frame.name}", frame.span, Duration(grid.ns(frame.span)), full, 0, rows)
+    return Panel(f"{frame.kind} {frame.name}", frame.span, Duration(grid.ns(frame.span)), full, rows)
 
 
 # ------------------------------------------------------------------------------------------------ drawing
@@ -185,8 +152,7 @@ def _draw(panel: Panel, order: Sequence[Row], colours: dict[Row, str], y: int) -
             areas.append(Area(f"{row.unit} {row.direction}", colours[row], path))
     note = f"each step is the mean of 1/{COLUMNS} of the time" if is_thinned else ""
     marks = tuple(ticks(Window(ZERO, panel.length), fine=False))
-    reserve = _number(panel.kept * HEIGHT) if panel.kept else ""
-    return Drawing(panel.title, note, y, tuple(areas), marks, reserve)
+    return Drawing(panel.title, note, y, tuple(areas), marks)
 
 
 def _heights(edges: Sequence[int], areas: Sequence[int], full: int) -> list[int]:

@@ -6,7 +6,7 @@ import re
 from dataclasses import field
 from fractions import Fraction
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, sort_diagnostics
 from halpipe.core.durations import Duration, seconds
@@ -30,15 +30,16 @@ from halpipe.exporters.regulator.codes import (
     NUMBERS_CONTRADICT,
     SHARED_MANAGER,
 )
-from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.words import BACKENDS
 from halpipe.models import ResourceKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from halpipe.devices import Setting
     from halpipe.models import TaskModel
+
+T = TypeVar("T", int, str)
 
 VERSION = "1"
 LEAST_CYCLES = 4
@@ -246,10 +247,10 @@ class _Reader:
                 group=f.value("group", _name, ""),
                 at=at,
             )
-        free = Free(owner, outward(range(managers)))
+        taken = set(owner)
         for f, manager in second:
             text = f'manager {manager} is the one of unit "{owner[manager]}", too'
-            f.complain(SHARED_MANAGER, text, "manager", help=free.help("manager", manager))
+            f.complain(SHARED_MANAGER, text, "manager", help=free_help("manager", taken, range(managers)))
         return units
 
     def _settings(self, backend: str) -> dict[str, str]:
@@ -290,6 +291,16 @@ class _Reader:
 
     def _contradict(self, key: str, message: str, help: str) -> None:
         self.top.complain(NUMBERS_CONTRADICT, message, key if key in self.top else "", help=help)
+
+
+def free_help(what: str, taken: set[T], choices: Iterable[T]) -> str:
+    """Return the remedy for a unit whose `what` another one has; a choice that it names is taken then."""
+    merge = f"model what shares a {what} as one unit"
+    free = next((choice for choice in choices if choice not in taken), None)
+    if free is None:
+        return f"{merge}; no {what} is free"
+    taken.add(free)
+    return f'state "{what}: {free}", which is free, or {merge}'
 
 
 # ---------------------------------------------------------------------------------------------- single values

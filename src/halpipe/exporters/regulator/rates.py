@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from fractions import Fraction
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
-from halpipe.exporters.regulator.owners import Free, T
+from halpipe.exporters.regulator.platform import free_help
 from halpipe.exporters.regulator.rounding import pieces
 
 if TYPE_CHECKING:
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.frames import Frame, Row
     from halpipe.exporters.regulator.tables import Table, Tables
+
+
+T = TypeVar("T", int, str)
 
 
 @record
@@ -125,16 +128,14 @@ def rate_text(rate: Fraction) -> str:
 
 
 def check_owners(
-    owners: Iterable[tuple[str, T, Location]], what: str, near: Callable[[T], Iterator[T]]
+    owners: Iterable[tuple[str, T, Location]], what: str, choices: Callable[[T], Iterable[T]]
 ) -> Iterator[Diagnostic]:
-    """Yield a finding for each of `owners` (unit, what it owns, place) whose property another unit has already.
-
-    `near` yields what could be owned instead, from the nearest on.
-    """
+    """Yield a finding for each of `owners` (unit, what it owns, place) whose property another unit has already."""
     owners = list(owners)
+    taken = {owned for _, owned, _ in owners}
     first: dict[T, str] = {}
-    free = Free((owned for _, owned, _ in owners), near)
     for unit, owned, at in owners:
         if first.setdefault(owned, unit) != unit:
             message = f'{what} {owned} is the one of unit "{first[owned]}", too; what is written last holds for both'
-            yield SHARED_MANAGER(message, at=at, path=about(unit=unit), help=free.help(what, owned))
+            help = free_help(what, taken, choices(owned))
+            yield SHARED_MANAGER(message, at=at, path=about(unit=unit), help=help)

@@ -16,7 +16,6 @@ from halpipe.devices import DEVICES
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator.codes import NOT_A_PLATFORM, UNKNOWN_BACKEND
 from halpipe.exporters.regulator.frames import MODE
-from halpipe.exporters.regulator.picture import draw
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.report import check_phases, describe_export, describe_tables, format_json, summarise
 from halpipe.exporters.regulator.tables import TableBuilder
@@ -123,7 +122,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"comment": comment, "hex": lambda value: f"{value:#010x}"}
+    environment.filters["comment"] = comment
     return environment
 
 
@@ -165,7 +164,6 @@ def export_tables(model: TaskModel, schedule: Schedule, options: RegulatorOption
         "tables.json": format_json(describe_tables(tables, digest, sha256(pair["model.xml"]))),
         "report.json": format_json(describe_export(tables, writer, found, digest)),
         "report.txt": summarise(tables, writer, digest).encode(),
-        "bandwidth.svg": draw(tables).encode(),
         **{f"{writer.name}/{name}": content for name, content in written.items()},
     }
     facts = {"backend": writer.name, "platform": platform.name, "model": model.name}

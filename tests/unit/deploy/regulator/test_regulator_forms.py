@@ -1,8 +1,6 @@
-"""The forms that are loaded say what tables.json says, or each difference is found: memory images, binary, C header."""
+"""The forms that are loaded say what tables.json says, or each difference is found: memory images, C header."""
 
 import re
-import struct
-import zlib
 
 import pytest
 
@@ -38,7 +36,7 @@ def test_the_images_of_the_tests_are_those_of_the_exporter(files):
 IMAGES = [f"table/unit{n}.{kind}.memh" for n in range(3) for kind in ("tab", "hdr")]
 
 
-@pytest.mark.parametrize("name", [*IMAGES, forms.BINARY, forms.HEADER])
+@pytest.mark.parametrize("name", [*IMAGES, forms.HEADER])
 def test_a_missing_form_is_found(files, name):
     (finding,) = findings({key: data for key, data in files.items() if key != name})
     assert finding.code == codes.FORMS_DIFFER.id
@@ -60,30 +58,6 @@ def test_every_digit_of_an_image_counts(files, name):
 def test_lines_too_few_or_too_many(files, change):
     (finding,) = findings(with_form(files, IMAGES[0], change))
     assert "lines, tables.json gives" in finding.message
-
-
-def sealed(body):
-    return body + struct.pack("<I", zlib.crc32(body))
-
-
-def test_every_byte_of_the_binary_counts_even_under_a_matching_checksum(files):
-    body = files[forms.BINARY][:-4]
-    for place in range(len(body)):
-        damaged = bytearray(body)
-        damaged[place] ^= 1
-        found = {f.code for f in findings({**files, forms.BINARY: sealed(bytes(damaged))})}
-        assert found == {(codes.OTHER_SCHEDULE if 36 <= place < 68 else codes.FORMS_DIFFER).id}
-
-
-def test_the_checksum_is_checked(files):
-    (finding,) = findings(with_form(files, forms.BINARY, lambda data: data[:-1] + bytes([data[-1] ^ 1])))
-    assert "CRC-32" in finding.message
-
-
-@pytest.mark.parametrize("length", [0, 3, 4, 30, 200])
-def test_a_binary_of_any_length_is_judged(files, length):
-    assert findings(with_form(files, forms.BINARY, lambda data: data[:length])) != []
-    assert findings(with_form(files, forms.BINARY, lambda data: sealed(data[:-4] + b"\0"))) != []
 
 
 def test_every_number_of_the_header_counts(files):
@@ -113,13 +87,3 @@ def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
     assert findings(bundles.changed(files, depth(used))) == []
     (finding,) = findings(bundles.changed(files, depth(used - 1)))
     assert finding.code == codes.TOO_DEEP.id
-
-
-def test_a_binary_of_another_version_is_refused_by_its_version(files):
-    """Its layout is another one, so that its fields are not compared."""
-    body = files[forms.BINARY][:-4]
-    (finding,) = findings({**files, forms.BINARY: sealed(body[:4] + b"\1" + body[5:])})
-    assert (finding.code, finding.message) == (
-        codes.FORMS_DIFFER.id,
-        "is version 1 of the binary, this check reads version 2",
-    )

@@ -3,9 +3,7 @@
 import os
 import re
 import shutil
-import struct
 import subprocess
-import zlib
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,7 +15,6 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.axi_realm.writer import OPEN
-from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import BACKENDS
 from halpipe.exporters.regulator.writing import backend, comment, file_names, identifiers
 
@@ -64,32 +61,46 @@ def test_every_text_states_the_schedule(tmp_path, name):
 # --------------------------------------------------------------------------------------------------- C and shell
 
 
+CC = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wno-unused-const-variable", "-pedantic"]
+
+
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-@pytest.mark.parametrize(
-    ("name", "header"),
-    [("table", "bw_tables.h"), ("axi-realm", "axi_realm.h"), ("qos400", "qos400.h")],
-)
 @pytest.mark.parametrize("sample", [low_bounds, two_units])
-def test_headers_compile_without_a_warning(tmp_path, name, header, sample):
-    changes = (
-        {"qos400": "{clock: 1MHz, granularity: phase}", "capacity": "20MB/s", "bus": "512bit"}
-        if sample is two_units
-        else {}
-    )
-    (tmp_path / header).write_bytes(files(tmp_path, name, sample, **changes)[header])
-    (tmp_path / "main.c").write_text(f'#include "{header}"\n#include "{header}"\nint main(void) {{ return 0; }}\n')
-    command = [
-        "cc",
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Wno-unused-const-variable",
-        "-pedantic",
-        "-fsyntax-only",
-        "main.c",
-    ]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+def test_the_header_compiles_without_a_warning(tmp_path, sample):
+    (tmp_path / "bw_tables.h").write_bytes(files(tmp_path, "table", sample)["bw_tables.h"])
+    (tmp_path / "main.c").write_text('#include "bw_tables.h"\n#include "bw_tables.h"\nint main(void) { return 0; }\n')
+    done = subprocess.run([*CC, "-fsyntax-only", "main.c"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+INCLUDED = """#include <stdint.h>
+#include <stdio.h>
+#define READ(offset, mask, least, most)
+#define WRITE(at, offset, value) {at, offset, value},
+static const struct { int64_t at; uint32_t offset, value; } writes[] = {
+#include "%s"
+};
+int main(void)
+{
+  for (unsigned n = 0; n < sizeof writes / sizeof *writes; n++) {
+    printf("WRITE(%%lld, ", (long long)writes[n].at);
+    printf("0x%%03x, 0x%%08x)\\n", (unsigned)writes[n].offset, (unsigned)writes[n].value);
+  }
+  return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+@pytest.mark.parametrize("name", ["axi-realm", "qos400"])
+def test_register_scripts_are_rows_of_an_array_in_c(tmp_path, name):
+    for file, content in files(tmp_path, name).items():
+        if file.endswith(".txt"):
+            (tmp_path / file).write_bytes(content)
+            (tmp_path / "main.c").write_text(INCLUDED % file)
+            subprocess.run([*CC, "-Werror", "-o", "main", "main.c"], cwd=tmp_path, check=True)
+            printed = subprocess.run(["./main"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+            assert printed.splitlines() == [line for line in content.decode().splitlines() if line.startswith("WRITE")]
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -154,30 +165,6 @@ def test_the_memory_images_hold_the_entries_of_all_tables(tmp_path):
             assert words == [(e.window, e.read * 64, e.write * 64) for e in entries]
 
 
-def test_the_binary_has_everything_and_a_checksum(tmp_path):
-    tables, _ = made(tmp_path, "table")
-    data = backend("table").write(tables, DIGEST)["bw_tables.bin"]
-    assert zlib.crc32(data[:-4]) == int.from_bytes(data[-4:], "little")
-    head = struct.unpack_from("<4s4H6I32s", data)
-    assert head == (b"HBWT", 2, 2, 4, 0, 1000, 0, 1, 1_000_000, 64, 7400, bytes.fromhex(DIGEST))
-    units = [struct.unpack_from("<4I", data, 68 + 16 * n) for n in range(2)]
-    assert [u[0] for u in units] == [0, 2]
-    heads = struct.unpack_from("<16I", data, 68 + 32)
-    assert heads[0::2][:4] == (10, 5, 6, 10)
-    assert [word >> 24 for word in heads[1::2]] == [0, 1, 1, 0] * 2
-    total = sum(u[3] for u in units)
-    assert len(data) == 68 + 32 + 64 + 12 * total + 4
-    first = struct.unpack_from("<3I", data, 68 + 32 + 64 + 12 * (heads[1] & 0xFFFFFF))
-    assert first == (0, tables.tables[0].row(Row("u1", "read"))[0] * 64, 0)
-
-
-@pytest.mark.parametrize("position", [0, 27, 61, 100, -5, -1])
-def test_a_damaged_binary_does_not_pass_its_checksum(tmp_path, position):
-    data = bytearray(files(tmp_path, "table")["bw_tables.bin"])
-    data[position] ^= 1
-    assert zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little")
-
-
 def test_a_memory_that_is_exactly_large_enough_is(tmp_path):
     tables, _ = made(tmp_path, "table")
     needed = max(1 + sum(len(t.entries(u.name)) for t in tables.tables) for u in tables.units)
@@ -215,8 +202,8 @@ def test_the_unit_and_its_registers_come_with_the_tables(tmp_path):
 
 
 def writes(content):
-    lines = [line.split() for line in content.decode().splitlines() if not line.startswith(("#", "?"))]
-    return [(None if len(w) == 2 or w[0] == "-" else int(w[0]), int(w[-2], 16), int(w[-1], 16)) for w in lines]
+    found = re.findall(r"WRITE\((-?\d+), (0x\w+), (0x\w+)\)", content.decode())
+    return [(None if at == "-1" else int(at), int(offset, 16), int(value, 16)) for at, offset, value in found]
 
 
 def test_empty_regions_end_above_their_start(tmp_path):

@@ -15,10 +15,7 @@ from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.verify import verify
 from stated_options import stated
 
-SHARED = {
-    "manifest.json", "model.xml", "schedule.xml", "platform.yaml", "tables.json", "report.json", "report.txt",
-    "bandwidth.svg",
-}  # fmt: skip
+SHARED = {"manifest.json", "model.xml", "schedule.xml", "platform.yaml", "tables.json", "report.json", "report.txt"}
 
 
 def export(tmp_path, sample=two_units, text=PLATFORM, **options):

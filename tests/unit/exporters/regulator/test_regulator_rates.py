@@ -21,28 +21,37 @@ from regulator_samples import (
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
-from halpipe.exporters.regulator.owners import Free, outward
-from halpipe.exporters.regulator.platform import read_platform
+from halpipe.exporters.regulator.platform import free_help, read_platform
 from halpipe.exporters.regulator.writing import backend, falls_first
 from support import access, job, mode, model, task, version
 
 # ------------------------------------------------------------------------------------------------------ QoS-400
 
 
+PORTS = {0xFD747100: "afifm2", 0xFD74A100: "afifm3"}
+RATES = {0x20: "write", 0x2C: "read"}
+
+
+def rates_of(script):
+    """The rates that a script writes: nanosecond, port, direction, steps."""
+    found = []
+    for at, address, value in re.findall(r"WRITE\((-?\d+), (0x\w+), (0x\w+)\)", script.decode()):
+        offset = int(address, 16) & 0xFF
+        found.append((int(at), PORTS[int(address, 16) & ~0xFF | 0x100], RATES[offset], int(value, 16) >> 20))
+    return found
+
+
 def steps(script):
-    lines = re.findall(r"qos (\w+):(\S+)", script.decode())
-    names = {"ar_r": "read", "aw_r": "write"}
-    pairs = [(port, *text.split("=")) for port, several in lines for text in several.split(",")]
-    return {(port, names[name]): int(value) for port, name, value in pairs if name in names}
+    return {(port, direction): rate for _, port, direction, rate in rates_of(script)}
 
 
 def test_rates_are_rounded_up_and_never_zero(tmp_path):
     written = files(tmp_path, "qos400")
     rate = Fraction(6_400_000 * 4096, 64 * 10**6)  # steps of a bound of 1
-    assert steps(written["0-fast.sh"]) == {
+    assert steps(written["0-fast.txt"]) == {
         ("afifm2", "read"): -(-rate // 4), ("afifm2", "write"): 1, ("afifm3", "read"): 1, ("afifm3", "write"): 1,
     }  # fmt: skip
-    assert steps(written["1-slow.sh"])["afifm3", "read"] == -(-rate * 3 // 10)
+    assert steps(written["1-slow.txt"])["afifm3", "read"] == -(-rate * 3 // 10)
 
 
 def test_a_rate_beyond_twelve_bits_is_refused(tmp_path):
@@ -71,27 +80,24 @@ def test_one_rate_for_a_mode_needs_the_largest_bounds_of_all_units_to_fit(tmp_pa
     assert "granularity: phase" in peak.help
 
 
+PHASED = {"qos400": "{clock: 2MHz, granularity: phase}", "capacity": "16MB/s", "bus": "512bit"}
+
+
 def test_phases_change_the_rates_when_the_bounds_change(tmp_path):
-    text = files(
-        tmp_path, "qos400", two_units, qos400="{clock: 2MHz, granularity: phase}", capacity="16MB/s", bus="512bit"
-    )["qos400.h"].decode()
-    values = [
-        (int(at), int(a, 16), int(v, 16) >> 20) for at, a, v in re.findall(r"\{(\d+)u, (0x\w+)u, (0x\w+)u\}", text)
-    ]
-    read2 = [(at, r) for at, address, r in values if address == 0xFD74A100 + 0x2C]
+    written = files(tmp_path, "qos400", two_units, **PHASED)
+    found = [rates_of(script) for name, script in written.items() if name[0].isdigit()]
+    read2 = [(at, rate) for several in found for at, port, d, rate in several if (port, d) == ("afifm3", "read")]
     full = -(-6_400_000 * 4096 // (64 * 2 * 10**6))
-    assert read2 == [(0, 1), (0, full), (10**6, 1)][-len(read2) :]
+    assert read2 == [(-1, 1), (-1, full), (10**6, 1)][-len(read2) :]
 
 
 def test_rates_fall_before_others_rise(tmp_path):
-    changes = {"qos400": "{clock: 2MHz, granularity: phase}", "capacity": "16MB/s", "bus": "512bit"}
-    text = files(tmp_path, "qos400", two_units, **changes)["qos400.h"].decode()
-    written = re.findall(r"\{(\d+)u, (0x\w+)u, (0x\w+)u\}", text)
     now, falls = {}, {}
-    for at, address, value in ((at, address, int(value, 16)) for at, address, value in written):
-        if address in now:
-            falls.setdefault(at, []).append(value < now[address])
-        now[address] = value
+    for name, script in files(tmp_path, "qos400", two_units, **PHASED).items():
+        for at, port, direction, rate in rates_of(script) if name[0].isdigit() else ():
+            if (port, direction) in now:
+                falls.setdefault(at, []).append(rate < now[port, direction])
+            now[port, direction] = rate
     assert any(len(set(order)) == 2 for order in falls.values())
     assert all(order == sorted(order, reverse=True) for order in falls.values())
 
@@ -224,7 +230,7 @@ def test_resctrl_limits_the_other_domains_to_the_least(tmp_path):
 @pytest.mark.parametrize(
     ("name", "old", "new", "free"),
     [
-        ("qos400", "port: afifm3", "port: afifm2", "port: afifm1"),
+        ("qos400", "port: afifm3", "port: afifm2", "port: afifm0"),
         ("resctrl", "group: two", "group: one", "group: one-2"),
         ("memguard", "core: 1", "core: 0", "core: 1"),
     ],
@@ -233,23 +239,24 @@ def test_two_units_cannot_share_what_is_written_for_both(tmp_path, name, old, ne
     found = made(tmp_path, name, text=PLATFORM.replace(old, new))[1]
     (shared,) = (d for d in found if d.is_error)
     assert (shared.code, shared.path) == (codes.SHARED_MANAGER.id, 'unit "u2"')
-    assert shared.help.startswith(f'state "{free}", the nearest that is free, or ')
+    assert shared.help.startswith(f'state "{free}", which is free, or ')
     better = PLATFORM.replace(old, free)
     assert [d for d in made(tmp_path, name, text=better)[1] if d.is_error] == []
 
 
-def test_the_nearest_that_is_free_is_another_for_each(tmp_path):
-    several = Free([3, 3, 3, 5], outward(range(6)))
-    assert [several.nearest(3) for _ in range(5)] == [2, 4, 1, 0, None]
-    assert Free([1, 0], outward(range(2))).help("core", 1) == "model what shares a core as one unit; no core is free"
+def test_what_is_free_is_another_for_each(tmp_path):
+    taken = {3, 5}
+    named = [re.search(r"core: (\d)", free_help("core", taken, range(6))) for _ in range(5)]
+    assert [match and match[1] for match in named] == ["0", "1", "2", "4", None]
+    assert free_help("core", taken, range(6)) == "model what shares a core as one unit; no core is free"
     units = "  u1: {manager: 1}\n  u2: {manager: 1}\n  u3: {manager: 1}\n"
     text = re.sub(r"(?s)units:\n.*", f"units:\n{units}", PLATFORM)
     for managers, expected in ((8, ["manager: 0", "manager: 2"]), (2, ["manager: 0", ""])):
         path = platform_file(tmp_path, text=f"{text}backend: axi-realm\naxi-realm: {{managers: {managers}}}\n")
         with pytest.raises(HalpipeError) as refused:
             read_platform(str(path))
-        named = [re.search(r'"(.*)", the nearest', d.help) for d in refused.value.diagnostics]
-        assert [match[1] if match else "" for match in named] == expected
+        found = [re.search(r'"(.*)", which is free', d.help) for d in refused.value.diagnostics]
+        assert [match[1] if match else "" for match in found] == expected
 
 
 def test_rate_back_ends_are_not_refused_for_windows_that_they_do_not_have(tmp_path):

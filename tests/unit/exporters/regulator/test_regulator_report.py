@@ -10,7 +10,7 @@ from regulator_samples import FULL, build, gang, one_mode, switching, two_units
 
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.picture import COLUMNS, Steps, draw, draw_bounds
+from halpipe.exporters.regulator.picture import COLUMNS, Steps, draw_bounds
 from halpipe.exporters.regulator.report import (
     check_phases,
     describe_export,
@@ -195,32 +195,25 @@ def areas(svg):
     }
 
 
-def test_the_picture_stacks_the_units_under_the_capacity(tmp_path):
-    tables, _ = build(tmp_path, *two_units(), capacity="8MB/s")
-    found = areas(draw(tables))
+def bounds_of(system, schedule):
+    (picture,) = draw_bounds(replace(system, resources=(Resource(name="mem", bandwidth=10**9),)), schedule).values()
+    return picture
+
+
+def test_the_picture_stacks_the_units_under_the_capacity():
+    found = areas(bounds_of(*two_units()))
     assert set(found) == {"u1 read", "u2 read", "u2 write", "capacity"}
-    assert found["u1 read"] == "M90 96L450 96L450 120L90 120Z"  # 1600 of 8000 B are 24 of 120, windows 1 to 4 of 10
-    assert found["u2 read"] == "M0 24L90 24L90 120L0 120Z"
-    assert found["u2 write"] == "M450 72L630 72L630 120L450 120Z"
+    assert found["u1 read"] == "M90 90L450 90L450 120L90 120Z"  # a quarter of 120, from 1 to 5 of 10
+    assert found["u2 write"] == "M450 60L630 60L630 120L450 120Z"
 
 
-def test_the_line_of_what_is_reserved(tmp_path):
-    tables, _ = build(tmp_path, *two_units(), overshoot="64B", capacity="7.68MB/s")
-    assert "reserved for overshoot above this line" in areas(draw(tables))
-    tables, _ = build(tmp_path, *two_units(), **FULL)
-    assert "reserved for overshoot above this line" not in areas(draw(tables))
-
-
-def test_long_tables_are_drawn_as_means(tmp_path):
-    t = task("t", 10, version("v", 10, "u1", access("mem", 0, 10, "0.335", "read")))
+@pytest.mark.parametrize(("jobs", "means"), [(400, False), (500, True)])
+def test_long_tables_are_drawn_as_means(jobs, means):
+    t = task("t", 1, version("v", "0.5ms", "u1", access("mem", 0, "0.5ms", "0.335", "read")))
     system = model(t, units="u1 u2", resources="mem")
-    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
-    tables, _ = build(tmp_path, system, schedule, CONTROLLED, window="10", burst="8B", bus="64bit")
-    assert len(tables.tables[0].entries("u1")) > COLUMNS * 2 // 3
-    assert "each step is the mean" not in draw(tables)
-    tables, _ = build(tmp_path, system, schedule, CONTROLLED, window="5", burst="8B")
-    assert "each step is the mean" in draw(tables)
-    assert areas(draw(tables))["u1 read"].count("L") < 4 * COLUMNS
+    picture = bounds_of(system, one_mode(system, jobs, *(job(system, "t", n, n, "u1") for n in range(jobs))))
+    assert ("each step is the mean" in picture) == means
+    assert areas(picture)["u1 read"].count("L") < 4 * COLUMNS
 
 
 def test_areas_of_steps_are_exact():

@@ -17,13 +17,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
-from halpipe.core.records import record
 from halpipe.devices import DEVICES
 from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, SHORT_BURSTS, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS
-from halpipe.exporters.regulator.writing import file_names, identifiers, render
+from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, loader, script
+from halpipe.exporters.regulator.writing import file_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,38 +35,18 @@ if TYPE_CHECKING:
 DEVICE = "axi_realm"
 CLAIM = 0x7
 OPEN = 0x7FFFFFFF
-ALL = 0xFFFFFFFF
 NOWHERE = (ALL - 1, ALL, ALL, ALL)
 """Start and end, low and high, of a region that holds no address of a bus; the end is above the start."""
 
 EVERYWHERE = (0, 0, ALL, ALL)
 
 
-@record
-class Write:
-    """A register write: `window` is the one during which it must be done."""
-
-    window: int
-    offset: int
-    value: int
-
-
-@record
-class Check:
-    """A register that is read: its bits in `mask` are from `least` to `most`."""
-
-    offset: int
-    mask: int
-    least: int
-    most: int
-
-
 class AxiRealm:
-    """A script of register writes, and the same as arrays for an interrupt handler."""
+    """Scripts of register writes: the set-up, and what an interrupt handler writes window by window."""
 
     device = DEVICES["axi-realm"]
     name = device.name
-    summary = "AXI-REALM: register writes for set-up and for every window, as script and as C arrays"
+    summary = "AXI-REALM: register writes for set-up and for every window"
 
     def overshoot(self, platform: Platform) -> int:
         """Return one burst: the bus is cut after the budget is spent."""
@@ -96,28 +76,21 @@ class AxiRealm:
         }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
-        """Return ``setup.txt``, a script for every table, ``load.sh`` that loads them, and ``axi_realm.h``."""
-        platform = tables.platform
-        values = {"platform": platform, "model": tables.model, "digest": digest}
-        registers = _map(tables)
-        start = {"built": _built(tables), "setup": list(_setup(tables)), "started": _started(tables)}
-        scripts = [(table, _entry(tables, table), _changes(tables, table)) for table in tables.tables]
-        files = {"setup.txt": render("axi_realm/setup.txt.j2", **start, **values)}
-        for stem, (table, entry, changes) in zip(file_names(t.name for t in tables.tables), scripts, strict=True):
-            files[f"{stem}.txt"] = render("axi_realm/table.txt.j2", table=table, entry=entry, changes=changes, **values)
-        names = identifiers(table.name for table in tables.tables)
-        base = platform.settings[self.name]["base"]
-        files["axi_realm.h"] = render(
-            "axi_realm/axi_realm.h.j2",
-            scripts=list(zip(names, scripts, strict=True)),
-            switches=tables.switches,
-            number={table.name: table.index for table in tables.tables},
-            base=base,
-            guard=f"{registers.claim.offset:#05x}",
-            **start,
-            **values,
+        """Return ``setup.txt``, a script for every table, and ``load.sh`` that loads them."""
+        claim, *setup = _setup(tables)
+        steps: list[Write | Check] = [claim, *_built(tables), *setup, *_started(tables)]
+        meaning = (
+            "Load it before any manager starts, in this order: claim, lengths of bursts, regions, budgets, periods."
         )
-        files["load.sh"] = render("axi_realm/load.sh.j2", base=base, digest=digest)
+        files = {"setup.txt": script(tables, digest, "AXI-REALM set-up", meaning, steps)}
+        meaning = "WRITE(window, offset, value) applies from the next window on; -1: the last one of the table before."
+        for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
+            title = (
+                f"AXI-REALM budgets of {table.frame.path}, {table.windows} windows of {tables.platform.cycles} cycles"
+            )
+            steps = [*_entry(tables, table), *_changes(tables, table)]
+            files[f"{stem}.txt"] = script(tables, digest, title, meaning, steps)
+        files["load.sh"] = loader(digest, tables.platform.settings[self.name]["base"])
         return files
 
 
@@ -174,25 +147,25 @@ def _setup(tables: Tables) -> Iterator[Write]:
     """Yield the writes of the set-up: claim, burst length, regions, default budgets, and only then periods."""
     p, registers, regions = tables.platform, _map(tables), _regions(tables)
     beats = p.burst // p.bus - 1
-    yield Write(0, registers.claim.offset, CLAIM)
+    yield Write(START, registers.claim.offset, CLAIM)
     for word in registers.words_of("len_limit"):
-        yield Write(0, word.offset, beats * 0x01010101 & word.mask)
+        yield Write(START, word.offset, beats * 0x01010101 & word.mask)
     for unit in tables.units:
         for region in range(regions):  # region 0 is all of memory, the others are empty
             field = unit.manager * regions + region
             bounds = EVERYWHERE if region == 0 else NOWHERE
             for name, value in zip(("start_low", "start_high", "end_low", "end_high"), bounds, strict=True):
-                yield Write(0, registers.offset(name, field), value)
+                yield Write(START, registers.offset(name, field), value)
             for d in DIRECTIONS:
                 budget = OPEN if region else _default(tables, unit, d)
-                yield Write(0, registers.offset(f"{d}_budget", field), budget)
+                yield Write(START, registers.offset(f"{d}_budget", field), budget)
     for unit in tables.units:  # a period that is written loads the budget, so budgets come first
         for region in range(regions):
             for name in ("write_period", "read_period"):
-                yield Write(0, registers.offset(name, unit.manager * regions + region), p.cycles - 1)
+                yield Write(START, registers.offset(name, unit.manager * regions + region), p.cycles - 1)
     mask = sum(1 << unit.manager for unit in tables.units)
-    yield Write(0, registers.offset("rt_enable"), mask)
-    yield Write(0, registers.offset("imtu_enable"), mask)  # one write for all, so that their windows are aligned
+    yield Write(START, registers.offset("rt_enable"), mask)
+    yield Write(START, registers.offset("imtu_enable"), mask)  # one write for all, so that their windows are aligned
 
 
 def _bound(tables: Tables) -> list[Row]:
@@ -216,7 +189,7 @@ def _programmed(tables: Tables, table: Table) -> dict[int, list[int]]:
 
 def _entry(tables: Tables, table: Table) -> list[Write]:
     """Return the writes before the first window, to be done in the last window of whatever ran before."""
-    return [Write(0, offset, values[0]) for offset, values in _programmed(tables, table).items()]
+    return [Write(START, offset, values[0]) for offset, values in _programmed(tables, table).items()]
 
 
 def _changes(tables: Tables, table: Table) -> list[Write]:
@@ -226,7 +199,7 @@ def _changes(tables: Tables, table: Table) -> list[Write]:
         found += [Write(k - 1, offset, values[k]) for k in range(1, len(values)) if values[k] != values[k - 1]]
         if table.successor == table.index and values[0] != values[-1]:
             found.append(Write(len(values) - 1, offset, values[0]))
-    return sorted(found, key=lambda write: (write.window, write.offset))
+    return sorted(found, key=lambda write: (write.at, write.offset))
 
 
 def _worst(tables: Tables) -> tuple[int, str]:
@@ -235,7 +208,7 @@ def _worst(tables: Tables) -> tuple[int, str]:
     for table in tables.tables:
         counts: dict[int, int] = {}
         for write in _changes(tables, table):
-            counts[write.window] = counts.get(write.window, 0) + 1
+            counts[write.at] = counts.get(write.at, 0) + 1
         for window, count in counts.items():
             if count > worst:
                 worst, where = count, f"{table.frame.path} window {window}"

@@ -22,7 +22,6 @@ from halpipe.core.quantities import parse_rational, parse_size
 from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.owners import outward
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
 from halpipe.exporters.regulator.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
 from halpipe.exporters.regulator.writing import file_names, predecessors, render
@@ -206,7 +205,7 @@ def _check_cores(tables: Tables) -> Iterator[Diagnostic]:
     known = _cores(tables)
     stated = int(tables.platform.settings[MemGuard.name]["cores"])
     owned = ((port.unit, port.core, port.at) for port in ports if port.core is not None)
-    yield from check_owners(owned, "core", outward(range(stated or len(ports) + max(known, default=0))))
+    yield from check_owners(owned, "core", lambda _: range(stated or len(ports) + max(known, default=0)))
     last = max(known, default=0)
     if stated and last >= stated:
         message = f"core {last} does not exist; the platform has {stated} cores"

@@ -1,8 +1,7 @@
 """QoS-400 regulators of the Zynq UltraScale+ (NIC-400): a token bucket on addresses for each port and direction.
 
 Rates are 12-bit fractions of transfers per cycle, so that a step is ``clock * burst / 4096`` bytes per second, and 0
-switches a regulator off: it is never written. The registers are open to EL3 only; the table is for firmware there, the
-script is for the hypervisor Jailhouse with its QoS extension.
+switches a regulator off: it is never written. The registers are open to EL3 only; the scripts are for firmware there.
 
 Sources: Xilinx UG1087 (register addresses), Arm DSU 0026 (QoS-400 supplement to the NIC-400).
 """
@@ -20,8 +19,7 @@ from halpipe.devices import DEVICES
 from halpipe.devices.registers import port_registers
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.owners import outward
-from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
+from halpipe.exporters.regulator.platform import DIRECTIONS, read_frequency
 from halpipe.exporters.regulator.rates import (
     Segment,
     check_owners,
@@ -32,10 +30,11 @@ from halpipe.exporters.regulator.rates import (
     rate_text,
     segments,
 )
-from halpipe.exporters.regulator.writing import falls_first, file_names, identifiers, predecessors, render
+from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, loader, script
+from halpipe.exporters.regulator.writing import falls_first, file_names, predecessors
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
@@ -45,7 +44,6 @@ STEPS = 4096
 ENABLE_RATES = 0x3
 DESCRIPTION = port_registers("qos400")
 PORTS = DESCRIPTION.ports
-PREFIX = {READ: "ar", WRITE: "aw"}
 
 
 @record
@@ -61,7 +59,7 @@ class Qos400:
 
     device = DEVICES["qos400"]
     name = device.name
-    summary = "ZynqMP QoS-400, held against nothing real: Jailhouse commands, addresses and values for EL3 firmware"
+    summary = "ZynqMP QoS-400, held against nothing real: register writes for EL3 firmware"
 
     def overshoot(self, platform: Platform) -> int:
         """Return the burstiness: what a full token bucket lets pass at once."""
@@ -83,26 +81,17 @@ class Qos400:
         }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
-        """Return a script for every table, and ``qos400.h``."""
-        values = {"platform": tables.platform, "model": tables.model, "digest": digest}
+        """Return ``setup.txt``, a script for every table, and ``load.sh`` that loads them."""
+        meaning = "Load it before any accelerator starts: buckets and lowest rates, and only then both rates on."
+        files = {"setup.txt": script(tables, digest, "QoS-400 set-up", meaning, _read_back(list(_init(tables))))}
+        meaning = "WRITE(nanosecond, address, value) that long after the table's begin; -1: when it begins."
         settings = [_settings(tables, table) for table in tables.tables]
-        orders = [
-            list(_orders(_before(tables, settings, table), several))
-            for table, several in zip(tables.tables, settings, strict=True)
-        ]
-        files = {}
-        for stem, table, several in zip(file_names(t.name for t in tables.tables), tables.tables, orders, strict=True):
-            lines = [(setting, list(_commands(tables, writes))) for setting, writes in several]
-            files[f"{stem}.sh"] = render("qos400/table.sh.j2", table=table, lines=lines, **values)
-        arrays = [list(_writes(tables, several)) for several in orders]
-        names = identifiers(table.name for table in tables.tables)
-        files["qos400.h"] = render(
-            "qos400/qos400.h.j2",
-            init=list(_init(tables)),
-            tables=list(zip(names, tables.tables, arrays, strict=True)),
-            **values,
-        )
-        return files
+        stems = file_names(table.name for table in tables.tables)
+        for stem, table, several in zip(stems, tables.tables, settings, strict=True):
+            title = f"QoS-400 rates of {table.frame.path}"
+            steps = _read_back(list(_writes(tables, _before(tables, settings, table), several)))
+            files[f"{stem}.txt"] = script(tables, digest, title, meaning, steps)
+        return {**files, "load.sh": loader(digest)}
 
 
 def _is_phased(tables: Tables) -> bool:
@@ -140,22 +129,19 @@ def _before(tables: Tables, settings: list[list[Setting]], table: Table) -> list
     return [settings[t.index][-1].steps for t in predecessors(tables, table)]
 
 
-def _orders(before: list[dict[Row, int]], several: list[Setting]) -> Iterator[tuple[Setting, list[tuple[Row, int]]]]:
-    """Yield each setting of a table with its writes: those that fall come first; later ones write what changes."""
+def _writes(tables: Tables, before: list[dict[Row, int]], several: list[Setting]) -> Iterator[Write]:
+    """Yield the writes of each setting of a table: those that fall come first; later settings write what changes."""
     for setting in several:
-        writes = falls_first(before, setting.steps)
-        if setting is not several[0]:
-            (now,) = before
-            writes = [(row, steps) for row, steps in writes if steps != now[row]]
-        yield setting, writes
+        at = int(setting.at_ns) or START
+        for row, steps in falls_first(before, setting.steps):
+            if at == START or steps != before[0][row]:
+                yield _write(tables, at, row.unit, f"{row.direction}_rate", steps)
         before = [setting.steps]
 
 
 def _check_ports(tables: Tables) -> Iterator[Diagnostic]:
     ports = [tables.platform.units[unit.name] for unit in tables.units]
-    yield from check_owners(
-        ((port.unit, port.port, port.at) for port in ports if port.port), "port", outward(list(PORTS))
-    )
+    yield from check_owners(((port.unit, port.port, port.at) for port in ports if port.port), "port", lambda _: PORTS)
     for unit in tables.units:
         port = tables.platform.units[unit.name]
         if port.port not in PORTS:
@@ -201,42 +187,27 @@ _OTHERWISE = {
 }
 
 
-def _commands(tables: Tables, writes: list[tuple[Row, int]]) -> Iterator[str]:
-    """Yield a command for every run of writes to one port, in which no parameter comes twice."""
-    burstiness = tables.platform.settings[Qos400.name]["burstiness"]
-    runs: list[dict[Row, int]] = []
-    for row, steps in writes:
-        if not runs or row in runs[-1] or next(iter(runs[-1])).unit != row.unit:
-            runs.append({})
-        runs[-1][row] = steps
-    for run in runs:
-        rates = ((PREFIX[row.direction], steps) for row, steps in run.items())
-        parameters = ",".join(f"{prefix}_b={burstiness},{prefix}_r={steps}" for prefix, steps in rates)
-        yield f"jailhouse qos {tables.platform.units[next(iter(run)).unit].port}:{parameters}"
-
-
-def _init(tables: Tables) -> Iterator[tuple[int, int]]:
-    """Yield (address, value) once: burstiness, lowest rates, and only then both regulators on."""
+def _init(tables: Tables) -> Iterator[Write]:
+    """Yield the writes of the set-up: burstiness, lowest rates, and only then both regulators on."""
     burstiness = int(tables.platform.settings[Qos400.name]["burstiness"])
     for unit in tables.units:
-        port = tables.platform.units[unit.name].port
         for d in DIRECTIONS:
-            yield _word(port, f"{d}_burstiness", burstiness)
-            yield _word(port, f"{d}_rate", 1)
-        yield _word(port, "control", ENABLE_RATES)
+            yield _write(tables, START, unit.name, f"{d}_burstiness", burstiness)
+            yield _write(tables, START, unit.name, f"{d}_rate", 1)
+        yield _write(tables, START, unit.name, "control", ENABLE_RATES)
 
 
-def _word(port: str, register: str, value: int) -> tuple[int, int]:
-    """Return the address of a register of a port, and the word that holds a value."""
+def _write(tables: Tables, at: int, unit: str, register: str, value: int) -> Write:
+    """Return the write of a value into a register of a unit's port."""
     found = DESCRIPTION.registers[register]
-    return PORTS[port] + found.offset, found.encode(value)
+    return Write(at, PORTS[tables.platform.units[unit].port] + found.offset, found.encode(value))
 
 
-def _writes(tables: Tables, orders: Iterable[tuple[Setting, list[tuple[Row, int]]]]) -> Iterator[tuple[int, int, int]]:
-    """Yield (nanoseconds, address, value) of a table: all rates at its start, then those that change."""
-    for setting, writes in orders:
-        for row, steps in writes:
-            yield int(setting.at_ns), *_word(tables.platform.units[row.unit].port, f"{row.direction}_rate", steps)
+def _read_back(writes: list[Write]) -> list[Write | Check]:
+    """Return writes in their order, with reads of what was written at the start before those that come later."""
+    first = [write for write in writes if write.at == START]
+    held = {write.offset: write.value for write in first}
+    return [*first, *(Check(offset, ALL, n, n) for offset, n in held.items()), *writes[len(first) :]]
 
 
 WRITER = Qos400()

@@ -212,16 +212,13 @@ def _check_groups(tables: Tables) -> Iterator[Diagnostic]:
         elif port.group in _RESERVED:
             help = "name the group otherwise; resctrl has a folder of this name"
             yield NO_MANAGER(f'has the group "{port.group}"', at=port.at, path=about(unit=port.unit), help=help)
-    yield from check_owners(((port.unit, port.group, port.at) for port in ports if port.group), "group", _numbered)
+    owned = ((port.unit, port.group, port.at) for port in ports if port.group)
+    yield from check_owners(owned, "group", lambda group: (f"{group}-{n}" for n in count(2)))
     settings = tables.platform.settings[Resctrl.name]
     if settings["domain"] in settings["others"].split():
         message = f"domain {settings['domain']} is the one that is regulated and one of the others"
         help = "list under others: only the further domains of the MB line"
         yield RATE_DOES_NOT_FIT(message, at=tables.platform.at, path="platform resctrl", help=help)
-
-
-def _numbered(group: str) -> Iterator[str]:
-    return (f"{group}-{n}" for n in count(2))
 
 
 _RESERVED = {"info", "mon_groups", "mon_data", "schemata", "tasks", "cpus", "cpus_list", "mode", "size", ".", ".."}

@@ -1,12 +1,10 @@
-"""The generic table-driven unit (paper, section IV): images of its memories, a C header and a checked binary.
+"""The generic table-driven unit (paper, section IV): images of its memories, and a C header.
 
 The unit itself, in Verilog, and its registers, in SystemRDL, go with the tables.
 """
 
 from __future__ import annotations
 
-import struct
-import zlib
 from importlib import resources
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
@@ -14,17 +12,13 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import about
 from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
-from halpipe.exporters.regulator.platform import LEAST_CYCLES, READ, WRITE
+from halpipe.exporters.regulator.platform import LEAST_CYCLES
 from halpipe.exporters.regulator.writing import identifiers, render
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Tables
-
-MAGIC = b"HBWT"
-FORMAT_VERSION = 2
-"""Of the layout of the binary: a change of it takes a new number, which readers refuse if it is not theirs."""
 
 MOST_UNITS = 63
 """What the Verilog that comes with the tables can do."""
@@ -40,7 +34,7 @@ class TableUnit:
 
     device = DEVICES["table"]
     name = device.name
-    summary = "generic table-driven regulator: memory images, C header, binary, Verilog and registers"
+    summary = "generic table-driven regulator: memory images, C header, Verilog and registers"
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0: see the class."""
@@ -76,14 +70,13 @@ class TableUnit:
         return {"table_depth": depth, "entries": entries, "headers": header_lines(len(tables.tables))}
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
-        """Return memory images, C header, binary, registers and the unit."""
+        """Return memory images, C header, registers and the unit."""
         units = [_UnitWords(tables, unit) for unit in tables.units]
         files = {}
         for words in units:
             files[f"unit{words.unit.index}.tab.memh"] = words.table_image()
             files[f"unit{words.unit.index}.hdr.memh"] = words.header_image()
         files["bw_tables.h"] = _header(tables, units, digest)
-        files["bw_tables.bin"] = _binary(tables, units, digest)
         return files | unit_sources()
 
 
@@ -125,24 +118,6 @@ def _header(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
         model=tables.model,
         digest=digest,
     )
-
-
-def _binary(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
-    """Return the binary: little-endian, with a CRC-32 of everything before it at the end; see regulator-unit.md."""
-    p = tables.platform
-    counts = (FORMAT_VERSION, len(units), len(tables.tables), 0)
-    head = struct.pack("<4s4H3I", MAGIC, *counts, p.cycles, p.extra.numerator, p.extra.denominator)
-    head += struct.pack("<3I", p.clock, p.burst, p.window_capacity) + bytes.fromhex(digest)
-    parts = [head]
-    for words in units:
-        default = words.unit.default
-        parts.append(struct.pack("<4I", words.unit.manager, default[READ], default[WRITE], len(words.entries)))
-    for words in units:
-        parts += [struct.pack("<2I", windows, succ << 24 | base) for windows, succ, base in words.heads]
-    for words in units:
-        parts += [struct.pack("<3I", *entry) for entry in words.entries]
-    body = b"".join(parts)
-    return body + struct.pack("<I", zlib.crc32(body))
 
 
 _SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso", ".rdl")
