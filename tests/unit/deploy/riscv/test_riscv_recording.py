@@ -1,6 +1,7 @@
 """The runtime's record of a run: rings in memory, and what it prints."""
 
 import struct
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,19 +21,32 @@ def fault(time):
     return struct.pack("<QQQQIIIIIBBHQ", time, 7, 0x1821000, 0x80000000, 1, 2, 3, 4, 5, 4, 4, 2, 0)
 
 
-def memory(*chunks):
-    """A reader of memory in which the chunks stand, by address."""
+CONTROL = 0x8000
 
-    def read(address, size):
-        base, data = next((b, d) for b, d in chunks if b <= address < b + len(d))
+
+class Memory:
+    """Memory with a control block that counts records, and chunks by address."""
+
+    def __init__(self, traced, abandoned, *chunks):
+        counts = struct.pack("<18Q", *[0] * 13, traced, abandoned, 0, 0, 0)
+        self.chunks = [(CONTROL, counts), *chunks]
+
+    def read(self, address, size):
+        base, data = next((b, d) for b, d in self.chunks if b <= address < b + len(d))
         return data[address - base : address - base + size]
 
-    return read
+    def word(self, address):
+        return int.from_bytes(self.read(address, 8), "little")
+
+
+def site(trace, faults):
+    """As much of a target as a recording needs."""
+    return SimpleNamespace(control=CONTROL, trace=Ring(*trace, 48), faults=Ring(*faults, 64))
 
 
 def test_records_are_read_in_order():
-    rings = memory((0x100, record(10) + record(11, Kind.STOP, 2) + bytes(96)), (0x1000, fault(11) + bytes(64)))
-    recording = read_recording(rings, Ring(0x100, 4, 48), 2, Ring(0x1000, 2, 64), 1)
+    rings = Memory(2, 1, (0x100, record(10) + record(11, Kind.STOP, 2) + bytes(96)), (0x1000, fault(11) + bytes(64)))
+    recording = read_recording(rings, site((0x100, 4), (0x1000, 2)))
     assert [(r.time, r.kind, r.flags) for r in recording.records] == [(10, Kind.COPY, 0), (11, Kind.STOP, Flag.OVERRUN)]
     (abandoned,) = recording.abandoned
     assert (abandoned.cause, abandoned.epc, abandoned.tval, abandoned.hart) == (7, 0x1821000, 0x80000000, 2)
@@ -41,7 +55,7 @@ def test_records_are_read_in_order():
 
 def test_what_was_overwritten_is_lost():
     ring = record(14) + record(15) + record(12) + record(13)
-    recording = read_recording(memory((0, ring), (999, b"")), Ring(0, 4, 48), 6, Ring(999, 2, 64), 0)
+    recording = read_recording(Memory(6, 0, (0, ring)), site((0, 4), (999, 2)))
     assert [r.time for r in recording.records] == [12, 13, 14, 15]
     assert recording.lost == 2
 
@@ -60,8 +74,8 @@ def printed(*, traced=1, state=2, end="end\n", trace=1):
 def test_what_is_printed_is_the_same_as_what_lies_in_memory():
     recording, state = parse_recording(printed(), BROKEN)
     assert state == 2
-    rings = memory((0, record(10)), (4096, fault(9)))
-    assert recording == read_recording(rings, Ring(0, 1, 48), 1, Ring(4096, 1, 64), 1)
+    rings = Memory(1, 1, (0, record(10)), (4096, fault(9)))
+    assert recording == read_recording(rings, site((0, 1), (4096, 1)))
 
 
 def test_what_was_not_printed_any_more_is_lost():

@@ -383,13 +383,19 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     comparison = Comparison(run, containment.planned(jobs, injections), tolerance)
     findings.extend(comparison.findings.items)
     findings.extend(conditions.calls_drivers(run, containment.planned(jobs, injections), tolerance))
-    records = Tables(simulation.program, target.model)
+    records = tables_of(target, run.site)
     truth = [*tells_the_truth(run, records, played)]
     findings.extend(truth)
     findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
     findings.extend(containment.rules_recorded(run, target.model, course.firings))
     taken = Dispatch() if truth else measured(run, records, played)
     return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
+
+
+def tables_of(target: Target, site: Site) -> Tables:
+    """Return the reader of the operation tables in the program of a bundle."""
+    drivers = (driver.function for driver in read_drivers(target.bundle))
+    return Tables(load_program(target.bundle, site), target.model, drivers)
 
 
 def refuse_disagreement(target: Target, site: Site) -> None:

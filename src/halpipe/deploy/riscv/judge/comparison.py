@@ -99,7 +99,7 @@ class Comparison:
         for expected in planned.values():
             expected.sort(key=lambda entry: entry[0])
         for execution in self._run.executions:
-            nearest = _nearest(planned[execution.hart], execution.begin)
+            nearest = _nearest(planned[execution.hart], execution.due or execution.begin)
             if nearest is None or not self._take(execution, nearest[1], nearest[2]):
                 self._foreign(execution, nearest)
 
@@ -115,7 +115,7 @@ class Comparison:
 
     def _foreign(self, execution: Execution, nearest: tuple[int, Seen, int] | None) -> None:
         name = self._unit(execution.hart)
-        what = f'task "{execution.image.site.task}"' if execution.image else "what was never loaded"
+        what = f'task "{execution.image.site.task}"' if execution.image else f"a function at {execution.function:#x}"
         message = f"{name} executes {what} at {self._run.since(execution.begin)}"
         if nearest is not None:
             message += f"; the next that is planned there is {nearest[1].planned.path} at {self._run.since(nearest[0])}"
@@ -206,18 +206,26 @@ class Comparison:
                 self._report(codes.WRONG_INSTANT, seen.planned, message, FROM_EXPORT)
 
     def _judge_execution(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
-        begin, end = self._at(planned.begin), self._at(planned.end)
-        unit = self._unit(planned.hart)
-        if not begin <= execution.begin <= begin + self._tolerance:
+        begin, unit = self._at(planned.begin), self._unit(planned.hart)
+        late = execution.begin - begin
+        if late > self._tolerance:
+            late -= self._excused(planned.hart, begin, execution.begin)
+        if execution.begin < begin or late > self._tolerance:
             message = f"begins on {unit} at {self._run.since(execution.begin)}, scheduled is {self._run.since(begin)}"
             self._report(codes.WRONG_INSTANT, seen.planned, message, FROM_EXPORT)
         self._judge_call(seen, planned, execution)
         if Outcome.RETURNED not in planned.ends:
             self._judge_failure(seen, planned, execution)
-            return
-        if execution.outcome is Outcome.FAULT:
-            return  # reported with its cause
-        budget = self._run.since(self._zero + end - begin)
+        elif execution.outcome is not Outcome.FAULT:  # that is reported with its cause
+            self._judge_end(seen, planned, execution)
+
+    def _excused(self, hart: int, begin: int, end: int) -> int:
+        """Return how much of a late start is no fault of the runtime."""
+        return 0
+
+    def _judge_end(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
+        unit, end = self._unit(planned.hart), self._at(planned.end)
+        budget = self._run.length(end - self._at(planned.begin))
         if execution.outcome is not Outcome.RETURNED:
             stopped = (
                 f"and was stopped at {self._run.since(execution.left)}" if execution.left else "when the run ended"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import struct
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,59 +20,48 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.elf import offset_of
 from halpipe.deploy.riscv.board.machine import RUBBISH
-from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tolerance_of
-from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, prefixed
-from halpipe.deploy.riscv.judge.records import hold
-from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, plan, read_images, silent
+from halpipe.deploy.riscv.judge import conditions
+from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tables_of, tolerance_of
+from halpipe.deploy.riscv.judge.comparison import Comparison
+from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, planned, prefixed
+from halpipe.deploy.riscv.judge.records import observations, strangers
+from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, Run, TableSeen, plan, read_images, silent
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, code_of
-from halpipe.deploy.riscv.run.observation import Outcome
-from halpipe.deploy.riscv.run.recording import Recording, Word, read_recording
+from halpipe.deploy.riscv.run.observation import Observations, Outcome
+from halpipe.deploy.riscv.run.recording import Dump, Flag, Word, read_recording
+from halpipe.deploy.riscv.run.recording import Kind as Recorded
 from halpipe.deploy.riscv.run.sequence import Request, Tour, played_tables
 from halpipe.deploy.riscv.target import read_site
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Code, Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.deploy.base import CheckOptions, Target
-    from halpipe.deploy.riscv.run.expectation import Image, PlannedJob
+    from halpipe.deploy.riscv.judge.comparison import Seen
+    from halpipe.deploy.riscv.judge.tables import Tables
+    from halpipe.deploy.riscv.run.expectation import Image, PlannedExecution, PlannedJob
+    from halpipe.deploy.riscv.run.observation import Execution
+    from halpipe.deploy.riscv.run.recording import Memory
+    from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site
 
 EMULATOR = "qemu-system-riscv64"
 SECONDS = 6
 """How long one run may take; it is ended then, and what it did until then is judged."""
 
+INSTRUCTIONS_PER_SECOND = 10**9
+"""Of all cores together, on QEMU's one clock."""
+
 _MODELLED, _BY_SEMIHOSTING = 1, 1
 _NEEDS_TREE = "microchip-icicle-kit"
 _MACHINE, _MEMORY = "-machine", "-m"
 _OTHER = ["-display", "none", "-monitor", "none", "-serial", "null", "-no-reboot", "-icount", "shift=0,sleep=off"]
 _HOSTING = ["-semihosting-config", "enable=on,target=native"]
-
-_STATES = {
-    0: "the management core did not come to the first table",
-    1: "it was still playing",
-    3: "an application core did not answer when it was started",
-    4: "the management core trapped",
-}
-FINISHED = 2
-
-
-@record
-class Played:
-    """Remains of a run: the runtime's record, the words of its control block, and the contents of the buffers."""
-
-    recording: Recording
-    words: tuple[int, ...]
-    buffers: dict[str, bytes]
-    is_over: bool = True
-
-    @property
-    def state(self) -> int:
-        """The state that the runtime was in."""
-        return self.words[Word.STATE]
 
 
 def find_emulator(site: Site) -> str:
@@ -96,7 +86,7 @@ def play(
     inputs: Mapping[str, Sequence[bytes]],
     *,
     health: bool = True,
-) -> Played:
+) -> Run:
     """Run QEMU once, with main memory in a file and the first recorded inputs.
 
     Without `health` no rule follows from jobs that fail.
@@ -152,34 +142,115 @@ def start(command: list[str]) -> str | None:
     return done.stderr or done.stdout
 
 
-def _read(file: Path, site: Site, said: str | None) -> Played:
+def _read(file: Path, site: Site, said: str | None) -> Run:
     try:
-        memory = file.open("rb")
+        with file.open("rb") as stored:
+            memory = Dump(str(file), stored.read(site.main.size), site.main.base)
     except OSError:
         text = " ".join((said or "").split())[-200:]
         help = "use --engine cosim to see more"
         raise HalpipeError(codes.ENGINE_UNFIT(f"QEMU did not start; it said: {text}", help=help)) from None
-    with memory:
-
-        def read(address: int, size: int) -> bytes:
-            memory.seek(address - site.main.base)
-            return memory.read(size).ljust(size, b"\0")
-
-        words = struct.unpack(f"<{Word.WORDS}Q", read(site.control, 8 * Word.WORDS))
-        traced, faults = (min(words[n], 1 << 32) for n in (Word.TRACED, Word.FAULTS))
-        recording = read_recording(read, site.trace, traced, site.faults, faults)
-        buffers = {name: read(area.base, area.size) for name, area in site.buffers.items()}
-    return Played(recording, words, buffers, said is not None)
+    return run_of(site, memory, "" if said is not None else f"QEMU was ended after {SECONDS} s")
 
 
-def is_over(played: Played) -> Iterator[Diagnostic]:
-    """Yield what kept a run from its end."""
-    if played.state == FINISHED:
-        return
-    message = _STATES.get(played.state, f"the runtime is in state {played.state}") + " at the end"
-    if not played.is_over:
-        message += "; the emulator was ended, for it would not have come to one"
-    yield codes.NOT_FINISHED(message, help="play the bundle with --engine cosim to see more")
+def run_of(site: Site, memory: Memory, exhausted: str = "") -> Run:
+    """Return a run by what it left in memory; one unit of its time is a tick."""
+    recording = read_recording(memory, site)
+    begun = [r for r in recording.records if r.kind == Recorded.TABLE and not r.flags & Flag.REFUSED]
+    named = [site.tables[r.table].name if r.table < len(site.tables) else "?" for r in begun]
+    instants = [site.tick * r.begin for r in begun]
+    return Run(
+        site=site,
+        rate=site.timebase,
+        tick=1,
+        zero=0,
+        state=memory.word(site.control + 8 * Word.STATE),
+        duration=site.tick * max((r.time for r in recording.records), default=0),
+        tables=[TableSeen(instant, name, instant) for name, instant in zip(named, instants, strict=True)],
+        recorder=Observations(),
+        recording=recording,
+        memory=memory,
+        protections={},
+        uart=b"",
+        instructions=0,
+        is_modelled=True,
+        exhausted=exhausted,
+    )
+
+
+class OneClock(Comparison):
+    """Comparison of a run in which every instruction of any core advances the one clock of all.
+
+    So a core may begin late because others compute at that time. Their computing is recorded, too, and excuses exactly
+    as much lateness as it covers: `delayed` counts such starts. The jobs (cycle and row) that are `starved` are not
+    judged, for others take all of the clock meanwhile. State of cores and ends of transfers are not recorded.
+    """
+
+    def __init__(
+        self, run: Run, jobs: Sequence[PlannedJob], tolerance: Duration, starved: Collection[tuple[int, int]] = ()
+    ) -> None:
+        self.delayed = 0
+        self._starved = starved
+        super().__init__(run, jobs, tolerance)
+
+    def _excused(self, hart: int, begin: int, end: int) -> int:
+        others = self._others(hart, begin, end)
+        self.delayed += end - begin - others <= self._tolerance
+        return others
+
+    def _others(self, hart: int, begin: int, end: int) -> int:
+        """Return how many ticks of [begin, end] other cores computed."""
+        spans = ((e.begin, e.left + 1) for e in self._run.executions if e.hart != hart)
+        covered, front = 0, begin
+        for low, high in sorted(spans):
+            covered += max(min(high, end) - max(low, front), 0)
+            front = max(front, high)
+        return covered
+
+    def _judge_end(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
+        """Report an overrun, unless the job had less of the one clock than it has of its own on the board."""
+        ticks = planned.end - planned.begin
+        others = self._others(planned.hart, planned.begin, planned.end)
+        had = Fraction(INSTRUCTIONS_PER_SECOND, self._run.site.clock) * (ticks - others)
+        if execution.outcome is Outcome.RETURNED or had >= ticks or others <= self._tolerance:
+            super()._judge_end(seen, planned, execution)
+            return
+        message = f"overran on {self._unit(planned.hart)} where other cores computed in {self._run.length(others)} of "
+        message += f"its {self._run.length(ticks)} on the one clock; whether it would on the board, QEMU cannot tell"
+        help = "use --engine cosim, which gives each core a clock of its own"
+        self._report(codes.ENGINE_UNFIT, seen.planned, message, help)
+
+    def _judge_failure(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
+        if execution.outcome not in planned.ends:
+            super()._judge_failure(seen, planned, execution)
+
+    def _judge_call(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
+        """Judge nothing: arguments, stack and registers are not recorded."""
+
+    def _judge_phases(self, seen: Seen) -> None:
+        """Judge nothing: transfers begin late where others compute."""
+
+    def _report(self, code: Code, job: PlannedJob | None, message: str, help: str, unit: str = "") -> None:
+        if job is None or (job.table.cycle, job.row) not in self._starved:
+            super()._report(code, job, message, help, unit)
+
+
+def judge(
+    run: Run,
+    tables: Tables,
+    expected: Sequence[Played],
+    jobs: Sequence[PlannedJob],
+    starved: Collection[tuple[int, int]] = (),
+) -> tuple[list[Diagnostic], int]:
+    """Compare a run with its plan; return the deviations, and how many starts others delayed."""
+    site = run.site
+    run.recorder = observations(run.recording, tables)
+    findings = [*conditions.is_over(run), *strangers(run, tables), *conditions.plays(run, expected, ZERO)]
+    compared = OneClock(run, jobs, tolerance_of(site), starved)
+    findings += compared.findings.items
+    longest = max((table.length for table in expected), default=ZERO)  # calls are late where others compute
+    findings += conditions.calls_drivers(run, jobs, longest, starved)
+    return findings, compared.delayed
 
 
 MOST = 60
@@ -254,10 +325,11 @@ def _run(
     found.images |= set(failing)
     inputs = recorded_inputs(target.bundle, site)
     played = play(bytes(program), site, emulator, mode, 0, CYCLES, inputs, health=False)
-    failed = [_fail(job, failing, site) for job in jobs]
-    held = hold(site, played.recording, tables, failed, _starved(failed))
-    findings = [*is_over(played), *held.findings]
-    findings += _unwritten(site, jobs, failing, played)
+    kinds = [(failing.get((job.job.task, job.job.version, job.job.units[-1])), job) for job in jobs]
+    injections = [Injection(kind, job.table.cycle, job.row) for kind, job in kinds if kind is not None]
+    failed = planned(jobs, injections)
+    findings, _ = judge(played, tables_of(target, site), tables, failed, _starved(failed))
+    findings += _unwritten(site, jobs, failed, played)
     told = {(d.code, d.path) for d in found.findings}
     found.findings += [d for d in prefixed(findings) if (d.code, d.path) not in told]
 
@@ -280,25 +352,6 @@ def _patch(program: bytearray, site: Site, image: Image, kind: Kind) -> bool:
     return True
 
 
-def _fail(job: PlannedJob, failing: Mapping[Key, Kind], site: Site) -> PlannedJob:
-    """Return what is left of a job of which a function fails: all that comes before."""
-    over = False
-    end = job.end + 1
-    executions = []
-    for execution in sorted(job.executions, key=lambda e: (e.stretch, e.rank)):
-        kind = failing.get((job.job.task, job.job.version, site.unit_of(execution.hart).name))
-        ends = execution.ends
-        if over:
-            ends = frozenset({Outcome.SKIPPED})
-        elif kind is not None:
-            ends = Injection(kind, 0, 0).ends
-            over, end = True, execution.end
-        executions.append(replace(execution, ends=ends))
-    transfers = tuple(t for t in job.transfers if t.begin < end)
-    calls = tuple(call for call in job.calls if call.begin < end)
-    return replace(job, executions=tuple(executions), transfers=transfers, calls=calls)
-
-
 def _starved(jobs: Sequence[PlannedJob]) -> set[tuple[int, int]]:
     """Return the jobs beside which another one spins until its time is over: there is one clock, and it takes it."""
     spinning = [(e, job) for job in jobs for e in job.executions if e.ends == frozenset({Outcome.OVERRUN})]
@@ -311,19 +364,15 @@ def _starved(jobs: Sequence[PlannedJob]) -> set[tuple[int, int]]:
 
 
 def _unwritten(
-    site: Site, jobs: Sequence[PlannedJob], failing: Mapping[Key, Kind], played: Played
+    site: Site, jobs: Sequence[PlannedJob], failed: Sequence[PlannedJob], played: Run
 ) -> Iterator[Diagnostic]:
     """Yield the buffers that hold something although all jobs that write into them failed."""
-    sound: set[str] = set()
-    written: set[str] = set()
-    for job in jobs:
-        names = {t.what for t in job.transfers if t.kind is AccessKind.WRITE}
-        failed = _fail(job, failing, site)
-        written |= names
-        sound |= {t.what for t in failed.transfers if t.kind is AccessKind.WRITE}
-    for name in site.buffers:
+    written, sound = (
+        {t.what for job in each for t in job.transfers if t.kind is AccessKind.WRITE} for each in (jobs, failed)
+    )
+    for name, area in site.buffers.items():
         what = f'buffer "{name}"'
-        if what in written - sound and any(played.buffers[name]):
+        if what in written - sound and any(played.memory.read(area.base, area.size)):
             message = "holds something, though every job that writes it failed"
             yield codes.NOT_CONTAINED(message, path=what, help=FROM_RUNTIME)
 
@@ -360,12 +409,11 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
         expectation = Expectation(target.bundle, target.model, site, images)
         jobs = expectation.jobs(tables)
         findings.extend(expectation.findings.items)
-        findings.extend(is_over(played))
-        if not played.is_over:
+        deviations, delayed = judge(played, tables_of(target, site), tables, jobs)
+        findings.extend(deviations)
+        counts += Counter(runs=1, tables=len(tables), jobs=len(jobs), delayed=delayed)
+        if played.exhausted:
             break
-        held = hold(site, played.recording, tables, jobs)
-        findings.extend(held.findings)
-        counts += Counter(runs=1, tables=len(tables), jobs=len(jobs), delayed=held.delayed)
         if is_compared and not findings.has_errors:
             differing = [*_data(target, leg, played)]
             findings.extend(differing)
@@ -409,7 +457,7 @@ def legs(target: Target, cycles: int) -> list[Leg]:
     return found + [Leg(mode.name, "", cycles) for mode in schedule.modes if mode.name not in seen]
 
 
-def _data(target: Target, leg: Leg, played: Played) -> Iterator[Diagnostic]:
+def _data(target: Target, leg: Leg, played: Run) -> Iterator[Diagnostic]:
     """Hold the buffers against those of the co-simulation, whose emulator, DMA engine and clocks are others."""
     outcome = simulate(target, Tour(leg.first, leg.requests, leg.tables), execution="modelled", samples=1)
     if any(found.is_error for found in outcome.findings):
@@ -417,7 +465,7 @@ def _data(target: Target, leg: Leg, played: Played) -> Iterator[Diagnostic]:
         yield codes.NOT_JUDGED(message, help="look at them with --engine cosim")
         return
     for name, area in outcome.run.site.buffers.items():
-        other, own = outcome.run.memory.read(area.base, area.size), played.buffers[name]
+        other, own = (each.memory.read(area.base, area.size) for each in (outcome.run, played))
         differing = [i for i, (a, b) in enumerate(zip(own, other, strict=True)) if a != b]
         if differing:
             message = f"holds other data than in the co-simulation, in {len(differing)} of {area.size} bytes, "

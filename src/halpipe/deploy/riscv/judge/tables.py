@@ -15,7 +15,7 @@ from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
 from halpipe.deploy.riscv.judge.contents import AGAIN, BSS, stored
 from halpipe.deploy.riscv.run.drivers import read_drivers
-from halpipe.deploy.riscv.run.recording import Flag
+from halpipe.deploy.riscv.run.recording import Flag, Kind
 from halpipe.deploy.riscv.run.sequence import tables_named
 from halpipe.models import AccessKind, HealthAction, HealthEvent
 
@@ -37,7 +37,6 @@ _RELEASE = struct.Struct("<QII")
 _TABLE = struct.Struct("<QQII")
 _INDEX = struct.Struct("<I")
 _ADDRESS = struct.Struct("<Q")
-_COPY, _DONE, _RUN, _STOP, _HEALTH, _INPUT, _OUTPUT = 1, 2, 3, 4, 5, 6, 7
 _NO_TABLE = 0xFFFFFFFF
 _EVENTS = {
     HealthEvent.OVERRUN: Flag.LATE | Flag.OVERRUN,
@@ -100,7 +99,7 @@ class Tables:
 
     def __init__(self, program: Program, model: TaskModel, drivers: Iterable[str] = ()) -> None:
         self._program, self._model = program, model
-        self._drivers = frozenset(drivers)
+        self._drivers = {program.symbols[name][0]: name for name in drivers if name in program.symbols}
         self._programs: dict[int, list[Operation]] = {}
         self._releases: dict[int, list[tuple[int, int]]] = {}
 
@@ -139,14 +138,13 @@ class Tables:
 
     def has(self, entry: Record | Abandoned) -> bool:
         """Whether the operation that a record names is one of the job that it names."""
-        jobs = self.releases(entry.table)
-        if entry.release >= len(jobs) or jobs[entry.release][1] != entry.program:
+        try:
+            program = self.releases(entry.table)[entry.release][1]
+            operation = self.operations(entry.program)[entry.operation]
+        except LookupError:
             return False
-        operations = self.operations(entry.program)
-        if entry.operation >= len(operations):
-            return False
-        operation = operations[entry.operation]
-        return entry.kind in (operation.kind, _HEALTH) and entry.hart == operation.hart
+        known = program == entry.program and entry.hart == operation.hart
+        return known and entry.kind in (operation.kind, Kind.HEALTH)
 
     def further_slots(self, site: Site) -> int:
         """Return how many slots there are beside one for each unit."""
@@ -157,8 +155,7 @@ class Tables:
     def driver(self, number: int) -> str:
         """Return the function that is called for a number."""
         (address,) = self._at(self._symbol("hp_drivers") + number * _ADDRESS.size, _ADDRESS)
-        names = [name for name, (at, _) in self._program.symbols.items() if at == address]
-        return min((name for name in names if name in self._drivers), default=hex(address))
+        return self._drivers.get(address, hex(address))
 
     def rules(self, number: int) -> tuple[int, int]:
         """Return the first health rule of a program, 0 if it has none, and their number."""
@@ -256,21 +253,21 @@ def _found(operations: Sequence[Operation], job: PlannedJob, driver: Callable[[i
     found: Counter[_Key] = Counter()
     phases = {(t.begin - job.begin, t.end - job.begin, t.channel) for t in job.transfers}
     for o in operations:
-        if o.kind == _COPY:
+        if o.kind == Kind.COPY:
             begin, end = next(
                 ((b, e) for b, e, c in phases if c == o.channel and b <= o.at < e), (o.at, o.at + o.limit)
             )
             within = o.at + o.limit <= end
             found["copy", o.source, o.target, o.size, o.channel, o.hart, begin, end if within else o.at + o.limit] += 1
-        elif o.kind == _DONE:
+        elif o.kind == Kind.DONE:
             found["done", o.channel, o.at] = 1
-        elif o.kind == _RUN:
+        elif o.kind == Kind.RUN:
             clear = (o.target, o.size) if o.target else (0, 0)
             found["run", o.at, o.hart, o.source, o.limit, o.rank, o.ranks, *clear] += 1
-        elif o.kind == _STOP:
+        elif o.kind == Kind.STOP:
             found["stop", o.at, o.hart] += 1
-        elif o.kind in (_INPUT, _OUTPUT):
-            word = "input" if o.kind == _INPUT else "output"
+        elif o.kind in (Kind.INPUT, Kind.OUTPUT):
+            word = "input" if o.kind == Kind.INPUT else "output"
             found[f"{word} {driver(o.source)}", o.target, o.size, o.at] += 1
     return found
 

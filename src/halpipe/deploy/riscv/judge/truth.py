@@ -1,4 +1,4 @@
-"""Records of the runtime compared with what the simulator saw: a board has nothing else than these records."""
+"""Records of the runtime compared with the simulator's observations: a board has nothing else than these records."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT, tick_of
 from halpipe.deploy.riscv.judge.figures import due_of
+from halpipe.deploy.riscv.judge.records import OUTCOMES, observations, strangers
 from halpipe.deploy.riscv.run.observation import Outcome
 from halpipe.deploy.riscv.run.recording import Flag, Kind, Word
 
@@ -17,92 +18,75 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.riscv.judge.tables import Tables
     from halpipe.deploy.riscv.run.cosimulation import Run
-    from halpipe.deploy.riscv.run.recording import Abandoned, Record
+    from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.run.sequence import Played
-
-_Bounds = tuple[tuple[int, int], ...]
-"""Between which ticks each instant of a record lies."""
 
 
 def tells_the_truth(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
-    """Yield where the runtime's record differs from what the simulator saw: an instant lies between two that were."""
-    records = run.recording.records
+    """Yield where records and observations differ: a recorded instant lies between two that were seen."""
     if run.recording.lost or run.zero is None:
         return  # what was overwritten cannot be compared
-    stops = [(r.begin, r.end) for r in records if r.kind == Kind.STOP and not r.flags]
-    returned = [e for e in run.executions if e.outcome is Outcome.RETURNED and e.end]
-    spans = [_ticks(run, (e.begin, e.entered), (e.left, e.end)) for e in returned]
-    yield from _pairs("executions", sorted(spans), sorted(stops))
-    copies = [r for r in records if r.kind == Kind.COPY and not r.flags]
-    transfers = sum(t.begin >= run.zero for t in run.recorder.transfers)
+    unknown = [*strangers(run, tables)]
+    if unknown:
+        yield from unknown
+        return
+    recorded, seen = observations(run.recording, tables), run.recorder
+    yield from _executions(run, recorded.executions)
+    calls = [[(call.function, call.data, call.size) for call in each.calls] for each in (seen, recorded)]
+    yield from _differing("calls of drivers", *calls)
     # What the management core copies itself, it begins to copy when it has nothing else to do.
-    if run.site.dma.kind != "copy" and transfers != len(copies):
-        yield _differs(f"it records {len(copies)} transfers, {transfers} were seen")
-    calls = [r for r in records if r.kind in (Kind.INPUT, Kind.OUTPUT) and not r.flags]
-    if len(calls) != len(run.recorder.calls):
-        yield _differs(f"it records {len(calls)} calls of drivers, {len(run.recorder.calls)} were seen")
-    begun = [(r.begin,) for r in records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
-    starts = [int(table.start / run.site.tick) for table in run.tables]
-    yield from _pairs("tables", [((start, start),) for start in starts], begun)
+    if run.site.dma.kind != "copy":
+        moved = [t for t in seen.transfers if t.begin >= run.zero]
+        yield from _differing(
+            "transfers", *([(t.source, t.target, t.size) for t in e] for e in (moved, recorded.transfers))
+        )
+    records = run.recording.records
+    begun = [r.begin for r in records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
+    yield from _differing("tables", [int(table.start / run.site.tick) for table in run.tables], begun)
     if run.word(Word.PLAYED) not in (len(run.tables), len(run.tables) - 1):
         yield _differs(f"it counts {run.word(Word.PLAYED)} tables, {len(run.tables)} were seen to begin")
-    yield from _abnormal(run, records)
-    strangers = [*_names(run, tables, records)]
-    yield from strangers or _late(run, tables, records, played)
+    yield from _instants(run)
+    yield from _slept(run, tables, played)
 
 
-def _abnormal(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
-    outcomes = {Flag.FAULT: Outcome.FAULT, Flag.OVERRUN: Outcome.OVERRUN}
-    stated = {Outcome.RETURNED: 0, Outcome.FAULT: Flag.FAULT, Outcome.OVERRUN: Flag.OVERRUN}
+def _executions(run: Run, recorded: Sequence[Execution]) -> Iterator[Diagnostic]:
+    """Yield the first execution whose outcome or instants are recorded otherwise than they were seen."""
+    stated = {outcome: int(flags) for flags, outcome in OUTCOMES.items()}
     for execution in run.executions:
         if execution.end and execution.status != stated.get(execution.outcome, 0):
             message = f"the monitor of {run.site.unit_of(execution.hart).name} says {execution.status} of an execution "
             message += f"that {execution.outcome} at {run.since(execution.left)}"
             yield _differs(message, "mailbox")
             break
-    for flag, outcome in outcomes.items():
-        seen = sum(e.outcome is outcome for e in run.executions)
-        recorded = sum(bool(r.flags & flag) for r in records if r.kind == Kind.STOP)
-        if seen != recorded:
-            yield _differs(f"it records {recorded} executions that ended by {outcome}, {seen} were seen")
+    seen = [e for e in run.executions if e.end]
+    yield from _differing(
+        "executions", *([(e.hart, e.function, str(e.outcome)) for e in each] for each in (seen, recorded))
+    )
+    returned = [sorted(_returned(each), key=lambda e: (e.hart, e.begin)) for each in (seen, recorded)]
+    for one, other in zip(*returned, strict=False):
+        low, high = tick_of(run, one.begin), tick_of(run, one.entered)
+        first, last = tick_of(run, one.left), tick_of(run, one.end)
+        if not (low <= other.begin <= high and first <= other.left <= last):
+            where = f"it records an execution at tick {other.begin} to {other.left}"
+            yield _differs(f"{where} where {low} to {first} was seen")
+            return
 
 
-def _stranger(run: Run, tables: Tables, entries: Sequence[Record | Abandoned]) -> str:
-    order = [table.name for table in run.site.tables]
-    known = {cycle: order.index(table.name) for cycle, table in enumerate(run.tables)}
-    for i, entry in enumerate(entries):
-        if entry.kind != Kind.TABLE and (known.get(entry.cycle) != entry.table or not tables.has(entry)):
-            message = f"record {i} names operation {entry.operation} of program {entry.program}, released by row "
-            return message + f"{entry.release} of table {entry.table} in cycle {entry.cycle}; there is none"
-    return ""
+def _returned(executions: Sequence[Execution]) -> list[Execution]:
+    return [e for e in executions if e.outcome is Outcome.RETURNED]
 
 
-def _names(run: Run, tables: Tables, records: Sequence[Record]) -> Iterator[Diagnostic]:
-    """Yield the first record that names no operation of a job, and failures that only one of both rings has."""
-    in_trace, in_faults = _stranger(run, tables, records), _stranger(run, tables, run.recording.abandoned)
-    if in_trace or in_faults:
-        yield _differs(in_trace or in_faults, "trace" if in_trace else "faults")
-        return
-
-    def who(entry: Record | Abandoned) -> tuple[int, ...]:
-        return entry.cycle, entry.release, entry.operation, entry.kind, int(entry.flags)
-
-    failed = Counter(who(r) for r in records if r.flags & ~(Flag.SKIPPED | Flag.REFUSED))
-    abandoned = Counter(who(r) for r in run.recording.abandoned)
-    if failed != abandoned:
-        cycle, row, operation, *_ = min((failed - abandoned) + (abandoned - failed))
-        message = f"only one ring has the failure of operation {operation} of row {row} in cycle {cycle}"
-        yield _differs(message, "faults")
+def _differing(what: str, seen: Sequence[object], recorded: Sequence[object]) -> Iterator[Diagnostic]:
+    """Yield that records have not the same entries as observations, each as often."""
+    if Counter(seen) != Counter(recorded):
+        message = f"it records {len(recorded)} {what}, {len(seen)} were seen"
+        other = next(iter((Counter(recorded) - Counter(seen)) or (Counter(seen) - Counter(recorded))))
+        yield _differs(f"{message}; the first that only one side has is {other}")
 
 
-def _late(run: Run, tables: Tables, records: Sequence[Record], played: Sequence[Played]) -> Iterator[Diagnostic]:
-    yield from _instants(run, records)
-    yield from _slept(run, tables, played)
-
-
-def _instants(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
+def _instants(run: Run) -> Iterator[Diagnostic]:
     """Yield the first record whose instant is not between those at which the one before and itself were written."""
-    seen = run.recorder.traced
+    seen, records = run.recorder.traced, run.recording.records
     if len(seen) != len(records):
         yield _differs(f"it counts {len(seen)} records, {len(records)} are there")
         return
@@ -127,21 +111,6 @@ def _slept(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagn
             message = f"the management core sleeps from before {due}, when it has something to do, until "
             yield codes.SLOW_DISPATCH(f"{message}{run.site.tick * wake}", path="the management core", help=REPORT)
             return
-
-
-def _pairs(what: str, bounds: Sequence[_Bounds], recorded: Sequence[tuple[int, ...]]) -> Iterator[Diagnostic]:
-    if len(bounds) != len(recorded):
-        yield _differs(f"it records {len(recorded)} {what}, {len(bounds)} were seen")
-        return
-    for spans, ticks in zip(bounds, recorded, strict=True):
-        if any(not low <= tick <= high for (low, high), tick in zip(spans, ticks, strict=True)):
-            seen = " to ".join(str(low) for low, _ in spans)
-            yield _differs(f"it records {what} at tick {' to '.join(map(str, ticks))} where {seen} was seen")
-            return
-
-
-def _ticks(run: Run, *spans: tuple[int, int]) -> _Bounds:
-    return tuple((tick_of(run, low), tick_of(run, high)) for low, high in spans)
 
 
 def _differs(message: str, path: str = "trace") -> Diagnostic:

@@ -19,7 +19,7 @@ from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGE
 from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, Plant, places, read_drivers, without_drivers
 from halpipe.deploy.riscv.run.expectation import Expectation, Image
 from halpipe.deploy.riscv.run.observation import Recorder
-from halpipe.deploy.riscv.run.recording import Recording, Word, meaning, read_recording
+from halpipe.deploy.riscv.run.recording import Word, meaning, read_recording
 from halpipe.deploy.riscv.run.regulators import regulators_playing
 from halpipe.deploy.riscv.run.sequence import Request, tables_named
 from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from halpipe.core.bundles import Bundle
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.board.elf import Program
-    from halpipe.deploy.riscv.board.memory import Memory
     from halpipe.deploy.riscv.board.registers import Protection
     from halpipe.deploy.riscv.run.drivers import Call
     from halpipe.deploy.riscv.run.expectation import PlannedJob
     from halpipe.deploy.riscv.run.injection import Saboteur
-    from halpipe.deploy.riscv.run.observation import Execution, Trap
+    from halpipe.deploy.riscv.run.observation import Execution, Observations, Trap
+    from halpipe.deploy.riscv.run.recording import Memory, Recording
     from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site
 
@@ -71,7 +71,7 @@ class Run:
     state: int
     duration: Duration
     tables: list[TableSeen]
-    recorder: Recorder
+    recorder: Observations
     recording: Recording
     memory: Memory
     protections: dict[int, Protection]
@@ -264,7 +264,7 @@ class CoSimulation:
             duration=self._duration(now),
             tables=self._tables,
             recorder=self._recorder,
-            recording=self._read_recording(),
+            recording=read_recording(self._memory, self.site),
             memory=self._memory,
             protections={hart.number: hart.protection for hart in machine.harts if hart.number != MANAGEMENT},
             uart=bytes(machine.uart.text),
@@ -287,14 +287,6 @@ class CoSimulation:
             place = bisect_right(due, tick)
             mode = self._modes[value - 1] if value <= len(self._modes) else ""
             yield Request(self.site.tick * (due[place - 1] if place else tick), mode)
-
-    def _read_recording(self) -> Recording:
-        def word(number: int) -> int:
-            return self._memory.word(self.site.control + 8 * number)
-
-        # The counts are of a program that may be wrong.
-        traced, faults = (min(word(number), 1 << 32) for number in (Word.TRACED, Word.FAULTS))
-        return read_recording(self._memory.read, self.site.trace, traced, self.site.faults, faults)
 
     def _duration(self, units: int) -> Duration:
         return Duration(Fraction(units * 10**9, self._machine.timing.rate))

@@ -63,6 +63,7 @@ class Execution:
     unclean: tuple[str, ...] = ()  # what of the core's state is not as a job has to find it
     deadline: int = 0  # mtimecmp of its core when it was entered
     status: int = 0  # as the monitor tells the management core
+    due: int = 0  # when its operation has to begin it, where records say which operation that is
 
 
 @record
@@ -85,20 +86,27 @@ class Disturbance:
     execution: Execution
 
 
-class Recorder:
-    """Record what a machine does; `told` is called with control words that the management core writes."""
+@dataclass
+class Observations:
+    """Executions, transfers, calls and traps of a run, as a simulator or the runtime's records have them."""
+
+    executions: list[Execution] = field(default_factory=list)
+    transfers: list[Transfer] = field(default_factory=list)
+    calls: list[Call] = field(default_factory=list)
+    traps: list[Trap] = field(default_factory=list)
+    disturbances: list[Disturbance] = field(default_factory=list)
+    traced: list[tuple[int, int]] = field(default_factory=list)  # of every record: now, and when hart 0 woke up last
+    restarts: Counter[int] = field(default_factory=Counter)
+    unfenced: set[int] = field(default_factory=set)  # cores whose monitors began without fence.i
+    decisions: list[int] = field(default_factory=list)  # when the management core took the requests
+    stale: list[tuple[Transfer, str]] = field(default_factory=list)
+
+
+class Recorder(Observations):
+    """Record the actions of a machine; `told` is called with control words that the management core writes."""
 
     def __init__(self, site: Site, images: Sequence[Image], told: Callable[[int, int, int], None]) -> None:
-        self.executions: list[Execution] = []
-        self.transfers: list[Transfer] = []
-        self.calls: list[Call] = []
-        self.traps: list[Trap] = []
-        self.disturbances: list[Disturbance] = []
-        self.traced: list[tuple[int, int]] = []  # of every record: now, and when the management core woke up last
-        self.restarts: Counter[int] = Counter()
-        self.unfenced: set[int] = set()  # cores whose monitors began without fence.i
-        self.decisions: list[int] = []  # when the management core took the requests
-        self.stale: list[tuple[Transfer, str]] = []
+        super().__init__()
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None
         self.after_write: Callable[[str, int], None] = lambda buffer, now: None
         self.begins: Callable[[Execution], None] = lambda execution: None

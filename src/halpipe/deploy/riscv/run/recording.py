@@ -7,7 +7,7 @@ import re
 import struct
 from collections import defaultdict
 from enum import IntEnum, IntFlag
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.quantities import format_rational
@@ -112,13 +112,25 @@ class Recording:
     lost: int
 
 
-def read_recording(
-    read: Callable[[int, int], bytes], trace: Ring, traced: int, faults: Ring, abandoned: int
-) -> Recording:
-    """Read both rings; `read` gives bytes at an address, `traced` and `abandoned` are the counts ever written."""
-    records = tuple(_record(raw) for raw in _ring(read, trace, traced))
-    found = tuple(_abandoned(raw) for raw in _ring(read, faults, abandoned))
-    lost = max(traced - trace.capacity, 0) + max(abandoned - faults.capacity, 0)
+class Memory(Protocol):
+    """Main memory of a board, simulated or dumped."""
+
+    def read(self, address: int, size: int) -> bytes:
+        """Return `size` bytes at `address`."""
+        ...
+
+    def word(self, address: int) -> int:
+        """Return the 64-bit word at `address`."""
+        ...
+
+
+def read_recording(memory: Memory, site: Site) -> Recording:
+    """Read both rings from memory, with as many records as the control block counts."""
+    # The counts are of a program that may be wrong.
+    traced, abandoned = (min(memory.word(site.control + 8 * w), 1 << 32) for w in (Word.TRACED, Word.FAULTS))
+    records = tuple(_record(raw) for raw in _ring(memory, site.trace, traced))
+    found = tuple(_abandoned(raw) for raw in _ring(memory, site.faults, abandoned))
+    lost = max(traced - site.trace.capacity, 0) + max(abandoned - site.faults.capacity, 0)
     return Recording(records, found, lost)
 
 
@@ -132,9 +144,9 @@ def _abandoned(raw: bytes) -> Abandoned:
     return Abandoned(time, cause, epc, tval, cycle, table, release, program, operation, kind, hart, Flag(flags))
 
 
-def _ring(read: Callable[[int, int], bytes], ring: Ring, count: int) -> list[bytes]:
+def _ring(memory: Memory, ring: Ring, count: int) -> list[bytes]:
     first = max(count - ring.capacity, 0)
-    return [read(ring.base + i % ring.capacity * ring.record, ring.record) for i in range(first, count)]
+    return [memory.read(ring.base + i % ring.capacity * ring.record, ring.record) for i in range(first, count)]
 
 
 def meaning(flags: Flag) -> str:
@@ -179,10 +191,10 @@ def read_board(bundle: Bundle, data: bytes, file: str, base: int | None = None) 
     if text:
         return parse_recording(text, _no_recording(file, "what the runtime printed is cut off"))[0]
     memory = _memory_of(site, data, file, base)
-    state, traced, faults = (memory.word(site.control + 8 * w) for w in (Word.STATE, Word.TRACED, Word.FAULTS))
+    state = memory.word(site.control + 8 * Word.STATE)
     if state not in _STATES:
         raise _no_recording(file, f"the control block at {site.control:#x} says state {state}: no run of this bundle")
-    return read_recording(memory.read, site.trace, traced, site.faults, faults)
+    return read_recording(memory, site)
 
 
 def _printed(data: bytes) -> str:
@@ -191,9 +203,9 @@ def _printed(data: bytes) -> str:
     return text if re.search(r"^control ", text, re.MULTILINE) else ""
 
 
-def _memory_of(site: Site, data: bytes, file: str, base: int | None) -> _Flat:
+def _memory_of(site: Site, data: bytes, file: str, base: int | None) -> Dump:
     text = data.decode("ascii", "replace") if data[:4096].isascii() else ""
-    return _Sparse(file, text) if _LINE.match(text) else _Flat(file, data, site.main.base if base is None else base)
+    return _Sparse(file, text) if _LINE.match(text) else Dump(file, data, site.main.base if base is None else base)
 
 
 CALIBRATION, MOST_MEASURED = 1024, 100
@@ -276,23 +288,25 @@ def _no_recording(file: str, message: str) -> HalpipeError:
     return HalpipeError(NO_RECORDING(message, at=Location(file), help=help))
 
 
-class _Flat:
-    """A binary dump that begins at an address."""
+class Dump:
+    """A binary dump of memory that begins at an address."""
 
     def __init__(self, file: str, data: bytes, base: int) -> None:
         self._file, self._data, self._base = file, data, base
 
     def read(self, address: int, size: int) -> bytes:
+        """Return `size` bytes at `address`; raise `HalpipeError` unless the dump has all of them."""
         at = address - self._base
         if at < 0 or at + size > len(self._data):
             raise _no_recording(self._file, f"{size} bytes at {address:#x} are not in the dump")
         return self._data[at : at + size]
 
     def word(self, address: int) -> int:
+        """Return the 64-bit word at `address`."""
         return int.from_bytes(self.read(address, 8), "little")
 
 
-class _Sparse(_Flat):
+class _Sparse(Dump):
     """Lines of an address and words, as a debugger prints them; words are little-endian numbers."""
 
     def __init__(self, file: str, text: str) -> None:
