@@ -1,5 +1,6 @@
 """Limit constants on both sides: what has as many as the limit passes, and one more is refused with the limit."""
 
+import json
 import re
 from decimal import Decimal
 from fractions import Fraction
@@ -14,9 +15,8 @@ import halpipe
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration
 from halpipe.core.files import YamlMap, parse_xml, parse_yaml
-from halpipe.core.objects import JsonObject
 from halpipe.core.quantities import parse_rational, quoted, whole
-from halpipe.core.settings import Fields
+from halpipe.core.settings import BAD_VALUE, Fields
 from halpipe.core.suggest import bounded_suggestions, nearest
 
 TESTS = Path(__file__).parents[1]
@@ -230,36 +230,31 @@ def headers_of_a_unit(count):
     return "" if lines > len(tables) else "no header is left"
 
 
-def member(value):
-    def complain(path, message):
-        raise ValueError(message)
+def written(use, **members):
+    """Return what is wrong with the members of a JSON file when they are used."""
+    findings = Findings()
+    use(Fields.of_json(json.dumps(members).encode(), "f.json", findings, BAD_VALUE, "write it again"))
+    return " ".join(found.message for found in findings.items if "lacks" not in found.message)
 
-    return JsonObject({"n": value, "hart": value, "ring": {}}, "", complain)
 
-
-@limit("core.objects:_MOST", 1 << 62)
+@limit("core.settings:MAX_NUMBER", 1 << 62)
 def number_in_json(value):
-    member(value).number("n")
+    return written(lambda f: f.number("n"), n=value)
 
 
 @limit("deploy.regulator.reading:MAX_WORD", 2**32 - 1)
 def word_of_a_regulator(value):
-    named("deploy.regulator.reading:_word")(member(value), "n")
+    return written(lambda f: named("deploy.regulator.reading:_word")(f, "n"), n=value)
 
 
 @limit("deploy.riscv.target:MAX_UNITS", 64)
 def hart_of_a_unit(number):
-    complaints = []
-    named("deploy.riscv.target:_unit")(JsonObject({"hart": number}, "", lambda path, text: complaints.append(text)))
-    return " ".join(text for text in complaints if "hart" in text)
+    return written(named("deploy.riscv.target:_unit"), hart=number, ispm={}, dspm={})
 
 
 @limit("deploy.riscv.target:MAX_MEMORY", 1 << 31)
 def bytes_of_an_area(size):
-    complaints = []
-    area = JsonObject({"base": "80000000", "size": size}, "", lambda path, text: complaints.append(text))
-    named("deploy.riscv.target:_area")(area)
-    return " ".join(complaints)
+    return written(named("deploy.riscv.target:_area"), base="0x80000000", size=size)
 
 
 @limit("deploy.linux.judging:MOST_CYCLES", 10_000_000, "there is no cycle 10000000")

@@ -1,4 +1,4 @@
-"""Typed access to the mappings of a YAML settings file: every value is checked, every problem collected with its line.
+"""Typed access to the mappings of YAML and JSON files: every value is checked, every problem collected with its place.
 
 Readers of single values turn text into a value and raise ``ValueError("what is wrong; what to do")``.
 """
@@ -8,15 +8,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from halpipe.core.diagnostics import Location, error
-from halpipe.core.files import YamlList, YamlMap
-from halpipe.core.quantities import quoted
+from halpipe.core.files import Number, YamlList, YamlMap, parse_json
+from halpipe.core.quantities import quoted, whole
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from halpipe.core.diagnostics import Findings
+    from halpipe.core.diagnostics import Code, Findings
 
 T = TypeVar("T")
 D = TypeVar("D")
@@ -43,6 +43,9 @@ MISSING_KEY = error("HAL0024", "Settings file lacks a required key", "An element
 MAX_UNKNOWN = 1000
 """Unknown keys of one mapping that are named before the rest is counted."""
 
+MAX_NUMBER = 1 << 62
+"""Largest number of a JSON file without a limit of its own."""
+
 
 @record
 class Stated(Generic[T_co]):
@@ -68,7 +71,11 @@ class Words:
 
 
 class Fields:
-    """One mapping: `path` names it in messages, `keys` are the keys it may have."""
+    """One mapping: `path` names it in messages, `keys` are the keys it may have.
+
+    `written` is for files that people do not edit: the code and the help of all their faults. There, every value that
+    is read has to be present.
+    """
 
     def __init__(
         self,
@@ -76,14 +83,29 @@ class Fields:
         findings: Findings,
         data: YamlMap,
         path: str,
-        keys: tuple[str, ...],
+        keys: tuple[str, ...] = (),
         inside: Mapping[str, tuple[str, ...]] | None = None,
+        written: tuple[Code, str] | None = None,
     ) -> None:
         self.path = path
         self._file = file
         self._findings = findings
         self._data = data
+        self._written = written
         self.allow(keys, inside)
+
+    @classmethod
+    def of_json(cls, content: bytes, file: str, findings: Findings, code: Code, help: str) -> Fields:
+        """Return the mapping of a JSON file that people do not edit; an empty one where the text has none."""
+        try:
+            data = parse_json(content)
+            message = "" if isinstance(data, YamlMap) else "is no mapping"
+        except ValueError as failure:
+            message = str(failure)
+        if message:
+            findings.add(code(message, at=Location(file), help=help))
+            data = YamlMap(0)
+        return cls(file, findings, data, "", written=(code, help))
 
     def is_mapping(self, key: str) -> bool:
         """Whether a mapping stands under a key that may also have one value."""
@@ -120,6 +142,7 @@ class Fields:
     def complain(self, code: Any, message: str, key: str = "", *, line: int = 0, help: str = "") -> None:
         """Collect a problem of this mapping."""
         at = Location(self._file, line) if line else self.at(key)
+        code, help = self._written or (code, help)
         self._findings.add(code(message, at=at, path=self.path, help=help))
 
     def require(self, *keys: str) -> bool:
@@ -129,9 +152,13 @@ class Fields:
             self.complain(MISSING_KEY, f'lacks the key "{key}"', help=f'add "{key}: ..."')
         return not missing
 
+    def _lacks(self, key: str) -> bool:
+        """Return whether a key is absent; report it where every value has to be present."""
+        return not self.require(key) if self._written else key not in self._data
+
     def get(self, key: str, read: Callable[[str], T]) -> Stated[T] | None:
         """Return the value of `key` as `read` understands its text; None when absent or wrong."""
-        if key not in self._data:
+        if self._lacks(key):
             return None
         return self._read(self._data[key], key, self._data.line_of(key), read)
 
@@ -139,6 +166,19 @@ class Fields:
         """Return the plain value of `key`, `default` when absent or wrong."""
         found = self.get(key, read)
         return default if found is None else found.value
+
+    def text(self, key: str) -> str:
+        """Return a text as it stands there, an empty one when absent or wrong."""
+        return self.value(key, str, "")
+
+    def number(self, key: str, least: int = 0, most: int = MAX_NUMBER) -> int:
+        """Return a whole number of a JSON file, which is no text; `least` when absent or wrong."""
+        value = self._data.get(key)
+        if key in self._data and not isinstance(value, Number):
+            bounds = f"a whole number from {least} to {most}"
+            self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be {bounds}', key, help=f"write {bounds}")
+            return least
+        return self.value(key, whole(least, most), least)
 
     def flag(self, key: str) -> Stated[bool] | None:
         """Return a value that is ``true`` or ``false``."""
@@ -157,7 +197,7 @@ class Fields:
 
     def texts(self, key: str, read: Callable[[str], T]) -> tuple[Stated[T], ...]:
         """Return a list of texts; a single text is a list of one."""
-        if key not in self._data:
+        if self._lacks(key):
             return ()
         value = self._data[key]
         if not isinstance(value, YamlList):
@@ -177,34 +217,43 @@ class Fields:
 
     def section(self, key: str, keys: tuple[str, ...], path: str) -> Fields | None:
         """Return the mapping under `key`; None when absent or wrong."""
-        if key not in self._data:
+        if self._lacks(key):
             return None
         return self._mapping(self._data[key], key, self._data.line_of(key), path, keys)
 
-    def entries(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[tuple[str, Fields, Location]]:
+    def part(self, key: str) -> Fields:
+        """Return the mapping under `key` of a JSON file; an empty one when absent or wrong."""
+        path = self._path_of(key)
+        return self.section(key, (), path) or self._inner(YamlMap(0), path, ())
+
+    def _path_of(self, inner: str) -> str:
+        return f"{self.path} {inner}".strip()
+
+    def entries(self, key: str, keys: tuple[str, ...] = (), path: str = "") -> Iterator[tuple[str, Fields, Location]]:
         """Yield (name, mapping, place) for a mapping of mappings; in messages, an entry is called `path` "name"."""
-        outer = self.section(key, (), f"{self.path} {key}")
+        path = path or self._path_of(key)
+        outer = self.section(key, (), self._path_of(key))
         for name in outer or ():
             found = outer.section(name, keys, f'{path} "{name}"') if outer else None
             if outer and found:
                 yield name, found, outer.at(name)
 
-    def items(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[Fields]:
-        """Yield the mappings of a list."""
-        if key not in self._data:
+    def items(self, key: str, keys: tuple[str, ...] = (), path: str = "") -> Iterator[Fields]:
+        """Yield the mappings of a list; without a `path`, they have those of their places in it."""
+        if self._lacks(key):
             return
         value = self._data[key]
         if not isinstance(value, YamlList):
             self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a list', key, help="write [...] or - ...")
             return
-        for item, line in zip(value, value.lines, strict=True):
-            found = self._mapping(item, key, line, path, keys)
+        for place, (item, line) in enumerate(zip(value, value.lines, strict=True)):
+            found = self._mapping(item, key, line, path or self._path_of(f"{key}[{place}]"), keys)
             if found is not None:
                 yield found
 
     def _mapping(self, value: Any, key: str, line: int, path: str, keys: tuple[str, ...]) -> Fields | None:
         if isinstance(value, YamlMap):
-            return Fields(self._file, self._findings, value, path, keys)
+            return self._inner(value, path, keys)
         may = f"with the keys {', '.join(keys)}" if keys else "of names"
         self.complain(
             WRONG_TYPE,
@@ -213,6 +262,9 @@ class Fields:
             help="write {...}",
         )
         return None
+
+    def _inner(self, data: YamlMap, path: str, keys: tuple[str, ...]) -> Fields:
+        return Fields(self._file, self._findings, data, path, keys, written=self._written)
 
     def _read(self, value: Any, key: str, line: int, read: Callable[[str], T]) -> Stated[T] | None:
         if not isinstance(value, str):
@@ -228,6 +280,7 @@ class Fields:
             return read()
         except ValueError as failure:
             message, _, help = str(failure).partition("; ")
+            message = str(failure) if self._written else message
             self.complain(BAD_VALUE, f'"{key}": {message}', key, line=line, help=help or "correct the value")
             return default
 
@@ -239,4 +292,6 @@ def _kind(value: Any) -> str:
         return "true or false"
     if isinstance(value, YamlMap):
         return "a mapping"
-    return "a list" if isinstance(value, YamlList) else f'the text "{value}"'
+    if isinstance(value, Number):
+        return quoted(value)
+    return "a list" if isinstance(value, YamlList) else f"the text {quoted(value)}"

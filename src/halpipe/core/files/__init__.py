@@ -52,7 +52,7 @@ from halpipe.core.files.writing import (
     write_outputs,
 )
 from halpipe.core.files.xml import BROKEN_XML, HAS_DOCTYPE, LargeXmlParser, parse_xml
-from halpipe.core.files.yaml import BROKEN_YAML, YamlList, YamlMap, parse_yaml
+from halpipe.core.files.yaml import BROKEN_YAML, Number, YamlList, YamlMap, parse_json, parse_yaml
 
 __all__ = [
     "BROKEN_XML",
@@ -71,6 +71,7 @@ __all__ = [
     "TOO_MUCH",
     "WRONG_ENDING",
     "LargeXmlParser",
+    "Number",
     "SourceLines",
     "YamlList",
     "YamlMap",
@@ -84,6 +85,7 @@ __all__ = [
     "make_folder",
     "mapped",
     "open_input",
+    "parse_json",
     "parse_xml",
     "parse_yaml",
     "plain_files",

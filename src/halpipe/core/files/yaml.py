@@ -1,7 +1,8 @@
-"""Hostile YAML: read without objects, with its depth and the expansion of its aliases bounded."""
+"""Hostile YAML and JSON: read without objects, with depth and the expansion of aliases bounded."""
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from typing import Any
 
@@ -38,6 +39,40 @@ class YamlList(list[Any]):
         super().__init__()
         self.line = line
         self.lines: list[int] = []
+
+
+class Number(str):
+    """Digits of a number in JSON, where a text of digits is another value."""
+
+    __slots__ = ()
+
+
+def parse_json(data: bytes) -> Any:
+    """Parse JSON into the values of `parse_yaml`, which have no lines here; raise ``ValueError`` if it is none."""
+    try:
+        return _listed(
+            json.loads(data, parse_int=Number, parse_float=Number, parse_constant=Number, object_pairs_hook=_mapped)
+        )
+    except (ValueError, RecursionError) as failure:
+        raise ValueError(f"is no JSON: {failure}") from None
+
+
+def _mapped(pairs: list[tuple[str, Any]]) -> YamlMap:
+    mapping = YamlMap(0)
+    for key, value in pairs:
+        if key in mapping:
+            raise ValueError(f'the key "{key[:80]}" is repeated')
+        mapping[key] = _listed(value)
+    return mapping
+
+
+def _listed(value: Any) -> Any:
+    if not isinstance(value, list):
+        return value
+    items = YamlList(0)
+    items.extend(map(_listed, value))
+    items.lines = [0] * len(items)
+    return items
 
 
 def parse_yaml(data: bytes, name: str) -> Any:

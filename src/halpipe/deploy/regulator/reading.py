@@ -1,4 +1,4 @@
-"""Reads tables.json and platform.yaml of a bundle by their documented forms, and refuses what is not in them.
+"""Reader of tables.json and platform.yaml of a bundle, strictly by their documented forms.
 
 Read here on its own (docs/reference/regulator-platform.md), and not through the exporter.
 """
@@ -7,24 +7,26 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.core.files import parse_yaml
-from halpipe.core.objects import parse_json
-from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.core.files import YamlMap, parse_yaml
+from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, quoted
 from halpipe.core.records import record
+from halpipe.core.settings import Fields, Words
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES, WRONG_FACTS
 from halpipe.devices import DEVICES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.objects import JsonObject
 
+
+T = TypeVar("T")
+D = TypeVar("D")
 
 TABLES = "tables.json"
 DIRECTIONS = ("read", "write")
@@ -162,122 +164,114 @@ def read_tables(bundle: Bundle) -> Tables:
     """Return the table object of a bundle; raise `HalpipeError` where it is not in its form."""
     if TABLES not in bundle.files:
         raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(TABLES), help=_HELP))
-
-    def complain(path: str, message: str) -> None:
-        raise ValueError(f"{path or 'the file'}: {message}")
-
+    findings, at = Findings(), bundle.at(TABLES)
+    top = Fields.of_json(bundle.files[TABLES], str(at.file), findings, UNUSABLE_TABLES, _HELP)
+    findings.stop_on_errors()
     try:
-        return _tables(parse_json(bundle.files[TABLES], complain))
-    except ValueError as failure:
-        raise HalpipeError(UNUSABLE_TABLES(str(failure), at=bundle.at(TABLES), help=_HELP)) from None
+        tables = _tables(top)
+    except ValueError as failure:  # may follow from values that are missing or wrong
+        findings.stop_on_errors()
+        raise HalpipeError(UNUSABLE_TABLES(str(failure), at=at, help=_HELP)) from None
+    findings.stop_on_errors()
+    return tables
 
 
 _HELP = "export the bundle again with `halpipe export regulator`"
 
 
-def _tables(root: JsonObject) -> Tables:
-    if _word(root, "halpipe-regulator", 1) != 1:
-        raise ValueError('"halpipe-regulator" must be 1, the version of this form')
-    platform = _platform(root.object("platform"))
-    units = [_unit(item) for item in root.objects("units")]
+def _tables(root: Fields) -> Tables:
+    root.number("halpipe-regulator", 1, 1)
+    platform = _platform(root.part("platform"))
+    units = [_unit(item) for item in root.items("units")]
     names = [unit.name for unit in units]
     if not units or len(set(names)) != len(names) or [unit.index for unit in units] != list(range(len(units))):
         raise ValueError("units must be there, be different, and be in the order of their index, from 0 on")
-    tables = [_table(item, names, platform.burst_bytes) for item in root.objects("tables")]
+    tables = [_table(item, names, platform.burst_bytes) for item in root.items("tables")]
     if not tables or [table.index for table in tables] != list(range(len(tables))):
         raise ValueError("tables must be there, in the order of their index, from 0 on")
-    backend = root.text("backend")
-    if backend not in DEVICES:
-        raise ValueError(f'there is no back-end "{backend[:40]}"')
     return Tables(
-        backend=backend,
+        backend=root.value("backend", Words(*DEVICES), ""),
         schedule_sha256=root.text("schedule_sha256"),
         model_sha256=root.text("model_sha256"),
         platform=platform,
-        window_ns=root.rational("window_ns"),
-        promise_bytes=root.rational("promise_bytes"),
+        window_ns=_rational(root, "window_ns"),
+        promise_bytes=_rational(root, "promise_bytes"),
         capacity_bytes=_word(root, "capacity_bytes"),
         units=tuple(units),
         tables=tuple(tables),
-        switches=tuple(Switch(s.text("from"), s.text("to"), _word(s, "request")) for s in root.objects("switches")),
+        switches=tuple(Switch(s.text("from"), s.text("to"), _word(s, "request")) for s in root.items("switches")),
     )
 
 
-def _word(data: JsonObject, key: str, least: int = 0) -> int:
-    return data.number(key, least, MAX_WORD)
+def _word(f: Fields, key: str, least: int = 0) -> int:
+    return f.number(key, least, MAX_WORD)
 
 
-def _platform(data: JsonObject) -> Platform:
-    unspecified = data.text("unspecified")
-    if unspecified not in DIRECTIONS:
-        raise ValueError(f'platform: "unspecified" is {unspecified!r}, neither read nor write')
+def _rational(f: Fields, key: str) -> Fraction:
+    return f.value(key, parse_rational, Fraction(0))
+
+
+def _by_direction(f: Fields) -> dict[str, int]:
+    return {direction: _word(f, direction) for direction in DIRECTIONS}
+
+
+def _platform(f: Fields) -> Platform:
     return Platform(
-        name=data.text("name"),
-        resource=data.text("resource"),
-        clock_hz=_word(data, "clock_hz", 1),
-        bus_bytes=_word(data, "bus_bytes", 1),
-        burst_bytes=_word(data, "burst_bytes", 1),
-        window_cycles=_word(data, "window_cycles", 1),
-        window_extra=_part(data),
-        guaranteed=data.rational("guaranteed"),
-        capacity=data.rational("capacity"),
-        unspecified=unspecified,
-        table_depth=_word(data, "table_depth", 1),
+        name=f.text("name"),
+        resource=f.text("resource"),
+        clock_hz=_word(f, "clock_hz", 1),
+        bus_bytes=_word(f, "bus_bytes", 1),
+        burst_bytes=_word(f, "burst_bytes", 1),
+        window_cycles=_word(f, "window_cycles", 1),
+        window_extra=f.value("window_extra", _part, Fraction(0)),
+        guaranteed=_rational(f, "guaranteed"),
+        capacity=_rational(f, "capacity"),
+        unspecified=f.value("unspecified", Words(*DIRECTIONS), ""),
+        table_depth=_word(f, "table_depth", 1),
     )
 
 
-def _part(data: JsonObject) -> Fraction:
-    extra = data.rational("window_extra")
-    if not 0 <= extra < 1 or extra.denominator > MAX_WORD:
-        raise ValueError(f'{data.path}: "window_extra" must be a part of a cycle, below 1')
+def _part(text: str) -> Fraction:
+    extra = parse_rational(text)
+    if extra >= 1 or extra.denominator > MAX_WORD:
+        raise ValueError(f"{quoted(text)} is no part of a cycle, below 1")
     return extra
 
 
-def _unit(data: JsonObject) -> Unit:
-    default, overshoot = data.object("default"), data.object("overshoot")
+def _unit(f: Fields) -> Unit:
     return Unit(
-        index=_word(data, "index"),
-        name=data.text("unit"),
-        manager=_word(data, "manager"),
-        default={direction: _word(default, direction) for direction in DIRECTIONS},
-        overshoot={direction: _word(overshoot, direction) for direction in DIRECTIONS},
+        index=_word(f, "index"),
+        name=f.text("unit"),
+        manager=_word(f, "manager"),
+        default=_by_direction(f.part("default")),
+        overshoot=_by_direction(f.part("overshoot")),
     )
 
 
-def _table(data: JsonObject, units: list[str], burst: int) -> Table:
-    kind, name, rounding = data.text("kind"), data.text("name"), data.text("rounding")
-    if kind not in ("mode", "transition") or rounding not in ("whole", "controlled"):
-        raise ValueError(f"{data.path} has the kind {kind!r} and the rounding {rounding!r}")
-    moves = kind == "transition"
-    windows = _word(data, "windows", 1)
-    if windows > MAX_WINDOWS:
-        raise ValueError(f'table "{name}" has {windows} windows; more than {MAX_WINDOWS} are not checked')
-    entries = data.object("entries")
-    if sorted(entries.names()) != sorted(units):
+def _table(f: Fields, units: list[str], burst: int) -> Table:
+    name, entries = f.text("name"), f.part("entries")
+    moves = f.value("kind", Words("mode", "transition"), "") == "transition"
+    windows = f.number("windows", 1, MAX_WINDOWS)
+    if sorted(entries) != sorted(units):
         raise ValueError(f'table "{name}" must have entries for every unit and no other')
     return Table(
-        index=_word(data, "index"),
+        index=_word(f, "index"),
         name=name,
-        mode=data.text("to" if moves else "mode"),
-        source=data.text("from") if moves else "",
+        mode=f.text("to" if moves else "mode"),
+        source=f.text("from") if moves else "",
         windows=windows,
-        successor=_word(data, "successor"),
-        rounding=rounding,
-        cycles=_word(data, "cycles") if moves else 0,
-        length_ns=data.rational("length_ns") if moves else Fraction(0),
-        entries={unit: _entries(entries.objects(unit), f'"{name}", unit "{unit}"', windows, burst) for unit in units},
+        successor=_word(f, "successor"),
+        rounding=f.value("rounding", Words("whole", "controlled"), ""),
+        cycles=_word(f, "cycles") if moves else 0,
+        length_ns=_rational(f, "length_ns") if moves else Fraction(0),
+        entries={
+            unit: _entries(list(entries.items(unit)), f'"{name}", unit "{unit}"', windows, burst) for unit in units
+        },
     )
 
 
-def _entries(items: list[JsonObject], path: str, windows: int, burst: int) -> tuple[Entry, ...]:
-    entries = tuple(
-        Entry(
-            _word(e, "window"),
-            _word(e, "read_bytes"),
-            _word(e, "write_bytes"),
-        )
-        for e in items
-    )
+def _entries(items: list[Fields], path: str, windows: int, burst: int) -> tuple[Entry, ...]:
+    entries = tuple(Entry(*(_word(e, key) for key in ("window", "read_bytes", "write_bytes"))) for e in items)
     starts = [entry.window for entry in entries]
     if starts[:1] != [0] or starts != sorted(set(starts)) or starts[-1] >= windows:
         raise ValueError(f"{path}: entries must begin with window 0, ascend, and stay below {windows}")
@@ -326,43 +320,63 @@ def read_facts(bundle: Bundle) -> Facts:
     """Return the facts; raise `HalpipeError` where the file is not in its form."""
     if PLATFORM not in bundle.files:
         raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(PLATFORM), help=_STATED))
-    document = parse_yaml(bundle.files[PLATFORM], str(bundle.at(PLATFORM).file))
-    try:
-        return _facts(document)
-    except (ValueError, KeyError, TypeError, AttributeError, ZeroDivisionError) as failure:
-        text = f"is no platform: {failure}"
-        raise HalpipeError(UNUSABLE_TABLES(text, at=bundle.at(PLATFORM), help=_STATED)) from None
+    findings, at = Findings(), bundle.at(PLATFORM)
+    document = parse_yaml(bundle.files[PLATFORM], str(at.file))
+    if not isinstance(document, YamlMap):
+        raise HalpipeError(UNUSABLE_TABLES("is no platform", at=at, help=_STATED))
+    facts = _facts(Fields(str(at.file), findings, document, "platform", written=(UNUSABLE_TABLES, _STATED)))
+    findings.stop_on_errors()
+    return facts
 
 
-def _facts(document: Any) -> Facts:
-    clock = _frequency(document["clock"])
-    window = document["window"].strip()
-    cycles = Fraction(int(window)) if window.isdigit() else Duration.parse(window).in_unit("s") * clock
-    bus = document["bus"].strip()
-    guaranteed = parse_bandwidth(document["guaranteed"])
+def _facts(top: Fields) -> Facts:
+    clock = top.value("clock", _frequency, 1)
+    cycles = top.value("window", lambda text: _cycles(text, clock), Fraction(0))
+    guaranteed = top.value("guaranteed", parse_bandwidth, 0)
+
+    def stated(key: str, read: Callable[[str], T], default: D) -> T | D:
+        return top.value(key, read, default) if key in top else default
+
     return Facts(
         clock=clock,
-        bus=int(parse_rational(bus.removesuffix("bit")) / 8) if bus.endswith("bit") else parse_size(bus),
-        burst=parse_size(document["burst"]),
+        bus=top.value("bus", _bus, 0),
+        burst=top.value("burst", parse_size, 0),
         cycles=int(cycles),
         extra=cycles - int(cycles),
         guaranteed=guaranteed,
-        capacity=parse_bandwidth(document["capacity"]) if "capacity" in document else guaranteed,
-        peak=parse_bandwidth(document["peak"]) if "peak" in document else None,
-        unspecified=document.get("unspecified", "read"),
-        resource=document.get("resource", ""),
-        name=document.get("name", ""),
-        overshoot=parse_size(document["overshoot"]) if "overshoot" in document else None,
-        units={name: dict(unit or {}) for name, unit in document["units"].items()},
-        settings={name: {**device.defaults, **(document.get(name) or {})} for name, device in DEVICES.items()},
+        capacity=stated("capacity", parse_bandwidth, guaranteed),
+        peak=stated("peak", parse_bandwidth, None),
+        unspecified=stated("unspecified", str, "read"),
+        resource=stated("resource", str, ""),
+        name=stated("name", str, ""),
+        overshoot=stated("overshoot", parse_size, None),
+        units={name: _texts(unit) for name, unit, _ in top.entries("units")},
+        settings={
+            name: device.defaults | (_texts(top.part(name)) if name in top else {}) for name, device in DEVICES.items()
+        },
     )
 
 
+def _texts(f: Fields) -> dict[str, str]:
+    return {key: f.text(key) for key in f}
+
+
+def _cycles(text: str, clock: int) -> Fraction:
+    window = text.strip()
+    return Fraction(int(window)) if window.isdigit() else Duration.parse(window).in_unit("s") * clock
+
+
+def _bus(text: str) -> int:
+    bus = text.strip()
+    return int(parse_rational(bus.removesuffix("bit")) / 8) if bus.endswith("bit") else parse_size(bus)
+
+
 def _frequency(text: str) -> int:
-    match = re.fullmatch(r"\s*([0-9.]+)\s*(Hz|kHz|MHz|GHz)\s*", text)
-    if match is None:
-        raise ValueError(f"{text!r} is no frequency")
-    return int(Fraction(match[1]) * _HERTZ[match[2]])
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(Hz|kHz|MHz|GHz)\s*", text)
+    hertz = int(Fraction(match[1]) * _HERTZ[match[2]]) if match else 0
+    if not hertz:
+        raise ValueError(f"{quoted(text)} is no frequency")
+    return hertz
 
 
 def setting_frequency(facts: Facts, backend: str) -> int:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from fractions import Fraction
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.objects import parse_json
+from halpipe.core.quantities import parse_rational, quoted
 from halpipe.core.records import record
+from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.objects import JsonObject
+
+T = TypeVar("T")
 
 NAME = "target.json"
 MAX_MEMORY = 1 << 31
@@ -180,130 +183,134 @@ def read_site(bundle: Bundle) -> Site:
     if NAME not in bundle.files:
         raise HalpipeError(BROKEN_TARGET(f"the bundle has no {NAME}", at=at, help=help))
     findings = Findings()
-
-    def complain(path: str, message: str) -> None:
-        findings.add(BROKEN_TARGET(message, at=at, path=path.strip(), help=help))
-
-    top = parse_json(bundle.files[NAME], complain)
+    top = Fields.of_json(bundle.files[NAME], str(at.file), findings, BROKEN_TARGET, help)
     findings.stop_on_errors()
     site = _site(top)
     findings.stop_on_errors()
-    for path, message in _contradictions(site):
-        complain(path, message)
+    findings.extend(BROKEN_TARGET(message, at=at, path=path, help=help) for path, message in _contradictions(site))
     findings.stop_on_errors()
     return site
 
 
-def _area(reader: JsonObject, base: str = "base") -> Area:
-    return Area(reader.address(base), reader.number("size", 0, MAX_MEMORY))
+_ADDRESS = re.compile(r"0[xX][0-9a-fA-F]{1,14}")
 
 
-def _site(top: JsonObject) -> Site:
+def _address(text: str) -> int:
+    if _ADDRESS.fullmatch(text) is None:
+        raise ValueError(f"{quoted(text)} is no address")
+    return int(text, 16)
+
+
+def _times(text: str) -> Fraction:
+    number = parse_rational(text)
+    if not 1 <= number <= 1000:
+        raise ValueError(f"{quoted(text)} is no number from 1 to 1000")
+    return number
+
+
+def _at(f: Fields, key: str = "base") -> int:
+    return f.value(key, _address, 0)
+
+
+def _area(f: Fields, base: str = "base") -> Area:
+    return Area(_at(f, base), f.number("size", 0, MAX_MEMORY))
+
+
+def _duration(f: Fields, key: str) -> Duration:
+    return f.value(key, Duration.parse, ZERO)
+
+
+def _site(top: Fields) -> Site:
     top.number("halpipe-target", 2, 2)
-    dma, cpi = top.object("dma"), _cpi(top)
+    cpi = _each(top, "cpi", ("jobs", "management", "multiply"), lambda f, key: f.value(key, _times, Fraction(1)))
     return Site(
         profile=top.text("profile"),
         clock=top.number("clock", 1, 10**12),
         timebase=top.number("timebase", 1, 10**12),
-        main=_area(top.object("main")),
-        clint=top.object("clint").address("base"),
-        uart=top.object("uart").address("base"),
-        dma=_dma(dma),
-        finisher=top.address("finisher") if top.text("finisher") else None,
+        main=_area(top.part("main")),
+        clint=_at(top.part("clint")),
+        uart=_at(top.part("uart")),
+        dma=_dma(top.part("dma")),
+        finisher=_at(top, "finisher") if top.text("finisher") else None,
         stack=top.number("stack", 16, MAX_MEMORY),
-        entry=top.address("entry"),
-        units=tuple(_unit(unit) for unit in top.objects("units")),
-        channels={r.text("name"): r.number("channel", 0, 15) for r in top.objects("resources")},
-        control=top.address("control"),
-        trace=_ring(top.object("trace"), 48),
-        faults=_ring(top.object("faults"), 64),
-        tables=tuple(_table(table) for table in top.objects("tables")),
-        buffers={buffer.text("name"): _area(buffer, "address") for buffer in top.objects("buffers")},
-        images=tuple(_image(image) for image in top.objects("images")),
-        qemu=top.texts("qemu"),
-        service=top.duration("service"),
+        entry=_at(top, "entry"),
+        units=tuple(_unit(unit) for unit in top.items("units")),
+        channels={r.text("name"): r.number("channel", 0, 15) for r in top.items("resources")},
+        control=_at(top, "control"),
+        trace=_ring(top.part("trace"), 48),
+        faults=_ring(top.part("faults"), 64),
+        tables=tuple(
+            TableSite(table.text("name"), table.number("length"), _duration(table, "lateness"))
+            for table in top.items("tables")
+        ),
+        buffers=_buffers(top),
+        images=tuple(_image(image) for image in top.items("images")),
+        qemu=tuple(word.value for word in top.texts("qemu", str)),
+        service=_duration(top, "service"),
         cpi=cpi["jobs"],
         management_cpi=cpi["management"],
         multiply=cpi["multiply"],
-        latency=top.duration("latency"),
-        **_copies(top),
+        latency=_duration(top, "latency"),
+        **(_copies(top.part("copies")) if "copies" in top else {}),
     )
 
 
-def _copies(top: JsonObject) -> dict[str, Any]:
-    if not top.has("copies"):
-        return {}
-    copies = top.object("copies")
+def _each(f: Fields, key: str, kinds: tuple[str, ...], read: Callable[[Fields, str], T]) -> dict[str, T]:
+    """Read one number for all kinds, or one for each."""
+    if not f.is_mapping(key):
+        return dict.fromkeys(kinds, read(f, key))
+    each = f.part(key)
+    return {kind: read(each, kind) for kind in kinds}
+
+
+def _buffers(f: Fields) -> dict[str, Area]:
+    return {buffer.text("name"): _area(buffer, "address") for buffer in f.items("buffers")}
+
+
+def _copies(copies: Fields) -> dict[str, Any]:
     turns = tuple(
-        Turn(
-            turn.text("task"),
-            turn.text("kind"),
-            turn.number("after"),
-            turn.number("length"),
-            {buffer.text("name"): _area(buffer, "address") for buffer in turn.objects("buffers")},
-        )
-        for turn in copies.objects("turns")
+        Turn(turn.text("task"), turn.text("kind"), turn.number("after"), turn.number("length"), _buffers(turn))
+        for turn in copies.items("turns")
     )
     return {"copying": copies.number("channel", 0, 15), "turns": turns}
 
 
-def _cpi(top: JsonObject) -> dict[str, Fraction]:
-    """Read one number for every instruction, or one for each kind."""
-    kinds = ("jobs", "management", "multiply")
-    if not top.is_object("cpi"):
-        return dict.fromkeys(kinds, top.rational("cpi", 1, 1000))
-    each = top.object("cpi")
-    return {kind: each.rational(kind, 1, 1000) for kind in kinds}
-
-
-def _dma(dma: JsonObject) -> DmaSite:
-    kind, bandwidth = dma.text("kind"), _bandwidth(dma)
-    latency = dma.duration("latency" if dma.has("latency") else "setup")
+def _dma(dma: Fields) -> DmaSite:
+    kind, bandwidth = dma.text("kind"), _each(dma, "bandwidth", MEMORIES, lambda f, key: f.number(key, 1))
+    latency = _duration(dma, "latency" if "latency" in dma else "setup")
     if kind == "copy":
         return DmaSite(kind, 0, 0, 0, bandwidth, latency)
     return DmaSite(
         kind,
-        dma.address("base"),
+        _at(dma),
         dma.number("stride", 0x20, 1 << 20),
         dma.number("channels", 1, 16),
         bandwidth,
         latency,
-        dma.number("bus", 1) if dma.has("bus") else None,
+        dma.number("bus", 1) if "bus" in dma else None,
     )
 
 
-def _bandwidth(dma: JsonObject) -> dict[str, int]:
-    """Read one number for all memories, or one for each."""
-    if not dma.is_object("bandwidth"):
-        return dict.fromkeys(MEMORIES, dma.number("bandwidth", 1))
-    each = dma.object("bandwidth")
-    return {memory: each.number(memory, 1) for memory in MEMORIES}
-
-
-def _unit(unit: JsonObject) -> UnitSite:
+def _unit(unit: Fields) -> UnitSite:
     hart = unit.number("hart", 1, MAX_UNITS)
-    ispm, dspm = _area(unit.object("ispm")), _area(unit.object("dspm"))
-    return UnitSite(unit.text("name"), hart, ispm, dspm, unit.address("mailbox"), unit.address("reserved"))
+    ispm, dspm = _area(unit.part("ispm")), _area(unit.part("dspm"))
+    return UnitSite(unit.text("name"), hart, ispm, dspm, _at(unit, "mailbox"), _at(unit, "reserved"))
 
 
-def _ring(ring: JsonObject, size: int) -> Ring:
-    return Ring(ring.address("base"), ring.number("capacity", 1, 1 << 24), ring.number("record", size, size))
+def _ring(ring: Fields, size: int) -> Ring:
+    return Ring(_at(ring), ring.number("capacity", 1, 1 << 24), ring.number("record", size, size))
 
 
-def _table(table: JsonObject) -> TableSite:
-    return TableSite(table.text("name"), table.number("length"), table.duration("lateness"))
-
-
-def _image(image: JsonObject) -> ImageSite:
+def _image(image: Fields) -> ImageSite:
     return ImageSite(
         image.text("task"),
         image.text("version"),
         image.text("unit"),
         image.text("file"),
-        image.addresses("entries"),
-        tuple((p.address("source"), p.address("target"), p.number("size")) for p in image.objects("load")),
-        {name: _area(symbol, "address") for name, symbol in image.named("symbols")},
-        _area(image.object("bss")),
+        tuple(entry.value for entry in image.texts("entries", _address)),
+        tuple((_at(p, "source"), _at(p, "target"), p.number("size")) for p in image.items("load")),
+        {name: _area(symbol, "address") for name, symbol, _ in image.entries("symbols")},
+        _area(image.part("bss")),
     )
 
 

@@ -19,10 +19,9 @@ def refusal(content):
     target = {"tables.json": content} if content is not None else {}
     with pytest.raises(HalpipeError) as refused:
         reading.read_tables(reading_bundle(target))
-    (diagnostic,) = refused.value.diagnostics
-    assert diagnostic.code == UNUSABLE_TABLES.id
-    assert diagnostic.at.file == "cfg/tables.json"
-    return diagnostic.message
+    found = refused.value.diagnostics
+    assert {(diagnostic.code, diagnostic.at.file) for diagnostic in found} == {(UNUSABLE_TABLES.id, "cfg/tables.json")}
+    return "\n".join(diagnostic.message for diagnostic in found)
 
 
 def reading_bundle(files):
@@ -46,9 +45,9 @@ def test_what_was_written_is_read(files):
         (None, "not in the bundle"),
         (b"", "Expecting value"),
         (b"[" * 100_000, ""),
-        (b"{}", 'lacks "halpipe-regulator"'),
-        (b'{"halpipe-regulator": 2}', "must be 1"),
-        (b"[]", "is no object"),
+        (b"{}", 'lacks the key "halpipe-regulator"'),
+        (b'{"halpipe-regulator": 2}', "from 1 to 1"),
+        (b"[]", "is no mapping"),
         (b"\xff\xfe\x00", ""),
         (b'{"halpipe-regulator": ' + b"9" * 5000 + b"}", ""),
     ],
@@ -60,27 +59,27 @@ def test_what_is_no_table_object(content, part):
 @pytest.mark.parametrize(
     ("path", "value", "part"),
     [
-        (("platform", "window_cycles"), 0, '"window_cycles" is 0, no whole number from 1'),
-        (("platform", "clock_hz"), 1.5, "\"clock_hz\" is '1.5', no whole number"),
-        (("platform", "guaranteed"), "fast", "no number such as 12"),
-        (("platform", "guaranteed"), float("inf"), "no number such as 12"),
-        (("platform", "guaranteed"), None, "no number such as 12"),
-        (("platform", "unspecified"), "both", "neither read nor write"),
+        (("platform", "window_cycles"), 0, "\"window_cycles\": '0' is no whole number; write a number from 1"),
+        (("platform", "clock_hz"), 1.5, "\"clock_hz\": '1.5' is no whole number"),
+        (("platform", "guaranteed"), "fast", "is not a number"),
+        (("platform", "guaranteed"), float("inf"), "is not a number"),
+        (("platform", "guaranteed"), None, '"guaranteed" is empty'),
+        (("platform", "unspecified"), "both", "'both' is not known"),
         (("units",), [], "units must be there"),
         (("units", 0, "index"), 1, "in the order of their index"),
-        (("units", 0, "default", "read"), -1, '"read" is -1, no whole number from 0'),
+        (("units", 0, "default", "read"), -1, "'-1' is no whole number; write a number from 0"),
         (("tables",), [], "tables must be there"),
-        (("tables", 0, "kind"), "other", "the kind 'other'"),
-        (("tables", 0, "rounding"), "nearest", "the rounding 'nearest'"),
-        (("tables", 0, "windows"), 2**23, "more than 4194304 are not checked"),
+        (("tables", 0, "kind"), "other", "'other' is not known"),
+        (("tables", 0, "rounding"), "nearest", "'nearest' is not known"),
+        (("tables", 0, "windows"), 2**23, "from 1 to 4194304"),
         (("tables", 0, "entries"), {}, "entries for every unit"),
         (("tables", 0, "entries", "u1"), [], "must begin with window 0"),
         (("tables", 0, "entries", "u1", 0, "window"), 1, "must begin with window 0"),
         (("tables", 0, "entries", "u1", 1, "window"), 40, "stay below 40"),
         (("tables", 0, "entries", "u1", 1, "read_bytes"), 63, "are not its bytes"),
-        (("tables", 0, "entries", "u1", 1, "write_bytes"), True, '"write_bytes" is True, no whole number'),
-        (("switches", 0), "full", "is no object"),
-        (("backend",), 7, '"backend" is 7, no text'),
+        (("tables", 0, "entries", "u1", 1, "write_bytes"), True, '"write_bytes" is true or false'),
+        (("switches", 0), "full", "must be a mapping"),
+        (("backend",), 7, "'7' is not known"),
     ],
 )
 def test_each_part_that_is_not_in_form_is_named(files, path, value, part):
@@ -90,3 +89,33 @@ def test_each_part_that_is_not_in_form_is_named(files, path, value, part):
         place = place[step]
     place[path[-1]] = value
     assert part in refusal(json.dumps(data).encode())
+
+
+def test_all_is_reported_at_once(files):
+    data = json.loads(files["tables.json"])
+    data["platform"]["clock_hz"] = data["units"][0]["manager"] = "x"
+    del data["tables"][0]["entries"]["u1"][0]["window"]
+    assert len(refusal(json.dumps(data).encode()).splitlines()) == 3
+
+
+def test_a_member_that_is_stated_twice_is_refused(files):
+    content = files["tables.json"].replace(b'"window_cycles"', b'"window_cycles": 1, "window_cycles"', 1)
+    assert 'the key "window_cycles" is repeated' in refusal(content)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "part"),
+    [
+        ("clock: ", "clocks: ", 'lacks the key "clock"'),
+        ("clock: ", "clock: 0MHz # ", "'0MHz' is no frequency"),
+        ("units:", "units: []\nothers:", "must be a mapping"),
+        ("burst: 64B", "burst: [64B]", "must be a text"),
+    ],
+)
+def test_a_platform_that_cannot_be_used_is_refused(files, before, after, part):
+    text = files["platform.yaml"].decode()
+    assert before in text
+    with pytest.raises(HalpipeError) as refused:
+        reading.read_facts(reading_bundle({"platform.yaml": text.replace(before, after, 1).encode()}))
+    assert all(found.code == UNUSABLE_TABLES.id for found in refused.value.diagnostics)
+    assert part in "\n".join(found.message for found in refused.value.diagnostics)
