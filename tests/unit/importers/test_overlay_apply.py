@@ -440,3 +440,18 @@ def test_positions_inside_a_job_of_another_wcet_warn(tmp_path, entry, stays):
     _, diagnostics, _ = apply(overlay(tmp_path, f"tasks: {{/a: {text}}}\n"), positioned())
     messages = [d.message for d in diagnostics if d.code == codes.MOVED_INSIDE.id]
     assert messages == ([] if stays is None else [f"the WCET is 6ms, not 4ms, but {stays} stay where they were"])
+
+
+@pytest.mark.parametrize(
+    ("version", "warns"),
+    [
+        ("wcet: 3ms", True),
+        ("wcet: 3ms, access: []", False),
+        ("wcet: 3ms, access: [{resource: spin, start: 1ms, end: 2ms}]", False),
+    ],
+)
+def test_a_version_of_the_overlay_without_the_locks_of_the_source_warns(tmp_path, version, warns):
+    text = f"tasks: {{/a: {{versions: {{fast: {{{version}}}}}}}}}\n"
+    _, diagnostics, _ = apply(overlay(tmp_path, text), positioned())
+    messages = [d.message for d in diagnostics if d.code == codes.MOVED_INSIDE.id]
+    assert messages == ["has no access phases, but the source has some of the task, on spin"] * warns

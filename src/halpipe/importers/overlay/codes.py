@@ -37,9 +37,10 @@ DOES_NOT_FIT = error(
 )
 MOVED_INSIDE = warning(
     "HAL1422",
-    "Overlay changes a WCET, but not what lies inside the job",
+    "Overlay changes a job, but not what lies inside it",
     "Access phases, critical sections, preemption points and triggers lie at positions of the execution, which follow "
-    "from the times of the source. With another WCET they are elsewhere, so a lock may be held outside of its phase.",
+    "from the times of the source. With another WCET they are elsewhere, and a version of the overlay has only those "
+    "that the overlay states, so a lock may be held outside of its phase.",
 )
 OVERRIDDEN = note(
     "HAL0720",

@@ -56,7 +56,7 @@ class TaskMerger:
             task,
             **{one.field: self._pick(path, one, task, entries) for one in attributes(Task) if one.field != "name"},
             versions=tuple(
-                self._version(task.name, base, _statements(ranked, base.name, key))
+                self._version(task, base, _statements(ranked, base.name, key))
                 for base in _base_versions(task, ranked, key)
             ),
         )
@@ -67,8 +67,8 @@ class TaskMerger:
         old = getattr(base, one.field)
         return self.changes.pick(path, shown, old, one.default, entries, lambda entry: entry.stated.get(one.field))
 
-    def _version(self, task: str, base: Version, entries: Ranks[VersionEntry]) -> Version:
-        path = about(task=task, version=base.name)
+    def _version(self, task: Task, base: Version, entries: Ranks[VersionEntry]) -> Version:
+        path = about(task=task.name, version=base.name)
         pick = self.changes.pick
         stated: dict[str, Any] = {
             one.field: self._units(path, base, entries)
@@ -82,7 +82,7 @@ class TaskMerger:
             **stated,
             split=self._split(path, base.split, entries),
             accesses=pick(path, "access phases", base.accesses, (), entries, lambda v: v.accesses),
-            precedences=self._precedences(path, task, base, entries),
+            precedences=self._precedences(path, task.name, base, entries),
             source=pick(path, "source", base.source, None, entries, lambda v: v.source),
         )
         self._check_fit(path, base, version, entries)
@@ -194,20 +194,23 @@ class TaskMerger:
             self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")
 
     def _check_inside(
-        self, path: str, task: str, base: Version, version: Version, entries: Ranks[VersionEntry]
+        self, path: str, task: Task, base: Version, version: Version, entries: Ranks[VersionEntry]
     ) -> None:
-        """Warn where positions inside a job stay those of a WCET that the overlay replaces."""
+        """Warn where positions inside a job stay those of a WCET that the overlay replaces, or a version has none."""
         stated = entries.firm(lambda v: v.stated.get("wcet"))
-        if stated is None or base.wcet is None or version.wcet == base.wcet:
-            return
         held = base.accesses and version.accesses == base.accesses
         cut = base.split.points and version.split.points == base.split.points
-        kinds = (("access phases", held), ("preemption points", cut), ("triggers", task in self.pointed))
+        kinds = (("access phases", held), ("preemption points", cut), ("triggers", task.name in self.pointed))
         inside = [what for what, stays in kinds if stays]
-        if inside:
+        if stated is not None and base.wcet is not None and version.wcet != base.wcet and inside:
             message = f"the WCET is {version.wcet}, not {base.wcet}, but {' and '.join(inside)} stay where they were"
             help = "state the accesses and the split of the new WCET, or the windows after the task"
             self.changes.fault(MOVED_INSIDE, message, stated.at, path, help)
+        resources = sorted({access.resource for other in task.versions for access in other.accesses})
+        states = entries.firm(lambda v: v.accesses) or entries.default(lambda v: v.accesses)
+        if base not in task.versions and resources and states is None:
+            message = f"has no access phases, but the source has some of the task, on {show(tuple(resources))}"
+            self.changes.fault(MOVED_INSIDE, message, version.at, path, "state its access, [] if it has none")
 
     def _check_resource(self, path: str, access: Access) -> None:
         if access.resource not in self.resources:
