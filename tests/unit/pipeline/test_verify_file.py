@@ -115,7 +115,8 @@ def test_times_finer_than_can_be_compared_are_refused():
 
 BAD_VERSIONS = {
     "no WCET": replace(version(), wcet=None),
-    "negative WCET": replace(version(), wcet=Duration(-1)),
+    "WCET -1ns; it must be above 0": replace(version(), wcet=Duration(-1)),
+    "WCET 0ms; it must be above 0": replace(version(), wcet=Duration(0)),
     "gang size 0": version(gang=0),
     "begins below zero": version("v", 1, "u1", replace(after("a", "0ms", 5), min=Duration(-1))),
     "with bound 3/2": version("v", 1, "u1", access("r", "0ms", "1ms", "3/2")),

@@ -56,11 +56,6 @@ def test_every_member_of_a_gang_holds_its_unit():
     assert 'unit "u2"' in only(system, plan, codes.OVERLAP)
 
 
-def test_a_job_without_length_holds_nothing():
-    system = pair(second="0ms")
-    assert not errors(system, at(system, 0, 2))
-
-
 @pytest.mark.parametrize(("count", "last"), [(12, '"t11" job 0'), (13, "others"), (20, "others")])
 def test_many_jobs_in_one_place_are_one_finding(count, last):
     names = [f"t{k:02}" for k in range(count)]

@@ -434,19 +434,6 @@ def test_chains_of_three_tasks_are_traced_through_all_of_them():
         assert len(found) == told, found
 
 
-def test_of_data_that_are_ready_together_those_begun_later_are_read():
-    """c of mode one, begun at -4, and of the table, begun at 1, both end at 3, where d reads: they are 4 ms old."""
-    c = task("c", 10, version("v", 2, "u1 u3"), version("w", 7, "u1"), slack=1, deadline=30)
-    d = task("d", 10, version("v", 2, "u2"), slack=1, deadline=30)
-    system = two_modes((c, d), (c, d), chains=[chain("k", "c d", None, 4)])
-    system = replace(system, units=model(units="u1 u2 u3").units)
-    one = table("one", 10, job(system, "c", 0, 6, "u1", "w"), job(system, "d", 0, 5, "u2"))
-    two = table("two", 10, job(system, "c", 0, 0, "u1"), job(system, "d", 0, 2, "u2"))
-    early = [extra(system, 1, "u3", "c", "v"), extra(system, 3, "u2", "d")]
-    found = messages(system, switch(plan_of(system, one, two), 5, *early), codes.CHAIN_LIMIT)
-    assert not [text for text in found if text.startswith("transition")]
-
-
 # ------------------------------------------------------------------------------------------------ not neighbours
 
 

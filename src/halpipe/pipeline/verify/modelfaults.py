@@ -153,8 +153,8 @@ def version(task: Task, version: Version, locks: frozenset[str]) -> Iterator[Dia
 def _stated(version: Version, locks: frozenset[str]) -> Iterator[tuple[str, Location]]:
     if version.wcet is None:
         yield "has no WCET, so nothing can be said about its jobs", version.at
-    elif version.wcet < ZERO:
-        yield f"has the negative WCET {version.wcet}", version.at
+    elif version.wcet <= ZERO:
+        yield f"has the WCET {version.wcet}; it must be above 0", version.at
     if version.gang < 1:
         yield f"has the gang size {version.gang}; it must be at least 1", version.at
     for precedence in version.precedences:

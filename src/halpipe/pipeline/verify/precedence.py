@@ -130,14 +130,14 @@ class LineInstants:
         self._made: dict[tuple[str, Key], tuple[Findable, ...]] = {}
 
     def latest(self, task: str, key: Key, until: int) -> Found:
-        """Return the last instant of `task` at or before `until`; of equal ones, of the job that read later."""
+        """Return the last instant of `task` at or before `until`; two jobs without a fault do not share one."""
         found = [f for f in (part.latest(until) for part in self._parts(task, key)) if f is not None]
-        return max(found, key=lambda f: (f[0], f[1].read - (f[1].instant(key) or 0))) if found else None
+        return max(found, key=lambda f: f[0], default=None)
 
     def earliest(self, task: str, key: Key, since: int) -> Found:
         """Return the first instant of `task` at or after `since`; of equal ones, of the job earlier on the line."""
         found = [f for f in (part.earliest(since) for part in self._parts(task, key)) if f is not None]
-        return min(found, key=lambda f: f[0]) if found else None
+        return min(found, key=lambda f: f[0], default=None)
 
     def _parts(self, task: str, key: Key) -> tuple[Findable, ...]:
         if (task, key) not in self._made:
