@@ -193,7 +193,7 @@ def test_lanes_that_come_into_sight_are_painted(browser, tmp_path):
     (tmp_path / "tall.html").write_bytes(content)
     try:
         for change in ("", "document.querySelector('section.cards').remove()"):
-            browser.set_window_size(1400, 500)
+            browser.set_window_size(1400, 700)
             browser.get((tmp_path / "tall.html").as_uri())
             browser.execute_async_script(FRAMES)
             small = browser.execute_script(PICTURE)

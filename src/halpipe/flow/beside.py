@@ -1,4 +1,4 @@
-"""Second rows of a report: the worst cycle of each table in a trace, or another schedule."""
+"""Second rows of charts: the worst cycle of each table in a trace, or another schedule."""
 
 from __future__ import annotations
 
@@ -49,7 +49,10 @@ def with_beside(
     if options.trace:
         beside, remarks = _run(model, schedule, options)
     else:
-        beside, remarks = _other(model, schedule, options), []
+        from halpipe.importers.native import read_schedule
+
+        other = read_schedule(options.against)
+        beside, remarks = against(model, schedule, other, options.against, options.mode), []
     if beside.found:
         message = f"{len(beside.found)} deviations from the schedule, first: {beside.found[0]}"
         remarks.append(DEVIATES(message, path=beside.name, help="they are marked and listed in the report"))
@@ -196,21 +199,18 @@ def _title(task: str, index: int | None, start: Duration, end: Duration, texts: 
 # ------------------------------------------------------------------------------------------------ another schedule
 
 
-def _other(model: TaskModel, schedule: Schedule, options: ReportOptions) -> Beside:
-    from halpipe.importers.native import read_schedule
-
-    other = read_schedule(options.against)
-    _require_comparable(model, schedule, other, options.against)
+def against(model: TaskModel, schedule: Schedule, other: Schedule, name: str, mode: str = "") -> Beside:
+    """Return the other schedule, called `name`, with what differs marked; raise `HalpipeError` if it does not fit."""
+    _require_comparable(model, schedule, other, name)
     context = shows_context(schedule)
     above, below = _drawn(schedule, context=context), _drawn(other, context=context)
     strips, found = {}, []
-    for name in above:
-        if name not in below or (options.mode and name != options.mode):
+    for table in above:
+        if table not in below or (mode and table != mode):
             continue
-        strip, texts = _compared(above[name][1], below[name][1])
-        strips[name] = strip
-        found += [f'table "{name}", {text}' for text in texts]
-    return Beside(options.against, strips, tuple(found), "The other schedule does not have this table.")
+        strips[table], texts = _compared(above[table][1], below[table][1])
+        found += [f'table "{table}", {text}' for text in texts]
+    return Beside(name, strips, tuple(found), "The other schedule does not have this table.")
 
 
 def _require_comparable(model: TaskModel, schedule: Schedule, other: Schedule, file: str) -> None:

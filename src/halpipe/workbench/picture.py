@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.report.scene import scene
 from halpipe.flow.formats import EXPORTERS, formats
 
@@ -14,11 +15,19 @@ if TYPE_CHECKING:
     from halpipe.workbench.session import Session
 
 Plain = dict[str, Any]
+MOST = 50
+"""Deviations that the page lists; the chart marks all of them."""
 
 
 def picture(session: Session) -> Plain:
     """Return everything that the page shows."""
     state, seconds = session.state, session.answered.seconds
+    findings = list(state.findings)
+    try:
+        beside = session.beside()
+    except HalpipeError as unlike:  # after an edit
+        beside = None
+        findings += unlike.diagnostics
     return {
         "revision": session.revision,
         "path": session.path,
@@ -34,13 +43,16 @@ def picture(session: Session) -> Plain:
             "jobs": session.answered.jobs,
             "milliseconds": None if seconds is None else round(seconds * 1000),
         },
-        "findings": [plain(found) for found in state.findings],
+        "findings": [plain(found) for found in findings],
+        "beside": None
+        if beside is None
+        else {"kind": session.lower[0], "name": beside.name, "found": beside.found[:MOST]},
         "variants": list(session.variants),
         "runs": [{"name": mode.name, "tasks": " ".join(run.task for run in mode.runs)} for mode in state.model.modes],
         "windows": _windows(state.model),
         "formats": formats(EXPORTERS),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
-        **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn),
+        **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn, beside=beside),
     }
 
 

@@ -18,10 +18,10 @@ from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.durations import Duration
 from halpipe.core.files import CANNOT_READ, is_ended
 from halpipe.core.options import from_keywords
-from halpipe.exporters.report.scene import scene
 from halpipe.flow.formats import exporter
 from halpipe.workbench.edits import Edit, Pin
 from halpipe.workbench.picture import picture, plain
+from halpipe.workbench.session import LOWER
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -250,14 +250,13 @@ def _take(stated: dict[str, Any]) -> Order:
     return lambda session: session.take(name)
 
 
-def _compare(stated: dict[str, Any]) -> Order:
-    name = _text(stated, "name")
-
-    def beside(session: Session) -> Any:
-        kept = session.variant(name)
-        return scene(kept.model, kept.schedule, is_valid=kept.is_valid)
-
-    return beside
+def _draw_under(stated: dict[str, Any]) -> Order:
+    kind, name = _text(stated, "kind"), _text(stated, "name")
+    if kind not in LOWER:
+        raise ValueError(kind)
+    if kind == "trace" and not is_ended(name):  # a pipe would block every later order
+        raise HalpipeError(CANNOT_READ("is no plain file", at=Location(name), help="name a plain file"))
+    return lambda session: session.draw_under(kind, name)
 
 
 def _save(stated: dict[str, Any]) -> Order:
@@ -280,7 +279,7 @@ ORDERS: dict[str, Callable[[dict[str, Any]], Order]] = {
     "redo": lambda _: lambda session: session.redo(),
     "keep": _keep,
     "take": _take,
-    "compare": _compare,
+    "beside": _draw_under,
     "save": _save,
     "explain": _explain,
     "sensitivity": lambda _: lambda session: session.margins(),

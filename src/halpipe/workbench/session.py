@@ -22,6 +22,7 @@ from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
 if TYPE_CHECKING:
     from halpipe.exporters.common.base import ExportOptions
+    from halpipe.exporters.report.beside import Beside
     from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.workbench.edits import Edit, Pin
@@ -47,6 +48,7 @@ NO_SUCH_JOB = error("HAL0954", "There is no such job", "A job is named by its mo
 BUDGET = 2_000
 """Moves per task for one answer; a person waits for it."""
 HISTORY = 200
+LOWER = ("nothing", "variant", "trace")
 
 
 @record
@@ -93,6 +95,8 @@ class Session:
         self.opened = self._saved = parse_model(content, path)
         self.drawn: Drawn = {}
         """State of each task as last sent to the page."""
+        self.lower = ("nothing", "")
+        """Kind, one of `LOWER`, and name of what is drawn under the schedule: that of the variant, or the file."""
         self.state = State(self.opened)
         self.journal = Journal(path)
         kept = self.journal.read(self._on_disk)
@@ -153,6 +157,16 @@ class Session:
         self._remember()
         self._show_again(replace(kept, what=f'variant "{name}"'))
 
+    def draw_under(self, kind: str, name: str) -> None:
+        """Draw a variant or a recorded trace under the schedule from now on, or nothing."""
+        before, self.lower = self.lower, (kind, name)
+        try:
+            self.beside()
+        except HalpipeError:
+            self.lower = before
+            raise
+        self.revision += 1
+
     def save(self, path: str, *, force: bool = False) -> str:
         """Write the model, or into a YAML file the edits as an overlay; over a file that is there only if asked for."""
         target = path or self.path
@@ -191,6 +205,20 @@ class Session:
         if name not in self.variants:
             raise HalpipeError(NO_VARIANT(f'there is no variant "{name}"', help="keep one first"))
         return self.variants[name]
+
+    def beside(self) -> Beside | None:
+        """Return what is drawn under the schedule; raise `HalpipeError` where it does not fit, None for nothing."""
+        kind, name = self.lower
+        if kind == "nothing" or self.state.schedule is None or not self.state.is_valid:
+            return None
+        from halpipe.exporters.report import ReportOptions
+        from halpipe.flow.beside import against, with_beside
+
+        if kind == "trace":
+            model = self._as_read(self.state.model)
+            return with_beside(model, self.state.schedule, ReportOptions(trace=name))[0].beside
+        other = self.variant(name).schedule
+        return against(self.state.model, self.state.schedule, other, f'variant "{name}"') if other else None
 
     def why(self, mode: str) -> tuple[Diagnostic, ...]:
         """Return why a mode (empty: any) has no schedule and what would help; a cancelled search ends early."""

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from exporter_samples import split
@@ -74,20 +75,15 @@ def test_parts_that_do_not_follow_each_other_cannot_be_drawn():
 # ------------------------------------------------------------------------------------------------------- report
 
 
-def test_the_report_joins_parts_by_a_thin_line_and_counts_gaps():
+def test_the_report_draws_parts_and_counts_gaps():
     system, planned = split()
     reported = mode_report(system, expand(system, system.modes[0]), planned.modes[0].jobs, Status.VALID)
     planned = replace(planned, modes=(reported,))
     page = REPORT.write(system, planned, ReportOptions())[""].decode()
-    lines = re.findall(r'<rect class="j t\d+" x="([0-9.]+)%" width="([0-9.]+)%" y="\d+" height="1"/>', page)
-    # of slow, 7 to 12.5 and 18.6 to 22.5 of 40 ms; of logger, 8 to 9; of detect, 39.6 to 44, once more from the left
-    assert sorted((float(x), float(width)) for x, width in lines) == [
-        (0, 10),
-        (17.5, 13.75),
-        (20, 2.5),
-        (46.5, 9.75),
-        (99, 1),
-    ]
+    drawn = json.loads(re.search(r'id="scene">(.*?)</script>', page)[1])
+    parts = {drawn["tasks"][row[0]]["name"]: row[8] for row in drawn["modes"][0]["jobs"] if row[8]}
+    gaps = {name: [(a[1], b[0]) for a, b in pairwise(own)] for name, own in parts.items()}
+    assert gaps == {"slow": [(7, 12.5), (18.6, 22.5)], "logger": [(8, 9)], "detect": [(39.6, 44)]}
     assert "run (1, 2 gaps)" in page
     assert "split at 4ms 9ms, 100us to resume" in page
     assert "can_rx 500us in 5ms" in page

@@ -1,17 +1,18 @@
 """What a report draws under its jobs: the worst cycle of a trace, or another schedule, each difference marked."""
 
+import json
 import re
 from dataclasses import replace
 
 import pytest
 from exporter_samples import roboracer
-from lxml import etree
 
 import halpipe
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_schedule
 from halpipe.exporters.report import ReportOptions
+from halpipe.exporters.report.beside import MARKS
 from halpipe.flow.formats import export_with_remarks
 from support import mode, model, ms, task, version
 
@@ -46,16 +47,18 @@ def run(tmp_path):
 
 
 def drawn(system, planned, options):
-    """Return the page, the remarks, and task, mark, x and width in per cent of each box of the lower rows."""
+    """Return the page, the remarks, and task, mark, start and length in ms of each box of the lower rows."""
     made = export_with_remarks("report", system, planned, options)
     page = made.contents[""].decode()
-    boxes = []
-    for text in re.findall(r'<rect class="j seen .*?</rect>', page, re.DOTALL):
-        box = etree.fromstring(text)
-        mark = re.fullmatch(r"j seen (\w*) ?t\d+", box.get("class"))[1]
-        title = box.find("title").text.splitlines()
-        x, width = (float(box.get(key).rstrip("%")) for key in ("x", "width"))
-        boxes.append((re.sub(" #.*", "", title[0]), mark, x, width))
+    scene = json.loads(re.search(r'id="scene">(.*?)</script>', page)[1])
+    boxes = [
+        (scene["tasks"][row[3]]["name"], row[4], row[1], row[2] - row[1])
+        for table in scene["modes"] + scene["switches"]
+        for row in table["strip"]["boxes"]
+    ]
+    for table in scene["modes"] + scene["switches"]:
+        marks = [row[4] for row in table["strip"]["boxes"]]
+        assert marks == sorted(marks, key=MARKS.index)
     return page, [d.code for d in made.remarks], boxes
 
 
@@ -63,8 +66,8 @@ def test_a_faithful_run_lies_under_its_jobs(run):
     page, remarks, boxes = run()
     assert {mark for _, mark, _, _ in boxes} == {""}
     assert remarks == []
-    assert ("opponent_detection", "", 0.0, 48.0) in boxes  # of the job that began in the cycle before
-    assert ("path_planner", "", 48.0, 52.0) in boxes
+    assert ("opponent_detection", "", -1.0, 13.0) in boxes  # of the job that began in the cycle before
+    assert ("path_planner", "", 12.0, 24.0) in boxes
     assert "Nothing deviates." in page
     assert "Cycle 1, the one of 4 " in page
 
@@ -87,11 +90,11 @@ def test_the_cycle_with_the_most_deviations_is_drawn_with_marks(run):
 
     page, remarks, boxes = run(change)
     marked = [box for box in boxes if box[1]]
-    assert ("particle_filter", "off", 2.0, 96.0) in marked
-    assert ("particle_filter", "delay", 0.0, 2.0) in marked
-    assert ("pure_pursuit", "off", 44.0, 12.0) in marked
-    assert ("pure_pursuit", "over", 52.0, 4.0) in marked
-    assert ("path_planner", "missing", 48.0, 52.0) in marked
+    assert ("particle_filter", "off", 0.5, 24.0) in marked
+    assert ("particle_filter", "delay", 0.0, 0.5) in marked
+    assert ("pure_pursuit", "off", 11.0, 3.0) in marked
+    assert ("pure_pursuit", "over", 13.0, 1.0) in marked
+    assert ("path_planner", "missing", 12.0, 24.0) in marked
     assert [box[0] for box in marked if box[1] == "extra"] == ["particle_filter"]
     assert len(marked) == 6
     assert remarks == ["HAL1475"]
@@ -117,15 +120,15 @@ def test_another_schedule_lies_under_this_one(tmp_path):
     file.write_bytes(format_schedule(other))
     page, remarks, boxes = drawn(system, planned, ReportOptions(against=str(file)))
     assert [box for box in boxes if box[1]] == [
-        ("particle_filter", "off", 0.0, 96.0),
-        ("pure_pursuit", "off", 52.0, 8.0),
+        ("particle_filter", "off", 0.0, 24.0),
+        ("pure_pursuit", "off", 13.0, 2.0),
     ]
     assert "starts 2ms later" in page
     assert "runs on core4 instead of core1" in page
     assert remarks == ["HAL1475"]
     without = replace(table, jobs=tuple(j for j in table.jobs if j.task != "pure_pursuit"))
     file.write_bytes(format_schedule(replace(planned, modes=(without,))))
-    assert ("pure_pursuit", "missing", 44.0, 8.0) in drawn(system, planned, ReportOptions(against=str(file)))[2]
+    assert ("pure_pursuit", "missing", 11.0, 2.0) in drawn(system, planned, ReportOptions(against=str(file)))[2]
 
 
 def test_what_does_not_match_is_refused(run, tmp_path):
@@ -176,4 +179,4 @@ def test_a_switch_of_length_zero_has_the_cycles_around_it(tmp_path):
     page, _, boxes = drawn(system, planned, ReportOptions(trace=str(file), origin=Duration(0)))
     assert len([box for box in boxes if box[1] == "delay"]) == 2  # in the mode, and after the switch to it
     assert "Cycle 1, from 10ms of the trace on" in page
-    assert page.count("The trace has no cycle of this table.") == 1  # the switch back
+    assert page[: page.index("</main>")].count("The trace has no cycle of this table.") == 1  # the switch back

@@ -154,7 +154,7 @@ RIGHT = {
     "pin": {"mode": "drive", "task": "camera", "index": 0, "start": "0ms", "unit": "core1"},
     "take": {"name": "kept"},
     "keep": {"name": "kept"},
-    "compare": {"name": "kept"},
+    "beside": {"kind": "variant", "name": "kept"},
     "save": {"path": "new.xml"},
     "explain": {"mode": "drive"},
     "export/report": {"title": "a title"},

@@ -309,3 +309,39 @@ def test_edits_that_cannot_be_kept_are_made_and_named(session, monkeypatch):
     session.edit(wcet("7ms"))
     assert session.state.is_valid
     assert picture(session)["unkept"]
+
+
+def marks(session):
+    return {box[4] for table in picture(session)["modes"] for box in (table["strip"] or {"boxes": ()})["boxes"]}
+
+
+def test_a_variant_is_drawn_under_the_schedule_also_after_edits(session):
+    session.keep("first")
+    session.draw_under("variant", "first")
+    assert marks(session) == {""}
+    session.edit(wcet("7ms"))
+    assert "off" in marks(session)
+    assert picture(session)["beside"]["name"] == 'variant "first"'
+    assert any('task "camera"' in text for text in picture(session)["beside"]["found"])
+    session.draw_under("nothing", "")
+    assert marks(session) == set()
+    with pytest.raises(HalpipeError) as refused:
+        session.draw_under("variant", "none")
+    assert refused.value.diagnostics[0].code == "HAL0956"
+    assert session.lower == ("nothing", "")
+
+
+def test_a_recorded_run_is_drawn_under_the_schedule(session, tmp_path):
+    rows = ["task,start,end,units,mode,cycle"]
+    for job in session.state.schedule.modes[0].jobs:
+        start, end = int(job.start.ns), int(job.end.ns) + 1000 * (job.task == "camera")
+        rows.append(f"{job.task},{start},{end},{' '.join(job.units)},drive,0")
+    file = tmp_path / "run.csv"
+    file.write_text("\n".join(rows) + "\n")
+    session.draw_under("trace", str(file))
+    assert marks(session) == {"", "off", "over"}
+    with pytest.raises(HalpipeError):
+        session.draw_under("trace", str(tmp_path / "none.csv"))
+    assert session.lower == ("trace", str(file))
+    file.write_text("task,start,end\nother,0,1\n")  # another run has no job of the schedule
+    assert "HAL1101" in [found["code"] for found in picture(session)["findings"]]

@@ -17,7 +17,7 @@ from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
 from halpipe.exporters.regulator.rates import segments
-from halpipe.exporters.report.chart import ticks
+from halpipe.exporters.report.axis import ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import jinja2
 
     from halpipe.exporters.regulator.frames import Frame
-    from halpipe.exporters.report.chart import Tick
+    from halpipe.exporters.report.axis import Tick
     from halpipe.models import Schedule, TaskModel
 
 COLUMNS = 900
@@ -151,7 +151,7 @@ def _draw(panel: Panel, order: Sequence[Row], colours: dict[Row, str], y: int) -
             path = _path(xs, _heights(edges, below, panel.full), _heights(edges, levels, panel.full))
             areas.append(Area(f"{row.unit} {row.direction}", colours[row], path))
     note = f"each step is the mean of 1/{COLUMNS} of the time" if is_thinned else ""
-    marks = tuple(ticks(Window(ZERO, panel.length), fine=False))
+    marks = tuple(ticks(Window(ZERO, panel.length)))
     return Drawing(panel.title, note, y, tuple(areas), marks)
 
 

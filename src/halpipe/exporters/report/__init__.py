@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML page with a Gantt chart of every mode, complete without network or script."""
+"""The report: one self-contained HTML page with a Gantt chart of every mode and switch, complete without network."""
 
 from __future__ import annotations
 

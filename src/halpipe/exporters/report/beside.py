@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
 
 
+MARKS = ("missing", "", "off", "extra", "delay", "over")
+"""Marks of boxes in the order in which they are drawn: what deviates lies over what does not."""
 SPREAD_HEIGHT = 18
 
 

@@ -14,7 +14,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.report.chart import Tick, decimal, elide, position, ticks
+from halpipe.exporters.report.axis import Tick, decimal, elide, position, ticks
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ def path_chart(
         ready = hop.write
     height = AXIS_HEIGHT + ROW_HEIGHT * len(bars) + 4
     mark = "" if limit is None else decimal(_place(begin + limit - zero, window), 4)
-    return PathChart(id, title, tuple(bars), tuple(ticks(window, fine=False)), height, mark)
+    return PathChart(id, title, tuple(bars), tuple(ticks(window)), height, mark)
 
 
 def _bar(hop: Hop, ready: Duration, zero: Duration, window: Window, colour: int, y: int) -> HopBar:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.exporters.report.chart import elide
+from halpipe.exporters.report.axis import elide
 from halpipe.models import Status
 
 if TYPE_CHECKING:

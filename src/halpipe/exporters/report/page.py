@@ -10,33 +10,16 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
-from halpipe.core.durations import ZERO
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
-from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
-from halpipe.exporters.common.timeline import Window, links, shows_context, unroll, unroll_switch
+from halpipe.exporters.common.palette import FILLS, INK, tone
 from halpipe.exporters.regulator.picture import draw_bounds
+from halpipe.exporters.report.axis import approximate, decimal, percent
 from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_latency, worst_reaction
-from halpipe.exporters.report.chart import (
-    BASE_WIDTH,
-    GRID,
-    METER_HEIGHT,
-    NAME_WIDTH,
-    REGION_HEIGHT,
-    STRIP_GAP,
-    STRIP_HEIGHT,
-    ZOOM_LEVELS,
-    Caption,
-    approximate,
-    build_chart,
-    decimal,
-    percent,
-    region,
-)
 from halpipe.exporters.report.modegraph import build_mode_graph
-from halpipe.exporters.report.scene import embedded, figures, jobs_by_task, scene
-from halpipe.models import Anchor, Status
+from halpipe.exporters.report.scene import embedded, scene, waits
+from halpipe.models import Status
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,9 +27,7 @@ if TYPE_CHECKING:
     import jinja2
 
     from halpipe.core.durations import Duration
-    from halpipe.exporters.common.timeline import Link
     from halpipe.exporters.report import ReportOptions
-    from halpipe.exporters.report.beside import Beside
     from halpipe.exporters.report.chains import Hop, PathChart
     from halpipe.models import (
         Chain,
@@ -88,19 +69,20 @@ GLOSSARY = (
 )
 
 
+NAME_WIDTH = 190
+"""Pixels beside a chain's picture for the names of its tasks."""
+
 Row = dict[str, Any]
 """Plain values of one part of the page, by the names that the template uses."""
-
-LARGE = 1500
-"""Jobs of all modes beyond which charts are drawn by the viewer and tables are filled as they are looked at."""
 
 
 def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) -> str:
     """Return the HTML page of a schedule that fits `model` (see `select`)."""
-    context = shows_context(schedule)
-    beside = options.beside
-    # The viewer has no second rows.
-    is_large = beside is None and sum(len(mode.jobs) for mode in schedule.modes) > LARGE
+    drawn = scene(model, schedule, beside=options.beside)
+    modes = list(zip(schedule.modes, drawn["modes"], strict=True))
+    switches = list(zip(schedule.transitions, drawn["switches"], strict=True))
+    for table, mode in modes:
+        mode["waits"] = waits(model, table)
     shown = {table.name for table in schedule.modes}
     return _template().render(
         title=options.title or f"{model.name} schedule",
@@ -111,16 +93,11 @@ def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) ->
         graph=build_mode_graph(model, schedule),
         bandwidths=list(draw_bounds(model, schedule).values()),
         account=build_account(model, options.import_report),
-        beside=beside,
-        modes=[
-            _mode(model, table, f"mode-{n}", beside, is_large=is_large) for n, table in enumerate(schedule.modes, 1)
-        ],
-        scene=embedded(scene(model, schedule)) if is_large else "",
-        transitions=[
-            _transition(model, schedule, table, f"switch-{n}", beside, context=context)
-            for n, table in enumerate(schedule.transitions, 1)
-        ],
-        tasks=[] if is_large else _tasks(model, schedule),
+        beside=options.beside,
+        modes=[_mode(model, table, f"mode-{n}", mode) for n, (table, mode) in enumerate(modes, 1)],
+        scene=embedded(drawn),
+        transitions=[_transition(model, table, f"switch-{n}", switch) for n, (table, switch) in enumerate(switches, 1)],
+        tasks=_tasks(model, schedule),
         glossary=GLOSSARY,
     )
 
@@ -141,15 +118,7 @@ def _template() -> jinja2.Template:
     environment.globals.update(
         fills=FILLS,
         ink=INK,
-        resource_colours=RESOURCES,
-        grid=GRID,
-        base_width=BASE_WIDTH,
         name_width=NAME_WIDTH,
-        meter_height=METER_HEIGHT,
-        region_height=REGION_HEIGHT,
-        zoom_levels=ZOOM_LEVELS,
-        strip_gap=STRIP_GAP,
-        strip_height=STRIP_HEIGHT,
     )
     return environment.get_template("report.html.j2")
 
@@ -180,30 +149,20 @@ def _size(model: TaskModel) -> str:
 # --------------------------------------------------------------------------------------------------- modes
 
 
-def _mode(model: TaskModel, table: ModeSchedule, id: str, beside: Beside | None, *, is_large: bool) -> Row:
-    used = {unit for job in table.jobs for unit in job.units}
-    tasks = {job.task for job in table.jobs}
-    caption = Caption(
-        name=id,
-        title=f"Gantt chart of mode {table.name}",
-        description=f"{len(table.jobs)} jobs of {len(tasks)} tasks on {len(used)} units over one cycle of "
-        f"{table.hyperperiod}. The table of jobs below holds the same in text.",
-        loads={load.unit: load.share for load in table.unit_loads},
-    )
+def _mode(model: TaskModel, table: ModeSchedule, id: str, drawn: Row) -> Row:
     chains = {chain.name: chain for chain in model.chains}
     cost = table.cost
-    window, strip = Window(ZERO, table.hyperperiod), beside.strip(table.name) if beside else None
     return {
         "id": id,
         "name": table.name,
         "valid": table.status is Status.VALID,
         "hyperperiod": str(table.hyperperiod),
         "job_count": len(table.jobs),
-        "task_count": len(tasks),
-        "unit_count": len(used),
+        "task_count": len({job.task for job in table.jobs}),
+        "unit_count": len({unit for job in table.jobs for unit in job.units}),
         "cost": "" if cost is None else approximate(cost.total),
         "terms": [] if cost is None else [(name, approximate(getattr(cost, name)), text) for name, text in _TERMS],
-        "chart": None if is_large else build_chart(model, unroll(table), window, caption, strip),
+        "strip": drawn["strip"],
         "chains": [
             _chain(model, table, chains[row.name], row, f"{id}-chain-{n}") for n, row in enumerate(table.chains, 1)
         ],
@@ -213,21 +172,7 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str, beside: Beside | None,
             for load in table.resource_loads
             if load.peak is not None and load.mean is not None
         ],
-        "jobs": [] if is_large else _jobs(model, table),
-        "figures": [] if is_large else _figures(model, table),
     }
-
-
-def _figures(model: TaskModel, table: ModeSchedule) -> list[Row]:
-    """Return what each task comes to in a mode; the times as text, and in milliseconds to sort by."""
-    by_task, rows = jobs_by_task(table), []
-    none = {key: value for name in ("response", "margin", "jitter") for key, value in ((name, ""), (f"{name}_ms", 0.0))}
-    for position, task in enumerate(model.tasks):
-        found = figures(task, by_task.get(task.name, []), table.hyperperiod)
-        if found:
-            period = "" if task.period is None else str(task.period)
-            rows.append({"tone": tone(position), "task": task.name, "period": period} | none | found)
-    return rows
 
 
 def _gauge(name: str, text: str, share: Fraction | None, detail: str) -> Row:
@@ -278,74 +223,24 @@ def _latency(name: str, value: Duration | None, limit: Duration | None) -> Row:
     return _gauge(name, str(value), value / limit, f"{percent(value / limit)} of the limit {limit}")
 
 
-def _jobs(model: TaskModel, table: ModeSchedule) -> list[Row]:
-    waits: dict[tuple[str, int], list[str]] = {}
-    for link in links(model, table):
-        waits.setdefault((link.job.task, link.job.index), []).append(_waits(link))
-    return _job_rows(model, table, waits)
-
-
-def _job_rows(
-    model: TaskModel, table: ModeSchedule | TransitionTable, waits: dict[tuple[str, int], list[str]]
-) -> list[Row]:
-    order = {task.name: number for number, task in enumerate(model.tasks)}
-    jobs = sorted(table.jobs, key=lambda job: (job.start.ns, order[job.task], job.index))
-    return [
-        {
-            "tone": tone(order[job.task]),
-            "task": job.task,
-            "index": job.index,
-            "start": str(job.start),
-            "end": str(job.end) + _gaps(max(0, len(job.parts) - 1)),
-            "version": job.version,
-            "units": ", ".join(job.units),
-            "waits": "; ".join(waits.get((job.task, job.index), ())),
-        }
-        for job in jobs
-    ]
-
-
-def _waits(link: Link) -> str:
-    event = "started" if link.precedence.anchor is Anchor.START else "ended"
-    return f"{link.predecessor.task} #{link.predecessor.index} {event} {link.distance} before"
-
-
 # --------------------------------------------------------------------------------------------- transitions
 
 
-def _transition(
-    model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, beside: Beside | None, *, context: bool
-) -> Row:
-    source, target = schedule.mode(table.source), schedule.mode(table.target)
-    window, placements = unroll_switch(table, source, target, context=context)
+def _transition(model: TaskModel, table: TransitionTable, id: str, drawn: Row) -> Row:
     limits = {(pair.source, pair.target): pair.max_length for pair in model.transitions}
     limit = limits.get((table.source, table.target))
-    regions = [region(window, ZERO, table.length, "transition table", "table")] if table.length else []
-    if context:
-        regions.insert(0, region(window, window.start, ZERO, f"last cycle of {table.source}", "mode"))
-        cycles = (window.end - table.length) // target.hyperperiod
-        first = f"first {cycles} cycles" if cycles > 1 else "first cycle"
-        regions.append(region(window, table.length, window.end, f"{first} of {table.target}", "mode"))
-    strip = beside.strip(table.name) if beside else None
-    caption = Caption(
-        name=id,
-        title=f"Switch from {table.source} to {table.target}",
-        description=f"The switch happens at 0. {len(table.jobs)} jobs start in a transition table of "
-        f"{table.length}; then {table.target} begins.",
-        loads={},
-        regions=tuple(regions),
-        fine=False,
-    )
     return {
         "id": id,
+        "name": table.name,
         "source": table.source,
         "target": table.target,
         "valid": table.status is Status.VALID,
         "length": str(table.length),
         "limit": "" if limit is None else str(limit),
         "worst_latency": str(table.worst_latency),
-        "jobs": _job_rows(model, table, {}),
-        "chart": build_chart(model, placements, window, caption, strip) if window.length else None,
+        "job_count": len(table.jobs),
+        "drawn": drawn["begin"] < drawn["end"],
+        "strip": drawn["strip"],
     }
 
 

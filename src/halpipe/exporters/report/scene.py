@@ -6,36 +6,63 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
-from halpipe.exporters.common.palette import FILLS, tone
-from halpipe.exporters.common.timeline import Window, delays_of, resource_steps, unroll
+from halpipe.exporters.common.palette import FILLS, RESOURCES, tone
+from halpipe.exporters.common.timeline import (
+    PhaseTimes,
+    Placement,
+    Window,
+    delays_of,
+    links,
+    resource_steps,
+    shows_context,
+    unroll,
+    unroll_switch,
+)
+from halpipe.exporters.report.beside import MARKS
 from halpipe.exporters.report.chains import latency_of
+from halpipe.models import Anchor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Chain, Job, ModeSchedule, Schedule, Task, TaskModel
+    from halpipe.exporters.report.beside import Beside, Strip
+    from halpipe.models import Chain, Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
 
 Plain = dict[str, Any]
 Drawn = dict[str, tuple[Any, Plain]]
 """What was made of each task, by its name, and of what: most tasks and jobs are after an edit what they were."""
 
 
-def scene(model: TaskModel, schedule: Schedule | None, *, is_valid: bool = True, drawn: Drawn | None = None) -> Plain:
-    """Return a model and its schedule, as the viewer takes them; what resources bear only of one that is valid.
+def scene(
+    model: TaskModel,
+    schedule: Schedule | None,
+    *,
+    is_valid: bool = True,
+    drawn: Drawn | None = None,
+    beside: Beside | None = None,
+) -> Plain:
+    """Return a model and its schedule, as the viewer takes them; resources only of a schedule that is valid.
 
-    What is `drawn` already is not made again; it is kept up to date.
+    What is `drawn` already is not made again; it is kept up to date. Under the jobs lies what `beside` has.
     """
     drawn = {} if drawn is None else drawn
-    order = {task.name: number for number, task in enumerate(model.tasks)}
     modes = [(jobs_by_task(mode), mode.hyperperiod) for mode in schedule.modes] if schedule else []
+    tables = _Tables(model, beside, is_valid=is_valid)
+    context = schedule is not None and shows_context(schedule)
     return {
         "model": model.name,
         "units": [unit.name for unit in model.units],
+        "resources": [
+            {"name": each.name, "colour": RESOURCES[number % len(RESOURCES)]}
+            for number, each in enumerate(model.resources)
+        ],
         "tasks": [_task(task, tone(number), modes, drawn) for number, task in enumerate(model.tasks)],
-        "chains": [_chain(model, chain, order, schedule) for chain in model.chains],
-        "modes": [_mode(model, mode, order, is_valid=is_valid) for mode in schedule.modes] if schedule else [],
-        "switches": _switches(schedule) if schedule else [],
+        "chains": [_chain(model, chain, tables.order, schedule) for chain in model.chains],
+        "modes": [tables.mode(mode) for mode in schedule.modes] if schedule else [],
+        "switches": [tables.switch(schedule, each, context=context) for each in schedule.transitions]
+        if schedule
+        else [],
     }
 
 
@@ -52,21 +79,10 @@ def _facts(task: Task, colour: int, modes: Sequence[tuple[Sequence[Job], Duratio
         "name": task.name,
         "colour": FILLS[colour],
         "period": _text(task.period),
-        "offset": _text(task.offset),
         "deadline": _text(task.deadline),
-        "slack": str(task.slack),
         "let": _let(task),
-        "binding": str(task.binding),
         "versions": [
-            {
-                "name": version.name,
-                "wcet": _text(version.wcet),
-                "units": " ".join(version.units),
-                "windows": [
-                    {"after": w.task, "anchor": str(w.anchor), "min": str(w.min), "max": str(w.max)}
-                    for w in version.precedences
-                ],
-            }
+            {"name": version.name, "wcet": _text(version.wcet), "units": " ".join(version.units)}
             for version in task.versions
         ],
         "figures": [figures(task, jobs, length) for jobs, length in modes],
@@ -144,42 +160,87 @@ def _chain(model: TaskModel, chain: Chain, order: dict[str, int], schedule: Sche
     }
 
 
-def _mode(model: TaskModel, mode: ModeSchedule, order: dict[str, int], *, is_valid: bool) -> Plain:
-    lanes = {unit.name: number for number, unit in enumerate(model.units)}
-    return {
-        "name": mode.name,
-        "length": _ms(mode.hyperperiod),
-        "length_text": str(mode.hyperperiod),
-        "loads": {load.unit: _percent(load.share) for load in mode.unit_loads},
-        "jobs": [_job(job, order, lanes) for job in mode.jobs if job.task in order],
-        "meters": _meters(model, mode) if is_valid else [],
-    }
+class _Tables:
+    """Maker of the tables of a scene, modes and switches, each over its stretch of the line."""
+
+    def __init__(self, model: TaskModel, beside: Beside | None, *, is_valid: bool) -> None:
+        self.model, self.beside, self.is_valid = model, beside, is_valid
+        self.order = {task.name: number for number, task in enumerate(model.tasks)}
+        self.lanes = {unit.name: number for number, unit in enumerate(model.units)}
+        self.resources = {resource.name: number for number, resource in enumerate(model.resources)}
+        self.times = PhaseTimes(model)
+
+    def mode(self, mode: ModeSchedule) -> Plain:
+        jobs, window = [Placement(job, job.start) for job in mode.jobs], Window(ZERO, mode.hyperperiod)
+        own = {"name": mode.name, "cycle": True, "length": _ms(mode.hyperperiod), "regions": []}
+        return own | self._line(mode.name, window, jobs, unroll(mode))
+
+    def switch(self, schedule: Schedule, table: TransitionTable, *, context: bool) -> Plain:
+        source, target = schedule.mode(table.source), schedule.mode(table.target)
+        window, placements = unroll_switch(table, source, target, context=context)
+        regions = [_region(ZERO, table.length, "transition table", "table")] if table.length else []
+        if context:
+            cycles = (window.end - table.length) // target.hyperperiod
+            first = f"first {cycles} cycles" if cycles > 1 else "first cycle"
+            regions.insert(0, _region(window.start, ZERO, f"last cycle of {table.source}", "mode"))
+            regions.append(_region(table.length, window.end, f"{first} of {table.target}", "mode"))
+        shown = [placement for placement in placements if window.shows(placement)]
+        own = {"name": table.name, "cycle": False, "length": _ms(table.length), "regions": regions}
+        return own | self._line(table.name, window, shown, placements)
+
+    def _line(self, name: str, window: Window, jobs: Sequence[Placement], every: Sequence[Placement]) -> Plain:
+        """Return what is drawn of a table over a window; `every` has also what wraps in from the cycle before."""
+        strip = self.beside.strip(name) if self.beside else None
+        known = [placement for placement in jobs if placement.job.task in self.order]
+        steps = resource_steps(self.model, every, window) if self.is_valid and self.resources else {}
+        return {
+            "begin": _ms(window.start),
+            "end": _ms(window.end),
+            "jobs": [self._job(placement) for placement in known],
+            "meters": [
+                {"name": name, "steps": [[_ms(instant), float(level)] for instant, level in found]}
+                for name, found in steps.items()
+                if any(level for _, level in found)
+            ],
+            "strip": None if strip is None else {"caption": strip.caption, "boxes": self._boxes(strip)},
+        }
+
+    def _job(self, placement: Placement) -> list[Any]:
+        """Return task, number, version, lanes, start, end, both as text, parts of a job with gaps, and accesses."""
+        job, start, end = placement.job, placement.start, placement.end
+        parts = [[_ms(low), _ms(high)] for low, high in placement.stretches()] if job.parts else []
+        times = [_ms(start), _ms(end), str(start), str(end)]
+        phases = [
+            [self.resources[access.resource], _ms(start + begin), _ms(start + until)]
+            for access, begin, until in (self.times.of(job) if self.is_valid else ())
+            if access.resource in self.resources
+        ]
+        return [self.order[job.task], job.index, job.version, self._on(job.units), *times, parts, phases]
+
+    def _boxes(self, strip: Strip) -> list[list[Any]]:
+        """Return lanes, start, end, task, mark and title of each box; what is marked comes last, over the others."""
+        boxes = sorted(strip.boxes, key=lambda box: MARKS.index(box.mark))
+        return [
+            [self._on(box.units), _ms(box.start), _ms(box.end), self.order[box.task], box.mark, box.title]
+            for box in boxes
+        ]
+
+    def _on(self, units: Sequence[str]) -> list[int]:
+        return [self.lanes[unit] for unit in units if unit in self.lanes]
 
 
-def _meters(model: TaskModel, mode: ModeSchedule) -> list[Plain]:
-    """Return for every resource that is used the sum of the bounds in force, from each instant of a change on."""
-    steps = resource_steps(model, unroll(mode), Window(ZERO, mode.hyperperiod)) if model.resources else {}
-    return [
-        {"name": name, "steps": [[_ms(instant), float(level)] for instant, level in found]}
-        for name, found in steps.items()
-        if any(level for _, level in found)
-    ]
+def _region(begin: Duration, end: Duration, text: str, kind: str) -> Plain:
+    return {"begin": _ms(begin), "end": _ms(end), "text": text, "kind": kind}
 
 
-def _job(job: Job, order: dict[str, int], lanes: dict[str, int]) -> list[Any]:
-    """Return task, number, version, lanes, start, end, both as text, and the parts of a job with gaps."""
-    occupied = job.occupations()
-    parts = [[_ms(start), _ms(end)] for start, end in occupied] if job.parts else []
-    where = [lanes[unit] for unit in job.units if unit in lanes]
-    times = [_ms(job.start), _ms(job.end), str(job.start), str(job.end)]
-    return [order[job.task], job.index, job.version, where, *times, parts]
-
-
-def _switches(schedule: Schedule) -> list[Plain]:
-    return [
-        {"from": t.source, "to": t.target, "length": str(t.length), "worst": str(t.worst_latency), "jobs": len(t.jobs)}
-        for t in schedule.transitions
-    ]
+def waits(model: TaskModel, mode: ModeSchedule) -> list[str]:
+    """Return for each job of a mode the predecessors that its plain windows refer to."""
+    found: dict[tuple[str, int], list[str]] = {}
+    for link in links(model, mode):
+        event = "started" if link.precedence.anchor is Anchor.START else "ended"
+        text = f"{link.predecessor.task} #{link.predecessor.index} {event} {link.distance} before"
+        found.setdefault((link.job.task, link.job.index), []).append(text)
+    return ["; ".join(found.get((job.task, job.index), ())) for job in mode.jobs]
 
 
 def _text(value: Duration | None) -> str:
@@ -188,10 +249,6 @@ def _text(value: Duration | None) -> str:
 
 def _ms(value: Duration) -> float:
     return float(value.ns / 10**6)
-
-
-def _percent(share: Any) -> float:
-    return float(round(share * 1000)) / 10
 
 
 def embedded(plain: Plain) -> str:

@@ -6,19 +6,14 @@ let state = null, busy = false, sorted = null;
 const made = new Map();
 
 const viewer = new Viewer($("chart"), {
-  chosen(job) {
-    const spare = job && viewer.heat ? viewer.heat[job.name] : undefined;
-    $("facts").textContent = !job ? legend() : `${job.name} job ${job.index}, ${job.version}: ${job.startText} to ${job.endText} on ` +
-      job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") +
-      (spare === undefined ? "" : `; its WCET can grow by ${Math.floor(spare * 1000) / 10} %`);
-  },
+  chosen(job) { $("facts").textContent = job ? viewer.describe(job) : viewer.heat ? "how much the WCET can grow: from orange, 0 %, to blue, 100 % and more" : lowerRow(); },
   moved(job, start, lane) { // a start that stays is sent as it was read: thirds of a millisecond have no decimals
     const when = start === job.start ? job.startText : `${+start.toFixed(6)}ms`, unit = lane < 0 ? {} : {unit: state.units[lane]};
     order("pin", {mode: viewer.mode.name, task: job.name, index: job.index, start: when, ...unit});
   },
 });
 
-function legend() { return viewer.heat ? "how much the WCET can grow: from orange, 0 %, to blue, 100 % and more" : ""; }
+function lowerRow() { return viewer.mode && viewer.mode.strip ? `lower rows: ${state.beside.name}. ${viewer.mode.strip.caption}` : ""; }
 
 // Orders go to the server one after the other: what is typed while it works is not lost.
 let before = Promise.resolve();
@@ -68,7 +63,7 @@ function show(told, quiet) {
   state = told;
   document.title = `${told.model} – halpipe`;
   $("title").textContent = `${told.model}`;
-  options($("mode"), told.modes.map(mode => mode.name), $("mode").value);
+  options($("mode"), [...told.modes, ...told.switches].map(table => table.name), $("mode").value);
   options($("chain"), told.chains.map(chain => chain.name), $("chain").value, "no chain");
   options($("export"), told.formats, "", "export…");
   options($("variants"), told.variants, $("variants").value, "variants…");
@@ -85,6 +80,8 @@ function show(told, quiet) {
   findings([...(told.refused || []), ...told.findings]);
   if (told.unkept) findings([{severity: "warning", message: `edits are in memory only: ${told.unkept}`, help: "save under another name before you stop the server"}], true);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
+  if (told.beside) findings(told.beside.found.map(message => ({severity: "note", message, path: "", help: "", code: ""})), true);
+  if (!viewer.selected) viewer.select(null);
   tools();
   if (!quiet) { tables(); }
 }
@@ -103,11 +100,11 @@ function options(select, names, chosen, first) {
   if (names.includes(chosen)) select.value = chosen;
 }
 
-function drop() { viewer.beside = null; viewer.draw(); }
-
 function tools() {
-  $("take").disabled = $("beside").disabled = !$("variants").value;
-  $("beside").setAttribute("aria-pressed", String(Boolean(viewer.beside)));
+  $("take").disabled = !$("variants").value;
+  $("beside").disabled = !$("variants").value && !(state.beside && state.beside.kind === "variant");
+  const lower = state.beside ? state.beside.kind : "";
+  for (const [id, kind] of [["beside", "variant"], ["trace", "trace"]]) $(id).setAttribute("aria-pressed", String(lower === kind));
   $("margins").setAttribute("aria-pressed", String(Boolean(viewer.heat)));
 }
 
@@ -299,13 +296,15 @@ $("save").addEventListener("click", async () => {
   if (told && told.said) say(told.said, "good");
 });
 $("keep").addEventListener("click", () => { const name = prompt("Name of the variant"); if (name) order("keep", {name}); });
-$("variants").addEventListener("change", () => { drop(); tools(); });
-$("take").addEventListener("click", () => { const name = $("variants").value; drop(); order("take", {name}); });
-$("beside").addEventListener("click", async () => {
-  if (viewer.beside) { drop(); tools(); return; }
-  const told = await order("compare", {name: $("variants").value}, true);
-  if (told && told.said) { viewer.beside = told.said; viewer.draw(); tools(); }
-});
+$("variants").addEventListener("change", tools);
+$("take").addEventListener("click", () => order("take", {name: $("variants").value}));
+// A second press on a button draws nothing under the schedule again.
+function drawUnder(kind, choose) {
+  const stated = state.beside && state.beside.kind === kind ? {kind: "nothing", name: ""} : {kind, name: choose()};
+  if (stated.name !== null) order("beside", stated);
+}
+$("beside").addEventListener("click", () => drawUnder("variant", () => $("variants").value));
+$("trace").addEventListener("click", () => drawUnder("trace", () => prompt("File of a recorded run to draw under the schedule")));
 $("export").addEventListener("change", async event => {
   const format = event.target.value; event.target.value = "";
   if (!format) return;
@@ -335,6 +334,11 @@ document.addEventListener("keydown", event => {
 });
 async function open() {
   const told = await (await fetch("/api/state")).json();
-  if (told.busy && !told.modes.length) { show(told); say("finding the first schedule…", ""); setTimeout(open, 300); } else show(told);
+  if (told.busy && !told.modes.length) { show(told); say("finding the first schedule…", ""); setTimeout(open, 300); } else { show(told); followLink(); }
 }
+function followLink() { // shows the table, the time and the job that the address names
+  const view = new URLSearchParams(location.hash.slice(1)).get("view");
+  if ([...$("mode").options].some(option => option.value === view)) { $("mode").value = view; show(state); viewer.go(location.hash); }
+}
+addEventListener("hashchange", followLink);
 open();
