@@ -180,6 +180,8 @@ def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None
         refuse_invalid(model, schedule)
     if getattr(options, "onto", ""):
         return _put_onto(model, schedule, options)
+    if schedule is not None and getattr(options, "wait", None):
+        _refuse_late_starts(model, schedule, options)
     if getattr(options, "graphs", ()):
         options = _with_bindings(options)
     seen: tuple[Diagnostic, ...] = ()
@@ -221,6 +223,23 @@ def _put_onto(model: TaskModel, schedule: Schedule | None, options: Any) -> Expo
         value = f"{change.old} -> {change.new or '(nothing)'}" if change.old else f"+ {change.new}"
         lines.append(f"{change.file}: {change.path}{name}: {value}")
     return Exported(onto.files, onto.findings, CHANGES, tuple(lines))
+
+
+def _refuse_late_starts(model: TaskModel, schedule: Schedule, options: Any) -> None:
+    """Stop unless the schedule verifies wherever within its wait each job of a ROS package begins."""
+    from halpipe.exporters.common.selection import select
+    from halpipe.exporters.ros.codes import LATE_START
+    from halpipe.exporters.ros.waits import with_late_starts
+    from halpipe.pipeline.verify import verify
+    from halpipe.pipeline.verify.codes import WRONG_FIGURE
+
+    late = with_late_starts(model.alone(options.mode) if options.mode else model, options.wait)
+    findings = Findings()
+    for found in verify(late, select(model, schedule, options.mode, "ros")):
+        if found.is_error and found.code != WRONG_FIGURE.id:
+            help = "widen the windows and schedule again, or wait shorter"
+            findings.add(LATE_START(f"with late starts: {found.message}", at=found.at, path=found.path, help=help))
+    findings.stop_on_errors()
 
 
 def _with_bindings(options: Any) -> ExportOptions:

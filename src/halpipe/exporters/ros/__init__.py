@@ -129,7 +129,7 @@ class RosExporter(PlainExporter):
 
         chosen = specific(RosOptions, options)
         if chosen.package:
-            from halpipe.exporters.ros.packaging import wait_remarks
+            from halpipe.exporters.ros.waits import wait_remarks
 
             remarks = package_remarks(model, select(model, schedule, options.mode, self.name))
             return [*remarks, *wait_remarks(model, chosen)]

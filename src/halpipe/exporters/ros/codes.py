@@ -1,4 +1,4 @@
-"""The diagnostics of the ROS export: HAL0897, HAL0899, HAL0816, HAL0817, HAL1301, HAL1302, HAL1304 and HAL1454."""
+"""The diagnostics of the ROS export: HAL0816, HAL0817, HAL0897, HAL0899, HAL1301 to HAL1304, HAL1454, HAL1455."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -48,4 +48,11 @@ NO_TIME_LEFT = warning(
     "WCET does not hold the wait and the measured time",
     "A job of --wait runs after its wait, and its WCET holds both. In the trace that --graph names, a job of the "
     "callback took longer than its WCET less the wait, so a job whose message comes late would end late.",
+)
+LATE_START = error(
+    "HAL1455",
+    "Schedule does not hold for a job that waits",
+    "A job of --wait begins up to its wait after its instant. Verify accepts the schedule only if it holds for every "
+    "such begin: windows from and to the start, chains to the start, and access phases from the earliest begin to the "
+    "latest end. The end of the job is that of its WCET, which contains the wait.",
 )

@@ -10,20 +10,19 @@ from typing import TYPE_CHECKING, Any
 from halpipe import __version__
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, about, version_of
-from halpipe.core.durations import ZERO, Duration
+from halpipe.core.durations import Duration
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
-from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, NO_EVENT, NO_TIME_LEFT, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
+from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
+from halpipe.exporters.ros.waits import refuse_waits
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Schedule, TaskModel
 
@@ -81,7 +80,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     keys = [(task.name, v.name) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
     modes = [mode.name for mode in schedule.modes]
     rows = [row for task, _ in keys if (row := _row(task, model, modes, options, findings)) is not None]
-    _refuse_waits(model, dict(keys), modes, options, findings)
+    refuse_waits(model, dict(keys), modes, options, findings)
     check_texts(model, schedule, (), findings)
     _refuse_equal(model, dict.fromkeys(task for task, _ in keys), options, findings)
     _refuse_old_messages(model, options, findings)
@@ -149,42 +148,6 @@ def _row(task: str, model: TaskModel, modes: Sequence[str], options: RosOptions,
     missing = modes.index(mode) if mode in modes else -1
     nanoseconds = math.floor(wait.fraction) if wait else 0
     return Row(task, binding.node, binding.kind, binding.topic, binding.period, binding.order, nanoseconds, missing)
-
-
-def _refuse_waits(
-    model: TaskModel, tasks: Collection[str], modes: Sequence[str], options: RosOptions, findings: Findings
-) -> None:
-    """Report waits and modes for missing messages that cannot be as stated."""
-    waits, missing = options.wait or {}, options.missing or {}
-    for task in dict.fromkeys([*waits, *missing]):
-        binding = (options.bindings or {}).get(task)
-        if task not in tasks:
-            help = did_you_mean(task, tasks, "name a task of the schedule")
-            findings.add(NO_EVENT("the schedule has no jobs of it", path=about(task=task), help=help))
-        elif binding is not None and binding.kind != "subscription":
-            help = "name tasks that are subscriptions"
-            findings.add(NO_EVENT("its callback is a timer", at=model.task(task).at, path=about(task=task), help=help))
-        elif task in waits and (least := min(v.wcet or waits[task] for v in model.task(task).versions)) <= waits[task]:
-            text = f"the wait is {waits[task]}, and its shortest WCET {least}"
-            help = f"add {waits[task]} to the WCET, which contains the wait, and schedule again"
-            findings.add(NO_EVENT(text, at=model.task(task).at, path=about(task=task), help=help))
-        elif task in missing and missing[task] not in modes:
-            help = did_you_mean(missing[task], modes, "the modes are " + ", ".join(modes))
-            findings.add(NO_EVENT(f'there is no mode "{missing[task]}"', path=about(task=task), help=help))
-
-
-def wait_remarks(model: TaskModel, options: RosOptions) -> list[Diagnostic]:
-    """Return a warning for each task that was measured to take longer than its WCET leaves beside its wait."""
-    found = []
-    for task, wait in (options.wait or {}).items():
-        binding = (options.bindings or {}).get(task)
-        known = [version.wcet for version in model.task(task).versions if version.wcet is not None]
-        longest = Duration(binding.longest) if binding is not None else ZERO
-        if known and longest + wait > min(known):
-            text = f"a job took {longest}, and {min(known) - wait} of the WCET of {min(known)} is left after the wait"
-            help = f"make the WCET {longest + wait} or longer and schedule again, or wait shorter"
-            found.append(NO_TIME_LEFT(text, at=model.task(task).at, path=about(task=task), help=help))
-    return found
 
 
 def _services(schedule: Schedule, findings: Findings) -> list[str]:
