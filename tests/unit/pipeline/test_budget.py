@@ -55,8 +55,9 @@ def test_a_stated_budget_bounds_the_improvement_too(monkeypatch, budget, asked):
     bounded = lambda *rest: exact_goals.Shortest(exact_goals._sum(rest[4]))  # noqa: E731
     monkeypatch.setattr(exact_goals, "shortest_chains", lambda *rest: calls.append(rest) or bounded(*rest))
     monkeypatch.setattr(one_mode, "polish_of", lambda *rest: budgets.append(polish_of(*rest)) or budgets[-1])
-    tasks = [task(name, period, version("v", 3, "u1 u2")) for name, period in (("a", 12), ("b", 18), ("c", 12))]
-    system = model(*tasks, units="u1 u2", chains=[chain("c", "a b c")])
+    periods = {"a": 12, "b": 12, "c": 24}
+    tasks = [task(name, period, version("v", 2, "u1"), slack=1) for name, period in periods.items()]
+    system = model(*tasks, units="u1", chains=[chain("c", "a c b")])
     options = SearchOptions(budget=budget, optimise=(Objective.CHAINS,))
     assert schedule_model(system, options, lambda *_: True).is_complete
     assert len(calls) == asked
