@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError, about, error
 from halpipe.pipeline.jobs import expand
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -68,9 +68,17 @@ def _unmatched(expansion: Expansion | None, table: ModeSchedule) -> Iterator[Dia
 
 
 def _excluded(expansion: Expansion, table: ModeSchedule) -> Iterator[Diagnostic]:
-    """Yield the pairs of neighbours on a unit that overlap; of jobs in one piece, at least their WCETs."""
+    for unit, start, end, job, other in overlaps(expansion, staying(expansion, table.jobs)):
+        text = f'and "{other.task}" job {other.index}, both frozen, need unit "{unit}" from {start} to {end}'
+        help = f'remove the jobs of "{job.task}" or "{other.task}" from the shipped schedule, or use --near'
+        path = about(mode=table.name, task=job.task, job=job.index)
+        yield EXCLUDED(text, at=expansion.by_name[job.task].task.at, path=path, help=help)
+
+
+def overlaps(expansion: Expansion, jobs: Iterable[Job]) -> Iterator[tuple[str, Duration, Duration, Job, Job]]:
+    """Yield unit, begin and end of the overlaps of neighbours on a unit; jobs last at least their WCETs."""
     by_unit: dict[str, list[tuple[Duration, Duration, Job]]] = {}
-    for job in _staying(expansion, table):
+    for job in jobs:
         version = expansion.by_name[job.task].task.version(job.version)
         if version.wcet is not None:
             for unit in job.units:
@@ -82,26 +90,27 @@ def _excluded(expansion: Expansion, table: ModeSchedule) -> Iterator[Diagnostic]
         around = [(last, (first[0] + cycle, first[1] + cycle, first[2]))] if len(spans) > 1 else []
         for (_, end, job), (start, _, other) in [*pairwise(spans), *around]:
             if start < end:
-                text = f'and "{other.task}" job {other.index}, both frozen, need unit "{unit}" from {start} to {end}'
-                help = f'remove the jobs of "{job.task}" or "{other.task}" from the shipped schedule, or use --near'
-                path = about(mode=table.name, task=job.task, job=job.index)
-                yield EXCLUDED(text, at=expansion.by_name[job.task].task.at, path=path, help=help)
+                yield unit, start, end, job, other
 
 
-def _staying(expansion: Expansion, table: ModeSchedule) -> Iterator[Job]:
-    """Yield the jobs in one piece of tasks that stay: all their jobs are shipped, with versions and units they have."""
+def staying(expansion: Expansion, every: Iterable[Job]) -> Iterator[Job]:
+    """Yield the jobs in one piece of tasks that stay: all their jobs are given, with versions and units they have."""
     jobs: dict[str, list[Job]] = {}
-    for job in table.jobs:
+    for job in every:
         jobs.setdefault(job.task, []).append(job)
     for name, own in jobs.items():
-        active = expansion.by_name[name]
-        units = {version.name: (frozenset(version.units), version.gang) for version in active.versions}
-        if len(own) == active.jobs and all(
-            job.version in units
-            and not job.parts
-            and job.start < expansion.hyperperiod
-            and frozenset(job.units) <= units[job.version][0]
-            and len(job.units) == units[job.version][1]
-            for job in own
+        active = expansion.by_name.get(name)
+        units = {v.name: (frozenset(v.units), v.gang) for v in active.versions} if active is not None else {}
+        if (
+            active is not None
+            and len(own) == active.jobs
+            and all(
+                job.version in units
+                and not job.parts
+                and job.start < expansion.hyperperiod
+                and frozenset(job.units) <= units[job.version][0]
+                and len(job.units) == units[job.version][1]
+                for job in own
+            )
         ):
             yield from own

@@ -1,9 +1,11 @@
 """A schedule near an earlier one: as many jobs as possible stay at their start, on their units, in their version.
 
-First all jobs stay, as with --freeze. Where the model no longer allows that, the tasks that have changed are placed
-anew, then those as well that they meet in the best placement found, or that share most with them; at last everything
-is. What is free is tried first where it was. Then the exact engine, where it is installed, looks for a schedule in
-which fewer jobs have moved, or proves that there is none; without a proof, tasks are put back one after the other.
+Of jobs that exclude each other where they lie, one must move: the largest number of such sets without a job in common
+bounds what must move. Small sets of tasks that leave no conflict are placed anew first. Where none suffices, the tasks
+that have changed are, then those as well that they meet in the best placement found, or that share most with them; at
+last everything is. What is free is tried first where it was. If more have moved than the bound, the exact engine, where
+it is installed, looks for a schedule in which fewer have, or proves that there is none; without a proof, tasks are put
+back one after the other.
 """
 
 from __future__ import annotations
@@ -15,11 +17,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about, note
 from halpipe.core.durations import ZERO
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.parts import reserved_length, service_of
+from halpipe.pipeline.shipped import overlaps, staying
 from halpipe.pipeline.solve.exact_goals import is_same, place
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -33,11 +37,17 @@ NEAR = note(
     "same units, in the same version. The others are listed by task; `halpipe diff` shows each.",
 )
 
+LONGER = "has another WCET"
+"""Why a job may not be what it was, although it may stay where it was."""
+
 BUDGET = 100
 """Moves per task for the tasks that are free, before more of them are."""
 
 FOR_EACH_FREE = 10
 """So many of them for each that is free: a few soon find all the places that there are."""
+
+COVERS = 8
+"""Sets of tasks that are free alone, of those that leave no two jobs that exclude each other."""
 
 ROUNDS = 12
 """How often more of them are freed before everything is searched for."""
@@ -56,38 +66,115 @@ def schedule_near(
     model: TaskModel, options: SearchOptions, earlier: Schedule, solve: Callable[[SearchOptions], Scheduled]
 ) -> Scheduled:
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
-    found: Scheduled | None = None
     changed = _changed(model, earlier)
-    free = held = _displaced(earlier, options.shipped)
-    way: frozenset[str] = frozenset()
-    for number in range(ROUNDS):
-        try:
-            budget = min(BUDGET, FOR_EACH_FREE * max(1, len(free)))
-            found = solve(_near(options, earlier, _without(earlier, free), budget))
-        except HalpipeError:  # what cannot be frozen is searched for as a whole
-            found = None
+    held = _displaced(earlier, options.shipped)
+    conflicts = _conflicts(model, earlier, options.modes)
+    fewest = {mode: _packing(sets) for mode, sets in conflicts.items()}
+
+    def attempt(kept: Schedule, budget: int = BUDGET // 4) -> Scheduled | None:
+        return _attempt(_near(options, earlier, kept, budget), solve)
+
+    def is_least(found: Scheduled) -> bool:
+        moved = _moved_by_mode(earlier, found.schedule)
+        return all(count <= fewest.get(mode, 0) for mode, count in moved.items())
+
+    found: Scheduled | None = None
+    for free in _covers(earlier, held, conflicts.values()):
+        other = attempt(_without(earlier, free), min(BUDGET, FOR_EACH_FREE * max(1, len(free))))
+        if other is not None and other.is_complete and (found is None or _is_nearer(earlier, other, found)):
+            found = other
+            if is_least(found):
+                break
+    if found is None:
+        found = _freed(model, options, earlier, held | frozenset(changed), solve)
+    if found.is_complete and not is_least(found):
+        if options.is_open:
+            found, proven = _fewest(model, options, earlier, found, solve)
+            fewest = {mode: max(count, proven.get(mode, 0)) for mode, count in fewest.items()}
+        if not is_least(found):
+            near = {task for sets in conflicts.values() for each in sets for task, _ in each}
+            found = _with_few_free(earlier, found, held, near.union(changed), attempt)
+            found = _put_back(earlier, found, attempt)
+    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
+
+
+def _attempt(options: SearchOptions, solve: Callable[[SearchOptions], Scheduled]) -> Scheduled | None:
+    """Return what is found with the jobs that stay; None where they exclude each other."""
+    try:
+        return solve(options)
+    except HalpipeError:
+        return None
+
+
+def _freed(
+    model: TaskModel,
+    options: SearchOptions,
+    earlier: Schedule,
+    free: frozenset[str],
+    solve: Callable[[SearchOptions], Scheduled],
+) -> Scheduled:
+    """Free changed tasks, then more and more that are in their way; return what is found."""
+    for _ in range(ROUNDS):
+        budget = min(BUDGET, FOR_EACH_FREE * max(1, len(free)))
+        found = _attempt(_near(options, earlier, _without(earlier, free), budget), solve)
+        if found is None:  # what cannot be frozen is searched for as a whole
             break
         if found.is_complete or found.stopped:
-            break
-        if number == 0 and not changed.keys() <= free:
-            free |= frozenset(changed)
-            way = _in_the_way(model, found.schedule, frozenset(changed))
-            continue
+            return found
         more = _in_the_way(model, found.schedule, free) or _nearest(model, free)
-        way |= more
         if not more:
             break
         free |= more
-    if found is None or not (found.is_complete or found.stopped):
-        found = solve(replace(options, near=None, like=earlier))
-    fewest: dict[str, int] = {}
-    if found.is_complete:
-        found, fewest = _fewest(model, options, earlier, found, solve)
-        if any(moved > fewest.get(mode, 0) for mode, moved in _moved_by_mode(earlier, found.schedule).items()):
-            attempt = lambda kept: solve(_near(options, earlier, kept, BUDGET // 4))  # noqa: E731
-            found = _with_few_free(earlier, found, held, frozenset(changed), way, attempt)
-            found = _put_back(earlier, found, attempt)
-    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
+    return solve(replace(options, near=None, like=earlier))
+
+
+# ------------------------------------------------------------------------------------------------ least moves
+
+_Jobs = frozenset[tuple[str, int]]
+
+
+def _conflicts(model: TaskModel, earlier: Schedule, modes: Collection[str]) -> dict[str, list[_Jobs]]:
+    """Return sets of jobs of each mode of which one at least must move, since they exclude each other as they lie."""
+    found = {}
+    tables, units = {table.name: table for table in earlier.modes}, {unit.name: unit for unit in model.units}
+    for mode in model.modes:
+        if modes and mode.name not in modes:
+            continue
+        expansion = expand(model, mode)
+        every = tables[mode.name].jobs if mode.name in tables else ()
+        jobs = [job for job in every if job.task in expansion.by_name]
+        known = {(job.task, job.index) for job in jobs if _hinders(units, model.task(job.task), job) in ("", LONGER)}
+        periodic = (active for active in expansion.tasks if active.task.period is not None)
+        keys = ((active.name, index) for active in periodic for index in range(active.jobs))
+        sets = [frozenset([key]) for key in keys if key not in known]
+        pairs = overlaps(expansion, staying(expansion, jobs))
+        sets += [frozenset([(one.task, one.index), (two.task, two.index)]) for *_, one, two in pairs]
+        found[mode.name] = list(dict.fromkeys(sets))
+    return found
+
+
+def _packing(sets: Iterable[_Jobs]) -> int:
+    """Return how many of the sets have no job in common, those with the fewest neighbours first."""
+    counts = Counter(job for each in sets for job in each)
+    used: set[tuple[str, int]] = set()
+    number = 0
+    for each in sorted(sets, key=lambda each: (sum(counts[job] for job in each), sorted(each))):
+        if used.isdisjoint(each):
+            used |= each
+            number += 1
+    return number
+
+
+def _covers(earlier: Schedule, free: frozenset[str], conflicts: Iterable[list[_Jobs]]) -> list[frozenset[str]]:
+    """Return sets of tasks that leave no conflict when they are free, those with the fewest jobs first."""
+    jobs = Counter(job.task for mode in earlier.modes for job in mode.jobs)
+    choices = {frozenset(task for task, _ in each) for sets in conflicts for each in sets}
+    open_choices = sorted((sorted(each) for each in choices if not each & free), key=len)
+    covers = {free}
+    for choice in open_choices:
+        covers = {cover if cover & set(choice) else cover | {task} for cover in covers for task in choice}
+        covers = set(sorted(covers, key=lambda cover: (sum(jobs[name] for name in cover), sorted(cover)))[:COVERS])
+    return sorted(covers, key=lambda cover: (sum(jobs[name] for name in cover), sorted(cover)))
 
 
 def _fewest(
@@ -98,7 +185,6 @@ def _fewest(
     solve: Callable[[SearchOptions], Scheduled],
 ) -> tuple[Scheduled, dict[str, int]]:
     """Ask the exact engine for fewer moves; return the better schedule, and what is proven to be the least of modes."""
-    from halpipe.pipeline.jobs import expand
     from halpipe.pipeline.solve.exact import Effort
     from halpipe.pipeline.solve.exact_goals import MOVED_WORK, Fewest, fewest_moved
 
@@ -115,11 +201,8 @@ def _fewest(
         better.append(replace(mode, jobs=answer.jobs or mode.jobs))
     wanted = found.schedule.alone(tuple(better))
     if wanted.modes != found.schedule.modes:
-        try:
-            other = solve(_near(options, wanted, wanted))
-        except HalpipeError:
-            return found, least
-        if other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule):
+        other = _attempt(_near(options, wanted, wanted), solve)
+        if other is not None and _is_nearer(earlier, other, found):
             found = other
     return found, least
 
@@ -143,30 +226,33 @@ def _count(earlier: Schedule, found: Schedule) -> int:
 
 
 def _near(options: SearchOptions, earlier: Schedule, kept: Schedule, budget: int = BUDGET) -> SearchOptions:
-    """Return the options of a search in which the kept jobs of the earlier schedule stay, and no others have to."""
-    return replace(options, shipped=_together(options.shipped, kept), near=None, like=earlier, budget=budget)
+    """Return the options of a search in which the kept jobs of the earlier schedule stay, and no others have to.
+
+    It is not saved: a checkpoint has one state for each mode, and the next search keeps other jobs.
+    """
+    shipped = _together(options.shipped, kept)
+    return replace(options, shipped=shipped, near=None, like=earlier, budget=budget, keeper=None)
 
 
 def _with_few_free(
     earlier: Schedule,
     found: Scheduled,
     held: frozenset[str],
-    changed: frozenset[str],
-    way: frozenset[str],
-    solve: Callable[[Schedule], Scheduled],
+    first: Collection[str],
+    attempt: Callable[[Schedule], Scheduled | None],
 ) -> Scheduled:
     """Return a schedule in which fewer jobs have moved, if there is one with one or two free tasks beside those held.
 
     A changed task may stay where a task in its way has less to move.
     """
     jobs = Counter(job.task for mode in earlier.modes for job in mode.jobs)
-    near = sorted(jobs, key=lambda name: (name not in changed | way, jobs[name], name))[:NEIGHBOURS]
+    near = sorted(jobs, key=lambda name: (name not in first, jobs[name], name))[:NEIGHBOURS]
     for names in (names for size in range(1, SMALL + 1) for names in combinations(near, size)):
-        found = _better(earlier, found, _without(earlier, held.union(names)), solve)
+        found = _better(earlier, found, _without(earlier, held.union(names)), attempt)
     return found
 
 
-def _put_back(earlier: Schedule, found: Scheduled, solve: Callable[[Schedule], Scheduled]) -> Scheduled:
+def _put_back(earlier: Schedule, found: Scheduled, attempt: Callable[[Schedule], Scheduled | None]) -> Scheduled:
     """Return a schedule in which fewer jobs have moved, if there is one: some tasks were freed without need.
 
     One after the other stays where it was, those with the most jobs first, while the others that have moved are free.
@@ -175,18 +261,20 @@ def _put_back(earlier: Schedule, found: Scheduled, solve: Callable[[Schedule], S
     for name in sorted(counts, key=lambda name: (-counts[name], name))[:MOST_PUT_BACK]:
         moved = _moved(earlier, found.schedule).keys()
         if name in moved:
-            found = _better(earlier, found, _without(earlier, moved - {name}), solve)
+            found = _better(earlier, found, _without(earlier, moved - {name}), attempt)
     return found
 
 
-def _better(earlier: Schedule, found: Scheduled, kept: Schedule, solve: Callable[[Schedule], Scheduled]) -> Scheduled:
+def _better(
+    earlier: Schedule, found: Scheduled, kept: Schedule, attempt: Callable[[Schedule], Scheduled | None]
+) -> Scheduled:
     """Return the schedule found with the kept jobs where fewer have moved in it; otherwise the present one."""
-    try:
-        other = solve(kept)
-    except HalpipeError:
-        return found
-    is_better = other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule)
-    return other if is_better else found
+    other = attempt(kept)
+    return other if other is not None and _is_nearer(earlier, other, found) else found
+
+
+def _is_nearer(earlier: Schedule, other: Scheduled, found: Scheduled) -> bool:
+    return other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule)
 
 
 def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
@@ -289,7 +377,7 @@ def _hinders(units: Mapping[str, Unit], task: Task, job: Job) -> str:
     work = sum((end - start for start, end in job.occupations()), ZERO)
     if job.parts or work == reserved_length(version.wcet, service_of(units, job.units)):
         return ""
-    return "has another WCET"
+    return LONGER
 
 
 def _distance(model: TaskModel, changed: frozenset[str]) -> Callable[[str], tuple[int, str]]:
