@@ -16,8 +16,12 @@ if TYPE_CHECKING:
 RELEASES = {
     "4.0.3": "AUTOSAR_4-0-3.xsd",
     "4.2.2": "AUTOSAR_4-2-2.xsd",
+    "4.4.0": "AUTOSAR_00046.xsd",
     "R19-11": "AUTOSAR_00048.xsd",
+    "R20-11": "AUTOSAR_00049.xsd",
     "R22-11": "AUTOSAR_00051.xsd",
+    "R23-11": "AUTOSAR_00052.xsd",
+    "R25-11": "AUTOSAR_00054.xsd",
 }
 """The releases that can be written, oldest first, with the schema that the header of their files names."""
 

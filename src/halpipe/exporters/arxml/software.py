@@ -189,7 +189,7 @@ def _component(elements: etree._Element, task: Task, layout: Layout, release: st
         if disabled:
             _disable(add(event, "DISABLED-MODE-IREFS"), task, layout, disabled)
         ref(event, "START-ON-EVENT-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
-        if task.offset is not None and is_from(release, "R19-11"):
+        if task.offset is not None and is_from(release, "4.4.0"):
             add(event, "OFFSET", seconds_text(task.offset)[0])
         add(event, "PERIOD", seconds_text(task.period)[0])
     runnable = named(add(behavior, "RUNNABLES"), "RUNNABLE-ENTITY", layout.tasks[task.name])
