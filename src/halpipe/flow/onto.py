@@ -34,7 +34,6 @@ def export_onto(
     from dataclasses import replace
 
     from halpipe.exporters.arxml.definitions import check, read_definitions
-    from halpipe.exporters.arxml.onto import DELTA
     from halpipe.exporters.arxml.onto.export import put_onto
     from halpipe.exporters.common.selection import refuse_early_phases, select
     from halpipe.importers.arxml.project import read_project
@@ -51,8 +50,8 @@ def export_onto(
     contents = _Contents(files)
     onto = put_onto(model, chosen, project, contents)
     paths = definitions or project.definitions
-    if paths and DELTA in onto.files:
-        findings.extend(check(onto.files[DELTA], read_definitions(paths), is_part=True))
+    if paths:
+        findings.extend(check(onto.additions, read_definitions(paths), is_part=True))
     return replace(onto, findings=(*findings.items, *onto.findings))
 
 

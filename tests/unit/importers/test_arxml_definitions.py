@@ -175,10 +175,41 @@ def test_the_own_configuration_of_the_rte_keeps_the_counts_of_the_standard(tmp_p
     found = FORMAT.remarks(system, plan, options, FORMAT.write(system, plan, options))
     told = [d.message for d in found if "Rte" in d.path or "Rte" in d.message]
     known = {"RteCalibrationSupport", "RteCodeVendorId", "RteDevErrorDetectUninit", "RteMeasurementSupport"}
-    known |= {"RteValueRangeCheckEnabled", "RteGenerationMode", "RteOptimizationMode", "RteIocInteractionReturnValue"}
+    known |= {"RteValueRangeCheckEnabled", "RteGenerationMode", "RteOptimizationMode"}
     assert set(told) == {f"RteGeneration has no {n}" for n in known} | {
         "RteInitializationBehavior has no RteInitializationStrategy"
     }
+
+
+def test_the_own_configuration_has_what_the_vendor_proposes_and_no_core_in_two_ways(tmp_path):
+    """A vendor with a number for each core, a stack for each OsTask, and containers that only its tool can fill."""
+    values = definition("INTEGER-PARAM", "Stack", more="<DEFAULT-VALUE>512</DEFAULT-VALUE>")
+    word = definition("ENUMERATION-PARAM", "Class", more="<DEFAULT-VALUE>SC1</DEFAULT-VALUE>")
+    published = "<IMPLEMENTATION-CONFIG-CLASSES><X><CONFIG-CLASS>PUBLISHED-INFORMATION</CONFIG-CLASS></X>"
+    release = definition("STRING-PARAM", "Release", more=f"{published}</IMPLEMENTATION-CONFIG-CLASSES>")
+    path = define(
+        tmp_path,
+        "Os",
+        box("OsTask", values, lower=0, upper=None),
+        box("OsApplication", definition("INTEGER-PARAM", "OsApplicationCoreAssignment"), lower=0, upper=None),
+        box("Debug", word, box("Inner", word)),
+        box("Silicon", word, definition("STRING-PARAM", "Name")),
+        box("Published", release),
+    )
+    define(tmp_path, "EcuC", box("General", word, lower=0))
+    (tmp_path / "Os_def.arxml").rename(tmp_path / "Os.bmd")
+    system = model(task("fast", 10, version("v", 1, "u")), units="u")
+    plan = schedule(system, 10, job(system, "fast", 0, 0, "u"))
+    options = ArxmlOptions(ecuc_definitions=(str(tmp_path),), ecuc_prefix="/Other")
+    data = FORMAT.write(system, plan, options)
+    text = data[""].decode()
+    assert path.endswith("Os_def.arxml")
+    assert [text.count(f">{value}</VALUE>") for value in ("512", "SC1")] == [1, 2]
+    assert [text.count(f">/{prefix}/Os<") for prefix in ("V", "Other")] == [1, 0]
+    assert [f"/{name}<" in text for name in ("OsApplicationCoreAssignment", "OsApplicationCoreRef")] == [True, False]
+    assert "EcucHardware" not in text
+    missing = [d.message for d in FORMAT.remarks(system, plan, options, data) if "there must be" in d.message]
+    assert missing == ["has 0 Silicon, of which there must be 1"]
 
 
 def test_a_vendor_whose_os_has_no_schedule_tables_is_named(tmp_path):

@@ -56,7 +56,7 @@ def test_a_project_of_release_3_is_scheduled_and_exported_but_not_extended(tmp_p
     source = tmp_path / "in"
     source.mkdir()
     path = source / "system.arxml"
-    header = '<AUTOSAR xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="{0} AUTOSAR.xsd" xmlns="{0}"'
+    header = '<AUTOSAR xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="{0} x.xsd" xmlns="{0}"'
     text = (FIXTURES / "release3.arxml").read_text()
     path.write_text(re.sub('<AUTOSAR xmlns="[^"]*"', header.format(f"http://autosar.org/{release}"), text))
     model = model_of(path)

@@ -2,10 +2,12 @@
 
 import pytest
 from arxml_case import component, composition, every, found, named, orders, package, periods, read, refusal, write
+from test_arxml_definitions import box, define
 from test_arxml_ecus import mappings, on
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml.codes import CANNOT_EDIT, DOUBLE_START, PHASE, UNKNOWN_EVENT
+from halpipe.exporters.arxml.definitions import AGAINST_DEFINITION
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
@@ -195,10 +197,11 @@ def model_of(folder):
     return import_model("arxml", [str(folder)], options).model
 
 
-def put(folder, model):
+def put(folder, model, definitions=()):
     jobs = [job(model, "Main", 0, "2ms", "Core0")]
     lone = [job(model, task.name, 0, "6ms", "Core0") for task in model.tasks if task.name == "Other"]
-    return export_onto(model, schedule(model, 10, *jobs, *lone, mode_name="default"), str(folder), ArxmlImportOptions())
+    plan = schedule(model, 10, *jobs, *lone, mode_name="default")
+    return export_onto(model, plan, str(folder), ArxmlImportOptions(), definitions)
 
 
 def whole(folder):
@@ -238,6 +241,15 @@ def test_a_schedule_goes_into_the_files_of_the_project(tmp_path):
     original = (folder / "Rte.xdm").read_text()
     assert original.splitlines()[:8] == rte.splitlines()[:8]
     assert len(original.splitlines()) == len(rte.splitlines())
+
+
+def test_what_goes_into_the_files_of_the_project_has_to_fit_its_definitions(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(whole(folder))
+    definitions = define(tmp_path, "Os", *(box(f"Os{name}") for name in ("Application", "Counter", "Task")))
+    told = {d.message for d in put(folder, model, [definitions]).findings if d.code == AGAINST_DEFINITION.id}
+    assert {"Os has no OsScheduleTable", "OsApplication has no OsAppScheduleTableRef"} <= told
 
 
 def test_the_changed_project_is_the_same_model(tmp_path):

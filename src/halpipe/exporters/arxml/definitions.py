@@ -1,7 +1,8 @@
-"""Check of ECU configurations against the definitions of their modules (ECUC-MODULE-DEF), as in a configurator.
+"""Definitions of modules (ECUC-MODULE-DEF): ECU configurations completed by them, and checked as in a configurator.
 
 A module is found by the path of its definition, or by the standard module that a definition refines. What is checked:
 names, multiplicities, ranges, words of enumerations, and what references lead to, as far as it is in the file.
+Published information is a part of the module, not of its configuration.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.exporters.arxml.document import Box
 
 NO_DEFINITIONS = error(
     "HAL0870",
     "No definitions of the modules to be written",
-    "`--ecuc-definitions` names ARXML files, or folders of them, with the ECUC-MODULE-DEFs of Os, Rte and EcuC that a "
-    "vendor ships with its tools.",
+    "`--ecuc-definitions` names ARXML files (in EB tresos: .bmd), or folders of them, with the ECUC-MODULE-DEFs of Os, "
+    "Rte and EcuC that a vendor ships with its tools.",
 )
 AGAINST_DEFINITION = warning(
     "HAL0871",
@@ -40,12 +42,16 @@ _CONTAINER_DEFS = ("ECUC-PARAM-CONF-CONTAINER-DEF", "ECUC-CHOICE-CONTAINER-DEF")
 _GROUPS = ("CONTAINERS", "SUB-CONTAINERS", "CHOICES", "PARAMETERS", "REFERENCES")
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _FLAGS = ("true", "false", "1", "0")
+_NUMERICAL = ("BOOLEAN", "FLOAT", "INTEGER")
 _NUMBER = re.compile(r"[+-]?[0-9]{1,40}(\.[0-9]{0,40})?([eE][+-]?[0-9]{1,3})?")
 
 
 @dataclass(slots=True)
 class Definition:
-    """Definition of a module, container, parameter or reference; `upper` None is any number, `inside` goes by name."""
+    """Definition of a module, container, parameter or reference; `upper` None is any number, `inside` goes by name.
+
+    `path` is that of a module, `default` the value that the vendor proposes (empty: none).
+    """
 
     name: str
     tag: str
@@ -55,6 +61,9 @@ class Definition:
     most: Fraction | None = None
     words: tuple[str, ...] = ()
     target: str = ""
+    path: str = ""
+    default: str = ""
+    is_published: bool = False
     inside: dict[str, Definition] = field(default_factory=dict)
 
     @property
@@ -75,13 +84,48 @@ class Definitions:
         alike = [d for known, d in self._modules.items() if known.rpartition("/")[2] == name]
         return self._modules.get(path) or (alike[0] if alike else None)
 
+    def has(self, path: str, *, otherwise: bool) -> bool:
+        """Return whether a module defines what a path, which begins with it, leads to; `otherwise` if it is unknown."""
+        module, *steps = path.split("/")
+        known = self.of(module)
+        if known is None:
+            return otherwise
+        for step in steps:
+            known = known.inside.get(step) if known is not None else None
+        return known is not None and known.upper != 0
+
+
+def complete(box: Box, definition: Definition) -> bool:
+    """Add to a container what it must have, as far as the vendor proposes values; return whether it has all then.
+
+    A container of which only the tool, or the user, knows some part is left out as a whole.
+    """
+    is_whole = True
+    for inner in box.inside.values():
+        if inner.kind in definition.inside:
+            complete(inner, definition.inside[inner.kind])
+    stated = {inner.kind for inner in box.inside.values()}
+    stated |= {*(name for _, _, name, _ in box.values), *(reference.name for reference in box.refs)}
+    for part in definition.inside.values():
+        if not part.lower or part.is_published or part.name in stated:
+            continue
+        if part.default:
+            kind = part.tag.removeprefix("ECUC-").removesuffix("-PARAM-DEF")
+            box.values.append(("NUMERICAL" if kind in _NUMERICAL else "TEXTUAL", kind, part.name, part.default))
+        elif part.tag != _CONTAINER_DEFS[0] or part.name in box.inside:
+            is_whole = False
+        elif not complete(box.new(part.name, part.name), part):
+            del box.inside[part.name]
+            is_whole = False
+    return is_whole
+
 
 def read_definitions(paths: Sequence[str]) -> Definitions:
-    """Read the modules that files define; raise `HalpipeError` if there is none."""
+    """Read the modules that files define; raise `HalpipeError` if files are given, but define none."""
     found: dict[str, Definition] = {}
-    for name in find_inputs(paths, (".arxml",)):
+    for name in find_inputs(paths, (".arxml", ".bmd")):
         found |= _modules_of(parse_xml(read_bytes(name), name, long_texts=True))
-    if not found:
+    if paths and not found:
         raise HalpipeError(NO_DEFINITIONS("no file of it defines a module", at=Location(paths[0])))
     return Definitions(found)
 
@@ -90,7 +134,8 @@ def _modules_of(root: etree._Element) -> dict[str, Definition]:
     found: dict[str, Definition] = {}
     for element in root.iter(_NS + "ECUC-MODULE-DEF"):
         definition = _read(element)
-        found[_path(element)] = definition
+        definition.path = _path(element)
+        found[definition.path] = definition
         refined = "".join((element.findtext(_NS + "REFINED-MODULE-DEF-REF") or "").split())
         if refined:
             found.setdefault(refined, definition)
@@ -124,11 +169,15 @@ def _read(element: etree._Element) -> Definition:
         most=_number(text("MAX")),
         words=tuple((literal.text or "").strip() for literal in literals),
         target=text("DESTINATION-REF").rpartition("/")[2],
+        default=(element.findtext(_NS + "DEFAULT-VALUE") or "").strip(),
     )
     for group in _GROUPS:
         for child in element.iterfind(f"{_NS}{group}/*"):
             inner = _read(child)
             definition.inside[inner.name] = inner
+    classes = [e.text for e in element.iterfind(f"{_NS}IMPLEMENTATION-CONFIG-CLASSES/*/{_NS}CONFIG-CLASS")]
+    parts = definition.inside.values()
+    definition.is_published = "PUBLISHED-INFORMATION" in classes or (bool(parts) and all(p.is_published for p in parts))
     return definition
 
 
@@ -203,7 +252,7 @@ def _missing(element: etree._Element, definition: Definition, counts: Counter[st
             yield _told(element, f"has {sum(counts.values())} of its choices, not 1")
         return
     for name, known in definition.inside.items():
-        if counts[name] < known.lower:
+        if counts[name] < known.lower and not known.is_published:
             yield _told(element, f"has {counts[name]} {name}, of which there must be {known.lower}")
 
 

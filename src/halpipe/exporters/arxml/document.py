@@ -171,6 +171,11 @@ class Box:
         """Whether it is the configuration of a module."""
         return self.dest == _MODULE_DEF
 
+    @property
+    def kind(self) -> str:
+        """The short name of its definition."""
+        return self.definition.rpartition("/")[2]
+
     def new(self, name: str, kind: str) -> Box:
         """Append a new container of a definition, by its short name."""
         box = self.inside[name] = Box(f"{self.path}/{name}", f"{self.definition}/{kind}", is_new=True)
@@ -207,9 +212,9 @@ class Box:
             self.refs.append(found)
 
 
-def module(name: str, prefix: str, base: str) -> Box:
-    """Start the configuration of a module; `prefix` is where the definitions are, `base` its package."""
-    return Box(f"{base}/{name}", f"{prefix}/{name}", _MODULE_DEF, is_new=True)
+def module(name: str, definition: str, base: str) -> Box:
+    """Start the configuration of a module by the path of its definition; `base` is its package."""
+    return Box(f"{base}/{name}", definition, _MODULE_DEF, is_new=True)
 
 
 def write_box(parent: etree._Element, box: Box, texts: list[bytes] | None = None) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings
 from halpipe.core.embedding import package_hash, pieces
 from halpipe.exporters.arxml.codes import BAD_PREFIX
+from halpipe.exporters.arxml.definitions import read_definitions
 from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, special
 from halpipe.exporters.arxml.options import RELEASES
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os, write_rte
@@ -77,11 +78,12 @@ def _write_ecuc(
 ) -> None:
     holds = Holds(model, schedule)
     plan = make_plan(model, schedule, layout, holds, choose_counter(schedule, options, holds), options.max_points)
-    names = OsNames(plan, layout)
+    definitions = read_definitions(options.ecuc_definitions)
+    names = OsNames(plan, layout, options.ecuc_prefix, definitions)
     elements = package(packages, PACKAGE)
-    write_cores(elements, plan, layout, options.ecuc_prefix)
-    write_os(elements, plan, names, options.ecuc_prefix, options.release)
-    write_rte(elements, model, plan, layout, names, options.ecuc_prefix, options.release)
+    write_cores(elements, plan, names)
+    write_os(elements, plan, names, options.release)
+    write_rte(elements, model, plan, names, options.release)
     write_collection(elements, layout)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.exporters.arxml.definitions import complete
 from halpipe.exporters.arxml.document import (
     CONTAINER,
     MODULE,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
+    from halpipe.exporters.arxml.definitions import Definitions
     from halpipe.exporters.arxml.document import Box
     from halpipe.exporters.arxml.software import Layout
     from halpipe.exporters.arxml.tables import Plan, Table, Work
@@ -44,9 +46,11 @@ _SYMBOLIC = "ECUC-SYMBOLIC-NAME-REFERENCE-DEF"
 class OsNames:
     """Short names and paths of the containers of the Os, which the Rte refers to."""
 
-    def __init__(self, plan: Plan, layout: Layout) -> None:
+    def __init__(self, plan: Plan, layout: Layout, prefix: str, definitions: Definitions) -> None:
         self.base = layout.path(PACKAGE)
         self.layout = layout
+        self.definitions = definitions
+        self._prefix = prefix
         events = (event for found in plan.events.values() for event in found.values())
         taken = (*plan.tasks, *plan.idle.values(), *events, *(table.name for table in plan.tables))
         names = ShortNames(SYSTEM, DEFAULT_START, *taken)
@@ -58,6 +62,18 @@ class OsNames:
     def path(self, name: str) -> str:
         """Return the path of a container of the Os."""
         return f"{self.base}/Os/{name}"
+
+    def module(self, name: str) -> Box:
+        """Start the configuration of a module."""
+        known = self.definitions.of(name)
+        return module(name, known.path if known else f"{self._prefix}/{name}", self.base)
+
+    def write(self, elements: etree._Element, box: Box) -> None:
+        """Append the configuration of a module, with what its definition, if there is one, demands."""
+        known = self.definitions.of(box.definition)
+        if known is not None:
+            complete(box, known)
+        write_box(elements, box, self.layout.texts)
 
     def core(self, unit: str) -> str:
         """Return the path of the core of a unit."""
@@ -73,13 +89,14 @@ def point_name(offset: int) -> str:
     return f"At_{offset}"
 
 
-def write_cores(elements: etree._Element, plan: Plan, layout: Layout, prefix: str) -> None:
+def write_cores(elements: etree._Element, plan: Plan, names: OsNames) -> None:
     """Append the configuration of EcuC: the cores, numbered as the units are ordered."""
-    cores = module("EcuC", prefix, layout.path(PACKAGE))
-    hardware = cores.new("EcucHardware", "EcucHardware")
-    for number, unit in enumerate(plan.units):
-        hardware.new(layout.units[unit], "EcucCoreDefinition").fill(EcucCoreId=number)
-    write_box(elements, cores, layout.texts)
+    cores = names.module("EcuC")
+    if names.definitions.has("EcuC/EcucHardware", otherwise=True):
+        hardware = cores.new("EcucHardware", "EcucHardware")
+        for number, unit in enumerate(plan.units):
+            hardware.new(names.layout.units[unit], "EcucCoreDefinition").fill(EcucCoreId=number)
+    names.write(elements, cores)
 
 
 def write_collection(elements: etree._Element, layout: Layout) -> None:
@@ -92,9 +109,9 @@ def write_collection(elements: etree._Element, layout: Layout) -> None:
         ref(entry, f"{MODULE}-REF", MODULE, layout.path(PACKAGE, name))
 
 
-def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, release: str) -> None:
+def write_os(elements: etree._Element, plan: Plan, names: OsNames, release: str) -> None:
     """Append the configuration of the Os."""
-    os_module = module("Os", prefix, names.base)
+    os_module = names.module("Os")
     system = os_module.new(SYSTEM, "OsOS").fill(OsNumberOfCores=len(plan.units), **_OFF, OsStatus="STANDARD")
     _hooks(system, "OsHooks", "Os", (*_HOOKS, "PostTask", "PreTask", "Protection"))
     for start in (DEFAULT_START, *names.starts.values()):
@@ -110,7 +127,7 @@ def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, 
         _table(os_module, table, plan, names)
     for number, unit in enumerate(plan.units):
         _application(os_module, unit, number, plan, names, release)
-    write_box(elements, os_module, names.layout.texts)
+    names.write(elements, os_module)
 
 
 def _hooks(box: Box, kind: str, prefix: str, hooks: Iterable[str]) -> None:
@@ -167,7 +184,8 @@ def fill_counter(box: Box, max_value: int, min_cycle: int, tick: str) -> None:
 
 def _application(os_module: Box, unit: str, number: int, plan: Plan, names: OsNames, release: str) -> None:
     box = os_module.new(names.applications[unit], "OsApplication").fill(OsTrusted=False)
-    has_cores = is_from(release, "4.2.2")
+    core_ref = "Os/OsApplication/OsApplicationCoreRef"
+    has_cores = names.definitions.has(core_ref, otherwise=is_from(release, "4.2.2"))
     if not has_cores:
         box.fill(OsApplicationCoreAssignment=number)
     for name, work in plan.tasks.items():
@@ -237,10 +255,9 @@ def _succession(box: Box, table: Table, plan: Plan, names: OsNames) -> None:
 # --------------------------------------------------------------------------------------------------------- Rte
 
 
-def write_rte(
-    elements: etree._Element, model: TaskModel, plan: Plan, layout: Layout, names: OsNames, prefix: str, release: str
-) -> None:
+def write_rte(elements: etree._Element, model: TaskModel, plan: Plan, names: OsNames, release: str) -> None:
     """Append the configuration of the Rte for every periodic task; those on demand have no event to map."""
+    layout = names.layout
     points: dict[str, str] = {}
     for table in plan.tables:
         for point in table.points:
@@ -249,8 +266,8 @@ def write_rte(
     os_tasks: dict[str, list[str]] = {}
     for name, work in plan.tasks.items():
         os_tasks.setdefault(work.task, []).append(name)
-    rte = module("Rte", prefix, layout.path(PACKAGE))
-    _fill_general(rte, release)
+    rte = names.module("Rte")
+    _fill_general(rte, names.definitions, release)
     for task in model.tasks:
         if task.period is None or task.name not in os_tasks:
             continue
@@ -261,7 +278,7 @@ def write_rte(
             _foreign(mapping, "RteEventRef", layout.event(task.name), "TIMING-EVENT")
             mapping.refer("RteMappedToTaskRef", names.path(name))
             mapping.refer("RteUsedOsSchTblExpiryPointRef", points[name])
-    write_box(elements, rte, layout.texts)
+    names.write(elements, rte)
 
 
 def _foreign(box: Box, name: str, path: str, dest: str) -> None:
@@ -269,14 +286,14 @@ def _foreign(box: Box, name: str, path: str, dest: str) -> None:
     box.refer(name, path, definition="ECUC-FOREIGN-REFERENCE-DEF", dest=dest)
 
 
-def _fill_general(rte: Box, release: str) -> None:
+def _fill_general(rte: Box, definitions: Definitions, release: str) -> None:
     """Append what every configuration of the Rte has to state, and nothing here depends on."""
     rte.new("RteBswGeneral", "RteBswGeneral").fill(RteSchMVersionInfoApi=False, RteUseComShadowSignalApi=False)
     generation = rte.new("RteGeneration", "RteGeneration").fill(RteCalibrationSupport="NONE", RteCodeVendorId=0)
     checks = ("DevErrorDetect", "DevErrorDetectUninit", "MeasurementSupport", "ValueRangeCheckEnabled")
     generation.fill(**{f"Rte{name}": False for name in checks}, RteVfbTraceEnabled=False)
     generation.fill(RteGenerationMode="COMPATIBILITY_MODE", RteOptimizationMode="RUNTIME")
-    if is_from(release, "4.2.2"):
+    if definitions.has("Rte/RteGeneration/RteIocInteractionReturnValue", otherwise=is_from(release, "4.2.2")):
         generation.fill(RteIocInteractionReturnValue="RTE_IOC")
     start = rte.new("RteInitializationBehavior", "RteInitializationBehavior")
     start.fill(RteInitializationStrategy="RTE_INITIALIZATION_STRATEGY_AT_DATA_DECLARATION")

@@ -33,9 +33,13 @@ class Change:
 
 @record
 class Onto:
-    """The folder to write by relative names, the list of changes, and what the user has to know."""
+    """The folder to write by relative names, all `additions` as one delta, the changes, and what users have to know.
+
+    Additions to project data of EB tresos are in the changed files, and not in the delta of the folder.
+    """
 
     files: dict[str, bytes]
+    additions: bytes
     changes: tuple[Change, ...]
     findings: tuple[Diagnostic, ...]
 

@@ -86,7 +86,7 @@ class Delta:
 
 def _changes(box: Box, file: str) -> Iterator[Change]:
     if box.is_new:
-        yield Change(file, box.path, "", None, box.definition.rpartition("/")[2])
+        yield Change(file, box.path, "", None, box.kind)
     for _, _, name, text in box.values:
         yield Change(file, box.path, name, None, text)
     for reference in box.refs:

@@ -252,7 +252,7 @@ def _additions(index: _Index, box: Box, data: bytes) -> Iterator[tuple[int, int,
     lists: dict[str, list[str]] = {}
     for inner in box.inside.values():
         if inner.is_new:
-            lists.setdefault(inner.definition.rpartition("/")[2], []).append(_container(inner))
+            lists.setdefault(inner.kind, []).append(_container(inner))
         else:
             yield from _additions(index, inner, data)
     for kind, texts in lists.items():
@@ -309,7 +309,7 @@ def _container(box: Box) -> str:
     parts += [f'<d:lst name="{name}">{"".join(refs)}</d:lst>' for name, refs in several.items()]
     lists: dict[str, list[str]] = {}
     for inner in box.inside.values():
-        kind = inner.definition.rpartition("/")[2]
+        kind = inner.kind
         if kind == inner.path.rpartition("/")[2]:
             parts.append(_container(inner))
         else:

@@ -191,7 +191,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
         "files": {name: sha256(contents[name]) for name in sorted(contents)},
     }
     contents[MANIFEST] = (json.dumps(manifest, indent=1, ensure_ascii=True) + "\n").encode()
-    return Onto(contents, tuple(changes), tuple(findings.items))
+    return Onto(contents, writer.delta.write(), tuple(changes), tuple(findings.items))
 
 
 def _state(name: str, data: bytes, contents: Mapping[str, bytes]) -> dict[str, str]:
