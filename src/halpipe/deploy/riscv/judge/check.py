@@ -30,7 +30,7 @@ from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, table
 from halpipe.deploy.riscv.target import read_site
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import CheckOptions, Target
@@ -108,52 +108,44 @@ class Outcome:
     hears: bool = False
 
 
-@dataclass(slots=True)
-class Totals:
-    """Result of all tours of a check."""
-
-    outcomes: list[Outcome] = field(default_factory=list)
-
-    @property
-    def findings(self) -> tuple[Diagnostic, ...]:
-        """All findings, each once."""
-        return tuple(sort_diagnostics(d for outcome in self.outcomes for d in outcome.findings))
-
-
 def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
-    """Play a bundle in the co-simulation and hold it against its schedule; then let jobs fail on purpose."""
-    totals = Totals()
-    static = static_findings(target)
-    cycles = cycles_of(target, options)
-    for tour in tours(target.schedule, cycles):
-        totals.outcomes.append(simulate(target, tour, execution=options.execution))
+    """Play a bundle in the co-simulation and compare it with its schedule; then let jobs fail on purpose."""
+    findings = static_findings(target)
+    outcomes = [
+        simulate(target, tour, execution=options.execution)
+        for tour in tours(target.schedule, cycles_of(target, options))
+    ]
     if any(driver.function == REQUEST for driver in read_drivers(target.bundle)):
         asking = Tour(target.schedule.modes[0].name, (), ASKING)
-        totals.outcomes.append(hearing(target, asking, options.execution))
-    site = totals.outcomes[0].run.site
-    static += cold_findings(target, site)
-    lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
-    held = hold_transfers(target, totals.outcomes)
+        outcomes.append(simulate(target, asking, execution=options.execution, hears=True))
+    site = outcomes[0].run.site
+    findings += cold_findings(target, site)
+    lines = list(summary_lines(target, outcomes, tolerance_of(site)))
+    held = hold_transfers(target, outcomes)
     lines += held.lines
-    findings = tuple(sort_diagnostics([*static, *totals.findings, *held.findings]))
-    sound = not any(found.is_error for found in findings)
+    findings += [*(found for outcome in outcomes for found in outcome.findings), *held.findings]
+    sound = not _fails(findings)
+    dispatches = [outcome.dispatch for outcome in outcomes]
     if sound:
-        findings = tuple(sort_diagnostics([*findings, *foul_findings(target, totals, options)]))
-    dispatches = [outcome.dispatch for outcome in totals.outcomes]
+        findings += foul_findings(target, outcomes, options)
     if sound and options.inject != "none":
-        injected = inject(target, totals, everything=options.inject == "all")
-        findings = tuple(sort_diagnostics([*findings, *injected.findings]))
+        injected = inject(target, outcomes, everything=options.inject == "all")
+        findings += injected.findings
         lines += injected.lines()
         dispatches += injected.dispatches
-    findings = tuple(sort_diagnostics([*findings, *figures.slow_dispatch(dispatches)]))
+    findings += figures.slow_dispatch(dispatches)
     lines += figures.dispatch_lines(dispatches, site.management_cpi)
     if options.margin and sound:
         lines += margin_lines(target)
-    if not any(found.is_error for found in findings):
+    if not _fails(findings):
         lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
-    traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
-    files = traces | ({"bandwidth": held.phases} if held.phases else {})
-    return Checked(diagnostics=findings, lines=tuple(lines), files=files)
+    files = {f"trace-{i}" if i > 1 else "trace": trace_csv(outcome) for i, outcome in enumerate(outcomes, 1)}
+    files |= {"bandwidth": held.phases} if held.phases else {}
+    return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines), files=files)
+
+
+def _fails(findings: Iterable[Diagnostic]) -> bool:
+    return any(found.is_error for found in findings)
 
 
 def cycles_of(target: Target, options: CheckOptions) -> int:
@@ -183,10 +175,10 @@ def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
     return cold_start(target, budget, MARGIN + seconds(size * site.management_cpi / site.clock))
 
 
-def foul_findings(target: Target, totals: Totals, options: CheckOptions) -> Iterator[Diagnostic]:
+def foul_findings(target: Target, outcomes: Sequence[Outcome], options: CheckOptions) -> Iterator[Diagnostic]:
     """Yield where jobs depend on former contents of scratchpads: a second run of every tour with new versions."""
     known: set[tuple[str, str]] = set()
-    for tour, plain in zip(tours(target.schedule, cycles_of(target, options)), totals.outcomes, strict=False):
+    for tour, plain in zip(tours(target.schedule, cycles_of(target, options)), outcomes, strict=False):
         versions = {(job.task, job.version) for table in plain.tables for job in table.jobs}
         if versions - known:
             known |= versions
@@ -211,12 +203,12 @@ def margin_lines(target: Target) -> Iterator[str]:
         yield f"with {bad // 10}.{bad % 10}: {first.code} {first.path}: {first.message}"
 
 
-def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
+def inject(target: Target, outcomes: Sequence[Outcome], *, everything: bool) -> Injected:
     """Let jobs fail in every way, in the first mode with jobs, or in `everything`: all modes and transitions."""
-    site = totals.outcomes[0].run.site
+    site = outcomes[0].run.site
     kinds = containment.kinds_for(site)
-    tables = sum(len(outcome.tables) for outcome in totals.outcomes)
-    price = sum(outcome.run.instructions for outcome in totals.outcomes) // tables + 1
+    tables = sum(len(outcome.tables) for outcome in outcomes)
+    price = sum(outcome.run.instructions for outcome in outcomes) // tables + 1
     whole = 2 * len(kinds)
     affordable = max(min((ALL if everything else BRIEF) // price, whole), 2)
     found, lacking = Injected(), 0
@@ -296,17 +288,21 @@ def simulate(
     course: Course | None = None,
     is_foul: bool = False,
     samples: int = 0,
+    hears: bool = False,
 ) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
 
-    Without a course, no health rule follows from what is injected. What modes tasks ask for is not heard. In a foul
-    run, jobs find other bytes wherever nothing was put for them. Recorded inputs are played, or only so many `samples`.
+    Without a course, no health rule follows from injections. In a foul run, jobs find other bytes wherever nothing was
+    put for them. Recorded inputs are played, or only so many `samples`. If tasks may ask for modes (`hears`), the
+    plan follows from what they ask for.
     """
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
     if course is not None:
         expected, injections = course.tables, course.injections
+    if hears:
+        expected = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
     jobs = plan(target, site, expected)
     images = read_images(target.bundle, site).values()
     saboteur = Rubbish(site, images) if is_foul else Saboteur(site, jobs, injections) if injections else None
@@ -323,30 +319,13 @@ def simulate(
         cpi=cpi,
         saboteur=saboteur,
         health=course is not None or not injections,
-        hears=False,
+        hears=hears,
     )
     longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))
     run = simulation.run(expected[-1].start + expected[-1].length + longest + MARGIN)
-    return judge(target, simulation, run, course or Course(expected, [*injections]))
-
-
-def hearing(target: Target, tour: Tour, execution: str) -> Outcome:
-    """Play a tour in which tasks may ask for modes, and compare it with the plan that follows from that."""
-    site = read_site(target.bundle)
-    refuse_disagreement(target, site)
-    every = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
-    jobs = plan(target, site, every)
-    simulation = CoSimulation(
-        target,
-        plant=Recorded(recorded_inputs(target.bundle, site)),
-        budget=budget_of(site, jobs, every),
-        cycles=tour.tables,
-        first=tour.first,
-        execution=execution,
-    )
-    run = simulation.run(every[-1].start + every[-1].length + MARGIN)
-    expected = played_tables(target.schedule, tour.first, run.requests, tour.tables, site.tick)
-    return replace(judge(target, simulation, run, Course(expected)), hears=True)
+    if hears:
+        course = Course(played_tables(target.schedule, tour.first, run.requests, tour.tables, site.tick))
+    return replace(judge(target, simulation, run, course or Course(expected, [*injections])), hears=hears)
 
 
 def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) -> Budget:

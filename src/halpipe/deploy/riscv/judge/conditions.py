@@ -139,7 +139,7 @@ def calls_drivers(
     for call in run.recorder.calls:
         left[call.function, call.data, call.size].append(tick_of(run, call.now))
     lacking: dict[tuple[Path, str], list[PlannedCall]] = defaultdict(list)
-    for job in jobs:
+    for job in sorted(jobs, key=lambda job: (job.table.cycle, job.row) in excused):
         for planned in job.calls:
             seen = left[planned.driver.function, planned.data, planned.size]
             tick = next((tick for tick in seen if planned.begin <= tick <= planned.begin + late), None)

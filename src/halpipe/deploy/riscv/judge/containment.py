@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.judge.conditions import tick_of
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, assign, consequence, victim
 from halpipe.deploy.riscv.run.recording import Flag, meaning
 from halpipe.deploy.riscv.run.recording import Kind as Recorded
@@ -38,11 +39,11 @@ PREFIX = "after faults were put into jobs: "
 
 @dataclass(slots=True)
 class Injected:
-    """Injected faults: count of each kind, their jobs, and the pairs that were left out."""
+    """Injected faults: count of each kind, and the jobs or images (`what`) that they befall."""
 
+    what: str = "jobs"
     kinds: Counter[Kind] = field(default_factory=Counter)
-    jobs: set[str] = field(default_factory=set)
-    missed: int = 0
+    places: set[object] = field(default_factory=set)
     trials: int = 0
     delays: int = 0
     held: int = 0
@@ -54,7 +55,7 @@ class Injected:
         by_place = places(jobs)
         for injection in injections:
             self.kinds[injection.kind] += 1
-            self.jobs.add(by_place[injection.cycle, injection.row].path)
+            self.places.add(by_place[injection.cycle, injection.row].path)
 
     def take(self, outcome: Outcome) -> None:
         """Add what differs in a run from what has to follow."""
@@ -65,7 +66,7 @@ class Injected:
         """Yield the lines of the summary."""
         if self.kinds:
             kinds = len(self.kinds)
-            yield f"injected: {sum(self.kinds.values())} faults of {kinds} kinds into {len(self.jobs)} jobs"
+            yield f"injected: {self.kinds.total()} faults of {kinds} kinds into {len(self.places)} {self.what}"
             if not any(found.is_error for found in self.findings):
                 yield "each was stopped in its time and recorded; nothing else changed"
         if self.delays and not any(found.is_error for found in self.findings):
@@ -156,17 +157,13 @@ def _judge(
     if not record.flags & injection.flags or record.flags & ~injection.flags:
         message = f"{injection.kind} was injected; the runtime recorded: {meaning(record.flags) or record.flags}"
         yield codes.NOT_CONTAINED(message, at=job.job.at, path=job.path, help=FROM_RUNTIME)
-    traps = [t for t in run.faults if t.hart == found.hart and _tick(run, t.now) in range(found.begin, found.end + 1)]
+    traps = [t for t in run.faults if t.hart == found.hart and tick_of(run, t.now) in range(found.begin, found.end + 1)]
     if record.flags & Flag.FAULT and traps:
         trap = traps[0]
         if (record.cause, record.epc, record.tval) != (trap.cause, trap.pc, trap.value):
             seen = f"cause {trap.cause}, pc {trap.pc:#x}, value {trap.value:#x}"
             message = f"the runtime recorded cause {record.cause}, pc {record.epc:#x}, value {record.tval:#x}; {seen}"
             yield codes.NOT_CONTAINED(message + " were seen", at=job.job.at, path=job.path, help=FROM_RUNTIME)
-
-
-def _tick(run: Run, instant: int) -> int:
-    return (instant - (run.zero or 0)) // run.tick
 
 
 def prefixed(found: Sequence[Diagnostic]) -> list[Diagnostic]:
@@ -215,8 +212,7 @@ class Course:
 
 def events_of(jobs: Sequence[PlannedJob], injections: Sequence[Injection]) -> list[Event]:
     """Return the events that faults lead to: each is found when the time of what it befalls is over."""
-    by_place = {(job.table.cycle, job.row): job for job in jobs}
-    found = []
+    by_place, found = places(jobs), []
     for injection in injections:
         job = by_place.get((injection.cycle, injection.row))
         fallen = injection.befalls(job) if job is not None else None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import struct
 from collections import Counter
-from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +14,6 @@ from halpipe.core.diagnostics import Findings, HalpipeError, named, sort_diagnos
 from halpipe.core.durations import ZERO
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
-from halpipe.core.records import record
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.elf import offset_of
@@ -23,7 +21,7 @@ from halpipe.deploy.riscv.board.machine import RUBBISH
 from halpipe.deploy.riscv.judge import conditions
 from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tables_of, tolerance_of
 from halpipe.deploy.riscv.judge.comparison import Comparison
-from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, planned, prefixed
+from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, Injected, planned, prefixed
 from halpipe.deploy.riscv.judge.records import observations, strangers
 from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, Run, TableSeen, plan, read_images, silent
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
@@ -260,26 +258,9 @@ Key = tuple[str, str, str]
 """An image: task, version and unit."""
 
 
-@dataclass(slots=True)
-class Patched:
-    """Injected faults: count of each kind, number of images, and those that did not fit."""
-
-    kinds: Counter[Kind] = field(default_factory=Counter)
-    images: set[Key] = field(default_factory=set)
-    missed: int = 0
-    findings: list[Diagnostic] = field(default_factory=list)
-
-    def lines(self) -> Iterator[str]:
-        """Yield the lines of the summary."""
-        if self.kinds:
-            yield f"injected: {self.kinds.total()} faults of {len(self.kinds)} kinds into {len(self.images)} images"
-            if not any(found.is_error for found in self.findings):
-                yield "each was stopped in its time and recorded, and its writes did not happen"
-
-
-def inject_faults(target: Target, site: Site, emulator: str, *, everything: bool) -> Patched:
+def inject_faults(target: Target, site: Site, emulator: str, *, everything: bool) -> Injected:
     """Let every second image fail, in each way in turn; in the first mode with jobs, or in all modes."""
-    found = Patched()
+    found, missed = Injected("images"), 0
     modes = [i for i, mode in enumerate(target.schedule.modes) if mode.jobs]
     half = [2 * i + i % 2 for i in range(len(CODES))]  # every kind, in the one half of the images or the other
     turns = range(2 * len(CODES)) if everything else half
@@ -287,12 +268,12 @@ def inject_faults(target: Target, site: Site, emulator: str, *, everything: bool
     played = runs[:MOST]
     images = read_images(target.bundle, site)
     for mode, turn in played:
-        _run(target, site, emulator, images, mode, turn, found)
+        missed += _run(target, site, emulator, images, mode, turn, found)
         if any(each.is_error for each in found.findings):
             return found
-    found.missed += len(runs) - len(played)
-    if found.missed:
-        message = f"{found.missed} faults were not injected: their functions are too short, or there would be more runs"
+    missed += len(runs) - len(played)
+    if missed:
+        message = f"{missed} faults were not injected: their functions are too short, or there would be more runs"
         found.findings.append(codes.NOT_INJECTED(message, help="--engine cosim injects them"))
     return found
 
@@ -304,13 +285,15 @@ def _run(
     images: Mapping[Key, Image],
     mode: int,
     turn: int,
-    found: Patched,
-) -> None:
+    found: Injected,
+) -> int:
+    """Play a mode with a fault in every second image, add what differs, and return how many faults did not fit."""
     name = target.schedule.modes[mode].name
     tables = played_tables(target.schedule, name, (), CYCLES, site.tick)
     jobs = plan(target, site, tables)
     program = bytearray(silent(target))
     failing: dict[Key, Kind] = {}
+    missed = 0
     keys = sorted({(job.job.task, job.job.version, job.job.units[-1]) for job in jobs if job.executions})
     for i, key in enumerate(keys):
         kind = CODES[(i // 2 + turn // 2) % len(CODES)]
@@ -318,11 +301,11 @@ def _run(
             if _patch(program, site, images[key], kind):
                 failing[key] = kind
             else:
-                found.missed += 1
+                missed += 1
     if not failing:
-        return
+        return missed
     found.kinds += Counter(failing.values())
-    found.images |= set(failing)
+    found.places |= set(failing)
     inputs = recorded_inputs(target.bundle, site)
     played = play(bytes(program), site, emulator, mode, 0, CYCLES, inputs, health=False)
     kinds = [(failing.get((job.job.task, job.job.version, job.job.units[-1])), job) for job in jobs]
@@ -332,6 +315,7 @@ def _run(
     findings += _unwritten(site, jobs, failed, played)
     told = {(d.code, d.path) for d in found.findings}
     found.findings += [d for d in prefixed(findings) if (d.code, d.path) not in told]
+    return missed
 
 
 def _patch(program: bytearray, site: Site, image: Image, kind: Kind) -> bool:
@@ -377,20 +361,6 @@ def _unwritten(
             yield codes.NOT_CONTAINED(message, path=what, help=FROM_RUNTIME)
 
 
-@record
-class Leg:
-    """One run: a mode for a hyperperiod, and where it may be left, the transition and the mode that it leads to."""
-
-    first: str
-    to: str
-    tables: int
-
-    @property
-    def requests(self) -> tuple[Request, ...]:
-        """Requests, which are made before the start only."""
-        return (Request(ZERO, self.to),) if self.to else ()
-
-
 def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     """Play every mode and every transition under QEMU and hold what the runtime records against the schedule."""
     site = read_site(target.bundle)
@@ -402,7 +372,7 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     is_compared = find_spec("unicorn") is not None
     for leg in legs(target, options.cycles or CYCLES):
         index = {mode.name: i for i, mode in enumerate(target.schedule.modes)}
-        request = index[leg.to] + 1 if leg.to else 0
+        request = index[leg.requests[0].mode] + 1 if leg.requests else 0
         inputs = recorded_inputs(target.bundle, site)
         played = play(silent(target), site, emulator, index[leg.first], request, leg.tables, inputs)
         tables = played_tables(target.schedule, leg.first, leg.requests, leg.tables, site.tick)
@@ -449,17 +419,17 @@ def _lines(target: Target, site: Site, counts: Counter[str], *, is_compared: boo
         yield "data was not checked: the package unicorn, which would compute it, is not installed"
 
 
-def legs(target: Target, cycles: int) -> list[Leg]:
+def legs(target: Target, cycles: int) -> list[Tour]:
     """Return runs that play every transition, and every mode: requests can be made before the start only."""
     schedule = target.schedule
-    found = [Leg(t.source, t.target, 2 + cycles) for t in schedule.transitions]
-    seen = {name for leg in found for name in (leg.first, leg.to)}
-    return found + [Leg(mode.name, "", cycles) for mode in schedule.modes if mode.name not in seen]
+    found = [Tour(t.source, (Request(ZERO, t.target),), 2 + cycles) for t in schedule.transitions]
+    seen = {name for t in schedule.transitions for name in (t.source, t.target)}
+    return found + [Tour(mode.name, (), cycles) for mode in schedule.modes if mode.name not in seen]
 
 
-def _data(target: Target, leg: Leg, played: Run) -> Iterator[Diagnostic]:
+def _data(target: Target, leg: Tour, played: Run) -> Iterator[Diagnostic]:
     """Hold the buffers against those of the co-simulation, whose emulator, DMA engine and clocks are others."""
-    outcome = simulate(target, Tour(leg.first, leg.requests, leg.tables), execution="modelled", samples=1)
+    outcome = simulate(target, leg, execution="modelled", samples=1)
     if any(found.is_error for found in outcome.findings):
         message = f'data after mode "{leg.first}" was not compared, for the co-simulation itself finds errors'
         yield codes.NOT_JUDGED(message, help="look at them with --engine cosim")
@@ -469,6 +439,8 @@ def _data(target: Target, leg: Leg, played: Run) -> Iterator[Diagnostic]:
         differing = [i for i, (a, b) in enumerate(zip(own, other, strict=True)) if a != b]
         if differing:
             message = f"holds other data than in the co-simulation, in {len(differing)} of {area.size} bytes, "
-            message += f'first at {differing[0]}, after mode "{leg.first}"' + (f' and "{leg.to}"' if leg.to else "")
+            message += f'first at {differing[0]}, after mode "{leg.first}"' + "".join(
+                f' and "{each.mode}"' for each in leg.requests
+            )
             help = "look for a job whose result depends on what it did not read: uninitialised memory, or time"
             yield codes.WRONG_DATA(message, path=named("buffer", name), help=help)
