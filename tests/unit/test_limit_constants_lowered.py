@@ -1,0 +1,408 @@
+"""Limit constants that are too large to be reached in a test: lowered, then tried at the limit and one beyond."""
+
+import io
+from contextlib import redirect_stdout, suppress
+from importlib import import_module
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import pytest
+
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.durations import Duration
+from halpipe.core.files import parse_xml, parse_yaml
+from halpipe.core.settings import Fields
+from support import job, model, task, version
+
+LIMITS = {}
+ELEMENT = SimpleNamespace(at=Location(), path="e", name="e")
+
+
+def lowered(name, value, says, **others):
+    """Register a trial of the constant `name`, set to `value`; beyond it, its answer contains `says`.
+
+    `others` are set in the same module.
+    """
+
+    def register(trial):
+        assert name not in LIMITS
+        LIMITS[name] = (value, says, others, trial)
+        return trial
+
+    return register
+
+
+def named(path):
+    module, _, name = path.partition(":")
+    return getattr(import_module(f"halpipe.{module}"), name)
+
+
+def fake(**members):
+    return SimpleNamespace(**members)
+
+
+# ------------------------------------------------------------------------------------------------ core, cli, schemas
+
+
+@lowered("cli.show:MOST_JOBS", 3, "--jobs lists them")
+def jobs_of_a_shown_mode(count):
+    show = named("cli.show:_show_mode")
+    system = model(task("a", "25ms", version("full", "5ms", "u1")))
+    jobs = tuple(job(system, "a", 0, "0ms", "u1") for _ in range(count))
+    mode = fake(name="m", jobs=jobs, hyperperiod=Duration(10**9), status="valid")
+    mode.unit_loads = mode.resource_loads = mode.chains = ()
+    with redirect_stdout(io.StringIO()) as printed:
+        show(mode, {"a": "A"}, every=False)
+    return printed.getvalue()
+
+
+@lowered(
+    "core.files.reading:_MAX_SHOWN_BYTES", 10, "none", was_input=lambda name: True, read_bytes=lambda name: b"a\nb"
+)
+def bytes_of_a_file_whose_lines_are_shown(count):
+    lines = named("core.files.reading:SourceLines")()
+    module = import_module("halpipe.core.files.reading")
+    original = module.os.path.getsize
+    module.os.path.getsize = lambda name: count
+    try:
+        return lines(Location("f.xml", 2)) or "none"
+    finally:
+        module.os.path.getsize = original
+
+
+def explained(count):
+    """Return how many of so many wrong units are explained."""
+    from halpipe.schemas import TASK_MODEL, _explain, namespace
+
+    units = "\n".join('<unit name="u" wrong="1"/>' for _ in range(count))
+    text = f'<task-model xmlns="{namespace(TASK_MODEL)}"><platform>\n{units}</platform></task-model>'
+    return len(_explain(parse_xml(text.encode(), "m.xml"), TASK_MODEL))
+
+
+@lowered("schemas:MAX_EXPLAINED", 2, "fewer")
+def violations_that_are_explained(count):
+    return "" if explained(count) >= count else "fewer"
+
+
+@lowered("schemas:MAX_EXPLAINED_ELEMENTS", 4, "part", _Part=lambda *_: (_ for _ in ()).throw(ValueError("part")))
+def elements_of_a_document_that_is_explained(count):
+    explained(count - 2)
+
+
+# ------------------------------------------------------------------------------------------------ importers
+
+
+@lowered("importers.amalthea.mapping:_MOST_LEVELS", 3, "none")
+def schedulers_above_each_other(count):
+    items = [MagicMock() for _ in range(count + 1)]
+    for number, item in enumerate(items):
+        item.one.return_value = items[number + 1] if number < count else None
+    forest = fake(ref=lambda association, _: association)
+    found = named("importers.amalthea.mapping:Allocations").responsible(
+        fake(_forest=forest, _cores={items[-1]: ["u"]}), items[0]
+    )
+    return "" if found == ["u"] else "none"
+
+
+@lowered(
+    "importers.amalthea.modes:_MOST_MODES",
+    6,
+    "combinations",
+    _system_labels=lambda forest: [forest.count],
+    _literals=lambda forest, label: range(label),
+    Names=MagicMock(),
+)
+def combinations_of_mode_labels(count):
+    forest = MagicMock(count=count)
+    with suppress(AttributeError):  # the literals are no items
+        named("importers.amalthea.modes:read_modes")(forest)
+    return " ".join(call.args[1] for call in forest.report_each.call_args_list)
+
+
+@lowered(
+    "importers.amalthea.stimuli:_MOST_OCCURRENCES",
+    4,
+    "none",
+    _recurrence=lambda *_: Duration(1000),
+    _time=lambda *_: None,
+)
+def occurrences_of_a_burst(count):
+    return named("importers.amalthea.stimuli:_burst")(fake(number=lambda *_: count), ELEMENT) or "none"
+
+
+@lowered("importers.arxml.system.instances:MAX_INSTANCES", 5, "more than 5 component instances")
+def instances_of_a_composition(count):
+    named("importers.arxml.system.instances:_bounded")(iter(range(count)), fake(place=ELEMENT))
+
+
+@lowered("importers.common.polling:_MOST_TRIES", 3, "not plain")
+def divisors_tried_for_a_polling_period(count):
+    hyperperiod = Duration(13 * 17)  # no part of it is plain before the 13th, of 17 ns
+    first = 13 - count
+    limit = hyperperiod / first
+    found = named("importers.common.polling:polling_period")(limit * 5 / 4, [hyperperiod])
+    return "" if found == Duration(17) else "not plain"
+
+
+@lowered("importers.ros.dataflow:_MOST_LOOKS", 1, "cut")
+def edges_looked_at(count):
+    names = [f"n{number}" for number in range(count + 1)]
+    left = named("importers.ros.dataflow:_undo")(
+        [(names[0], name) for name in names[1:]], {name: [] for name in names}, lambda *_: False
+    )
+    return "cut" if left else ""
+
+
+@lowered("importers.traces.ctf.metadata:_MOST_BYTES", 9, "more than 9")
+def bytes_of_metadata(count):
+    from halpipe.importers.traces.ctf.metadata import CtfError, text_of
+
+    try:
+        text_of(b" " * count)
+    except CtfError as refused:
+        raise ValueError(str(refused)) from None
+
+
+@lowered("importers.traces.read:_MOST_TEXT", 9, "too long a line")
+def characters_of_a_line(count):
+    list(named("importers.traces.read:_lines")(io.BytesIO(b"x" * count), "t.csv", "utf-8", None))
+
+
+# ------------------------------------------------------------------------------------------------ targets
+
+
+@lowered("deploy.linux.judging:_MOST_SWITCHES", 3, "incomplete")
+def switches_of_a_run(count):
+    modes = [fake(name=f"m{number}") for number in range(count)]
+    ring = [fake(source=one.name, target=other.name) for one, other in zip(modes, modes[1:] + modes[:1], strict=True)]
+    tour = named("deploy.linux.judging:_tour")(fake(modes=modes, transitions=ring))
+    return "" if len(tour) == count else "incomplete"
+
+
+@lowered("deploy.regulator.counters:MOST_WINDOWS", 7, "more than 7 windows")
+def windows_of_a_row(count):
+    table, unit = fake(name="m", index=0, successor=0, windows=1), fake(name="u")
+    tables = fake(tables=[table], units=[unit], platform=fake(window_ns=1000))
+    reader = named("deploy.regulator.counters:_Reader")(tables, "c.csv", "")
+    findings = []
+    list(reader.samples(f"unit,direction,bytes,start,end\nu,read,1,0,{count * 1000}\n", findings))
+    return " ".join(found.message for found in findings)
+
+
+@lowered(
+    "deploy.riscv.judge.check:MOST_SAMPLES",
+    5,
+    "fewer",
+    read_site=lambda _: None,
+    recorded_inputs=lambda n, _: {"": "x" * n},
+)
+def recorded_inputs_that_are_played(count):
+    played = named("deploy.riscv.judge.check:cycles_of")(fake(bundle=count), fake(cycles=0))
+    return "" if played == count else "fewer"
+
+
+@lowered("deploy.riscv.judge.tables:_MOST", 4, "fewer")
+def rows_of_a_table(count):
+    reader = fake(
+        _releases={},
+        _symbol=lambda name: 0,
+        _at=lambda address, form: (0, 0, count, 0)[: len(form.unpack(bytes(form.size)))],
+    )
+    found = named("deploy.riscv.judge.tables:Tables").releases(reader, 0)
+    return "" if len(found) == count else "fewer"
+
+
+def platform(bus, burst):
+    from halpipe.exporters.regulator.platform import _TOP, _Reader
+
+    text = f"clock: 100MHz\nbus: {bus}B\nburst: {burst}B\n"
+    text += "halpipe-regulator: 1\nwindow: 1ms\nguaranteed: 80MB/s\nunits: {u: {manager: 0}}"
+    findings = Findings()
+    _Reader(Fields("p.yaml", findings, parse_yaml(text.encode(), "p.yaml"), "platform", _TOP), "p.yaml", b"").platform()
+    return " ".join(found.message for found in findings.items)
+
+
+@lowered("exporters.regulator.platform:MAX_BEATS", 16, "more than an AXI burst")
+def beats_of_a_burst(count):
+    return platform(4, 4 * count)
+
+
+@lowered("exporters.regulator.platform:MAX_BURST", 64, "more than an AXI burst")
+def bytes_of_a_burst(count):
+    return platform(1, count)
+
+
+@lowered(
+    "exporters.report.page:_MOST_REASONS",
+    4,
+    "fewer",
+    _read=lambda number: {
+        "elements": [],
+        "ignored": [{"reason": str(each)} for each in range(int(number))],
+        "defaults": [],
+    },
+    _sources=lambda *_: [],
+)
+def reasons_of_a_report(count):
+    found = named("exporters.report.page:build_account")(fake(), str(count))
+    return "" if len(found["reasons"]) == count else "fewer"
+
+
+# ------------------------------------------------------------------------------------------------ pipeline
+
+
+@lowered("pipeline.explain.sharing:MAX_CLASSES", 4, "fewer")
+def unit_sets_of_a_mode(count):
+    sets = [frozenset(map(str, range(size))) for size in range(1, count + 1)]
+    tasks = {str(units): fake(core=1, period=1, units=units) for units in sets}
+    return "" if len(named("pipeline.explain.sharing:_classes")(fake(tasks=tasks))) == count else "fewer"
+
+
+@lowered("pipeline.explain.windows:MAX_PAIRS", 3, "fewer")
+def pairs_on_a_unit(count):
+    tasks = {}
+    for number in range(2 * count):  # a pair on each unit
+        units = [f"u{number // 2}"]
+        tasks[str(number)] = fake(name=str(number), core=1, period=10, late=0, sure_units=lambda units=units: units)
+    found = named("pipeline.explain.windows:_apart")(fake(tasks=tasks), fake(root=lambda name: ""))
+    return "" if len(list(found)) == count else "fewer"
+
+
+@lowered("pipeline.explain.remedies:MAX_PIECES", 4, "fewer")
+def pieces_of_a_task(count):
+    one = task("a", "10ms", version("v", "1ms", "u"))
+    return "" if named("pipeline.explain.remedies:_pieces")(None, one).most >= count - 1 else "fewer"
+
+
+@lowered("pipeline.solve.edf.works:MAX_UNIT_SETS", 3, "fewer", service_of=lambda *_: (), interrupt_load=lambda _: 0)
+def unit_sets_of_a_version(count):
+    names = [f"u{number}" for number in range(count)]
+    owner = fake(_windows=lambda _: (), units=None, unit_index=dict.fromkeys(names, 0), _way=lambda *way: way)
+    kind = next(k for k in vars(import_module("halpipe.pipeline.solve.edf.works")).values() if hasattr(k, "_ways"))
+    found = list(kind._ways(owner, fake(units=names, gang=1)))
+    return "" if len(found) == count else "fewer"
+
+
+@lowered("pipeline.solve.exactchains:_MOST", 9, "too large")
+def keys_of_jobs(count):
+    from halpipe.pipeline.solve import exactchains
+
+    kind = next(k for k in vars(exactchains).values() if hasattr(k, "_chosen"))
+    try:
+        kind._chosen(MagicMock(_far=1), [], [], [], True, count - 1)
+    except exactchains.TooLarge:
+        return "too large"
+
+
+@lowered("pipeline.solve.exactunits:MAX_SPLITS", 3, "some are left out")
+def splits_of_a_gang(count):
+    from halpipe.pipeline.solve import exactunits
+
+    groups = [[f"u{number}"] for number in range(count)]
+    splits = exactunits._splits(fake(units=[name for (name,) in groups], gang=1), groups)
+    return "some are left out" if len(splits) > exactunits.MAX_SPLITS else ""
+
+
+@lowered("pipeline.solve.groups:MOST_NAMED", 2, "and 1 more")
+def names_of_a_group(count):
+    return named("pipeline.solve.groups:_list")("task", [str(number) for number in range(count)])
+
+
+@lowered("pipeline.stable:MOST_PUT_BACK", 3, "fewer")
+def tasks_that_are_put_back(count):
+    module = import_module("halpipe.pipeline.stable")
+    source = next(
+        f for f in vars(module).values() if "MOST_PUT_BACK" in getattr(getattr(f, "__code__", None), "co_names", ())
+    )
+    tried = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_moved", lambda *_: {str(number): 1 for number in range(count)})
+        patch.setattr(module, "_without", lambda earlier, names: names)
+        patch.setattr(module, "_better", lambda earlier, found, kept, solve: tried.append(kept) or found)
+        source(*[fake(schedule=None)] * source.__code__.co_argcount)
+    return "" if len(tried) == count else "fewer"
+
+
+@lowered("pipeline.validate.context:_MAX_COMPARISONS", 6, "none")
+def names_that_are_compared(count):
+    known = ["abc"] * count
+    found = named("pipeline.validate.context:Context")._near(fake(_suggested={}, _compared=0), "task", "abd", known)
+    return "" if found else "none"
+
+
+@lowered("pipeline.validate.context:_MAX_BITS", 5, "none")
+def bits_of_a_hyperperiod(count):
+    periods = [Duration(1), Duration(2 ** (count - 1))]
+    tasks = {str(p): fake(task=fake(period=p), is_periodic=True) for p in periods}
+    found = named("pipeline.validate.context:ActiveMode").hyperperiod.func(fake(tasks=tasks))
+    return "" if found == periods[1] else "none"
+
+
+@lowered("pipeline.validate.hyperperiod:MAX_DEMANDS", 20, "demands multiply")
+def jobs_on_demand(count):
+    mode = fake(tasks={"a": fake(is_periodic=True), "b": fake(is_periodic=False)}, mode=ELEMENT, path="")
+    found = named("pipeline.validate.hyperperiod:_many_demands")(mode, {"a": 1, "b": count})
+    return " ".join(each.message for each in found)
+
+
+@lowered("pipeline.validate.hyperperiod:_MAX_MISFIT", 7, "guilty")
+def misfit_of_a_period(count):
+    periods = {"a": count, "b": count + 1}
+    tasks = {name: fake(task=fake(period=Duration(p), distance=None), is_periodic=True) for name, p in periods.items()}
+    mode = fake(tasks=tasks, order=list(tasks), named={"a": {}, "b": {}})
+    return "guilty" if named("pipeline.validate.hyperperiod:_find_cause")(mode).guilty else ""
+
+
+@lowered("pipeline.validate.hyperperiod:_MAX_STEPS", 5, "none")
+def divisors_tried_for_a_grid(count):
+    prime = 10_007  # its only divisor that is near
+    base = Duration(prime)
+    found = named("pipeline.validate.hyperperiod:nearest_on_grid")(base / (prime - count), base, Duration(1))
+    return "" if found == Duration(1) else "none"
+
+
+@lowered("pipeline.validate.load:_MAX_CLASSES", 3, "alone")
+def classes_of_a_mode(count):
+    classes = {frozenset(map(str, range(size))): [size] for size in range(1, count + 1)}
+    found = named("pipeline.validate.load:_needs_within")(classes, max(classes, key=len), False)
+    return "" if len(found) == count else "alone"
+
+
+@lowered("pipeline.validate.timing:_MOST_SETS", 3, "given up")
+def common_unit_sets(count):
+    here = [fake(units=[f"u{number}"], gang=1) for number in range(count)]
+    modes = [fake(tasks={"a": fake(versions=here)}), fake(tasks={"a": fake(versions=[fake(units=["v"], gang=1)])})]
+    return "given up" if named("pipeline.validate.timing:_has_common")(fake(name="a"), modes, 1) else ""
+
+
+WORK_OF_STEPS = {3: 57, 4: 58}
+"""Work whose length beside these interrupts is found in so many steps, counted by hand."""
+
+
+@lowered("pipeline.verify.ticks:MAX_EFFORT", 3, "none", FEW_STEPS=0)
+def steps_of_a_check(count):
+    service = named("pipeline.verify.ticks:Service")([(10, 5), (7, 2)])
+    return "none" if service.length(WORK_OF_STEPS[count]) is None else ""
+
+
+# ------------------------------------------------------------------------------------------------ the table
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_lowered_limit_is_passed_and_refused_at_its_edge(name, monkeypatch):
+    value, says, others, trial = LIMITS[name]
+    module, _, constant = name.partition(":")
+    module = import_module(f"halpipe.{module}")
+    assert getattr(module, constant) > value
+    for other, instead in {constant: value, **others}.items():
+        monkeypatch.setattr(module, other, instead)
+    answers = []
+    for number in (value, value + 1):
+        try:
+            answers.append(str(trial(number) or ""))
+        except HalpipeError as refused:
+            answers.append(" ".join(found.message for found in refused.diagnostics))
+        except ValueError as refused:
+            answers.append(str(refused))
+    assert says not in answers[0]
+    assert says in answers[1]
