@@ -151,12 +151,9 @@ class Executions(Sequence[Execution]):
     ) -> int:
         """Add an execution, with `end` and `busy` of None if it still runs; return its row."""
         row = len(self.task)
-        on = self._numbers.get(units)
-        if on is None:
-            on = self._numbers[units] = len(self.units)
-            self.units.append(units)
         self.task.append(self.number(task))
-        self.on.append(on)
+        self.on.append(0)
+        self.run_on(row, units)
         self.line.append(line)
         self.table.append(self.number(table))
         self.cycle.append(NONE if cycle is None else cycle)
@@ -167,6 +164,14 @@ class Executions(Sequence[Execution]):
         except (TypeError, OverflowError):
             self.start, self.end, self.busy = ([*c[:row], v] for c, v in zip(self._times(), times, strict=True))
         return row
+
+    def run_on(self, row: int, units: tuple[str, ...]) -> None:
+        """Let an execution be on some units."""
+        on = self._numbers.get(units)
+        if on is None:
+            on = self._numbers[units] = len(self.units)
+            self.units.append(units)
+        self.on[row] = on
 
     def _times(self) -> tuple[Times, Times, Times]:
         return self.start, self.end, self.busy

@@ -8,8 +8,9 @@ import trace_forms as forms
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+import ctf_writer
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.importers.traces import codes
+from halpipe.importers.traces import codes, read_traces
 from halpipe.importers.traces.read import parse_traces
 
 WRITERS = {
@@ -85,6 +86,41 @@ def test_threads_of_a_computer_run_on_its_cpus(form):
     (found,) = parse_traces(WRITERS[form](), "t").traces
     assert found.is_shared
     assert [e.units for e in found.executions] == [("cpu0",), ("cpu0",), ("cpu0",), ("cpu1",)]
+
+
+@pytest.mark.parametrize("preempted", [0, 256, 1024])
+def test_threads_of_lttng_keep_their_job_while_they_are_preempted(preempted, tmp_path):
+    """States of preempted threads: of Linux before 4.14 with and without preemption, and since."""
+    written = ctf_writer.Trace()
+    written.declare("sched_switch", prev_tid="u32", prev_state="u32", next_tid="u32", next_comm="str")
+    for at, cpu, left, goes_on, entered in forms.RUN:
+        tids = {"prev_tid": forms.PIDS[left], "next_tid": forms.PIDS[entered]}
+        state = preempted if goes_on else 1
+        written.add("sched_switch", at * 1000, cpu, prev_state=state, next_comm=forms.COMM[entered], **tids)
+    written.write(tmp_path, discarded=3)
+    recording = read_traces(str(tmp_path))
+    begin = 1_000_000
+    assert [(task, start - begin, end - begin, busy) for task, start, end, busy, _ in seen(recording.traces[0])] == [
+        job[:4] for job in forms.JOBS
+    ]
+    assert [d.code for d in recording.diagnostics] == [codes.LOST_EVENTS.id]
+
+
+def test_numbers_of_states_in_ftrace_are_those_of_the_kernel():
+    text = forms.ftrace().replace(b"prev_state=S", b"prev_state=1")
+    for preempted in (b"prev_state=0", b"prev_state=256", b"prev_state=R+"):
+        (found,) = parse_traces(text.replace(b"prev_state=R", preempted), "t").traces
+        assert seen(found) == forms.JOBS
+
+
+def test_switches_that_are_not_in_the_order_of_time_are_refused():
+    *head, last = forms.ftrace().splitlines(keepends=True)
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(b"".join((*head[:4], last, *head[4:])), "t")
+    found = [d for d in refused.value.diagnostics if d.is_error]
+    assert {d.code for d in found} == {codes.BROKEN_ROW.id}
+    assert found[0].at.line == 6
+    assert "sort the lines by time" in found[0].help
 
 
 def test_slices_of_perfetto_are_those_of_the_json_form():

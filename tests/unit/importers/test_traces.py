@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.importers.traces import codes, read_traces
+from halpipe.importers.traces import codes, json_events, read, read_traces
 from halpipe.importers.traces.read import parse_traces
 
 
@@ -286,17 +286,62 @@ def test_slices_without_an_end_or_a_beginning():
     assert "1 of phase C, 1 of phase i" in recording.diagnostics[-1].message
 
 
-@pytest.mark.parametrize("broken", [{"ph": "B"}, {"ph": "E", "ts": "1"}, {"ph": "X", "ts": 1, "dur": -1}])
+@pytest.mark.parametrize("broken", [{"ph": "B"}, {"ph": "E", "ts": "one"}, {"ph": "X", "ts": 1, "dur": -1}])
 def test_slices_whose_times_cannot_be_read(broken):
     text = json.dumps([{"ph": "B", "ts": 0, "name": "a"}, {"name": "a", **broken}, {"ph": "E", "ts": 5}])
     assert codes.BROKEN_ROW.id in [d.code for d in refusal(text)]
 
 
-def test_a_list_of_events_may_lack_its_last_bracket():
-    assert len(executions('[{"ph":"X","name":"a","ts":1,"dur":2},\n{"ph":"X","name":"b","ts":3,"dur":2},\n')) == 2
+LIST = '[{"ph":"X","name":"a","ts":1,"dur":2},\n{"ph":"X","name":"b","ts":3,"dur":2}'
 
 
-@pytest.mark.parametrize("value", ['"1"', "true", "null", "1e99999999", "NaN", "[1]"])
+@pytest.mark.parametrize("begin", ["", '{"otherData": {"a": [1]}, "traceEvents": '])
+def test_a_list_of_events_may_lack_its_last_bracket(begin):
+    for end in (",\n", "\n"):
+        assert len(executions(begin + LIST + end)) == 2
+        assert len(told(begin + LIST + end, codes.NO_END)) == 1
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 30])
+def test_a_document_is_read_in_pieces_of_any_size(size):
+    text = '{"a": [1, {"b": "]"}], "n": 12, "traceEvents": ' + LIST + ', 3, {"ph": "C"}], "z": 1.5e1} \n'
+    pieces = (text[at : at + size] for at in range(0, len(text), size))
+    found = list(json_events.events(pieces, "t", Findings()))
+    assert [(line, event["ph"]) for line, event in found] == [(1, "X"), (2, "X"), (2, "C")]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"), [("[1 2]", 1), ('{"traceEvents":\n[{"a"}]}', 2), (LIST + "]\n]", 3), ('{"a" 1}', 1)]
+)
+def test_a_document_that_is_no_json_is_refused_with_its_line(text, line):
+    (found,) = refusal(text)
+    assert (found.code, found.at.line) == (codes.UNKNOWN_TRACE.id, line)
+
+
+def test_an_event_is_bounded(monkeypatch):
+    monkeypatch.setattr(json_events, "LARGEST_VALUE", 100)
+    monkeypatch.setattr(read, "_CHUNK", 10)
+    within = '[{"ph":"X","name":"a","ts":1,"dur":2,"args":{"text":"' + "x" * 30 + '"}}]'
+    assert len(executions(within)) == 1
+    assert "more than 100 characters" in refusal(within.replace("x", "xxxxxx"))[0].message
+
+
+def test_the_same_slices_by_writers_with_other_habits():
+    named = {"ph": "M", "name": "thread_name", "tid": 1, "args": {"name": "cpu0"}}
+    whole = [{"ph": "X", "name": n, "tid": 1, "ts": t, "dur": 2} for n, t in (("a", 1), ("b", 3), ("c", 5))]
+    marks = [
+        {"ph": p, "name": e["name"], "tid": 1, "ts": e["ts"] + at} for e in whole for p, at in (("B", 0), ("E", 2))
+    ]
+    texts = [{**e, "tid": "1", **{key: str(e[key]) for key in ("ts", "dur") if key in e}} for e in whole]
+    written = [[named, *whole], [*whole, named], [named, *marks], [named, *reversed(marks)], [named, *texts]]
+    # begins before ends of the same instant, which only the names tell apart
+    written.append([named, *sorted(marks, key=lambda event: (event["ts"], event["ph"]))])
+    for events in written:
+        found = [(e.task, e.units, e.start.ns, e.end.ns) for e in executions(json.dumps(events))]
+        assert found == [("a", ("cpu0",), 1000, 3000), ("b", ("cpu0",), 3000, 5000), ("c", ("cpu0",), 5000, 7000)]
+
+
+@pytest.mark.parametrize("value", ['"1 us"', "true", "null", "1e99999999", "NaN", "[1]"])
 def test_times_that_are_no_numbers(value):
     found = refusal(f'[{{"ph":"X","name":"a","ts":{value},"dur":1}}]')
     assert [d.code for d in found] == [codes.BROKEN_ROW.id]

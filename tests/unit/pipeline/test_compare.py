@@ -14,6 +14,7 @@ from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Executions, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
+from halpipe.pipeline.compare.codes import Kind
 from halpipe.pipeline.compare.tables import MOST_SILENT
 from support import access, model, ms, task, version
 
@@ -128,6 +129,22 @@ def moved(seen, position, *, start=0, end=0, **changes):
     e = seen[position]
     changed = replace(e, start=e.start + Duration(start), end=e.end + Duration(end), **changes)
     return [*seen[:position], changed, *seen[position + 1 :]]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_stray_start_does_not_move_the_zero_of_the_schedule(stated):
+    seen = play([("race", RACE)] * 8, ms(7), stated=stated)
+    stray = moved(seen, 9, start=-500_000, end=-500_000)
+    answer = compared(stray, **({} if stated else {"mode": "race"}))
+    assert answer.origin == ms(7)
+    assert answer.counts == {Kind.EARLY: 1}
+    assert "1 jobs start before their instant" in answer.diagnostics[0].message
+
+
+def test_a_task_alone_on_time_is_no_stray():
+    seen = [replace(each, start=each.start + ms(1), end=each.end + ms(1)) for each in play([("race", RACE)] * 8)]
+    on_time = [replace(each, start=each.start - ms(1)) if each.task == "c" else each for each in seen]
+    assert compared(on_time).origin == ZERO
 
 
 @given(st.integers(1, 900_000), st.integers(0, 900_000))

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration
 from halpipe.importers.ros.traced import short_names_of
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
-from halpipe.importers.traces.ftrace import Switches
-from halpipe.importers.traces.ros2 import read_ros_trace
+from halpipe.importers.traces.ftrace import Switches, is_runnable
+from halpipe.importers.traces.ros2 import read_ros_trace, report_damage
 from halpipe.models.trace import Execution, Trace
-
-if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Findings
 
 
 def read_folder(root: str, findings: Findings) -> Trace:
@@ -21,13 +16,15 @@ def read_folder(root: str, findings: Findings) -> Trace:
 
     Raise `HalpipeError` if it is no trace of either.
     """
+    of_nodes = Findings()
     try:
-        trace = read_ros_trace(root, findings)
+        trace = read_ros_trace(root, of_nodes)
     except HalpipeError:
         threads = _threads(root, findings)
         if threads is None:
             raise
         return threads
+    findings.extend(of_nodes.items)
     names, at = short_names_of(trace), Location(root)
     found = [
         Execution(
@@ -52,9 +49,10 @@ def _threads(root: str, findings: Findings) -> Trace | None:
             fields = event.fields
             if event.name == "sched_switch" and {"prev_tid", "prev_state", "next_tid", "next_comm"} <= fields.keys():
                 name = str(fields["next_comm"])
-                goes_on = not int(fields["prev_state"])  # 0 is TASK_RUNNING, which a preempted thread keeps
+                goes_on = is_runnable(int(fields["prev_state"]))
                 switches.switch(event.cpu, event.time, fields["prev_tid"], goes_on, fields["next_tid"], name, 0)
     except (CtfError, OSError, TypeError, ValueError):
         return None
-    found = switches.trace(damage.discarded)
+    report_damage(damage, root, findings)
+    found = switches.trace()
     return found if len(found.executions) else None

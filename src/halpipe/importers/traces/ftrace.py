@@ -37,7 +37,14 @@ _LOST = re.compile(r"CPU:\s*\d+ \[(?:LOST )?(\d+) EVENTS(?: DROPPED)?\]")
 _LONGEST = 300
 """Characters of a line that patterns are tried on: two names of threads and all numbers are shorter."""
 _RUNNABLE = "R"
+_WAITING = 0xFF
+"""Bits of the states in which a thread waits; that of a preempted one is above them since Linux 4.14."""
 _IDLE = 0
+
+
+def is_runnable(state: int) -> bool:
+    """Whether a thread that is switched away from still wants to run, by the number of its state."""
+    return not state & _WAITING
 
 
 class Switches(Jobs):
@@ -73,7 +80,7 @@ def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time of the text."""
     switches = Switches(file, findings)
     others: Counter[str] = Counter()
-    lost = 0
+    lost, at = 0, instant("0", 1)
     for number, line in enumerate(lines, 1):
         where, is_switch, what = line.partition(_SWITCH)
         if is_switch:
@@ -84,8 +91,13 @@ def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
                 message = "its CPU, its time in seconds or its threads cannot be read"
                 findings.add(codes.BROKEN_ROW(message, at=Location(file, number), help=help))
                 continue
-            at, (left, state, name, entered) = instant(place[2], SCALES_NS["s"]), found.groups()
-            switches.switch(int(place[1]), at, int(left), state.startswith(_RUNNABLE), int(entered), name, number)
+            before, at, (left, state, name, entered) = at, instant(place[2], SCALES_NS["s"]), found.groups()
+            if at < before:
+                message = f"its instant {place[2]} s lies before that of a switch above it"
+                help = "sort the lines by time; `trace-cmd report` and the file trace of tracefs are in its order"
+                findings.add(codes.BROKEN_ROW(message, at=Location(file, number), help=help))
+            goes_on = is_runnable(int(state)) if state.isdecimal() else state.startswith(_RUNNABLE)
+            switches.switch(int(place[1]), at, int(left), goes_on, int(entered), name, number)
         elif event := _EVENT.search(line[:_LONGEST]):
             others[event[1]] += 1
         elif dropped := _LOST.search(line[:_LONGEST]):

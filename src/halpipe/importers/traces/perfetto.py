@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.ftrace import Switches
+from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.jobs import Job, Jobs, report_unused
 from halpipe.models.trace import Trace
 
@@ -35,8 +35,6 @@ _CLEARED = 1
 _MALFORMED = (ValueError, IndexError, TypeError, AttributeError, zlib.error)
 _BOOTTIME = 6
 _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
-_PREEMPTED_MASK = 0xFF
-"""Bits of the states in which a thread waits; that of a preempted one is above them."""
 
 
 def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
@@ -229,7 +227,7 @@ class _Reader:
         self.has_lost = self.has_lost or bool(_one(bundle, 3, 0))
         for event in _messages(bundle, 2):
             for switch in _messages(event, 4):
-                goes_on = not _signed(_one(switch, 4, 0)) & _PREEMPTED_MASK
+                goes_on = is_runnable(_signed(_one(switch, 4, 0)))
                 place = (_one(event, 1, 0), cpu, _one(switch, 2, 0), goes_on, _one(switch, 6, 0), _text(switch, 5))
                 self.switches.append(place)
         for compact in _messages(bundle, 4):
@@ -242,7 +240,7 @@ class _Reader:
         at, left = 0, None
         for delta, state, entered, name in zip(*columns, strict=True):
             at += delta
-            goes_on = not _signed(state) & _PREEMPTED_MASK
+            goes_on = is_runnable(_signed(state))
             self.switches.append((at, cpu, -1 - cpu if left is None else left, goes_on, entered, names[name]))
             left = entered
 

@@ -1,6 +1,6 @@
 """Detection of the form of a trace by its content, and the reading of one into executions.
 
-Texts are read line by line and binary traces packet by packet, so that only jobs are kept; JSON is read as a whole.
+Texts are read line by line, JSON event by event and binary traces packet by packet, so that only jobs are kept.
 Any of them may be compressed by gzip, and texts may be UTF-16 with a mark of byte order.
 """
 
@@ -107,8 +107,11 @@ def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> li
         return perfetto.read(stream, file, findings)
     encoding = "utf-16" if head.startswith(_UTF_16) else "utf-8-sig"
     head = head.decode(encoding, "ignore").encode()
-    is_json = head.lstrip()[:1] in (b"{", b"[")
-    lines = _lines(stream, file, encoding, None if is_json else findings)
+    if head.lstrip()[:1] in (b"{", b"["):
+        from halpipe.importers.traces import slices
+
+        return slices.read(_pieces(stream, file, encoding), file, findings)
+    lines = _lines(_pieces(stream, file, encoding), file, findings)
     begin: list[str] = []
     for line in lines:
         begin.append(line)
@@ -117,59 +120,43 @@ def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> li
     return _reader(begin[-1].strip() if begin else "", head, file)(chain(begin, lines), file, findings)
 
 
-def _lines(stream: BinaryIO, file: str, encoding: str, findings: Findings | None) -> Iterator[str]:
-    """Yield the lines of a text with their ends, never more than a piece of it at once.
-
-    A text that ends within a line is noted in `findings`: it may be cut off there.
-    """
-    decoder = codecs.getincrementaldecoder(encoding)()
-    rest, number = "", 0
-    while data := stream.read(_CHUNK):
+def _pieces(stream: BinaryIO, file: str, encoding: str) -> Iterator[str]:
+    """Yield a text in pieces."""
+    decoder, number = codecs.getincrementaldecoder(encoding)(), 0
+    while True:
+        data = stream.read(_CHUNK)
         try:
-            pieces = (rest + decoder.decode(data)).splitlines(keepends=True)
+            piece = decoder.decode(data, final=not data)
         except UnicodeDecodeError:
-            raise _no_text(file, number) from None
-        rest = pieces.pop() if pieces else ""
+            message = f"after line {number} it is no text in UTF-8"
+            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, number + 1), help=FORMS)) from None
+        number += piece.count("\n")
+        if piece:
+            yield piece
+        if not data:
+            return
+
+
+def _lines(pieces: Iterator[str], file: str, findings: Findings) -> Iterator[str]:
+    """Yield the lines of a text with their ends; one without an end is noted in `findings`: it may be cut off there."""
+    rest, number = "", 0
+    for piece in pieces:
+        lines = (rest + piece).splitlines(keepends=True)
+        rest = lines.pop() if lines else ""
         if len(rest) > _MOST_TEXT:
             raise HalpipeError(TOO_LARGE("has too long a line", at=Location(file, number + 1), help="split the file"))
-        number += len(pieces)
-        yield from pieces
-    try:
-        decoder.decode(b"", final=True)
-    except UnicodeDecodeError:
-        raise _no_text(file, number) from None
+        number += len(lines)
+        yield from lines
     if rest:
         yield rest
-    if findings is not None and rest[-1:] not in ("", "\n", "\r"):
+    if rest[-1:] not in ("", "\n", "\r"):
         findings.add(codes.NO_END(f"line {number + 1} has no end", at=Location(file, number + 1)))
-
-
-def _no_text(file: str, number: int) -> HalpipeError:
-    message = f"after line {number} it is no text in UTF-8"
-    return HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, number + 1), help=FORMS))
-
-
-def _json(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
-    from halpipe.importers.traces import slices
-
-    pieces, size = [], 0
-    for line in lines:
-        pieces.append(line)
-        size += len(line)
-        if size > _MOST_TEXT:
-            help = "record in the protobuf form of Perfetto, which is read in parts"
-            raise HalpipeError(
-                TOO_LARGE(f"has more than {_MOST_TEXT // 2**20} MiB of JSON", at=Location(file), help=help)
-            )
-    return slices.read("".join(pieces), file, findings)
 
 
 def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str, Findings], list[Trace]]:
     """Return the function that reads a text whose first line is `first`."""
     from halpipe.importers.traces import btf, ftrace, table
 
-    if first.startswith(("{", "[")):
-        return _json
     if ftrace.BEGIN.match(head):
         return ftrace.read
     if btf.is_begin(first, head):

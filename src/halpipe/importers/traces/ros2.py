@@ -88,17 +88,23 @@ def read_ros_trace(root: str, findings: Findings) -> RosTrace:
     return trace
 
 
-def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) -> None:
-    at = Location(trace.file)
+def report_damage(damage: Damage, file: str, findings: Findings) -> None:
+    """Report the streams that end early, and the events that the tracer discarded."""
+    at = Location(file)
     if damage.broken:
         text = f"{len(damage.broken)} streams end early: {damage.broken[0]}"
         help = "stop the session with `lttng stop` and `lttng destroy` before copying the trace"
         findings.add(codes.CUT_OFF(text, at=at, help=help))
     if damage.discarded or damage.packets:
         lost = f"{damage.discarded} events" + (f" and {damage.packets} packets" if damage.packets else "")
-        text = f"{lost} were discarded while tracing, so jobs and publishers may be missing"
+        text = f"{lost} were discarded while tracing, so jobs and publishers may be missing, and jobs joined"
         help = "trace again with more or larger sub-buffers: lttng enable-channel --subbuf-size 8M --num-subbuf 4"
         findings.add(codes.LOST_EVENTS(text, at=at, help=help))
+
+
+def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) -> None:
+    at = Location(trace.file)
+    report_damage(damage, trace.file, findings)
     if join.foreign:
         names = ", ".join(sorted(join.foreign)[:5])
         text = f"{sum(join.foreign.values())} events of other kinds are not used: {names}"

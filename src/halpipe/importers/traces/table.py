@@ -39,6 +39,8 @@ _START, _END = "/callback_start_timestamp", "/callback_end_timestamp"
 _ABSENT = ("", "nan", "none", "<na>")
 _CLOCKS = ("time", "timestamp", "timestamps", "t", "zeit")
 _STATES = {"0": False, "1": True, "0.0": False, "1.0": True, "0,0": False, "1,0": True}
+_MICRO = str.maketrans("\xb5\u03bc", "uu")
+"""Both signs of micro; the Greek letter is what the other becomes in small letters of some systems."""
 _UNITS_LINE = 3
 
 
@@ -62,7 +64,7 @@ def _records(names: list[str]) -> dict[str, tuple[int, int]]:
 
 def _plain(name: str) -> str:
     """Return the name of a column in small letters, with its unit behind a line: ``start [us]`` is ``start_us``."""
-    plain = name.strip().strip('"').lower().replace("(", "[").replace(" [", "_").replace("[", "_")
+    plain = name.strip().strip('"').lower().translate(_MICRO).replace("(", "[").replace(" [", "_").replace("[", "_")
     return plain.rstrip(")]")
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.ftrace import Switches
+from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.jobs import report_unused
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ _MALFORMED = (struct.error, IndexError, ValueError, KeyError, UnicodeDecodeError
 _DONE, _BUFFER, _HEADER, _FORMATS = 0, 3, 16, 18
 """Options of version 7."""
 _PACKED = 1
-_WAITING = 0xFF
 _PADDING, _EXTEND, _STAMP = 29, 30, 31
 _LARGEST_PART = 2**28
 _COMMIT = 0xFFFFF
@@ -278,7 +277,7 @@ class _Switch:
             _unsigned(page, at + offset, size, self.order) for offset, size in (self.left, self.state, self.entered)
         )
         name = page[at + self.name[0] : at + sum(self.name)].split(b"\0")[0].decode("utf-8", "replace")
-        return left, not state & _WAITING, entered, name
+        return left, is_runnable(state), entered, name
 
 
 def _fields(text: str) -> dict[str, tuple[int, int]]:

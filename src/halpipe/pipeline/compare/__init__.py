@@ -59,7 +59,7 @@ class CompareOptions:
     )
     origin: Duration | None = option(
         None,
-        "Instant of the trace at which the schedule starts; auto: no job is early.",
+        "Instant of the trace at which the schedule starts; auto: no job is early, but for single strays.",
         _origin,
         metavar="TIME",
         otherwise="auto",
@@ -146,10 +146,11 @@ def compare(
         zero = find_origin(executions, table) if origin is None and executions else origin or 0
         matching, names = match_nearest(executions, table, zero), {table.name}
     origin_of = Duration(matching.origin)
-    if origin is None and executions:
-        message = f"the schedule's zero lies at {origin_of} of the trace"
-        findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
     judge.judge(matching, model)
+    if origin is None and executions:
+        strays = f"; {judge.counts[Kind.EARLY]} jobs start before their instant" if judge.counts[Kind.EARLY] else ""
+        message = f"the schedule's zero lies at {origin_of} of the trace{strays}"
+        findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
     findings.extend(judge.diagnostics())
     late = {name: _numbers(map(matching.lateness, rows)) for name, rows in _by_task(matching).items()}
     rows = _rows(matching, late, {task for name in names for task in tables[name].starts}, model)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from collections import Counter
 from dataclasses import dataclass, field
+from heapq import nsmallest
+from statistics import median_low
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import Duration
@@ -21,6 +24,9 @@ if TYPE_CHECKING:
 
 SAMPLE = 2000
 """Executions by which the zero of the schedule is sought; more would not change it and cost time."""
+_FEW = 10
+"""Executions of which fewer have no strays."""
+_MOST_STRAYS = 100
 
 
 @record
@@ -133,9 +139,7 @@ class Matching:
     def _join(self, former: int, row: int) -> None:
         """Let an execution of a gang run from when its last unit starts until its last unit ends."""
         seen = self.executions
-        units = (*seen.units[seen.on[former]], *seen.units[seen.on[row]])
-        seen.on[former] = len(seen.units)
-        seen.units.append(units)
+        seen.run_on(former, (*seen.units[seen.on[former]], *seen.units[seen.on[row]]))
         seen.start[former] = max(seen.start[former], seen.start[row])  # type: ignore[assignment]
         for column in (seen.end, seen.busy):
             both = (column[former], column[row])
@@ -251,7 +255,7 @@ def find_origin(executions: Executions, table: Table) -> Instant:
         cycle, start = starts_of(row).nearest_of_cycles(at, table.length)
         return at - cycle * table.length - start
 
-    return _least_late(known, candidates, distance)
+    return _least_late(executions, known, candidates, distance)
 
 
 def find_stated_origin(executions: Executions, lines: Lines) -> Instant:
@@ -280,7 +284,7 @@ def find_stated_origin(executions: Executions, lines: Lines) -> Instant:
     zero = executions.start[first] - lines.start[line_of[executions.cycle[first]]]
     place = starts_of(first).numbered.get(executions.job.get(first, -1))
     stated = starts_of(first).at if place is None else (table_of(first).due[place].start,)
-    return _least_late(known, [zero - at for at in stated], distance)
+    return _least_late(executions, known, [zero - at for at in stated], distance)
 
 
 def _rarest(executions: Executions, known: Sequence[int], starts_of: Callable[[int], Starts]) -> int:
@@ -293,8 +297,24 @@ def _rarest(executions: Executions, known: Sequence[int], starts_of: Callable[[i
 
 
 def _least_late(
-    known: Sequence[int], candidates: Sequence[Instant], distance: Callable[[int, Instant], Instant]
+    executions: Executions,
+    known: Sequence[int],
+    candidates: Sequence[Instant],
+    distance: Callable[[int, Instant], Instant],
 ) -> Instant:
-    """Return the candidate with the smallest sum of distances, moved so that no execution is early and one on time."""
-    origin = min(candidates, key=lambda origin: (sum(_size(distance(row, origin)) for row in known[:SAMPLE]), origin))
-    return origin + min(distance(row, origin) for row in known)
+    """Return the candidate with the smallest sum of distances, moved so that one execution is on time and none early.
+
+    At most one in a hundred is left out: those that lie further before the first of the others than that one before
+    the median, if their tasks ran more than twice as often on time. A stray start would else make all others late.
+    """
+    sample = known[:SAMPLE]
+    origin = min(candidates, key=lambda origin: (sum(_size(distance(row, origin)) for row in sample), origin))
+    most = min(max(1, len(known) // 100), _MOST_STRAYS) if len(known) >= _FEW else 0
+    first = nsmallest(most + 1, ((distance(row, origin), row) for row in known))
+    gap, place = max(((first[at][0] - first[at - 1][0], at) for at in range(1, len(first))), default=(0, 0))
+    strays = Counter(executions.task[row] for _, row in first[:place])
+    ran = Counter(executions.task[row] for row in known) if strays else strays
+    is_rare = all(ran[task] > 3 * count for task, count in strays.items())
+    if is_rare and gap > median_low(distance(row, origin) for row in sample) - first[place][0]:
+        return origin + first[place][0]
+    return origin + first[0][0]
