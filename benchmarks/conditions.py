@@ -42,8 +42,10 @@ WITHOUT = {"codes.py", "__init__.py", "modelfaults.py"}
 TEXTS = {"text", "help", "path", "available", "known", "names", "took", "rules"}
 """Variables that hold words of findings."""
 
-REPORTS = {("preemption.py", name) for name in ("check_priorities", "_unrolled", "_note", "_in_gaps", "_circle")}
-"""Functions of the rule that reports priorities and rejects nothing; tests/unit/pipeline has its tests."""
+UNJUDGED = {("preemption.py", name) for name in ("check_priorities", "_unrolled", "_note", "_in_gaps", "_circle")}
+UNJUDGED |= {("second_checker.py", name) for name in ("root_of", "main")}
+"""Functions of the rule that reports priorities and rejects nothing, and those that read files and print; tests/unit
+has their tests."""
 
 PATIENCE = 5
 """Seconds of the processor for one verdict."""
@@ -87,9 +89,8 @@ def places(path: Path) -> Iterator[Place]:
     """Yield the place of every fault of a file, but those of the words of findings."""
     whole = ast.parse(path.read_text())
     words = {id(part) for node in ast.walk(whole) if _is_text(node) for part in ast.walk(node)}
-    if path.parent == VERIFY:
-        told = (f for f in whole.body if isinstance(f, ast.FunctionDef) and (path.name, f.name) in REPORTS)
-        words |= {id(part) for function in told for part in ast.walk(function)}
+    unjudged = (f for f in whole.body if isinstance(f, ast.FunctionDef) and (path.name, f.name) in UNJUDGED)
+    words |= {id(part) for function in unjudged for part in ast.walk(function)}
     for number, node in enumerate(ast.walk(whole)):
         for kind in _kinds(node) if id(node) not in words else ():
             yield path, number, kind, getattr(node, "lineno", None) or node.target.lineno

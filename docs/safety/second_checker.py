@@ -17,6 +17,7 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from fractions import Fraction
 from functools import lru_cache
+from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from math import lcm
 from typing import TYPE_CHECKING
@@ -125,35 +126,32 @@ class Version:
             raise UnreadableError("a phase has a split point inside, or a lock is taken by less than the whole")
         self.constraints = [Constraint(p) for p in inside(element, "precedence")]
 
-    def may_split(self, at: int) -> bool:
-        held = (p < at < q for name, p, q, _ in self.phases if name not in self.locks)
-        return 0 < at < self.wcet and not any(held) if self.anywhere else at in self.points
-
 
 class Constraint:
     def __init__(self, element: ET.Element) -> None:
         self.task, self.origin = need(element, "task"), element.get("from", "start")
-        self.point, self.to = optional(element, "point"), element.get("to", "start")
+        self.point, self.to = optional(element, "point") or 0, element.get("to", "start")
         self.least, self.most = duration(element.get("min", "0ns")), at(element, "max")
         self.is_cycle = element.get("match", "window") == "cycle"
-        if self.to not in ("start", "end") or (self.origin == "point") != (self.point is not None):
+        if self.to not in ("start", "end") or (self.origin == "point") != ("point" in element.attrib):
             raise UnreadableError(f"a constraint on {self.task!a} has no such instant")
 
     def gap(self, before: Job, job: Job) -> int:
-        return (job.end if self.to == "end" else job.start) - before.instant(self.origin, self.point or 0)
+        return (job.end if self.to == "end" else job.start) - before.instant(self.origin, self.point)
 
 
 class Task:
     def __init__(self, element: ET.Element, binding: str, locks: set[str]) -> None:
-        self.name, self.period, self.let = need(element, "name"), optional(element, "period"), optional(element, "let")
-        if self.period == 0:
+        self.name, self.let = need(element, "name"), optional(element, "let")
+        self.period = optional(element, "period") or 0  # 0: on demand
+        if "period" in element.attrib and not self.period:
             raise UnreadableError(f"task {self.name!a} has the period 0")
         self.slack = number(element.get("slack", "0"))
         self.offset, self.distance = optional(element, "offset"), optional(element, "distance")
         given = "deadline" if "deadline" in element.attrib else "period" if self.distance is None else "distance"
-        self.deadline = optional(element, given)
+        self.deadline = optional(element, given) or 0
         self.binding = element.get("binding", binding)
-        if self.let is not None and (self.period is None or not 0 < self.let <= (self.deadline or 0)):
+        if self.let is not None and not (self.period and 0 < self.let <= self.deadline):
             raise UnreadableError(f"task {self.name!a} has a logical execution time beyond its deadline")
         self.versions = {v.name: v for v in (Version(version, locks) for version in inside(element, "version"))}
 
@@ -185,7 +183,8 @@ class Model:
                 if task not in self.tasks or not set(versions) <= set(self.tasks[task].versions):
                     raise UnreadableError(f"mode {name!a} runs what does not exist: {task!a}")
             self.in_first(running)
-        if any(c.origin == "release" and self.tasks[c.tasks[0]].period is None for c in self.chains):
+            self.refuse_ring(name)
+        if any(c.origin == "release" and not self.tasks[c.tasks[0]].period for c in self.chains):
             raise UnreadableError("a chain counts from a release that its first task has not")
 
     def in_first(self, running: dict[str, list[str]]) -> set[str]:  # tasks whose phase lies in the first period
@@ -194,13 +193,23 @@ class Model:
             for row in (row for version in running[name] for row in self.tasks[name].versions[version].constraints):
                 if row.task not in running:
                     continue
-                other, is_cycle = self.tasks[row.task], row.is_cycle
-                is_released = other.period is not None or not (is_cycle or row.origin == "release")
+                other = self.tasks[row.task]
+                lacks_release = not other.period and (row.is_cycle or row.origin == "release")
                 shortest = min(other.versions[v].wcet for v in running[row.task])
-                if not is_released or (is_cycle and self.tasks[name].period is None) or (row.point or 0) > shortest:
+                if lacks_release or (row.is_cycle and not self.tasks[name].period) or row.point > shortest:
                     raise UnreadableError(f"a constraint of {name!a} counts from an instant that is not there")
-                named |= {name, row.task} if is_cycle else set()
+                named |= {name, row.task} if row.is_cycle else set()
         return named
+
+    def before(self, mode: str, name: str) -> list[list[str]]:  # for each version, the tasks that it waits for
+        versions = (self.tasks[name].versions[version] for version in self.modes[mode][name])
+        return [[row.task for row in version.constraints if row.task in self.modes[mode]] for version in versions]
+
+    def refuse_ring(self, mode: str) -> None:
+        try:
+            TopologicalSorter({name: set().union(*self.before(mode, name)) for name in self.modes[mode]}).prepare()
+        except CycleError:
+            raise UnreadableError(f"the constraints of mode {mode!a} form a ring") from None
 
     def reserved(self, units: set[str], work: int) -> int | None:  # L(work); None where interrupts leave no room
         found = [pair for unit in sorted(units) for pair in self.interrupts.get(unit, ())]
@@ -234,7 +243,7 @@ class Job:  # One job of the schedule; parts are (start, end, from, to).
 
     def instant(self, origin: str, point: int = 0) -> int:
         for number, (start, _, begin, to) in enumerate(self.parts if origin == "point" else ()):
-            if begin <= point <= to:
+            if point <= to:
                 return start + (
                     self.model.reserved(self.units, self.version.resume * (number > 0) + point - begin) or 0
                 )
@@ -279,10 +288,9 @@ class Table:  # What modes and switches have in common: jobs that must be well f
     def units(self, job: Job) -> bool:
         valid = job.version.units & set(self.model.interrupts)
         is_gang = len(job.unit_list) == len(job.units) == job.version.gang and job.units <= valid
-        is_fine = is_gang and self.model.reserved(job.units, 0) is not None
-        if not is_fine:
-            self.broken("unit", job, "not as many distinct, valid units as it takes, or interrupts leave them no time")
-        return is_fine
+        if not is_gang:
+            self.broken("unit", job, "not as many distinct, valid units as it takes")
+        return is_gang
 
     def parts(self, job: Job) -> bool:
         before, version = len(self.findings), job.version
@@ -291,7 +299,7 @@ class Table:  # What modes and switches have in common: jobs that must be well f
             self.broken("parts", job, "the start is not within the table")
         if (first[0], last[1], first[2], last[3]) != (job.start, job.end, 0, version.wcet):
             self.broken("parts", job, "the parts do not run from start to end and from 0 to the WCET")
-        if any(one[3] != two[2] or not version.may_split(one[3]) for one, two in gaps):
+        if any(one[3] != two[2] or not (version.anywhere or one[3] in version.points) for one, two in gaps):
             self.broken("parts", job, "not interrupted at a permitted point")
         if any(two[0] <= one[1] for one, two in gaps) or len(gaps) > version.max_gaps:
             self.broken("parts", job, "no gap between two parts, or too many")
@@ -304,8 +312,8 @@ class Table:  # What modes and switches have in common: jobs that must be well f
         return len(self.findings) == before
 
     def late(self, task: Task, before: int, job: Job) -> None:
-        distance, deadline = task.distance, task.deadline or 0
-        if distance is not None and (job.start - before > distance or job.end - before > deadline):
+        distance = task.distance
+        if distance is not None and (job.start - before > distance or job.end - before > task.deadline):
             self.broken("deadline", job, "an arrival just after the job before is missed or served too late")
 
     def bind(self, name: str, jobs: list[Job]) -> None:
@@ -390,10 +398,9 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
             self.take(job, self.runs)
         for job in self.jobs:
             self.bound[job.task].append(job)
-        self.longest_job = max((job.end - job.start for job in self.jobs), default=0)
 
     def hyperperiod(self) -> int:
-        periods = [p for p in (self.model.tasks[name].period for name in self.runs) if p is not None]
+        periods = [p for p in (self.model.tasks[name].period for name in self.runs) if p]
         if not periods:
             raise UnreadableError(f"no task of mode {self.name!a} has a period")
         total = lcm(*periods)
@@ -420,36 +427,29 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         return self.findings
 
     def line(self, jobs: list[Job]) -> list[Job]:
-        turns = 1 + up(max((job.end - job.start for job in jobs), default=0), self.total)
-        if turns * len(jobs) > MOST_JOBS:
-            raise UnreadableError("a job lasts too many cycles")
-        return [job.moved(turn * self.total, f"cycle {turn}") for turn in range(-turns, 2) for job in jobs]
+        # A job that is longer than a cycle meets itself in the next one.
+        return [job.moved(turn * self.total, f"cycle {turn}") for turn in range(-2, 2) for job in jobs]
 
     def most_demands(self, by: str, name: str) -> int:  # constraints on it of one version
-        versions = () if by == name else (self.model.tasks[by].versions[version] for version in self.runs[by])
-        return max((sum(row.task == name for row in version.constraints) for version in versions), default=0)
+        return max((before.count(name) for before in self.model.before(self.name, by)), default=0)
 
-    def count(self, name: str, above: tuple[str, ...] = ()) -> int:
-        if name in above:
-            raise UnreadableError(f"tasks without period demand each other in a ring: {name!a}")
-        period = self.model.tasks[name].period
-        if period is not None:
-            return self.total // period
+    def count(self, name: str) -> int:
+        if self.model.tasks[name].period:
+            return self.total // self.model.tasks[name].period
         if name not in self.counted:
             demanding = [by for by in self.runs if self.most_demands(by, name)]
-            self.counted[name] = sum(self.most_demands(by, name) * self.count(by, (*above, name)) for by in demanding)
+            self.counted[name] = sum(self.most_demands(by, name) * self.count(by) for by in demanding)
         return self.counted[name]
 
     def expected(self, name: str) -> set[int]:
-        if self.model.tasks[name].period is not None:
+        if self.model.tasks[name].period:
             return set(range(self.count(name)))
         arising, base = set[int](), 0
         for by in self.model.tasks:
             most = self.most_demands(by, name) if by in self.runs else 0
             for job in self.bound[by] if most else ():
                 slots = sum(row.task == name for row in job.version.constraints)
-                if job.index < self.count(by):
-                    arising |= set(range(base + job.index * most, base + job.index * most + slots))
+                arising |= set(range(base + job.index * most, base + job.index * most + slots))
             base += most * self.count(by) if most else 0
         return arising
 
@@ -465,14 +465,13 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         ordered = sorted(jobs, key=lambda job: (job.start, job.index))
         for number, job in enumerate(ordered):
             self.late(task, ordered[number - 1].start - (0 if number else self.total), job)
-        if task.period is None:
+        if not task.period:
             return  # it has no releases
         places = [(job, (job.start - job.index * task.period) % self.total) for job in jobs]
         phases = {place for _, place in places} if task.offset is None else {task.offset % task.period}
         verdicts = [(phase, self.delays(task, places, phase)) for phase in sorted(phases)]
         phase, verdict = min(verdicts, key=lambda pair: len(pair[1]), default=(0, []))
-        for rule, job, what in verdict:
-            self.broken(rule, job, what)
+        self.findings += [(rule, self.name, name, job.index, what) for rule, job, what in verdict]
         for job, place in places:
             is_before = job.start < job.index * task.period + (task.offset or 0) % task.period
             job.delay, job.lap = (place - phase) % self.total, self.total * is_before
@@ -485,13 +484,13 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
 
     def deadline(self, task: Task, job: Job) -> int:  # counted from the release; none where arrivals are served
         never = job.end - job.start + self.total
-        return task.let or (never if task.distance is not None or task.deadline is None else task.deadline)
+        return task.let or (never if task.distance is not None else task.deadline)
 
     def delays(self, task: Task, places: list[tuple[Job, int]], phase: int) -> list[tuple[str, Job, str]]:
         found = []
         for job, place in places:
             delta = (place - phase) % self.total
-            if delta > task.slack * (task.period or 0):
+            if delta > task.slack * task.period:
                 found.append(("periodic", job, "too long after its release"))
             if delta + job.end - job.start > self.deadline(task, job):
                 found.append(("deadline", job, "ends too long after its release"))
@@ -501,7 +500,7 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         for row in job.version.constraints:
             others = self.bound[row.task] if row.task in self.runs else []
             if row.is_cycle:
-                periods = self.model.tasks[job.task].period or 0, self.model.tasks[row.task].period or 1
+                periods = self.model.tasks[job.task].period, self.model.tasks[row.task].period
                 same = [other for other in others if other.index == job.index * periods[0] // periods[1]]
                 ages = [row.gap(other, job) + job.lap - other.lap for other in same]
             else:
@@ -556,14 +555,14 @@ class Switch(Table):
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         if len(sound) < len(self.jobs) or self.source.findings or self.target.findings:
             return self.findings  # the faults are reported; places on the line would not mean anything
-        last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1 or job.version.phases), default=0)
+        last = max((job.end for job in self.line(2, 0)), default=0)
         near = self.line(2, max(2, up(last - self.total, self.target.total)))
         self.meet(near)
         self.access(near)
         for job in self.line(2, 0):
             if job.end > self.total and self.target.name in self.model.closed:
                 self.broken("edge", job, "in progress where the mode to come begins from idle")
-            if job.where == "table" and job.let and job.end - job.start > job.let:
+            if job.let and job.end - job.start > job.let:
                 self.broken("edge", job, "lasts longer than its logical execution time")
         for name in {job.task for job in self.jobs}:
             self.bind(name, [job for job in [*self.jobs, *self.target.jobs] if job.task == name])
@@ -593,7 +592,7 @@ class Switch(Table):
                         self.broken("continuity", two, "starts before one from before has ended")
                     if one is own[number - 1]:
                         self.late(task, one.start, two)
-                        if task.period is not None and two.start - one.start > (1 + task.slack) * task.period:
+                        if task.period and two.start - one.start > (1 + task.slack) * task.period:
                             self.broken("continuity", two, "starts too long after the job before")
 
     def wants(self, cycles: int) -> list[tuple[Job, Constraint]]:
@@ -610,13 +609,17 @@ class Switch(Table):
             else:
                 self.broken("entering", job, "no constraint needs it so early")
 
-    def precedence(self) -> None:  # in cycles up to those whose predecessors all lie in the mode to come
+    def precedence(self) -> None:
+        """Check windows in cycles up to those whose predecessors all lie in the mode to come.
+
+        Where the job of its cycle lies in a window, so does the nearest one.
+        """
         kinds: dict[str, set[tuple[str, int]]] = defaultdict(set)
         for _, row in self.wants(1):
-            kinds[row.task].add((row.origin, row.point or 0))
+            kinds[row.task].add((row.origin, row.point))
         furthest = max((row.most for _, row in self.wants(1)), default=0)
-        before = 3 + up(furthest + self.source.longest_job, self.source.total)
-        after = 3 + up(furthest + self.target.longest_job, self.target.total)
+        before = 3 + up(furthest, self.source.total)
+        after = 3 + up(furthest, self.target.total)
         found: dict[tuple[str, str, int], list[int]] = defaultdict(list)
         for job in self.line(before, after + 2):
             for kind in kinds[job.task]:
@@ -624,9 +627,7 @@ class Switch(Table):
         for instants in found.values():
             instants.sort()
         for job, row in self.wants(after):
-            if row.is_cycle and job.where == "after" and not (job.lap and job.start < self.total + self.target.total):
-                continue
-            instants, own = found[row.task, row.origin, row.point or 0], job.end if row.to == "end" else job.start
+            instants, own = found[row.task, row.origin, row.point], job.end if row.to == "end" else job.start
             place = bisect_right(instants, own - row.least)
             if not place or instants[place - 1] < own - row.most:
                 self.broken("precedence", job, f"no job of {row.task} lies within the window")
@@ -669,7 +670,7 @@ def judge(model_path: str, schedule_path: str) -> list[Finding]:  # what is brok
         source, target, length = tables[pair[0]], tables[pair[1]], at(element, "length")
         switches[pair] = switch = Switch(source, target, length, model.switches[pair], jobs)
         findings += switch.check()
-        if not source.findings and at(element, "worst-latency") != source.total + length:
+        if at(element, "worst-latency") != source.total + length:
             findings.append(("figures", switch.name, "-", "-", "the worst latency is hyperperiod and length"))
     for table in (*tables.values(), *switches.values()):
         for job in table.jobs:

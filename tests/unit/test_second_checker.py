@@ -216,7 +216,34 @@ def test_a_job_with_the_number_of_a_demand_that_does_not_arise_is_not_valid(syst
     assert differ == []
 
 
-def test_a_document_type_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"<!DOCTYPE a><a/>", "document type"),
+        (b"<!ENTITY b 'c'><a/>", "document type"),
+        ("<a/>".encode("utf-16-le"), "not UTF-8"),
+        (b'<?xml version="1.0" encoding="latin-1"?><a/>', "not UTF-8"),
+        (b"\xef\xbb\xbf<?xml version='1.0' encoding='utf-7'?><a/>", "not UTF-8"),
+        (b'<schedule xmlns="urn:halpipe:schedule:1"/>', "not a task-model"),
+    ],
+)
+def test_other_files_are_refused(tmp_path, data, reason):
+    """Another encoding could hide a declaration; a model and a schedule are not exchanged."""
+    hostile = tmp_path / "m.xml"
+    hostile.write_bytes(data)
+    with pytest.raises(checker.UnreadableError, match=reason):
+        checker.judge(str(hostile), str(FIXTURE / "schedule.xml"))
+
+
+def test_a_file_beyond_the_limit_of_size_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(checker, "LARGEST_FILE", (FIXTURE / "model.xml").stat().st_size - 1)
+    with pytest.raises(checker.UnreadableError, match="too large"):
+        checker.judge(str(FIXTURE / "model.xml"), str(FIXTURE / "schedule.xml"))
+    monkeypatch.setattr(checker, "LARGEST_FILE", checker.LARGEST_FILE + 1)
+    checker.root_of(str(FIXTURE / "model.xml"), "task-model")
+
+
+def test_a_refusal_is_a_line_and_an_exit_code(tmp_path):
     hostile = tmp_path / "m.xml"
     hostile.write_text("<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>")
     done = run(hostile, FIXTURE / "schedule.xml")
