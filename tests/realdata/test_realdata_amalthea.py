@@ -136,12 +136,6 @@ def test_waters_mapping_is_followed_where_it_does_not_contradict_itself():
     assert units["DASM"] == {"A57": ("Core2", "Core3", "Core4", "Core5")}
 
 
-def test_waters_other_statistics():
-    lower, average = (read(WATERS, mapping="free", wcet=choice).model.task("DASM") for choice in ("lower", "average"))
-    assert lower.version("A57").wcet == Duration.parse("1.299995ms")
-    assert average.version("A57").wcet == Duration.parse("1.609995ms")
-
-
 def test_waters_accesses_can_be_added_to_the_stated_times():
     task = read(WATERS, mapping="free", memory="added").model.task("Lidar_Grabber")
     assert task.version("A57").wcet == Duration.parse("13.66ms") + Duration.parse("1.09378ms")

@@ -20,16 +20,11 @@ if TYPE_CHECKING:
 
     from halpipe.importers.common.base import Imported, ImportOptions
 
-STATISTICS = ("upper", "average", "lower")
-
 
 @record(kw_only=True)
 class AmaltheaImportOptions(PiecesOptions):
-    """Readings of what AMALTHEA leaves open: statistics of execution times, times of accesses, mappings."""
+    """Readings of what AMALTHEA leaves open: times of accesses, mappings."""
 
-    wcet: str = option(
-        "upper", "The WCET is the upper, average or lower of a stated execution time.", Words(*STATISTICS)
-    )
     memory: str = option(
         "within",
         "Accesses to memory are within the stated time, added to it, or none.",

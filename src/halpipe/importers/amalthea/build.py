@@ -80,7 +80,7 @@ def _model(
     hardware = read_hardware(forest)
     units = _unit_names(forest, hardware)
     modes = read_modes(forest)
-    evaluator = Evaluator(forest, options.wcet)
+    evaluator = Evaluator(forest)
     drafts = make_drafts(forest, modes, evaluator, options.overlay)
     _stop_without_tasks(forest, drafts, findings)
     memories = Memories(forest, hardware)

@@ -23,17 +23,15 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 TIMED = ("Ticks", "RunnableInstructions", "InstructionsDeviation", "InstructionsConstant", "ExecutionNeed")
-_BOUNDS = {"upper": "upperBound", "lower": "lowerBound"}
 
 
-def cycles(forest: Forest, item: Item, unit: Pu, statistic: str) -> Fraction | None:
-    """Return the cycles that ticks, instructions or an execution need take on a kind of unit; None if not stated."""
+def cycles(forest: Forest, item: Item, unit: Pu) -> Fraction | None:
+    """Return the most cycles that ticks, instructions or an execution need take on a kind of unit; None: not stated."""
     if item.kind == "Ticks":
-        return _of(forest, _entry(forest, item, unit), statistic)
+        return most(forest, _entry(forest, item, unit))
     if item.kind == "ExecutionNeed":
-        return _need(forest, item, unit, statistic)
-    value = item if item.kind.startswith("Instructions") else _entry(forest, item, unit)
-    instructions = _of(forest, value, statistic)
+        return _need(forest, item, unit)
+    instructions = most(forest, item if item.kind.startswith("Instructions") else _entry(forest, item, unit))
     return None if instructions is None else instructions / unit.ipc
 
 
@@ -45,62 +43,27 @@ def _entry(forest: Forest, item: Item, unit: Pu) -> Item | None:
     return item.one("default")
 
 
-def _need(forest: Forest, item: Item, unit: Pu, statistic: str) -> Fraction | None:
+def _need(forest: Forest, item: Item, unit: Pu) -> Fraction | None:
     """Return needs of features, such as instructions, over what a cycle of the unit gives of them."""
     total = None
     for entry in item.all("needs", "default"):
-        amount = _of(forest, entry.one("value"), statistic)
+        amount = most(forest, entry.one("value"))
         if amount is None:
             return None
         total = (total or 0) + amount / unit.needs.get(entry.get("key"), unit.ipc)
     return total
 
 
-def most(forest: Forest, value: Item) -> Fraction | None:
+def most(forest: Forest, value: Item | None) -> Fraction | None:
     """Return a constant, or the upper bound of a distribution, None if it has none."""
-    return _of(forest, value, "upper")
-
-
-def _of(forest: Forest, value: Item | None, statistic: str) -> Fraction | None:
-    """Return one number of a constant or distribution, None if it is not bounded.
-
-    Where the average is asked for and not stated, it is the middle of the bounds.
-    """
     if value is None:
         return None
-    if value.get("value"):
-        return forest.number(value, "value")
-    if statistic == "average":
-        return _average(forest, value)
-    return _bound(forest, value, _BOUNDS[statistic])
-
-
-def _bound(forest: Forest, value: Item, name: str) -> Fraction | None:
-    if value.get(name):
-        return forest.number(value, name)
-    if value.get("value"):  # LongObject of older versions
-        return forest.number(value, "value")
-    entries = [_bound(forest, entry, name) for entry in value.all("entries")]  # a histogram
-    known = [entry for entry in entries if entry is not None]
-    if known:
-        return max(known) if name == "upperBound" else min(known)
-    inner = value.one(name) or value.one("deviation")
-    return None if inner is None else _bound(forest, inner, name)
-
-
-def _average(forest: Forest, value: Item) -> Fraction | None:
-    for name in ("average", "mean"):
+    for name in ("value", "upperBound"):
         if value.get(name):
             return forest.number(value, name)
-    deviation = value.one("deviation")
-    if deviation is not None:
-        return _average(forest, deviation)
-    distribution = value.one("distribution")
-    mean = None if distribution is None else distribution.one("mean")
-    if mean is not None:
-        return forest.number(mean, "value")
-    low, high = _bound(forest, value, "lowerBound"), _bound(forest, value, "upperBound")
-    return None if low is None or high is None else (low + high) / 2
+    bars = [most(forest, bar) for bar in value.all("entries")]  # of a histogram
+    known = [bar for bar in bars if bar is not None]
+    return max(known) if known else most(forest, value.one("upperBound", "deviation"))
 
 
 _STEPS = ("graphEntries", "items", "calls", "runnableItems")
@@ -109,7 +72,6 @@ GROUPS = ("Group", "CallSequence", "WhileLoop")
 SWITCHES = ("ModeSwitch", "Switch", "RunnableModeSwitch", "ProbabilitySwitch", "RunnableProbabilitySwitch")
 CALLS = {"RunnableCall": "runnable", "TaskRunnableCall": "runnable", "SynchronousServerCall": "serverRunnable"}
 _POINTS = ("SchedulePoint", "ModeLabelAssignment")
-_COUNTS = {"upper": "max", "average": "avg", "lower": "min"}
 _MOST_LEVELS = 100
 
 
@@ -191,20 +153,20 @@ _NOTHING = Amount()
 Span = tuple[Fraction, Fraction]
 
 
-def call_count(forest: Forest, step: Item, statistic: str) -> Fraction:
-    """Return how often a call is made."""
-    return _count(forest, step, statistic, "statistic")
+def call_count(forest: Forest, step: Item) -> Fraction:
+    """Return how often a call is made at most."""
+    return _count(forest, step, "statistic")
 
 
-def _count(forest: Forest, step: Item, statistic: str, *spellings: str) -> Fraction:
-    """Return how often a step is made: once, unless it states a number or its bounds."""
+def _count(forest: Forest, step: Item, *spellings: str) -> Fraction:
+    """Return how often a step is made at most: once, unless it states a number or its bounds."""
     found = step.one("statistic")
     stated = None if found is None else found.one(*spellings)
     if stated is None:
         return Fraction(1)
     number = forest.number(stated, "value")
     if number is None:
-        number = forest.number(stated, _COUNTS[statistic])
+        number = forest.number(stated, "max")
     return Fraction(1) if number is None else number
 
 
@@ -246,9 +208,8 @@ def _joined(total: Fraction, amounts: Sequence[Amount], join: Callable[[Fraction
 class Evaluator:
     """Adds up graphs; remembers what runnables come to, and which branches and loops it met."""
 
-    def __init__(self, forest: Forest, statistic: str) -> None:
+    def __init__(self, forest: Forest) -> None:
         self._forest = forest
-        self._statistic = statistic
         self._conditions: dict[str, Conditions] = {}
         self._known: dict[tuple[Item, str, Item], Amount] = {}
         self._spans: dict[tuple[Item, Item, str, Item, bool], Span | None] = {}
@@ -323,7 +284,7 @@ class Evaluator:
             step.use()
             if called is None:
                 return _NOTHING
-            return _repeated(self._call(called, mode, unit), call_count(self._forest, step, self._statistic))
+            return _repeated(self._call(called, mode, unit), call_count(self._forest, step))
         if step.kind in SWITCHES:
             return self._switch(step, mode, unit)
         if step.kind in GROUPS:
@@ -338,7 +299,7 @@ class Evaluator:
         return _NOTHING
 
     def _time(self, step: Item, unit: Pu) -> Amount:
-        value = cycles(self._forest, step, unit, self._statistic)
+        value = cycles(self._forest, step, unit)
         if value is None:
             others = any(step.all("extended")) and step.one("default") is None
             return Amount(is_timed=True, is_known=False, is_possible=not others)
@@ -351,7 +312,7 @@ class Evaluator:
             return _NOTHING
         self.accesses[step] = label
         writes = step.get("access") == "write"  # what is not stated is a read, as in ITEA
-        count = {label: _count(self._forest, step, self._statistic, "value", "write" if writes else "read")}
+        count = {label: _count(self._forest, step, "value", "write" if writes else "read")}
         return Amount(writes=count) if writes else Amount(reads=count)
 
     def _call(self, runnable: Item, mode: SystemMode, unit: Pu) -> Amount:

@@ -130,7 +130,7 @@ def _densest(stimulus: Item, distance: Duration | None) -> list[Activation]:
 def _step(forest: Forest, stimulus: Item) -> Duration | None:
     """Return the least distance of the occurrences of a rate that no scenario changes; None where one does."""
     step, count = _time(forest, stimulus, "step"), stimulus.one("occurrencesPerStep")
-    stated = forest.number(stimulus, "occurrencesPerStep") if count is None else most(forest, count)
+    stated = most(forest, count) if count else forest.number(stimulus, "occurrencesPerStep")
     return step / stated if step and stated and stimulus.one("scenario") is None else None
 
 
@@ -266,7 +266,7 @@ class Triggers:
             self.counted[step] = None
         own_event = [Occurrence(called, step, step)] if called in self._wanted else []
         inner = [*own_event, *self._of_runnable[called, conditions]]
-        times = min(MOST + 1, math.ceil(call_count(self._forest, step, "upper")))
+        times = min(MOST + 1, math.ceil(call_count(self._forest, step)))
         return [Occurrence(o.target, o.cause, step, own.then(o.count)) for _ in range(times) for o in inner]
 
     def _densest(self, ways: Sequence[Sequence[Occurrence]], step: Item) -> list[Occurrence]:

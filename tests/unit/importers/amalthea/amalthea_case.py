@@ -87,11 +87,11 @@ def write(folder, text, name="model.amxmi"):
     return str(path)
 
 
-def read(folder, *, overlay=None, strict=False, wcet="upper", memory="within", bind="stated", **models):
+def read(folder, *, overlay=None, strict=False, memory="within", bind="stated", **models):
     """Import a model of the given parts, with hardware and one stimulus of 10 ms unless stated."""
     version = models.pop("version", "1.0.0")
     models = {"hw": HARDWARE, "stimuli": PLAIN_STIMULI} | models
-    options = AmaltheaImportOptions(overlay=overlay, strict=strict, wcet=wcet, memory=memory, mapping=bind)
+    options = AmaltheaImportOptions(overlay=overlay, strict=strict, memory=memory, mapping=bind)
     return FORMAT.read([write(folder, document(version, **models))], options).completed()
 
 

@@ -67,12 +67,6 @@ def test_accesses_are_counted_in_every_spelling(tmp_path, access, wcet):
     assert found(imported.diagnostics, codes.NOT_READ) == []
 
 
-@pytest.mark.parametrize(("statistic", "wcet"), [("upper", "130us"), ("average", "120us"), ("lower", "110us")])
-def test_the_chosen_statistic_counts_accesses_too(tmp_path, statistic, wcet):
-    access = counted("MinAvgMaxStatistic", min=1, avg="2.0", max=3)
-    assert wcets(given(tmp_path, access, wcet=statistic)) == {"T": {"A": wcet}}
-
-
 def test_a_call_that_is_made_several_times_counts_as_often(tmp_path):
     again = call("R").replace("/>", f">{counted('MinAvgMaxStatistic', max=3).replace('value', 'statistic', 1)}</items>")
     again = again.replace("<value", "<statistic").replace("</value", "</statistic")
