@@ -203,7 +203,7 @@ class Model:
 
     def before(self, mode: str, name: str) -> list[list[str]]:  # for each version, the tasks that it waits for
         versions = (self.tasks[name].versions[version] for version in self.modes[mode][name])
-        return [[row.task for row in version.constraints if row.task in self.modes[mode]] for version in versions]
+        return [[row.task for row in version.constraints] for version in versions]
 
     def refuse_ring(self, mode: str) -> None:
         try:
