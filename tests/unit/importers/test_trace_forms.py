@@ -238,6 +238,23 @@ def test_measurement_files_have_tables_of_jobs_and_states_of_tasks(tmp_path):
     assert seen(rows) == [("C", 6000, 9000, 3000, ()), ("C", 20000, 21000, 1000, ())]
 
 
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1e-9), ("\xb5s", 1e-3), ("ms", 1e-6), ("", 1)])
+def test_channels_of_instants_are_in_their_unit(unit, scale, tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    numpy = pytest.importorskip("numpy")
+    with asammdf.MDF(version="4.10") as file:
+        stamps = numpy.arange(2.0)
+        columns = [asammdf.Signal(numpy.array([b"C", b"D"]), stamps, name="task", encoding="utf-8")]
+        for name, times in (("start", [6000, 20000]), ("end", [9000, 21000])):
+            columns.append(asammdf.Signal(numpy.array(times) * scale, stamps, name=name, unit=unit))
+        file.append(columns)
+        file.append([asammdf.Signal(numpy.array([0.5, 1.5]), stamps, name="speed")])
+        file.save(tmp_path / "t.mf4")
+    recording = parse_traces((tmp_path / "t.mf4").read_bytes(), "t")
+    assert seen(recording.traces[0]) == [("C", 6000, 9000, 3000, ()), ("D", 20000, 21000, 1000, ())]
+    assert [d.message for d in recording.diagnostics] == ["1 signals are not 0 or 1 only: speed"]
+
+
 @pytest.mark.parametrize("broken", ["Time [s];A\n0,1;0\nx1;1\n", "Time [s];A\n0,1;1\n0.2;0\n"])
 def test_rows_of_signals_that_cannot_be_read_are_named(broken):
     with pytest.raises(HalpipeError) as refused:

@@ -36,20 +36,29 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     try:
         opened: Any = stream
         with MDF(opened) as measured:
-            groups = [measured.get_group(index, time_from_zero=False) for index in range(len(measured.groups))]
+            groups = [_group(measured, index) for index in range(len(measured.groups))]
     except Exception as failure:  # noqa: BLE001 whatever the library raises on a damaged file
         message = f"the library asammdf cannot read it: {failure}"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="save it again")) from None
     found: list[Trace] = []
-    jobs = Jobs(file, findings)
+    jobs, others = Jobs(file, findings), list[str]()
     for group in groups:
         names = [str(name) for name in group.columns]
         if table.is_header(",".join(names)):
             found += table.read(_rows(group, names), file, findings)
             continue
-        for name in names:
-            _state(jobs, name, group[name])
+        others += [name for name in names if not _state(jobs, name, group[name])]
+    table.report_signals(others, file, findings)
     return [*found, Trace(name="", executions=jobs.result(), is_shared=True)]
+
+
+def _group(measured: Any, index: int) -> Any:
+    """Return a group as a frame, with the units of times in the names of its columns, as CSV has them."""
+    frame = measured.get_group(index, time_from_zero=False)
+    units = {
+        channel.name: measured.get_channel_unit(channel.name, index) for channel in measured.groups[index].channels
+    }
+    return frame.rename(columns=lambda name: f"{name} [{units[name]}]" if table.is_time(name) and units[name] else name)
 
 
 def _rows(group: Any, names: list[str]) -> list[str]:
@@ -68,13 +77,14 @@ def _cell(value: Any) -> str:
     return str(int(number)) if number.is_integer() else f"{number:.9f}"
 
 
-def _state(jobs: Jobs, name: str, signal: Any) -> None:
+def _state(jobs: Jobs, name: str, signal: Any) -> bool:
     """Take a signal as the state of a task, if it is one."""
-    if signal.dtype.kind not in "bui" or not set(signal.unique().tolist()) <= {0, 1}:
-        return
+    if signal.dtype.kind not in "buif" or not set(signal.unique().tolist()) <= {0, 1}:
+        return False
     for seconds, value in zip(signal.index.tolist(), signal.tolist(), strict=True):
         at = round(seconds * 10**9)
         if value and name not in jobs.running:
             jobs.running[name] = Job(name, "", at, 0)
         elif not value:
             jobs.end(name, at)
+    return True

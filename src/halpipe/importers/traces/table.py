@@ -23,7 +23,7 @@ from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, se
 from halpipe.models.trace import NONE, Execution, Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator
 
     from halpipe.core.diagnostics import Findings
 
@@ -66,6 +66,11 @@ def _plain(name: str) -> str:
     """Return the name of a column in small letters, with its unit behind a line: ``start [us]`` is ``start_us``."""
     plain = name.strip().strip('"').lower().translate(_MICRO).replace("(", "[").replace(" [", "_").replace("[", "_")
     return plain.rstrip(")]")
+
+
+def is_time(name: str) -> bool:
+    """Whether a column without a unit in its name is one of instants or durations of jobs."""
+    return _LONG.get(_plain(name), _plain(name)) in TIMES
 
 
 def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
@@ -130,11 +135,16 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
                 jobs.running[name] = Job(name, "", at, line)
             elif state is False:
                 jobs.end(name, at)
+    report_signals(others, file, findings)
+    found = [execution for execution in jobs.result() if execution.task not in others]
+    return [Trace(name="", executions=tuple(found), is_shared=True)]
+
+
+def report_signals(others: Collection[str], file: str, findings: Findings) -> None:
+    """Report the signals that are no states of tasks."""
     if others:
         message = f"{len(others)} signals are not 0 or 1 only: {', '.join(sorted(others)[:5])}"
         findings.add(codes.LEFT_OUT(message, at=Location(file)))
-    found = [execution for execution in jobs.result() if execution.task not in others]
-    return [Trace(name="", executions=tuple(found), is_shared=True)]
 
 
 def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executions:
