@@ -15,13 +15,28 @@ from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.traces.ctf import Event
 
 TIMER, SUBSCRIPTION, SERVICE = "timer", "subscription", "service"
+_KINDS = (TIMER, SUBSCRIPTION, SERVICE)
 _PROVIDERS = ("ros2", "ros2_caret")
+_FACTS = {
+    "rclcpp_subscription_init": ("of_rclcpp", "subscription", "subscription_handle"),
+    "rclcpp_timer_link_node": ("timer_node", "timer_handle", "node_handle"),
+    "rcl_timer_init": ("period", "timer_handle", "period"),
+    "rclcpp_callback_register": ("symbol", "callback", "symbol"),
+}
+"""Events that say one thing of an address: the field of `_Known`, and the fields of the address and of the value."""
+_ENTITIES = {
+    "rcl_publisher_init": ("publisher", "publisher_handle", "topic_name"),
+    "rcl_subscription_init": ("subscription", "subscription_handle", "topic_name"),
+    "rcl_service_init": ("service", "service_handle", "service_name"),
+}
+"""Events of what a node has: the field of `_Known`, and the fields of its address and its name."""
+_ADDRESSES = ("subscription_handle", "node_handle")
 
 Handle = tuple[int, int]
 """Process and address."""
@@ -160,20 +175,20 @@ class _Join:
         self._switched: set[int] = set()
         self.foreign: Counter[str] = Counter()
         self.unmatched = 0
-        self._handlers = {
-            name[1:]: getattr(self, name)
-            for name in dir(type(self))
-            if name.startswith(("_rcl", "_caret", "_callback"))
-        }
-        self._handlers |= {
+        self._handlers: dict[str, Callable[[Event, int, dict[str, Any]], None]] = {
+            **dict.fromkeys(_FACTS, self._fact),
+            **dict.fromkeys(_ENTITIES, self._entity),
+            **{f"callback_group_add_{kind}": self._grouped for kind in _KINDS},
+            **{f"rclcpp_{kind}_callback_added": self._added for kind in _KINDS},
+            "rcl_node_init": self._node,
             "add_callback_group": self._group,
             "add_callback_group_static_executor": self._group,
             "construct_executor": self._executor,
             "construct_static_executor": self._executor,
-            "callback_group_add_timer": self._group_timer,
-            "callback_group_add_subscription": self._group_subscription,
-            "callback_group_add_service": self._group_service,
-            "rclcpp_intra_publish": self._rcl_publish,
+            "callback_start": self._start,
+            "callback_end": self._end,
+            "rcl_publish": self._publish,
+            "rclcpp_intra_publish": self._publish,
         }
 
     @property
@@ -200,55 +215,41 @@ class _Join:
 
     # ---------------------------------------------------------------------------------- what things are
 
-    def _rcl_node_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+    def _fact(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        """Take an event of `_FACTS`."""
+        of, key, value = _FACTS[event.name.rpartition(":")[2]]
+        found = fields[value]
+        getattr(self._known, of)[pid, fields[key]] = (pid, found) if value in _ADDRESSES else found
+
+    def _entity(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        """Take an event of `_ENTITIES`, with the node of what it describes."""
+        of, handle, name = _ENTITIES[event.name.rpartition(":")[2]]
+        if node := self._known.node.get((pid, fields["node_handle"])):
+            getattr(self._known, of)[pid, fields[handle]] = entity = node, fields[name]
+            if of == "publisher":
+                self._announced[entity] = None  # its address may be another one's later
+
+    def _grouped(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        kind = event.name.rpartition("_")[2]
+        self._known.group_of[kind, (pid, fields[f"{kind}_handle"])] = pid, fields["callback_group_addr"]
+
+    def _added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        """Take what calls a callback: ``rclcpp_<kind>_callback_added``."""
+        kind = event.name.rpartition(":")[2].split("_")[1]
+        if kind == SUBSCRIPTION:
+            handle = self._known.of_rclcpp.get((pid, fields["subscription"]))
+        else:
+            handle = pid, fields[f"{kind}_handle"]
+        if handle:
+            callback = pid, fields["callback"]
+            if callback not in self._known.trigger:
+                self._created.append(callback)
+            self._known.trigger[callback] = kind, handle
+
+    def _node(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         name = f"{fields['namespace'].rstrip('/')}/{fields['node_name']}"
         self._known.node[pid, fields["node_handle"]] = name
         self._started.setdefault(name, {}).setdefault(pid, event.time)
-
-    def _rcl_publisher_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        node = self._known.node.get((pid, fields["node_handle"]))
-        if node:
-            of = node, fields["topic_name"]
-            self._known.publisher[pid, fields["publisher_handle"]] = of
-            self._announced[of] = None
-
-    def _rcl_subscription_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        node = self._known.node.get((pid, fields["node_handle"]))
-        if node:
-            self._known.subscription[pid, fields["subscription_handle"]] = node, fields["topic_name"]
-
-    def _rclcpp_subscription_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.of_rclcpp[pid, fields["subscription"]] = pid, fields["subscription_handle"]
-
-    def _rclcpp_subscription_callback_added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        handle = self._known.of_rclcpp.get((pid, fields["subscription"]))
-        if handle:
-            self._trigger((pid, fields["callback"]), SUBSCRIPTION, handle)
-
-    def _rcl_service_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        node = self._known.node.get((pid, fields["node_handle"]))
-        if node:
-            self._known.service[pid, fields["service_handle"]] = node, fields["service_name"]
-
-    def _rclcpp_service_callback_added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._trigger((pid, fields["callback"]), SERVICE, (pid, fields["service_handle"]))
-
-    def _rcl_timer_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.period[pid, fields["timer_handle"]] = fields["period"]
-
-    def _rclcpp_timer_callback_added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._trigger((pid, fields["callback"]), TIMER, (pid, fields["timer_handle"]))
-
-    def _rclcpp_timer_link_node(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.timer_node[pid, fields["timer_handle"]] = pid, fields["node_handle"]
-
-    def _rclcpp_callback_register(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.symbol[pid, fields["callback"]] = fields["symbol"]
-
-    def _trigger(self, callback: Handle, kind: str, handle: Handle) -> None:
-        if callback not in self._known.trigger:
-            self._created.append(callback)
-        self._known.trigger[callback] = kind, handle
 
     def _group(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         group = pid, fields["callback_group_addr"]
@@ -259,23 +260,14 @@ class _Join:
         kind = fields.get("executor_type_name", "static_single_threaded_executor")
         self._known.executor_type[pid, fields["executor_addr"]] = kind
 
-    def _group_timer(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.group_of[TIMER, (pid, fields["timer_handle"])] = pid, fields["callback_group_addr"]
-
-    def _group_subscription(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.group_of[SUBSCRIPTION, (pid, fields["subscription_handle"])] = pid, fields["callback_group_addr"]
-
-    def _group_service(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        self._known.group_of[SERVICE, (pid, fields["service_handle"])] = pid, fields["callback_group_addr"]
-
     # ---------------------------------------------------------------------------------------- what runs
 
-    def _callback_start(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+    def _start(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         thread = event.context.get("vtid", 0)
         used = self._used(thread, event.time)
         self._open.setdefault((pid, thread), []).append(((pid, fields["callback"]), event.time, event.cpu, used))
 
-    def _callback_end(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+    def _end(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         thread = event.context.get("vtid", 0)
         running = self._open.get((pid, thread))
         if not running or running[-1][0] != (pid, fields["callback"]):
@@ -285,7 +277,7 @@ class _Join:
         busy = self._used(thread, event.time) - used if self._has_switches else event.time - start
         self._ran.setdefault(callback, []).append(Seen(start, event.time, cpu, thread, busy))
 
-    def _rcl_publish(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+    def _publish(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         running = self._open.get((pid, event.context.get("vtid", 0)))
         callback = running[-1][0] if running else None
         handle = pid, fields["publisher_handle"]
