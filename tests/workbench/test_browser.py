@@ -10,6 +10,7 @@ from halpipe.starters import first_model
 pytest.importorskip("starlette", reason="the extra [serve]")
 pytest.importorskip("selenium", reason="drives the browser")
 
+from lxml import etree
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.actions.pointer_actions import PointerActions
@@ -273,6 +274,46 @@ def test_chains_search_and_modes(page):
     assert page.execute_script("return viewer.mode.name") == "limp"
 
 
+def test_what_is_shown_leaves_as_a_picture_and_as_a_link(page):
+    picture = etree.fromstring(
+        page.execute_script("viewer.select(viewer.jobs[0]); viewer.view(5, 20); return viewer.svg()")
+    )
+    kinds = [each.tag.rpartition("}")[2] for each in picture.iter()]
+    assert kinds.count("rect") > 9
+    assert {"camera", "logging", "core1"} <= {text.text for text in picture.iter("{*}text")}
+    page.execute_script("HTMLAnchorElement.prototype.click = function () { window.saved = this.download; };")
+    for kind in ("PNG", "SVG"):
+        page.find_element(By.CSS_SELECTOR, f'button[aria-label="save as {kind}"]').click()
+        name = f"first drive.{kind.lower()}"
+        WebDriverWait(page, PATIENCE).until(lambda _, name=name: page.execute_script("return saved") == name)
+    page.find_element(By.CSS_SELECTOR, 'button[aria-label^="link"]').click()
+    address = page.current_url
+    page.get("about:blank")
+    opened(page, address)
+    WebDriverWait(page, PATIENCE).until(lambda _: page.execute_script("return viewer.selected && viewer.from") == 5)
+    assert page.execute_script("return [viewer.to, viewer.selected.index]") == [25, 0]
+
+
+def test_two_cursors_at_edges_show_their_difference(page):
+    find = "const job = viewer.jobs.find(job => job.name === 'logging');"
+    edges = page.execute_script(find + "return [job.start, job.end]")
+    page.execute_script(find + "viewer.mark(job.start + .1); viewer.mark(job.end - .1); viewer.mark(job.start - .1)")
+    assert page.execute_script("return viewer.cursors") == edges[::-1]
+    assert f"difference {edges[1] - edges[0]:g} ms" in page.execute_script("return viewer.svg()")
+    page.find_element(By.ID, "chart").send_keys(Keys.ESCAPE)
+    assert page.execute_script("return viewer.cursors") == []
+
+
+def test_dragging_in_the_map_of_the_whole_pans(page):
+    x, y, width, height = page.execute_script(
+        "viewer.view(0, 10); return [viewer.x(0), viewer.base(viewer.meters.length) - 10, viewer.width, viewer.height]"
+    )
+    chart = page.find_element(By.ID, "chart")
+    middle = ((x + width) / 2 - width / 2, y - height / 2)
+    ActionChains(page).move_to_element_with_offset(chart, *middle).click().perform()
+    assert page.execute_script("return viewer.from") == pytest.approx(15, abs=0.2)
+
+
 def answer(browser, text):
     """Write into the question that the page asks, and confirm."""
     asked = WebDriverWait(browser, PATIENCE).until(expected.alert_is_present())
@@ -292,6 +333,8 @@ def test_a_variant_is_compared_and_shown_again(page):
     compare = page.find_element(By.ID, "beside")
     compare.click()
     WebDriverWait(page, PATIENCE).until(lambda _: compare.get_attribute("aria-pressed") == "true")
+    assert "lower rows" in page.find_element(By.ID, "facts").text
+    assert page.execute_script("return viewer.mode.strip.boxes.some(box => box[4] === 'off')")
     page.find_element(By.ID, "take").click()
     WebDriverWait(page, PATIENCE).until(lambda _: "first" in state(page)["what"])
     assert field(page, "camera full wcet").get_attribute("value") == "6ms"
