@@ -195,3 +195,83 @@ def test_an_option_without_text_or_effect_is_refused(folder, words, text):
     assert done.returncode == 2, done.stderr
     assert text in " ".join(done.stderr.split())
     assert not (folder / "o.xml").exists()
+
+
+MODEL, OVERLAY, PIPELINE = (first_model()[name].decode() for name in ("model.xml", "overlay.yaml", "pipeline.yaml"))
+IMPORT = "import ros graph.dot --overlay {} -o o.xml"
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        ("schedule modle.xml -o o.xml", 'did you mean "model.xml"'),
+        ("schedule model.xml -o o.xml --freeze ./schedul.xml", 'did you mean "./schedule.xml"'),
+        ("schedule model.xml -o o.xml --jobs 4", "--workers"),
+        ("schedule model.xml -o o.xml -j 4", "--workers"),
+        ("schedule model.xml -o o.xml --timeout 5s", "(Possible options: --time-limit)"),
+        ("schedul model.xml -o o.xml", 'did you mean "schedule"?'),
+        ("solve model.xml -o o.xml", 'did you mean "schedule"?'),
+        ("plot schedule.xml", 'did you mean "show"?'),
+        ("check model.xml", 'did you mean "validate" or "verify"?'),
+        ("convert model.xml", 'did you mean "import" or "export"?'),
+        ("build pipeline.yaml", 'did you mean "run"?'),
+        ("deploy chek bundle", 'did you mean "check"'),
+        ("frobnicate", "`halpipe -h` lists them"),
+        ("export model.xml schedule.xml -o r.html", "the format comes before the files"),
+        ("export html model.xml schedule.xml -o r.html", 'did you mean "report"?'),
+        ("export autosar model.xml -o r.arxml", 'did you mean "arxml"?'),
+        ("export perfetto model.xml schedule.xml -o r.json", 'did you mean "trace"?'),
+        ("export csv model.xml schedule.xml -o r.csv", 'did you mean "xlsx"?'),
+        ("import csv trace.csv -o o.xml", 'did you mean "table"?'),
+        ("run model.xml", "name a YAML file; a model is read by `halpipe validate`"),
+        ("run overlay.yaml", "this is an overlay"),
+        (IMPORT.format("pipeline.yaml"), "this is a pipeline: `halpipe run FILE`"),
+    ],
+)
+def test_words_and_files_that_outsiders_try(folder, words, remedy):
+    refused = run_here(folder, *words.split())
+    assert refused.returncode in (1, 2)
+    assert remedy in " ".join(refused.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "remedy"),
+    [
+        ('wcet="6ms"', 'WCET="6ms"', 'did you mean "wcet"?'),
+        ('wcet="6ms"', 'cost="6ms"', 'did you mean "wcet"?'),
+        ("max-reaction=", "max_reaction=", 'did you mean "max-reaction"?'),
+        ('names="core1 core2"', 'names="core1,core2"', 'blanks alone separate names: "core1 core2"'),
+        ('"camera detection brake"', '"camera -> brake"', "blanks alone separate names"),
+        ('wcet="6ms"', 'wcet="6,5ms"', "write 6.5ms, with a decimal point"),
+        ('name="first"', 'name="a & b"', 'write "&amp;" for "&"'),
+        ('task="camera" from', 'task="CAMERA" from', 'did you mean "camera"?'),
+    ],
+)
+def test_slips_in_a_model(folder, old, new, remedy):
+    assert old in MODEL
+    (folder / "m.xml").write_text(MODEL.replace(old, new, 1))
+    refused = run_here(folder, "validate", "m.xml")
+    assert refused.returncode == 1
+    assert remedy in refused.stdout + refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "text", "old", "new", "remedy"),
+    [
+        (IMPORT, OVERLAY, "wcet: 6ms", "wcet 6ms", 'write "wcet: 6ms"'),
+        (IMPORT, OVERLAY, "[core1, core2]", "core1, core2", "put lists in brackets"),
+        (IMPORT, OVERLAY, "  /camera:", " /camera:", "begin the keys of one level in the same column"),
+        (IMPORT, OVERLAY, "wcet: 6ms}", "wcet: 6ms", "close the bracket"),
+        (IMPORT, OVERLAY, "wcet: 6ms", "wcet: 6ms, wcet: 7ms", "remove one of the two"),
+        (IMPORT, OVERLAY, "wcet: 6ms", "cost: 6ms", 'did you mean "wcet"?'),
+        ("run {}", PIPELINE, "output: out/report", "file: out/report", 'did you mean "output"?'),
+        ("run {}", PIPELINE, "format: report", "format: html", 'did you mean "report"?'),
+        ("run {}", PIPELINE, "model: model", "model: modle", 'did you mean "model.xml"'),
+    ],
+)
+def test_slips_in_a_yaml_file(folder, words, text, old, new, remedy):
+    assert old in text
+    (folder / "f.yaml").write_text(text.replace(old, new, 1))
+    refused = run_here(folder, *words.format("f.yaml").split())
+    assert refused.returncode == 1
+    assert remedy in refused.stderr

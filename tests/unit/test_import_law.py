@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "core.durations": {"core.quantities"},
     "core.suggest": set(),
     "core.diagnostics": set(),
-    "core.files": {"core.diagnostics"},
+    "core.files": {"core.diagnostics", "core.suggest"},
     "core.settings": {"core.diagnostics", "core.files", "core.quantities", "core.suggest"},
     "core.options": {
         "core.diagnostics",

@@ -22,6 +22,15 @@ class Group(TyperGroup):
     The types of contexts and formatters are click's or typer's own, depending on the version of typer.
     """
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that the arguments begin with; the error for an unknown one says what was meant."""
+        if not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:
+            from halpipe.core.suggest import did_you_mean
+
+            known = did_you_mean(args[0], self.list_commands(ctx), f"`{ctx.command_path} -h` lists them")
+            ctx.fail(f'there is no command "{args[0]}"; {known}')
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands with the first paragraph of their help."""
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]

@@ -8,10 +8,12 @@ import platform
 import sys
 import tempfile
 import traceback
+from typing import Any
 
 from halpipe import __version__
 from halpipe.cli import output
 from halpipe.core.diagnostics import Exit, HalpipeError, error
+from halpipe.core.suggest import nearest
 
 
 def save_report(failure: Exception) -> str:
@@ -71,6 +73,10 @@ def told(failure: Exception) -> int:
 
 def _tell_usage(failure: Exception) -> int:
     shown = io.StringIO()
+    context: Any = getattr(failure, "ctx", None)
+    if context is not None and hasattr(failure, "possibilities"):  # of an unknown option
+        known = [name for option in context.command.params for name in option.opts if name.startswith("--")]
+        failure.possibilities = nearest(str(getattr(failure, "option_name", "")), known)
     try:
         failure.show(file=shown)  # type: ignore[attr-defined]
     except Exception as bug:  # noqa: BLE001 - versions of typer and click that do not fit each other

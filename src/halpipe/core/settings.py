@@ -122,6 +122,9 @@ class Fields:
         for key in unknown[:MAX_UNKNOWN]:
             owner = owners.get(key)
             help = f'move it into "{owner}": {owner}: {{{key}: ...}}' if owner else did_you_mean(key, keys, otherwise)
+            word, _, rest = key.partition(" ")
+            if self._data[key] is None and not owner:  # what is no key: a colon or brackets are missing
+                help = f'write "{word}: {rest}"' if rest and word in keys else "put lists in brackets: [a, b]"
             self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=help)
         if len(unknown) > MAX_UNKNOWN:
             self.complain(UNKNOWN_KEY, f"has {len(unknown) - MAX_UNKNOWN} more unknown keys", help=otherwise)

@@ -15,6 +15,35 @@ LONGEST = 200
 """Characters of a name up to which one is sought that resembles it."""
 
 
+_WORDS = {
+    "schedule": "solve plan optimise optimize synthesise synthesize",
+    "run": "build make pipeline",
+    "validate": "check lint test",
+    "verify": "check prove",
+    "serve": "gui ui web open edit workbench",
+    "show": "plot draw view print display list",
+    "new": "init create start example",
+    "import": "convert read load",
+    "export": "convert write report",
+    "report": "html pdf",
+    "trace": "perfetto chrome",
+    "arxml": "autosar",
+    "amalthea": "app4mc",
+    "table": "csv excel xls xlsx ods spreadsheet",
+    "xlsx": "csv excel xls ods table spreadsheet",
+    "graph": "dot svg",
+    "--workers": "jobs j threads processes parallel",
+    "--time-limit": "timeout limit",
+    "--output": "out file",
+    "--verbose": "debug",
+    "wcet": "cost budget execution-time duration runtime",
+    "units": "core cores cpu cpus processor",
+    "period": "cycle interval rate frequency",
+    "output": "file path",
+}
+"""Words that other tools and the field use, by ours: no spelling leads from one to the other."""
+
+
 class _Budget:
     """Rest of the comparisons of the current command; None where they are not counted."""
 
@@ -38,11 +67,19 @@ def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     candidates = list(known)
     if not candidates:
         return []
+    meant = [word for word in candidates if name.lower().lstrip("-") in _WORDS.get(word, "").split()]
+    if meant:
+        return meant[:count]
     import difflib  # only those who have mistyped something wait for it
 
     if _Budget.left is not None:
         _Budget.left = max(0, _Budget.left - len(candidates))
-    return difflib.get_close_matches(name, candidates, n=count, cutoff=0.5)
+    by_small: dict[str, str] = {}
+    for candidate in candidates:
+        by_small.setdefault(candidate.lower(), candidate)
+    small = name.lower()
+    alike = [each for each in (small, small.replace("_", "-")) if each in by_small]
+    return [by_small[each] for each in alike[:1] or difflib.get_close_matches(small, by_small, n=count, cutoff=0.5)]
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "") -> str:

@@ -66,7 +66,10 @@ def _registered(group: str, name: str) -> object:
     points = _installed(group)
     if name not in points:
         known = sorted(points)
-        help = did_you_mean(name, known, "installed: " + ", ".join(known))
+        installed = "installed: " + ", ".join(known)
+        help = (
+            f"the format comes before the files; {installed}" if "." in name else did_you_mean(name, known, installed)
+        )
         text = f'no {group.removeprefix("halpipe.")[:-1]} "{name}"'
         raise HalpipeError(UNKNOWN_FORMAT(text, help=help), exit=Exit.USAGE)
     return points[name].load()

@@ -69,7 +69,8 @@ def read_plan(path: str) -> Plan:
     """Read a pipeline file; raise `HalpipeError` with everything wrong in it."""
     document = parse_yaml(read_bytes(path), path)
     if not isinstance(document, YamlMap) or document.get("halpipe-pipeline") != VERSION:
-        help = 'begin it with "halpipe-pipeline: 1"'
+        is_overlay = isinstance(document, YamlMap) and "halpipe-overlay" in document
+        help = "this is an overlay; name it under import" if is_overlay else 'begin it with "halpipe-pipeline: 1"'
         raise HalpipeError(NOT_A_PIPELINE("is no pipeline of version 1", at=Location(path, 1), help=help))
     findings = Findings()
     plan = _Reader(Path(path).parent, findings).plan(Fields(path, findings, document, "pipeline", _TOP))

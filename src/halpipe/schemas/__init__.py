@@ -355,6 +355,8 @@ _PATTERN_FACET = re.compile(
     r"\[facet 'pattern'\] The value '(?P<value>.*)' is not accepted by the pattern '(?P<pattern>.*)'\."
 )
 
+_DECIMAL_COMMA = re.compile(r"^[^,]*[0-9],[0-9][^,]*$")
+_SEPARATORS = re.compile(r"[,;]|->|=>")
 _FACET = re.compile(r"\[facet '\w+'\] ")
 
 
@@ -378,8 +380,10 @@ def _plain(message: str, kind: str) -> str:
     facet = _PATTERN_FACET.search(message)
     if facet and facet["pattern"] in _forms(kind):
         value, form = facet["value"], _forms(kind)[facet["pattern"]]
-        point = value.replace(",", ".")
-        if point != value and re.fullmatch(facet["pattern"], point):
+        point, names = value.replace(",", "."), _SEPARATORS.split(value)
+        if _DECIMAL_COMMA.search(value) and re.fullmatch(facet["pattern"], point):
             form += f"; write {point}, with a decimal point"
+        elif len(names) > 1 and all(not each or re.fullmatch(facet["pattern"], each) for each in names):
+            form += f'; blanks alone separate names: "{" ".join(filter(None, names)) or "a b"}"'
         message = message[: facet.start()] + f"the value '{value}' is not {form}"
     return _FACET.sub("", message)

@@ -13,11 +13,16 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files.protection import STDIO, note_input, was_input
+from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from halpipe.core.diagnostics import Diagnostic
+
 MAX_INPUT_BYTES = 256 * 2**20
+MOST_BESIDE = 1000
+"""Files of a folder among which one is sought that has a similar name."""
 _MAX_SHOWN_BYTES = 32 * 2**20  # of files of which messages show lines
 
 CANNOT_READ = error(
@@ -84,14 +89,23 @@ def open_input(path: str | os.PathLike[str]) -> BinaryIO:
         stream = open(name, "rb")  # noqa: SIM115 the caller closes it
         note_input(stream.fileno(), name)
     except (OSError, ValueError) as failure:
-        help = "name a file that exists and that you may read"
-        raise HalpipeError(CANNOT_READ(reason(failure), at=Location(name), help=help)) from None
+        raise HalpipeError(_unreadable(name, failure)) from None
     return stream
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
     """Read a file that halpipe keeps for itself and will write again, such as a checkpoint, a journal or a manifest."""
     return _read(path, is_input=False)
+
+
+def _unreadable(name: str, failure: Exception) -> Diagnostic:
+    """Return why a file cannot be read, with the files beside it that have a similar name."""
+    help, folder, beside = "name a file that exists and that you may read", os.path.dirname(name), []
+    if isinstance(failure, FileNotFoundError):
+        with suppress(OSError):
+            beside = [os.path.join(folder, each) for each in sorted(os.listdir(folder or "."))[:MOST_BESIDE]]
+        help = did_you_mean(name, beside, help)
+    return CANNOT_READ(reason(failure), at=Location(name), help=help)
 
 
 def _read(path: str | os.PathLike[str], *, is_input: bool) -> bytes:
@@ -103,8 +117,7 @@ def _read(path: str | os.PathLike[str], *, is_input: bool) -> bytes:
             with open(name, "rb") as stream:
                 data = _read_stream(stream, name, is_input)
     except (OSError, ValueError) as failure:
-        help = "name a file that exists and that you may read"
-        raise HalpipeError(CANNOT_READ(reason(failure), at=Location(name), help=help)) from None
+        raise HalpipeError(_unreadable(name, failure)) from None
     if len(data) > MAX_INPUT_BYTES:
         raise HalpipeError(
             TOO_LARGE(f"has more than {MAX_INPUT_BYTES // 2**20} MiB", at=Location(name), help="split the file")

@@ -203,6 +203,8 @@ def _syntax_errors(
     parser: Any, failure: Exception, name: str, data: bytes = b"", *, is_xml: bool = True
 ) -> list[Diagnostic]:
     help = "repair the file" if is_xml else f"this is no XML; {kind_of(data)}"
+    if "EntityRef" in "".join(entry.message for entry in parser.error_log):
+        help = 'write "&amp;" for "&"'
     entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
     unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
     return [

@@ -90,6 +90,8 @@ def parse_yaml(data: bytes, name: str) -> Any:
         line = mark.line + 1 if mark else 0
         text = " ".join(part for part in (failure.context, failure.problem) if part)
         _refuse_tabs(data, name)
+        if data.lstrip().startswith(b"<"):
+            raise _broken_yaml(name, 1, "is XML, where YAML is expected") from None
         raise _broken_yaml(name, line, text or "malformed") from None
     except yaml.reader.ReaderError as failure:
         line = data.count(b"\n", 0, failure.position) + 1
@@ -107,10 +109,20 @@ def _refuse_tabs(data: bytes, name: str) -> None:
             raise HalpipeError(BROKEN_YAML(text, at=Location(name, number), help=help))
 
 
+_ADVICE = (
+    ("nests", "repair the file"),
+    ("alias", 'quote names that begin with *, as in "*core": without quotes, * refers to a part of the file'),
+    ("is XML", "name a YAML file; a model is read by `halpipe validate`, `halpipe schedule` and others"),
+    ("expected ',' or", "close the bracket, or put a comma between its entries"),
+    ("expected key", "begin the keys of one level in the same column"),
+    ("mapping values", 'put one "key: value" in a line, and quote texts that contain ": "'),
+    ("repeats the key", "remove one of the two"),
+)
+"""Advice by a part of the message; parsers name what they expect, not what to write."""
+
+
 def _broken_yaml(name: str, line: int, text: str) -> HalpipeError:
-    help = "repair the file"
-    if "alias" in text and not text.startswith("nests"):
-        help = 'quote names that begin with *, as in "*core": without quotes, * refers to a part of the file'
+    help = next((advice for sign, advice in _ADVICE if sign in text), "repair the file")
     return HalpipeError(BROKEN_YAML(text, at=Location(name, line), help=help))
 
 

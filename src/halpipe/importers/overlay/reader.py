@@ -111,6 +111,8 @@ def _read_file(path: str, findings: Findings) -> Overlay:
     problem = _not_an_overlay(document)
     if problem:
         help = f'start the file with "{FORMAT}: {FORMAT_VERSION}"'
+        if isinstance(document, YamlMap) and "halpipe-pipeline" in document:
+            help = "this is a pipeline: `halpipe run FILE`"
         line = getattr(document, "line", 0)
         findings.add(NOT_AN_OVERLAY(problem, at=Location(path, line), help=help))
         return Overlay()
