@@ -6,12 +6,16 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.report.chains import latency_of
 from halpipe.exporters.report.scene import scene
 from halpipe.flow.formats import EXPORTERS, formats
+from halpipe.workbench.edits import ACCESS_FIELDS, LIMITS, WINDOW_FIELDS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import TaskModel
+    from halpipe.models import Schedule, TaskModel
     from halpipe.workbench.session import Session
 
 Plain = dict[str, Any]
@@ -48,30 +52,58 @@ def picture(session: Session) -> Plain:
         if beside is None
         else {"kind": session.lower[0], "name": beside.name, "found": beside.found[:MOST]},
         "variants": list(session.variants),
-        "runs": [{"name": mode.name, "tasks": " ".join(run.task for run in mode.runs)} for mode in state.model.modes],
-        "windows": _windows(state.model),
+        "forms": [*_chains(state.model, state.schedule), *_windows(state.model), *_modes(state.model)],
         "formats": formats(EXPORTERS),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
         **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn, beside=beside),
     }
 
 
-def _windows(model: TaskModel) -> list[Plain]:
+def _form(table: str, edit: Plain, *cells: str | Plain) -> Plain:
+    """Return a row of a table: whom its edits concern, and its cells, which are texts or fields."""
+    return {"table": table, "edit": edit, "cells": [{"text": c} if isinstance(c, str) else c for c in cells]}
+
+
+def _field(name: str, value: object, *, wide: bool = False) -> Plain:
+    return {"field": name, "value": "" if value is None else str(value), "wide": wide}
+
+
+def _chains(model: TaskModel, schedule: Schedule | None) -> Iterator[Plain]:
+    for chain in model.chains:
+        found = {
+            mode.name: (latency_of(model, chain, mode, row), row.reaction, row.age)
+            for mode in (schedule.modes if schedule else ())
+            for row in mode.chains
+            if row.name == chain.name
+        }
+        cells: list[str | Plain] = [chain.name, _field("tasks", " ".join(chain.tasks), wide=True)]
+        for place, limit in enumerate(LIMITS):
+            texts = {mode: str(row[place]) for mode, row in found.items() if row[place] is not None}
+            cells += [_field(limit, getattr(chain, limit)), {"by_mode": texts}]
+        yield _form("chains", {"kind": "chain", "name": chain.name}, *cells)
+
+
+def _windows(model: TaskModel) -> Iterator[Plain]:
     """Return windows and accesses that can be edited: those that version and predecessor or resource identify."""
-    found = []
     for task in model.tasks:
         for version in task.versions:
-            name = {"name": task.name, "inner": version.name}
+            names = (task.name, version.name)
+            edit = {"name": task.name, "inner": version.name}
             count = Counter(window.task for window in version.precedences)
             for window in (w for w in version.precedences if count[w.task] == 1):
-                limits = [["min", str(window.min)], ["max", str(window.max)]]
-                found.append(name | {"kind": "window", "after": window.task, "words": window.words, "limits": limits})
+                fields = [_field(name, getattr(window, name)) for name in WINDOW_FIELDS]
+                yield _form("windows", edit | {"kind": "window", "after": window.task}, *names, window.words, *fields)
             count = Counter(access.resource for access in version.accesses)
             for access in (a for a in version.accesses if count[a.resource] == 1):
-                limits = [["start", str(access.start)], ["end", str(access.end)], ["bound", str(access.bound)]]
+                fields = [_field(name, getattr(access, name)) for name in ACCESS_FIELDS]
                 words = f"access to {access.resource}: from, to, share"
-                found.append(name | {"kind": "access", "after": access.resource, "words": words, "limits": limits})
-    return found
+                yield _form("windows", edit | {"kind": "access", "after": access.resource}, *names, words, *fields)
+
+
+def _modes(model: TaskModel) -> Iterator[Plain]:
+    for mode in model.modes:
+        tasks = _field("tasks", " ".join(run.task for run in mode.runs), wide=True)
+        yield _form("modes", {"kind": "mode", "name": mode.name}, mode.name, tasks)
 
 
 def plain(found: Diagnostic) -> Plain:

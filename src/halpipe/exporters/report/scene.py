@@ -19,7 +19,6 @@ from halpipe.exporters.common.timeline import (
     unroll_switch,
 )
 from halpipe.exporters.report.beside import MARKS
-from halpipe.exporters.report.chains import latency_of
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.exporters.report.beside import Beside, Strip
-    from halpipe.models import Chain, Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
+    from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
 
 Plain = dict[str, Any]
 Drawn = dict[str, tuple[Any, Plain]]
@@ -58,7 +57,10 @@ def scene(
             for number, each in enumerate(model.resources)
         ],
         "tasks": [_task(task, tone(number), modes, drawn) for number, task in enumerate(model.tasks)],
-        "chains": [_chain(model, chain, tables.order, schedule) for chain in model.chains],
+        "chains": [
+            {"name": chain.name, "tasks": [tables.order[name] for name in chain.tasks if name in tables.order]}
+            for chain in model.chains
+        ],
         "modes": [tables.mode(mode) for mode in schedule.modes] if schedule else [],
         "switches": [tables.switch(schedule, each, context=context) for each in schedule.transitions]
         if schedule
@@ -137,27 +139,6 @@ def _response_to_arrivals(jobs: Sequence[Job], length: Duration) -> Duration:
     ordered = sorted(jobs, key=lambda job: job.start.ns)
     before = [ordered[-1].start - length, *(job.start for job in ordered[:-1])]
     return max(job.end - start for job, start in zip(ordered, before, strict=True))
-
-
-def _chain(model: TaskModel, chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Plain:
-    found = [(mode, row) for mode in (schedule.modes if schedule else ()) for row in mode.chains]
-    return {
-        "name": chain.name,
-        "tasks": [order[name] for name in chain.tasks if name in order],
-        "max_reaction": _text(chain.max_reaction),
-        "max_age": _text(chain.max_age),
-        "max_latency": _text(chain.max_latency),
-        "latencies": [
-            {
-                "mode": mode.name,
-                "reaction": _text(row.reaction),
-                "age": _text(row.age),
-                "latency": _text(latency_of(model, chain, mode, row)),
-            }
-            for mode, row in found
-            if row.name == chain.name
-        ],
-    }
 
 
 class _Tables:

@@ -217,56 +217,23 @@ function compare(key, a, b) {
   return Number.isNaN(x) || Number.isNaN(y) ? String(left).localeCompare(String(right)) : x - y;
 }
 
-function chainTable() {
-  const rows = state.chains.flatMap(chain => {
-    const found = latencies(chain);
-    const limits = [chain.max_latency, chain.max_reaction, chain.max_age];
-    return kept(`chain ${chain.name}`, [], [path(chain), ...limits, found.latency, found.reaction, found.age], chain, chainRows);
-  });
-  fill($("chains").tBodies[0], rows);
-  $("chains").hidden = !rows.length;
-}
-
-function tables() { taskTable(); chainTable(); windowTable(); modeTable(); }
-
-function windowTable() {
-  const rows = state.windows.flatMap(each => kept(`${each.kind} ${each.name} ${each.inner} ${each.after}`, each.words, each.limits, each, windowRows));
-  fill($("windows").tBodies[0], rows);
-  $("windows").hidden = !rows.length;
-}
-
-function windowRows({kind, name, inner, after, words, limits}, fields) {
-  const row = element("tr");
-  for (const text of [name, inner, words]) cell(row, text).title = text;
-  limits.forEach(([limit], place) => {
-    const input = field({kind, name, inner, after, field: limit});
-    cell(row, input); fields.set(input, now => now.limits[place][1]);
-  });
-  return [row];
-}
-
-function modeTable() { fill($("modes").tBodies[0], state.runs.flatMap(mode => kept(`mode ${mode.name}`, [], mode.tasks, mode, modeRows))); }
-
-function modeRows({name}, fields) {
-  const row = element("tr"), tasks = field({kind: "mode", name, field: "tasks"}, true);
-  cell(row, name); cell(row, tasks); fields.set(tasks, now => now.tasks);
-  return [row];
-}
-
-function path(chain) { return chain.tasks.map(number => state.tasks[number].name).join(" "); }
-
-function latencies(chain) { return chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {}; }
-
-function chainRows(chain, fields, texts) {
-  const row = element("tr"), {name} = chain;
-  cell(row, name);
-  const tasks = field({kind: "chain", name, field: "tasks"}, true);
-  cell(row, tasks); fields.set(tasks, path);
-  for (const [limit, key] of [["max_latency", "latency"], ["max_reaction", "reaction"], ["max_age", "age"]]) {
-    const input = field({kind: "chain", name, field: limit});
-    cell(row, input); fields.set(input, now => now[limit]);
-    texts.push([cell(row), now => latencies(now)[key]]);
+function tables() {
+  taskTable();
+  for (const table of ["chains", "windows", "modes"]) {
+    const own = state.forms.filter(form => form.table === table), mode = viewer.mode ? viewer.mode.name : "";
+    fill($(table).tBodies[0], own.flatMap(form => kept(JSON.stringify(form.edit), form.cells.map(cell => cell.field), [form.cells, mode], form, formRows)));
+    $(table).hidden = !own.length;
   }
+}
+
+// The row of a chain, a window, an access or a mode: fields, and texts, some of which differ by mode.
+function formRows({edit, cells}, fields, texts) {
+  const row = element("tr");
+  cells.forEach(({field: name, wide}, place) => {
+    if (!name) { texts.push([cell(row), ({cells: now}) => now[place].text ?? (viewer.mode && now[place].by_mode[viewer.mode.name])]); return; }
+    const input = field({...edit, field: name}, wide);
+    cell(row, input); fields.set(input, now => now.cells[place].value);
+  });
   return [row];
 }
 
