@@ -20,13 +20,11 @@ if TYPE_CHECKING:
 DEFAULT_PROFILE = "vcu118"
 
 
-def _is_profile_file(text: str) -> bool:
-    return text.endswith((".yaml", ".yml"))
-
-
 TARGET: dict[str, Callable[[], Any]] = {
     "profile": lambda: option(
-        DEFAULT_PROFILE, "Target: a profile's name, or a file that ends in .yaml.", is_path=_is_profile_file
+        DEFAULT_PROFILE,
+        "Target: a profile's name, or a file: .yaml, .dts of Rocket, csr.json of LiteX.",
+        is_path=lambda text: text.endswith((".yaml", ".yml", ".dts", ".json")),
     ),
     "toolchain": lambda: option("auto", "zig, gcc, or auto: zig where it is installed.", Words("auto", "zig", "gcc")),
     "sources": lambda: option("", SOURCES, metavar="FOLDER", is_path=True),
@@ -39,7 +37,8 @@ TARGET: dict[str, Callable[[], Any]] = {
 class RiscvOptions(ExportOptions):
     """Options of a bundle.
 
-    - `profile` is a name, or a file that ends in ``.yaml``; `toolchain` is ``auto``, ``zig`` or ``gcc``.
+    - `profile` is a name, or a file that ends in ``.yaml``, ``.dts`` or ``.json``; `toolchain` is ``auto``, ``zig``
+      or ``gcc``.
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
       is read. `regulator` is the platform of the regulators whose tables go with the programs (empty: none).
     - `drivers` states functions of the board that fill and empty buffers (empty: none).

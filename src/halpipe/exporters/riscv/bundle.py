@@ -265,6 +265,7 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
         "operations.json": operations_json(plan.programs, plan.tables, cores),
         "README.md": readme.encode(),
         "Makefile": render.makefile(shop).encode(),
+        **{name: text.encode() for name, text in render.board(memory).items()},
     }
 
 

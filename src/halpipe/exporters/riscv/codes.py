@@ -1,4 +1,4 @@
-"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, and HAL1489."""
+"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, HAL1489, and HAL1490."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -171,6 +171,12 @@ BAD_NAME = error(
     "Name cannot be used in C, linker scripts or file names",
     "Entry functions and symbols are C identifiers; definitions have the form NAME or NAME=value; source files have "
     "plain relative names.",
+)
+BAD_HARDWARE = error(
+    "HAL1490",
+    "Hardware description makes no profile",
+    "A profile is made from the device tree of a Rocket system, with a hart 0 that manages and an ITIM and a DTIM for "
+    "each other one, or from the csr.json of a LiteX system with several Rocket cores.",
 )
 COPIES_UNFIT = error(
     "HAL1489",

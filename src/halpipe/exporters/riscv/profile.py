@@ -22,12 +22,14 @@ from halpipe.core.records import record
 from halpipe.core.settings import Fields, Words
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
+from halpipe.exporters.riscv.hardware import SUFFIXES, profile_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 FOLDER = Path(__file__).parents[2] / "profiles"
 VERSION = "1"
+FILES = (".yaml", ".yml", *SUFFIXES)
 
 MONITOR = 4096
 """Bytes at the beginning of an instruction scratchpad that the monitor has."""
@@ -183,15 +185,17 @@ def names() -> list[str]:
 
 
 def read_profile(name: str) -> Profile:
-    """Return a profile by its name, or from a file if `name` ends in ``.yaml``; raise `HalpipeError` with all wrong."""
-    if name.endswith((".yaml", ".yml")):
+    """Return a profile by its name, or from a file of one of `FILES`; raise `HalpipeError` with all that is wrong."""
+    if name.endswith(FILES):
         path = name
     elif name in names():
         path = str(FOLDER / f"{name}.yaml")
     else:
-        help = did_you_mean(name, names(), "there are " + ", ".join(names()) + "; or name a file that ends in .yaml")
+        help = did_you_mean(name, names(), "there are " + ", ".join(names()) + "; or name a file: " + " ".join(FILES))
         raise HalpipeError(UNKNOWN_PROFILE(f'there is no profile "{name}"', help=help))
     content = read_bytes(path)
+    if path.endswith(SUFFIXES):
+        content = profile_of(content, path)
     document = parse_yaml(content, path)
     if not isinstance(document, YamlMap) or document.get("halpipe-profile") != VERSION:
         help = f'begin it with "halpipe-profile: {VERSION}"'
@@ -230,7 +234,7 @@ def _profile(name: str, f: Fields) -> Profile:
         multiply=multiply,
         latency=f.value("latency", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
-        uart_kind=uart.value("kind", Words("sifive", "ns16550"), "") if uart else "",
+        uart_kind=uart.value("kind", Words("sifive", "ns16550", "litex"), "") if uart else "",
         uart=uart.value("base", _address, 0) if uart else 0,
         dma=_dma(f),
         finisher=f.value("finisher", _address, 0),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
-from halpipe.exporters.riscv.cores import FAULT_RECORDS, TRACE_RECORDS
+from halpipe.exporters.riscv.cores import FAULT_RECORDS, LINE, TRACE_RECORDS
 from halpipe.exporters.riscv.phases import functions_of
 from halpipe.exporters.riscv.profile import MONITOR
 from halpipe.models import HealthAction, HealthEvent
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.exporters.riscv.bundle import Site
-    from halpipe.exporters.riscv.cores import Core
+    from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.operations import Program, Table
@@ -87,6 +87,10 @@ DECISION = 2
 def margin(profile: Profile) -> int:
     """Return the ticks by which a modelled execution ends before its deadline: at least 2 us."""
     return -(-2 * profile.timebase // 1_000_000)
+
+
+def _is_power(number: int) -> bool:
+    return number > 0 and number & (number - 1) == 0
 
 
 @dataclass(slots=True)
@@ -172,6 +176,18 @@ class Renderer:
             drivers=drivers.functions,
             units=lambda program: " ".join(names[u] for u in program.units),
         )
+
+    def board(self, memory: MainMemory) -> dict[str, str]:
+        """Return texts that bring a bundle onto a board, and the tiles of a Rocket system where the profile is one."""
+        rings = {"control": 8 * 18, "trace": TRACE_RECORDS, "faults": FAULT_RECORDS}
+        values: dict[str, Any] = {"memory": memory, **rings}
+        names = ["openocd.cfg", "run.gdb", "boot.json"]
+        code, data = self.profile.ispm.size // LINE, self.profile.dspm.size // LINE
+        ways = next((ways for ways in (2, 4, 8, 16, 32) if not code % (ways - 1) and _is_power(code // (ways - 1))), 0)
+        if ways and _is_power(data) and not self.profile.dspm.has_reservations:  # as a DTIM
+            names.append("Rocket.scala")
+            values |= {"dtim_sets": data, "itim_sets": code // (ways - 1), "itim_ways": ways}
+        return {f"board/{name}": self.fill(f"board/{name}", **values) for name in names}
 
     def makefile(self, shop: Workshop) -> str:
         """Return the Makefile that repeats the recipe."""

@@ -9,6 +9,11 @@
 static void put(char c) {
 #if HP_UART_KIND == HP_UART_NS16550
     *(volatile uint8_t *)HP_UART = (uint8_t)c;
+#elif HP_UART_KIND == HP_UART_LITEX
+    volatile uint32_t *data = (volatile uint32_t *)HP_UART; /* then: whether there is no room */
+    while ((data[1] & 1U) != 0U) {
+    }
+    data[0] = (uint8_t)c;
 #else /* SiFive */
     volatile uint32_t *transmit = (volatile uint32_t *)HP_UART;
     while ((*transmit & 0x80000000U) != 0U) {

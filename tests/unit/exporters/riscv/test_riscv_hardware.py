@@ -1,0 +1,169 @@
+"""Profiles from hardware descriptions, and the texts that lead from a profile to hardware."""
+
+import json
+import shutil
+import subprocess
+from types import SimpleNamespace
+
+import pytest
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.riscv.codes import BAD_HARDWARE
+from halpipe.exporters.riscv.profile import Region, read_profile
+from halpipe.exporters.riscv.render import Renderer
+
+CORES = "".join(
+    f"""
+    L{n}: cpu@{n} {{
+      clock-frequency = <0>;
+      device_type = "cpu";
+      i-cache-block-size = <64>;
+      i-cache-sets = <{128 if n else 64}>;
+      reg = <0x{n:x}>; /* hart {n}; not a region {"}"} */
+      {f"sifive,dtim = <&D{n}>; sifive,itim = <&I{n}>;" if n else ""}
+      INT{n}: interrupt-controller {{ #interrupt-cells = <1>; interrupt-controller; }};
+    }};"""
+    for n in range(5)
+)
+PADS = "".join(
+    f"""
+    D{n}: dtim@{0x1000000 + 0x40000 * n:x} {{
+      compatible = "sifive,dtim0"; reg = <0x{0x1000000 + 0x40000 * n:x} 0x40000>; reg-names = "mem"; }};
+    I{n}: itim@{0x1800000 + 0x20000 * n:x} {{
+      compatible = "sifive,itim0"; reg = <0x{0x1800000 + 0x20000 * n:x} 0x20000>; }};"""
+    for n in range(1, 5)
+)
+TREE = f"""/dts-v1/;
+/ {{
+  #address-cells = <1>;
+  compatible = "freechips,rocketchip-unknown-dev";
+  cpus {{ timebase-frequency = <1000000>; {CORES} }};
+  M: memory@80000000 {{ device_type = "memory"; reg = <0x80000000 0x4000000>; }};
+  soc {{ // buses
+    clock {{ clock-frequency = <100000000>; compatible = "fixed-clock"; }};
+    clint@2000000 {{ compatible = "riscv,clint0"; reg = <0x2000000 0x10000>; }};
+    dma@3000000 {{ compatible = "sifive,fu540-c000-pdma"; reg = <0x3000000 0x8000>; }};
+    serial@64000000 {{ compatible = "sifive,uart0"; reg = <0x64000000 0x1000>; }}; {PADS}
+  }};
+}};
+"""
+LITEX = {
+    "constants": {"config_cpu_count": 4, "config_clock_frequency": 100_000_000},
+    "csr_bases": {"uart": 0x12006000},
+    "memories": {"main_ram": {"base": 0x80000000, "size": 256 << 20}, "clint": {"base": 0x2000000, "size": 65536}},
+}
+
+
+def read(folder, name, text):
+    path = folder / name
+    path.write_text(text)
+    return read_profile(str(path))
+
+
+def refusal(folder, name, text):
+    with pytest.raises(HalpipeError) as failure:
+        read(folder, name, text)
+    (found,) = failure.value.diagnostics
+    assert found.code == BAD_HARDWARE.id
+    return found.message
+
+
+def test_a_device_tree_has_the_memory_map_of_the_papers_platform(tmp_path):
+    ours, theirs = read(tmp_path, "board.dts", TREE), read_profile("vcu118")
+    for name in ("cores", "clock", "timebase", "main", "ispm", "dspm", "clint", "uart_kind", "uart"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    assert (ours.dma.kind, ours.dma.base, ours.name) == ("pdma", theirs.dma.base, "board")
+    assert b"measure them with export riscv --calibrate" in ours.text
+
+
+def test_regions_of_64_bits_and_a_system_without_an_engine(tmp_path):
+    wide = TREE.replace("<0x80000000 0x4000000>", "<0x0 0x80000000 0x0 0x4000000>")
+    wide = wide.replace("sifive,fu540-c000-pdma", "other,engine").replace("sifive,uart0", "ns16550a")
+    found = read(tmp_path, "board.dts", wide)
+    assert (found.main, found.dma.kind, found.uart_kind) == (Region(0x80000000, 64 << 20), "copy", "ns16550")
+
+
+@pytest.mark.parametrize(
+    ("what", "instead", "said"),
+    [
+        ("sifive,dtim0", "sifive,other0", "4 ITIMs and 0 DTIMs"),
+        ("riscv,clint0", "riscv,other", "no node with compatible clint"),
+        ("0x10c0000 0x40000", "0x10c0000 0x20000", "differ in size or distance"),
+        ("<0x80000000 0x4000000>", "<0x80000000>", "1 cells"),
+        ("};\n};\n", "};};};};\n", "pop from empty list"),
+    ],
+)
+def test_a_device_tree_that_makes_no_profile(tmp_path, what, instead, said):
+    assert what in TREE
+    assert said in refusal(tmp_path, "board.dts", TREE.replace(what, instead))
+
+
+def test_a_litex_system_has_its_scratchpads_in_main_memory(tmp_path):
+    found = read(tmp_path, "csr.json", json.dumps(LITEX))
+    assert (found.cores, found.clock, found.timebase, found.uart_kind) == (3, 100_000_000, 1_000_000, "litex")
+    assert (found.uart, found.clint, found.dma.kind) == (0x12006000, 0x2000000, "copy")
+    pads = [pad.of(core) for pad in (found.ispm, found.dspm) for core in range(3)]
+    assert all(found.main.end <= pad.base and pad.end <= 0x80000000 + (256 << 20) for pad in pads)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"), [("config_cpu_count", 1, "one core only"), ("config_clock_frequency", None, "int()")]
+)
+def test_a_litex_system_that_makes_no_profile(tmp_path, key, value, said):
+    spoilt = LITEX | {"constants": LITEX["constants"] | {key: value}}
+    assert said in refusal(tmp_path, "csr.json", json.dumps(spoilt))
+    assert refusal(tmp_path, "csr.json", "[1")
+
+
+MEMORY = SimpleNamespace(base=0x80000000, control=0x801FF000, trace=0x83CFB000, faults=0x83FFB000)
+
+
+def texts(name):
+    return Renderer(read_profile(name)).board(MEMORY)
+
+
+def test_the_tiles_of_a_rocket_system_are_those_of_the_profile():
+    text = texts("vcu118")["board/Rocket.scala"]
+    assert f"nSets = 4096, nWays = 1, scratch = Some(BigInt({0x1040000}L) + other * 0x40000)" in text
+    assert f"nSets = 128, nWays = 16, itimAddr = Some(BigInt({0x1820000}L) + other * 0x20000)" in text
+    assert "useUser = true" in text
+    assert "WithNBigCores(5)" in text
+    assert f"BigInt({0x64000000}L)" in text
+
+
+def test_other_boards_have_no_tiles():
+    assert set(texts("virt")) == {"board/openocd.cfg", "board/run.gdb", "board/boot.json"}
+    assert json.loads(texts("virt")["board/boot.json"]) == {"bundle.bin": "0x80000000"}
+
+
+def test_debuggers_read_the_control_block_and_both_rings():
+    text = texts("vcu118")["board/openocd.cfg"]
+    assert "mdd 0x801ff000 18" in text
+    assert "read_memory 0x801ff068 64 1" in text
+    assert "mdd 0x83cfb000 [expr {$records * 6}]" in text
+    assert "dump binary memory memory.bin 0x80000000 0x84000000" in texts("vcu118")["board/run.gdb"]
+
+
+NAMES = ("targets", "halt", "load_image", "mww", "reg", "resume", "sleep", "exec")
+STUBS = (
+    "\n".join(f'proc {name} {{args}} {{lappend ::done "{name} $args"}}' for name in NAMES)
+    + """
+proc target {args} {return {hart0 hart1}}
+proc read_memory {address args} {return 3}
+proc mdd {address count} {echo "$address: $count"}
+"""
+)
+
+
+@pytest.mark.skipif(shutil.which("openocd") is None, reason="apt-get install openocd")
+def test_openocd_runs_the_script(tmp_path):
+    """Its interpreter does, with commands that need no board."""
+    (tmp_path / "run.cfg").write_text(texts("vcu118")["board/openocd.cfg"])
+    steps = ["noinit", STUBS, "source run.cfg", "halpipe 20", "echo [join $::done {; }]", "shutdown"]
+    command = ["openocd", *(word for step in steps for word in ("-c", step))]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path).stderr
+    resumed = "targets hart0; resume ; targets hart1; resume ; sleep 20; targets hart0; halt "
+    assert f"{resumed}; exec halpipe deploy trace . memory.txt -o seen.csv" in said
+    assert "reg pc 0x80000000; targets hart1; reg pc 0x80000000" in said
+    lines = (tmp_path / "memory.txt").read_text().split("\n")
+    assert [line for line in lines if line] == ["0x801ff000: 18", "0x83cfb000: 18", "0x83ffb000: 24"]
