@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from fractions import Fraction
+from heapq import nsmallest
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
@@ -297,7 +298,7 @@ def packings(facts: ModeFacts) -> Iterator[Witness]:
     Every assignment is tried, with bounds, up to an effort; of equal units only one is. Two strictly periodic tasks
     whose jobs must meet share no unit. What is left out of the set that is named makes it assignable.
     """
-    items = sorted(_items(facts), key=lambda item: (-item.load, item.task.name))[:MAX_ITEMS]
+    items = list(_items(facts))
     if not _is_impossible(items):
         return
     for item in reversed(items.copy()):
@@ -309,10 +310,11 @@ def packings(facts: ModeFacts) -> Iterator[Witness]:
 
 
 def _items(facts: ModeFacts) -> Iterator[_Item]:
-    for task in facts.tasks.values():
-        is_single = all(version.version.gang == 1 for version in task.versions)
-        if task.period and is_single and (task.task.binding is not Binding.JOB or len(task.units) == 1):
-            yield _Item(task, Fraction(task.least, task.period), tuple(sorted(task.units)))
+    single = [task for task in facts.tasks.values() if task.period and all(v.version.gang == 1 for v in task.versions)]
+    bound = [task for task in single if task.task.binding is not Binding.JOB or len(task.units) == 1]
+    cycle = math.lcm(*{task.period for task in bound})
+    for task in nsmallest(MAX_ITEMS, bound, key=lambda task: (-task.least * (cycle // task.period), task.name)):
+        yield _Item(task, Fraction(task.least, task.period), tuple(sorted(task.units)))
 
 
 def _is_impossible(items: list[_Item]) -> bool:

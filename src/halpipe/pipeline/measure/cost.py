@@ -206,25 +206,26 @@ def _timeliness(placement: Placement) -> Fraction:
 
     The mean is cut to `TIMELINESS_DIGITS`, because its exact denominator grows with every period and slack.
     """
-    total, jobs = Fraction(0), 0
+    total: int | Fraction = 0
+    jobs = 0
     for active in placement.expansion.tasks:
         if active.task.period is not None:
             total += _task_timeliness(active, placement)
             jobs += len(placement.by_task[active.name])
-    mean = total / jobs if jobs else Fraction(1)
+    mean = Fraction(total, jobs) if jobs else Fraction(1)
     return Fraction(math.floor(mean * 10**TIMELINESS_DIGITS), 10**TIMELINESS_DIGITS)
 
 
-def _task_timeliness(active: ActiveTask, placement: Placement) -> Fraction:
+def _task_timeliness(active: ActiveTask, placement: Placement) -> int | Fraction:
     """Return the sum of the scores of a task's jobs."""
     jobs = placement.by_task[active.name]
     period = active.task.period
     if period is None or not jobs:
-        return Fraction(0)
-    slack = period * active.task.slack / placement.tick
+        return 0
     late = map(placement.delay, jobs)
-    if not slack:
-        return Fraction(sum(delta == 0 for delta in late))
+    if not active.task.slack:
+        return sum(delta == 0 for delta in late)
+    slack = period * active.task.slack / placement.tick
     scores = (max(0, slack.numerator - delta * slack.denominator) for delta in late)
     return Fraction(sum(scores), slack.numerator)
 

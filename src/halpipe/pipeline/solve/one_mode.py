@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, about
 from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Binding, Status
+from halpipe.models import Binding, ModeSchedule, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.parts import has_whole_jobs
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import Job, ModeSchedule, TaskModel
+    from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.kernel.search import Outcome, Search
     from halpipe.pipeline.solve.kernel.slices import Kept
@@ -189,7 +189,9 @@ class _Search:
         return improved(problem, jobs, self.polish, on_slice, self.earlier, self.kept)
 
     def report(self, jobs: tuple[Job, ...], status: Status) -> ModeSchedule:
-        """Return the jobs with their figures."""
+        """Return the jobs with their figures; those of a group are measured with the other groups."""
+        if self.part:
+            return ModeSchedule(name=self.name, hyperperiod=self.expansion.hyperperiod, status=status, jobs=jobs)
         return mode_report(self.model, self.expansion, jobs, status)
 
     def changed(self, tasks: tuple[str, ...], what: str) -> list[Diagnostic]:
