@@ -201,9 +201,10 @@ def test_an_interrupted_search_gives_no_answer():
         Search(SearchOptions(budget=10**6), lambda *_: False).finds(with_units(parallel(3, 2), "core", 2))
 
 
-@given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 60))
-def test_first_that_finds_the_edge(first, length, edge):
+@given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 60), st.integers(0, 60) | st.none())
+def test_first_that_finds_the_edge_wherever_it_begins(first, length, edge, likely):
     last = first + length
+    likely = None if likely is None else min(last, first + likely)
     asked = []
 
     def holds(number):
@@ -211,7 +212,7 @@ def test_first_that_finds_the_edge(first, length, edge):
         return number >= edge
 
     expected = None if edge > last else max(first, edge)
-    assert first_that(first, last, holds) == expected
+    assert first_that(first, last, holds, likely) == expected
     assert len(asked) == len(set(asked))
     assert len(asked) <= 2 * length.bit_length() + 2
 

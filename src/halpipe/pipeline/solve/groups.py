@@ -111,7 +111,7 @@ def search_groups(
         for number, each in zip(numbers, options.workers.each(searched, numbers), strict=True):
             before = found[number].moves if len(found) == len(groups) else 0
             found[number : number + 1] = [replace(each, moves=each.moves + before)]
-        if progress.is_stopped:
+        if progress.is_stopped or few.budget == options.budget:
             break
     return _together(model, expansion, groups, found)
 

@@ -10,6 +10,9 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.options import Form, option, positive_duration, refuse_unused
 from halpipe.core.records import record
 from halpipe.models.modes import require_mode, require_names
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve.optimise import lower_bound
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate.context import Context, place, quoted
 from halpipe.pipeline.whatif import codes
@@ -81,6 +84,8 @@ class Question:
     at: Callable[[Fraction], Changed]
     relaxed: Callable[[Fraction], Changed]
     ignored: frozenset[str] = frozenset()
+    likely: int = 0
+    """How many steps easier than the hardest value the first without a proof is, if the load of units decides."""
     warnings: tuple[Diagnostic, ...] = ()
 
     @property
@@ -115,6 +120,7 @@ def ask(question: Question, search: Search) -> Answer:
         last,
         lambda steps: proofs(question.relaxed(question.value(steps)), question.ignored),
         lambda steps: search.finds(question.at(question.value(steps))),
+        likely=question.likely,
     )
     return Answer(
         question=question,
@@ -198,15 +204,19 @@ def largest_factor(model: TaskModel, step: Fraction = STEP) -> Question:
 
     hyperperiod = max((mode.hyperperiod or ZERO for mode in Context(model).active), default=ZERO)
     limits = ((time_limit(task) or hyperperiod) / v.wcet for task in model.tasks for v in task.versions if v.wcet)
+    hardest = math.floor(max(limits, default=Fraction(1)) / step) + 1
+    margins = (lower_bound(Objective.MARGIN, model, expand(model, mode)) for mode in model.modes)
+    largest = min((1 - margin for margin in margins if margin is not None), default=Fraction(0))
     return Question(
         what="common factor of all WCETs",
-        hardest=math.floor(max(limits, default=Fraction(1)) / step) + 1,
+        hardest=hardest,
         easiest=1,
         step=step,
         now=Fraction(1),
         at=at,
         relaxed=at,
         ignored=WINDOWS,
+        likely=min(hardest - 1, max(0, hardest - math.floor(largest / step))),
     )
 
 

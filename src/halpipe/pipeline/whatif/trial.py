@@ -140,15 +140,19 @@ def bracket(
     prove: Callable[[int], tuple[Diagnostic, ...]],
     finds: Callable[[int], bool],
     known: int | None = None,
+    likely: int = 0,
 ) -> Bracket:
-    """Look for the first of the numbers 0 to `last` that works; of `known` it is known."""
+    """Look for the first of the numbers 0 to `last` that works; of `known` it is known.
+
+    Proofs begin at the number that is `likely` the first without one.
+    """
     witnesses: dict[int, tuple[Diagnostic, ...]] = {}
 
     def is_possible(number: int) -> bool:
         witnesses[number] = prove(number)
         return not witnesses[number]
 
-    possible = first_that(0, last, is_possible)
+    possible = first_that(0, last, is_possible, min(likely, last))
     if possible is None:
         return Bracket(None, witnesses[last])
     failed: list[int] = []
@@ -163,23 +167,23 @@ def bracket(
     return Bracket(possible, witnesses.get(possible - 1, ()), found, tuple(sorted(failed)))
 
 
-def first_that(first: int, last: int, holds: Callable[[int], bool]) -> int | None:
+def first_that(first: int, last: int, holds: Callable[[int], bool], likely: int | None = None) -> int | None:
     """Return a number of [first, last] that holds while the one before does not, or is `first`; None if `last` fails.
 
-    Steps double until one holds, then halve, so that few tries are far from the answer.
+    From `likely`, or `first`, steps double until the answer changes, then halve, so that few tries are far from it.
     """
-    below, at, width = first - 1, first, 1
-    while not holds(at):
-        if at >= last:
-            return None
-        below, at, width = at, min(last, at + width), 2 * width
-    while at - below > 1:
-        middle = (below + at) // 2
-        if holds(middle):
-            at = middle
-        else:
-            below = middle
-    return at
+    at, width = first if likely is None else likely, 1
+    below, above = (first - 1, at) if holds(at) else (at, last + 1)
+    while below == first - 1 < above - 1:
+        at, width = max(first, above - width), 2 * width
+        below, above = (below, at) if holds(at) else (at, above)
+    while above == last + 1 > below + 1:
+        at, width = min(last, below + width), 2 * width
+        below, above = (below, at) if holds(at) else (at, above)
+    while above - below > 1:
+        middle = (below + above) // 2
+        below, above = (below, middle) if holds(middle) else (middle, above)
+    return above if above <= last else None
 
 
 # ------------------------------------------------------------------------------------------------ models of other sizes
