@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from array import array
 from dataclasses import replace
 from fractions import Fraction
 
@@ -166,3 +167,17 @@ def impossible_model():
     """Tasks that fill two units but cannot be cut to fit: no quick proof, and no schedule."""
     tasks = [task(f"t{n}", 100, version("v", wcet, "u1 u2")) for n, wcet in enumerate((40, 40, 40, 26, 27, 27))]
     return model(*tasks, units="u1 u2")
+
+
+def test_a_checkpoint_larger_than_an_input_is_claimed_and_read(tmp_path, monkeypatch):
+    """What a search has written may be larger than any input; neither the next run nor --resume stops because of it."""
+    path, arrays = str(tmp_path / "s.resume"), {"a/start": array("q", range(1000))}
+    keeper = Checkpoint(path, "same", lambda: 0)
+    keeper.note("a", {"start": arrays["a/start"]})
+    keeper.write()
+    monkeypatch.setattr("halpipe.core.files.reading.MAX_INPUT_BYTES", 1000)
+    assert os.path.getsize(path) > 1000
+    later = Checkpoint(path, "same", lambda: 0)
+    later.claim()
+    later.load()
+    assert later.noted("a") == {"start": arrays["a/start"]}

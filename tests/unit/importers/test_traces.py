@@ -480,3 +480,14 @@ def test_marks_of_one_instant_are_in_the_order_of_their_cycles():
     job = ["2,Core_a,0,T,TASK_a,0,start", "3,Core_a,0,T,TASK_a,0,terminate"]
     (seen,) = executions("\n".join([*marks, *job]) + "\n")
     assert (seen.table, seen.cycle) == ("b", 1)
+
+
+@pytest.mark.parametrize("text", ["[Log]\nstart of the run\n", "{a: 1}", '{"events": []}', '{"traceEvents": {}}'])
+def test_a_text_that_only_begins_like_json_is_not_to_be_recorded_again(text, tmp_path):
+    (tmp_path / "t.json").write_text(text)
+    with pytest.raises(HalpipeError) as refused:
+        read_traces(str(tmp_path / "t.json"))
+    *_, found = refused.value.diagnostics
+    assert found.code == "HAL1120"
+    assert found.help.startswith("give ")
+    assert "in the Trace Event Format" in found.help

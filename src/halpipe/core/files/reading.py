@@ -52,7 +52,7 @@ def refuse_more_than(limit: int, count: int, what: str, at: Location) -> None:
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
     """Read a whole input file (``-`` is standard input), refusing what is too large or unreadable."""
-    return _read(path, is_input=True)
+    return _read(path, MAX_INPUT_BYTES, is_input=True)
 
 
 def is_ended(path: str) -> bool:
@@ -93,9 +93,9 @@ def open_input(path: str | os.PathLike[str]) -> BinaryIO:
     return stream
 
 
-def read_own(path: str | os.PathLike[str]) -> bytes:
+def read_own(path: str | os.PathLike[str], most: int | None = MAX_INPUT_BYTES) -> bytes:
     """Read a file that halpipe keeps for itself and will write again, such as a checkpoint, a journal or a manifest."""
-    return _read(path, is_input=False)
+    return _read(path, most, is_input=False)
 
 
 def _unreadable(name: str, failure: Exception) -> Diagnostic:
@@ -108,28 +108,31 @@ def _unreadable(name: str, failure: Exception) -> Diagnostic:
     return CANNOT_READ(reason(failure), at=Location(name), help=help)
 
 
-def _read(path: str | os.PathLike[str], *, is_input: bool) -> bytes:
+def beginning_of(path: str | os.PathLike[str]) -> bytes:
+    """Read a file, but no more of it than an input may have: enough to see what wrote it."""
+    return _read(path, MAX_INPUT_BYTES, is_input=False, is_whole=False)
+
+
+def _read(path: str | os.PathLike[str], most: int | None, *, is_input: bool, is_whole: bool = True) -> bytes:
     name = os.fspath(path)
     try:
         if name == STDIO:
-            data = _read_stream(standard_bytes(sys.stdin), name, is_input)
+            data = _read_stream(standard_bytes(sys.stdin), name, most, is_input)
         else:
             with open(name, "rb") as stream:
-                data = _read_stream(stream, name, is_input)
+                data = _read_stream(stream, name, most, is_input)
     except (OSError, ValueError) as failure:
         raise HalpipeError(_unreadable(name, failure)) from None
-    if len(data) > MAX_INPUT_BYTES:
-        raise HalpipeError(
-            TOO_LARGE(f"has more than {MAX_INPUT_BYTES // 2**20} MiB", at=Location(name), help="split the file")
-        )
+    if most is not None and len(data) > most and is_whole:
+        raise HalpipeError(TOO_LARGE(f"has more than {most // 2**20} MiB", at=Location(name), help="split the file"))
     return data
 
 
-def _read_stream(stream: Any, name: str, is_input: bool) -> bytes:
+def _read_stream(stream: Any, name: str, most: int | None, is_input: bool) -> bytes:
     if is_input:
         with suppress(OSError, ValueError):  # a stream that is no file, as in tests and notebooks
             note_input(stream.fileno(), name)
-    data: bytes = stream.read(MAX_INPUT_BYTES + 1)
+    data: bytes = stream.read(-1 if most is None else most + 1)
     return data
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files.protection import STDIO, refuse_inputs
-from halpipe.core.files.reading import read_own, reason, standard_bytes
+from halpipe.core.files.reading import beginning_of, reason, standard_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -171,7 +171,7 @@ def refuse_foreign(path: str, is_ours: Callable[[bytes], bool]) -> None:
     """Stop if something lies at `path`, a name that the user did not give, that is not ours by its content."""
     if not os.path.lexists(path):
         return
-    if not os.path.isfile(path) or not is_ours(read_own(path)):
+    if not os.path.isfile(path) or not is_ours(beginning_of(path)):
         help = "name another output, or move that file elsewhere"
         raise HalpipeError(FOREIGN_FILE("holds what halpipe did not write there", at=Location(path), help=help))
 

@@ -78,7 +78,7 @@ class Checkpoint:
     def load(self) -> None:
         """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
         try:
-            identity, found = _unpacked(read_own(self._path))
+            identity, found = _unpacked(read_own(self._path, most=None))  # of any size: it has to be read again
         except (ValueError, OSError, KeyError, EOFError, NotImplementedError):
             raise self._refusal("is damaged") from None
         if identity != self._identity:
