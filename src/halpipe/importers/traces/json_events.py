@@ -47,7 +47,7 @@ def events(pieces: Iterable[str], file: str, findings: Findings) -> Iterator[tup
             raise ValueError(f"after its end comes {text.next()!r}")
     except (ValueError, RecursionError, ArithmeticError) as failure:
         message = f"it is no JSON: {getattr(failure, 'msg', failure)}"
-        help = "record it again"
+        help = "give a file in the Trace Event Format; record it again if its JSON is only cut off"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, text.line), help=help)) from None
     if not has_list:
         help = "record in the Trace Event Format"
