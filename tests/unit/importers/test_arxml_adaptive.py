@@ -149,15 +149,6 @@ def test_classic_and_adaptive_parts_share_a_model_but_no_cores(tmp_path):
     }
 
 
-def test_elements_without_name_are_counted_with_what_holds_them(tmp_path):
-    depends = el("EXECUTION-DEPENDENCYS", el("EXECUTION-DEPENDENCY"), el("EXECUTION-DEPENDENCY"))
-    a = process("A", "Driving").replace("<FUNCTION-GROUP-STATE-IREFS>", f"{depends}<FUNCTION-GROUP-STATE-IREFS>")
-    rows = model_of(tmp_path, STATES, GROUPS, machine(), a).coverage.rows()
-    assert ("STATE-DEPENDENT-STARTUP-CONFIG", 1, 1, 0) in rows
-    assert ("FUNCTION-GROUP-STATE-IREF", 1, 1, 0) in rows
-    assert ("EXECUTION-DEPENDENCY", 2, 0, 2) in rows
-
-
 def test_manifests_without_processes_are_refused(tmp_path):
     failure = refusal(write(tmp_path, package("T", machine(), STATES, GROUPS)))
     assert [d.code for d in failure.diagnostics] == [codes.ADAPTIVE_ONLY.id]

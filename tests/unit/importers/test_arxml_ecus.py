@@ -142,59 +142,6 @@ def test_a_configuration_of_nobody_is_named_and_left_out(tmp_path):
     assert told.path == 'ECU configuration "/Lost/All"'
 
 
-def test_what_crosses_is_input_or_output_with_its_period(tmp_path):
-    path = write(tmp_path, VEHICLE)
-    (out,) = found(read(path, ecu="Front"), codes.BOUNDARY)
-    assert (out.path, "v/Turn on another ECU every 10ms" in out.message) == ('output "p/Step"', True)
-    (inward,) = found(read(path, ecu="Rear"), codes.BOUNDARY)
-    assert (inward.path, "p/Step on another ECU every 10ms" in inward.message) == ('input "v/Turn"', True)
-
-
-def signal(prototype, port, kind, name="Level"):
-    """The data of a port that a signal of the network carries."""
-    inside = [
-        ref("CONTEXT-COMPONENT-REF", f"/T/Car/{prototype}", "SW-COMPONENT-PROTOTYPE"),
-        ref("CONTEXT-PORT-REF", f"/T/{port}", f"{kind}-PORT-PROTOTYPE"),
-    ]
-    return el(
-        "SENDER-RECEIVER-TO-SIGNAL-MAPPING", el("DATA-ELEMENT-IREF", *inside), ref("SYSTEM-SIGNAL-REF", f"/T/{name}")
-    )
-
-
-def pdu(period, name="Level"):
-    """The network repeats a signal."""
-    cycle = el("CYCLIC-TIMING", el("TIME-PERIOD", el("VALUE", period)))
-    timing = el("TRANSMISSION-MODE-DECLARATION", el("TRANSMISSION-MODE-TRUE-TIMING", cycle))
-    inner = named("I-SIGNAL-TO-I-PDU-MAPPING", "M", ref("I-SIGNAL-REF", f"/T/I{name}"))
-    return [
-        named("SYSTEM-SIGNAL", name),
-        named("I-SIGNAL", f"I{name}", ref("SYSTEM-SIGNAL-REF", f"/T/{name}")),
-        named(
-            "I-SIGNAL-I-PDU",
-            f"P{name}",
-            el("I-PDU-TIMING-SPECIFICATIONS", el("I-PDU-TIMING", timing)),
-            el("I-SIGNAL-TO-PDU-MAPPINGS", inner),
-        ),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("ports", "parts", "said"),
-    [
-        (("p", "Pump/out", "P"), pdu("0.05"), "p/out sends the signal /T/Level every 10ms"),
-        (("p", "Pump/other", "P"), pdu("0.05"), "p/other sends the signal /T/Level every 50ms"),
-        (("p", "Pump/other", "P"), [], "p/other sends the signal /T/Level, at no period that is known"),
-    ],
-)
-def test_signals_have_the_period_of_their_writer_or_of_the_network(tmp_path, ports, parts, said):
-    data = named("SYSTEM-MAPPING", "D", el("DATA-MAPPINGS", signal(*ports), signal("v", "Valve/in", "R")))
-    path = write(tmp_path, package("T", PUMP, VALVE, CAR, FRONT, REAR, SPLIT, data, *parts))
-    out = [d.message for d in found(read(path, ecu="Front"), codes.BOUNDARY) if str(d.path) == 'output "Level"']
-    assert out == [said]
-    inward = [d.message for d in found(read(path, ecu="Rear"), codes.BOUNDARY) if str(d.path) == 'input "Level"']
-    assert inward == [said.replace("/other", "/out").replace("p/out sends", "v/in receives")]
-
-
 def test_an_instance_inherits_the_ecu_of_the_composition_that_holds_it(tmp_path):
     inner = composition("Inner", "p:Pump q:Pump")
     car = composition("Car", "x:Inner y:Inner")

@@ -28,7 +28,7 @@ from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations, group, slack_of
 from halpipe.importers.arxml.tasks.calls import join_calls, with_one_rate
-from halpipe.importers.arxml.tasks.dataflow import find_dataflow, report_boundary
+from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED, decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
 from halpipe.importers.arxml.tasks.requirements import find_edges, find_requirements
@@ -99,7 +99,6 @@ class Built:
 def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImportOptions) -> Built:
     """Make the model of what was read; findings go to those of the tree."""
     findings = tree.findings
-    report_boundary(tree, system)
     dataflow = find_dataflow(system)
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)

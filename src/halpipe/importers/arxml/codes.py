@@ -340,11 +340,6 @@ MIXED_RELEASES = warning(
     "Files of several releases",
     "Elements of release 3 and 4 have other paths, so that references between them often lead nowhere.",
 )
-SCHEMA_NAME = note(
-    "HAL0566",
-    "Schema is none of AUTOSAR's",
-    "The file names a schema that was never published, by a slip of its tool. Schemas are not looked at.",
-)
 UNKNOWN_INTERRUPT = warning(
     "HAL0594",
     "AUTOSAR interrupt routines are not accounted for",
@@ -369,12 +364,6 @@ UNKNOWN_ECU = error(
     "HAL0576",
     "ECU is not in the system",
     "The name after --ecu is the short name, or the path, of an ECU-INSTANCE that components are mapped to.",
-)
-BOUNDARY = note(
-    "HAL0577",
-    "Data shared with another ECU",
-    "It comes from, or goes to, a component on another ECU, and is external input or output of this one. It "
-    "arrives when the other ECU and the network have sent it.",
 )
 UNMAPPED_COMPONENT = error(
     "HAL0578",

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
 from halpipe.importers.arxml.codes import UNUSED_KIND
-from halpipe.importers.arxml.files.tree import place
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.system.components import COMPOSITION, place_of
 from halpipe.importers.arxml.system.timing import CONSTRAINTS, KINDS, SYNCHRONISATION, is_guarantee
@@ -161,26 +160,6 @@ _REMEDIES = {
     "OsSpinlock": "state which tasks take it in the overlay, as accesses to a lock",
     "OsTaskTimingProtection": "take its execution budgets as WCETs (--wcet budget), or see that WCETs are below them",
 }
-_STARTUP = "STATE-DEPENDENT-STARTUP-CONFIGS/STATE-DEPENDENT-STARTUP-CONFIG"
-_OLD_STARTUP = "MODE-DEPENDENT-STARTUP-CONFIGS/MODE-DEPENDENT-STARTUP-CONFIG"
-# Elements without SHORT-NAME that have a say in timing, by the element that holds them.
-_NAMELESS = {
-    "PROCESS": (
-        _STARTUP,
-        _OLD_STARTUP,
-        f"{_STARTUP}/FUNCTION-GROUP-STATE-IREFS/FUNCTION-GROUP-STATE-IREF",
-        f"{_STARTUP}/EXECUTION-DEPENDENCYS/EXECUTION-DEPENDENCY",
-        f"{_OLD_STARTUP}/EXECUTION-DEPENDENCYS/EXECUTION-DEPENDENCY",
-    ),
-    COMPOSITION: ("INSTANTIATION-RTE-EVENT-PROPSS/INSTANTIATION-TIMING-EVENT-PROPS",),
-    "SWC-BSW-MAPPING": ("RUNNABLE-MAPPINGS/SWC-BSW-RUNNABLE-MAPPING",),
-}
-_NAMELESS_OF_EVENTS = (
-    "DISABLED-MODE-IREFS/DISABLED-MODE-IREF",
-    "DISABLED-IN-MODE-IREFS/DISABLED-IN-MODE-IREF",
-    "MODE-DEPENDENCY/DEPENDENT-ON-MODE-IREFS/DEPENDENT-ON-MODE-IREF",
-)
-_NEVER = {"EXECUTION-DEPENDENCY": "orders how processes are started up, not when their jobs run"}
 
 
 class Ledger:
@@ -225,7 +204,6 @@ class Ledger:
                     unused.setdefault(kind, []).append(node)
                     reason = "not used, though it may decide timing"
                 coverage.ignored(kind, node.path, reason, node.at)
-            _account_for_nameless(tree, node, node in mapped, coverage)
         for kind, found in unused.items():
             tree.findings.report(
                 UNUSED_KIND,
@@ -235,22 +213,6 @@ class Ledger:
                 help=_REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing"),
             )
         return coverage
-
-
-def _account_for_nameless(tree: Tree, node: Node, is_mapped: bool, coverage: Coverage) -> None:
-    """Account for the elements of a node that have no name of their own, but say when something runs, or where.
-
-    They share the fate of the node that holds them.
-    """
-    paths = _NAMELESS.get(node.tag, _NAMELESS_OF_EVENTS if node.tag.endswith("-EVENT") else ())
-    for path in paths:
-        tag = path.rpartition("/")[2]
-        for index, (element, file) in enumerate(tree.elements(node, path), 1):
-            if is_mapped and tag not in _NEVER:
-                coverage.mapped(tag)
-            else:
-                reason = _NEVER.get(tag, f"the {node.tag} that holds it has no effect")
-                coverage.ignored(tag, f"{node.path}/{tag}[{index}]", reason, place(element, file))
 
 
 def _with_holders(nodes: Iterable[Node]) -> set[Node]:

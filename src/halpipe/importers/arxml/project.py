@@ -20,10 +20,17 @@ from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.options import GRANULARITIES
 from halpipe.importers.arxml.system.containers import Containers, standard_modules
-from halpipe.importers.arxml.system.ecuc import Ticks, chosen_mode, replaced, started_elsewhere
+from halpipe.importers.arxml.system.ecuc import (
+    Ticks,
+    autostart_of,
+    chosen_mode,
+    deeds_of,
+    replaced,
+    started_elsewhere,
+)
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.versions import FULL
-from halpipe.models.project import Call, Deed, Item, LeftOut, Project, ProjectCounter, ProjectTask, Starter, Value
+from halpipe.models.project import Call, Item, LeftOut, Project, ProjectCounter, ProjectTask, Starter, Value
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -35,6 +42,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.system.values import Trigger
     from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.models import Task, TaskModel
+    from halpipe.models.project import Deed
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
@@ -233,7 +241,7 @@ class _Reader:
         self._app_mode = chosen_mode(self._containers)
         units = [unit.name for unit in built.model.units]
         self._only = units[0] if len(units) == 1 else ""
-        self._waits = {c.node.path: {r.path for r in c.refs("OsTaskEventRef")} for c in self._containers.of("OsTask")}
+        self._waits = self._containers.waits
         self._applications = {
             c.node.path: built.platform.core_of.get(c.node.path, self._only)
             for c in self._containers.of("OsApplication")
@@ -371,7 +379,7 @@ class _Reader:
             "",
         )
         kind = task.value("OsTaskType")
-        begins = next((c for c in self._containers.below(task) if c.kind == "OsTaskAutostart"), None)
+        begins = autostart_of(self._containers, task)
         unit = self._applications.get(owner, "") or self._only
         priority, schedule = task.number("OsTaskPriority"), task.value("OsTaskSchedule")
         return ProjectTask(
@@ -410,9 +418,8 @@ class _Reader:
         found: dict[str, None] = {}
         for trigger in triggers:
             container = self._containers.by_path.get(trigger.text)
-            for inside in self._containers.below(container) if container is not None else ():
-                events = [ref.path for ref in inside.refs("OsAlarmSetEventRef", "OsScheduleTableSetEventRef")]
-                found.update(dict.fromkeys(event for event in events if event in self._waits.get(os_task, ())))
+            deeds = deeds_of(self._containers, container) if container is not None else ()
+            found.update(dict.fromkeys(d.event for d in deeds if d.event in self._waits.get(os_task, ())))
         return found
 
     def _alone(self, member: Activation, path: str) -> Call:
@@ -461,18 +468,8 @@ class _Reader:
         }
         return units.pop() if len(units) == 1 else ""
 
-    def _deeds(self, starter: Container) -> Iterator[Deed]:
-        """Yield what an alarm or table does to OsTasks, also to those that only wait for the events it sets."""
-        point = ""
-        for inside in self._containers.below(starter):
-            if inside.kind == "OsScheduleTableExpiryPoint":
-                point = inside.node.path
-            for prefix in ("OsAlarm", "OsScheduleTable"):
-                named = [r.path for n in ("ActivateTaskRef", "SetEventTaskRef") for r in inside.refs(f"{prefix}{n}")]
-                events = [ref.path for ref in inside.refs(f"{prefix}SetEventRef")]
-                waiting = [] if named else [t for t, waits in self._waits.items() if not waits.isdisjoint(events)]
-                for task in (*named, *waiting):
-                    yield Deed(inside.node.path, task, point, next(iter(events), ""))
+    def _deeds(self, starter: Container) -> tuple[Deed, ...]:
+        return tuple(deed for deed in deeds_of(self._containers, starter) if deed.os_task)
 
     def _starters(self) -> Iterator[Starter]:
         called: dict[str, list[str]] = {}
@@ -485,11 +482,11 @@ class _Reader:
         used = {t for mapping in self._containers.of(*_MAPPINGS) for t in mapping.targets(*_ALARMS)}
         for starter in self._containers.of("OsAlarm", "OsScheduleTable"):
             path = starter.node.path
-            deeds = tuple(self._deeds(starter))
+            deeds = self._deeds(starter)
             if not deeds or (starter in elsewhere and path not in called):
                 continue  # one of another application mode starts nothing in that which is played
             is_table = starter.kind == "OsScheduleTable"
-            begins = next((c for c in self._containers.below(starter) if c.kind == f"{starter.kind}Autostart"), None)
+            begins = autostart_of(self._containers, starter)
             length = starter.value("OsScheduleTableDuration") if is_table else None
             cycle = length or (begins.value("OsAlarmCycleTime") if begins else None)
             first = begins.value("OsScheduleTableStartValue" if is_table else "OsAlarmAlarmTime") if begins else None

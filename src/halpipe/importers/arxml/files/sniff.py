@@ -108,10 +108,6 @@ LARGE_INPUT = 32 * 2**20
 """Bytes of all files from which on what cannot matter to timing is dropped while it is read."""
 
 _OLD = re.compile(r"http://(?:www\.)?autosar\.org/(?:schema/)?r?(?P<release>[23](?:\.[0-9A-Za-z]+)*)/?")
-_SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
-_KNOWN_SCHEMA = re.compile(
-    r"AUTOSAR_(?:000[4-9]\d|4-0-[123]|4-1-[123]|4-2-[12]|4-3-0)(?:_STRICT(?:_COMPACT)?|_COMPACT)?\.xsd"
-)
 _BARE = re.compile(r"(?:http://(?:www\.)?autosar\.org/?)?")
 
 
@@ -248,22 +244,6 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
             at=Location(old[0].name, old[0].root.sourceline or 1),
             help="export all parts of the system as one release, if references between them are missing",
         )
-    _report_schemas(documents, findings)
-
-
-def _report_schemas(documents: Sequence[Document], findings: Findings) -> None:
-    """Note names of schemas that AUTOSAR never published, once for each name."""
-    seen: set[str] = set()
-    for document in documents:
-        schema = (document.root.get(_SCHEMA) or "").split()[-1:]
-        name = schema[0].replace("\\", "/").rpartition("/")[2] if schema else ""
-        if name and name not in seen and not document.release and not _KNOWN_SCHEMA.fullmatch(name):
-            seen.add(name)
-            findings.report(
-                codes.SCHEMA_NAME,
-                f'names the schema "{name}", which AUTOSAR did not publish',
-                at=Location(document.name, document.root.sourceline or 1),
-            )
 
 
 def _release(root: etree._Element, namespace: str) -> str:

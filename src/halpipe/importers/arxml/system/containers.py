@@ -197,6 +197,7 @@ class Containers:
         self.tree = tree
         self.by_path: dict[str, Container] = {}
         self.added: dict[str, Container] = {}
+        self._waits: dict[str, frozenset[str]] | None = None
         standard = standard_modules(tree)
         for node in tree.tagged(_CONTAINER):
             module = _module_of(node).path
@@ -214,6 +215,14 @@ class Containers:
         What an export put on top of the project plays a schedule; it is no source of that schedule's model.
         """
         return [c for path, c in self.by_path.items() if c.kind in kinds and path not in self.added]
+
+    @property
+    def waits(self) -> dict[str, frozenset[str]]:
+        """The OsEvents (paths) that each OsTask waits for."""
+        if self._waits is None:
+            tasks = self.of("OsTask")
+            self._waits = {c.node.path: frozenset(r.path for r in c.refs("OsTaskEventRef")) for c in tasks}
+        return self._waits
 
     def own(self, path: str | None) -> str | None:
         """Return the path of a container unless an export put it on top of the project."""

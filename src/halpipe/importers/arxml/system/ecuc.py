@@ -24,6 +24,7 @@ from halpipe.importers.arxml.system.values import (
     RteInstance,
     Trigger,
 )
+from halpipe.models.project import Deed
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -218,6 +219,7 @@ def _instance(containers: Containers, mapping: Container) -> str | None:
 
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
+_POINT = "OsScheduleTableExpiryPoint"
 _COUNTER = "OsScheduleTableCounterRef"
 _DEFAULT_MODE = "OSDEFAULTAPPMODE"
 _FREQUENCIES = ("OsTickFrequency", "ArcOsTickFrequency")  # of the OsOS of some vendors, in ticks per second
@@ -310,20 +312,32 @@ def _ticks(text: str) -> Fraction:
     return number
 
 
-def _woken(containers: Containers, inside: Iterable[Container], kind: str) -> tuple[str, ...]:
-    """Return the tasks that wait for the events set by an action: those it names, else those that list the event."""
-    found: dict[str, None] = {}
-    for action in inside:
-        events = action.targets(f"{kind}SetEventRef")
-        named = action.targets(f"{kind}SetEventTaskRef")
-        if events and not named:
-            named = [
-                task.node.path
-                for task in containers.of("OsTask")
-                if not {ref.path for ref in task.refs("OsTaskEventRef")}.isdisjoint(events)
-            ]
-        found.update(dict.fromkeys(named))
-    return tuple(found)
+def deeds_of(containers: Containers, container: Container) -> Iterator[Deed]:
+    """Yield what an alarm, table or expiry point does to OsTasks, an empty one where no OsTask waits for an event.
+
+    The tasks that an event wakes are those that the action names, else those that list the event.
+    """
+    point = ""
+    for inside in containers.below(container):
+        path = inside.node.path
+        point = path if inside.kind == _POINT else point
+        for prefix in ("OsAlarm", "OsScheduleTable"):
+            yield from (Deed(path, task, point) for task in inside.targets(f"{prefix}ActivateTaskRef"))
+            stated = inside.targets(f"{prefix}SetEventRef") or [ref.path for ref in inside.refs(f"{prefix}SetEventRef")]
+            for event in stated:
+                named = inside.targets(f"{prefix}SetEventTaskRef")
+                waiting = named or [task for task, events in containers.waits.items() if event in events] or [""]
+                yield from (Deed(path, task, point, event) for task in waiting)
+
+
+def _acts(deeds: Iterable[Deed]) -> dict[str, tuple[str, ...]]:
+    """Return the tasks that are activated, the events that are set, and the tasks that these wake."""
+    found = tuple(deeds)
+    return {
+        "tasks": tuple(dict.fromkeys(deed.os_task for deed in found if not deed.event)),
+        "events": tuple(dict.fromkeys(deed.event for deed in found if deed.event)),
+        "wakes": tuple(dict.fromkeys(deed.os_task for deed in found if deed.event and deed.os_task)),
+    }
 
 
 def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:
@@ -342,10 +356,8 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data
         place=alarm.place,
         period=tick * cycle,
         offset=tick * (start or 0),
-        tasks=tuple(path for c in inside for path in c.targets("OsAlarmActivateTaskRef")),
-        events=tuple(path for c in inside for path in c.targets("OsAlarmSetEventRef")),
         through=through,
-        wakes=_woken(containers, inside, "OsAlarm"),
+        **_acts(deeds_of(containers, alarm)),
     )
 
 
@@ -406,7 +418,7 @@ def replaced(
     containers: Containers, tables: Iterable[Container], stopped: Collection[str | None] = ()
 ) -> dict[Container, Container]:
     """Return the tables of other modes, which only code starts, each with one that the OS starts in its place."""
-    started = [t for t in tables if t.node.path in stopped or _autostart(containers, t) is not None]
+    started = [t for t in tables if t.node.path in stopped or autostart_of(containers, t) is not None]
     others = ((t, next((s for s in started if _meets(containers, t, s)), None)) for t in tables if t not in started)
     return {table: other for table, other in others if other is not None}
 
@@ -427,29 +439,25 @@ def _repeats(containers: Containers, table: Container) -> bool:
     return False
 
 
-def _autostart(containers: Containers, table: Container) -> Container | None:
-    return next((c for c in containers.below(table) if c.kind == "OsScheduleTableAutostart"), None)
+def autostart_of(containers: Containers, starter: Container) -> Container | None:
+    """Return the container by which the OS starts an alarm, a table or an OsTask."""
+    return next((c for c in containers.below(starter) if c.kind == f"{starter.kind}Autostart"), None)
 
 
 def _meets(containers: Containers, table: Container, other: Container) -> bool:
     """Whether two tables have the same counter, or activate or wake the same OsTasks."""
     first, second = (
-        {path for inside in containers.below(each) for path in (*_activated(inside), *inside.targets(_COUNTER))}
-        | set(_woken(containers, containers.below(each), "OsScheduleTable"))
+        {*each.targets(_COUNTER), *(deed.os_task for deed in deeds_of(containers, each) if deed.os_task)}
         for each in (table, other)
     )
     return not first.isdisjoint(second)
-
-
-def _activated(action: Container) -> list[str]:
-    return action.targets("OsScheduleTableActivateTaskRef")
 
 
 def _start(containers: Containers, table: Container, stopped: Data | None) -> Fraction:
     """Return the ticks after which a table begins, at its initial offset: absolute values count from 0 as well."""
     if stopped is not None:
         return stopped.value("start", _ticks) or Fraction(0)
-    start = _autostart(containers, table)
+    start = autostart_of(containers, table)
     kind = start.value("OsScheduleTableAutostartType") if start else None
     moved = next((c for c in containers.below(table) if c.kind == "OsScheduleTblAdjustableExpPoint"), None)
     is_synchronous = kind is not None and kind.text == "SYNCHRON"
@@ -473,15 +481,11 @@ def _expiry_points(table: Container, containers: Containers, ticks: Ticks, stopp
         return
     start = _start(containers, table, stopped)
     for point in containers.below(table):
-        if point.kind != "OsScheduleTableExpiryPoint":
-            continue
-        inside = list(containers.below(point))
-        yield Trigger(
-            place=point.place,
-            period=tick * duration,
-            offset=tick * (start + (point.number("OsScheduleTblExpPointOffset") or 0)),
-            tasks=tuple(path for c in inside for path in _activated(c)),
-            events=tuple(path for c in inside for path in c.targets("OsScheduleTableSetEventRef")),
-            through=(*through, table.place),
-            wakes=_woken(containers, inside, "OsScheduleTable"),
-        )
+        if point.kind == _POINT:
+            yield Trigger(
+                place=point.place,
+                period=tick * duration,
+                offset=tick * (start + (point.number("OsScheduleTblExpPointOffset") or 0)),
+                through=(*through, table.place),
+                **_acts(deeds_of(containers, point)),
+            )

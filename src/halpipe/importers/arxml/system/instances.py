@@ -445,8 +445,7 @@ def keep_own(tree: Tree, system: System, ecu: Ecu) -> System:
             at=lost[0].component.place.at,
             help="add an SWC-TO-ECU-MAPPING for each, or for a composition that holds them",
         )
-    others = tuple(instance for instance in system.instances if instance not in own and instance not in lost)
-    return replace(system, instances=tuple(own), others=others, ecus=(ecu,), place=ecu.place)
+    return replace(system, instances=tuple(own), ecus=(ecu,), place=ecu.place)
 
 
 def ecu_of(instance: Instance, ecus: Sequence[Ecu], chains: dict[str, tuple[str, ...]]) -> Ecu | None:

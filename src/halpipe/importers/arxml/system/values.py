@@ -484,8 +484,7 @@ class Ecu:
 class System:
     """Everything that the input says about timing; `place` is the element that gives the system its name.
 
-    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for;
-    `others` are the instances on other ECUs than the one that was chosen.
+    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for.
     """
 
     place: Place | None = None
@@ -494,7 +493,6 @@ class System:
     instances: tuple[Instance, ...] = ()
     copies: tuple[str, ...] = ()
     configured: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    others: tuple[Instance, ...] = ()
     configuration: Configuration = field(default_factory=Configuration)
     mode_groups: tuple[ModeGroup, ...] = ()
     orders: tuple[Order, ...] = ()
