@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.core.durations import Duration
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.ros.traced import short_names_of
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
 from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.ros2 import read_ros_trace, report_damage
-from halpipe.models.trace import Execution, Trace
+from halpipe.models.trace import Executions, Trace
 
 
 def read_folder(root: str, findings: Findings) -> Trace:
@@ -25,20 +24,12 @@ def read_folder(root: str, findings: Findings) -> Trace:
             raise
         return threads
     findings.extend(of_nodes.items)
-    names, at = short_names_of(trace), Location(root)
-    found = [
-        Execution(
-            task=names[key],
-            start=Duration(job.start),
-            end=Duration(job.end),
-            busy=Duration(job.busy) if trace.has_switches else None,
-            at=at,
-        )
-        for key, jobs in trace.jobs.items()
-        if key in names
-        for job in jobs
-    ]
-    return Trace(name="", executions=tuple(sorted(found, key=lambda execution: execution.start.ns)))
+    names, found = short_names_of(trace), Executions(root)
+    for key, jobs in trace.jobs.items():
+        for job in jobs if key in names else ():
+            found.add(names[key], (), job.start, job.end, job.busy if trace.has_switches else None)
+    found.sort()
+    return Trace(name="", executions=found)
 
 
 def _threads(root: str, findings: Findings) -> Trace | None:
