@@ -5,6 +5,8 @@ import re
 import signal
 import subprocess
 import time
+import zlib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -17,12 +19,16 @@ from support import ms
 
 PROGRAM = """
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 int32_t seen, made;
 static volatile int n;
 #ifndef AT
 #define AT 0
 #endif
+void leave(void) { if (++n == AT) exit(0); }
+void longer(void) { if (++n == AT) usleep(12000); }
 void hang(void) { if (++n == AT) for (;;) { } }
 void crash(void) { if (++n == AT) *(volatile int *)8 = 1; }
 static int deeper(int depth) {
@@ -98,17 +104,30 @@ def built(folder, monkeypatch, entry="hang", at=0, rules=()):
     tasks = tuple(sourced(t, entry, (f"AT={ats[t.name]}",)) for t in owner.tasks)
     owner = replace(owner, tasks=tasks, health=rules)
     bundle, _ = write(folder, owner, with_reactions(owner, tables) if rules else tables)
-    subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
+    main = bundle / "runtime" / "main.c"
+    main.write_text(main.read_text().replace("dispatch_wait(5)", "dispatch_wait(1)"))  # for jobs that never return
+    make(bundle)
     return bundle
+
+
+def make(bundle):
+    subprocess.run(["make", "CFLAGS=-O0"], cwd=bundle, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory):
+    """A bundle in which no job misbehaves."""
+    with pytest.MonkeyPatch.context() as patch:
+        return built(tmp_path_factory.mktemp("calm"), patch)
 
 
 def run(bundle, *options, shim="", **environment):
     """Run the dispatcher; with a shim that stands before the C library."""
     if shim:
-        (bundle / "shim.c").write_text(shim)
-        made = ["cc", "-shared", "-fPIC", "-o", str(bundle / "shim.so"), str(bundle / "shim.c"), "-ldl"]
-        subprocess.run(made, check=True, capture_output=True)
-        environment["LD_PRELOAD"] = str(bundle / "shim.so")
+        library = bundle / f"shim{zlib.crc32(repr((shim, environment)).encode())}.so"
+        made = ["cc", "-shared", "-fPIC", "-x", "c", "-", "-o", str(library), "-ldl"]
+        subprocess.run(made, input=shim, text=True, check=True, capture_output=True)
+        environment["LD_PRELOAD"] = str(library)
     command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), *options]
     return subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=120, env={**os.environ, **environment}
@@ -133,32 +152,67 @@ def test_a_job_that_never_returns_is_found_within_a_table(tmp_path, monkeypatch)
     assert max(r.cycle for r in seen if r.task == "a") > 40  # it runs on, on the same CPU
 
 
-def test_without_a_rule_a_job_that_never_returns_is_named(tmp_path, monkeypatch):
+def test_without_a_rule_a_job_that_never_returns_is_named_and_delays_no_other(tmp_path, monkeypatch):
+    """The other task of its CPU and priority waits for its turn, and must not wait for one that never ends."""
     bundle = built(tmp_path, monkeypatch, "hang", 5)
-    ran = run(bundle, "--degrade", "all", "--cycles", "10")
+    ran = run(bundle, "--degrade", "all", "--seconds", "0.5")
     assert ran.returncode == 1
     assert "task b still runs" in ran.stderr
     assert "task b does not return" in ran.stderr
+    after = [r.start - r.planned for r in recorded(bundle) if r.task == "a" and r.cycle > 7]
+    assert sorted(after)[len(after) // 2] < ms(4)
 
 
-@pytest.mark.parametrize("entry", ["crash", "overflow"])
-def test_a_crash_names_the_task_and_keeps_the_recording(tmp_path, monkeypatch, entry):
+@pytest.mark.parametrize(("entry", "how"), [("crash", "signal 11"), ("overflow", "signal 11"), ("leave", "exit()")])
+def test_a_program_that_ends_the_process_is_named_and_the_recording_kept(tmp_path, monkeypatch, entry, how):
     bundle = built(tmp_path, monkeypatch, entry, 30)
     ran = run(bundle, "--degrade", "all", "--seconds", "2")
-    assert ran.returncode == -signal.SIGSEGV
-    assert "task b ended the process by signal 11; the recording is kept" in ran.stderr
+    assert ran.returncode == (1 if entry == "leave" else -signal.SIGSEGV)
+    assert f"task b ended the process by {how}; the recording is kept" in ran.stderr
     b = [r for r in recorded(bundle) if r.task == "b"]
     assert [r.cycle for r in b] == list(range(30))
     assert [r.end is not None for r in b] == [True] * 29 + [False]
 
 
-def test_a_killed_run_leaves_what_it_recorded(tmp_path, monkeypatch):
-    bundle = built(tmp_path, monkeypatch)
+def test_faults_from_outside_end_the_recording_or_the_run_and_say_so(tmp_path, monkeypatch):
+    """The file of the recording goes, the log is closed, the terminal hangs up, and a pipe has no reader."""
+    bundle = built(tmp_path, monkeypatch, "longer", 5)
+    os.mkfifo(bundle / "unread")
+
+    def start(name, cycles):
+        command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / name), "--degrade", "all"]
+        return subprocess.Popen([*command, "--cycles", str(cycles)], stderr=subprocess.PIPE, text=True)
+
+    removed, closed, hung = start("removed", 60), start("closed", 60), start("hung", 10_000)
+    closed.stderr.close()
+    wait_for_rows(bundle / "removed", 1000)
+    wait_for_rows(bundle / "hung", 1000)
+    (bundle / "removed").unlink()
+    hung.send_signal(signal.SIGHUP)
+    said = removed.communicate(timeout=60)[1]
+    assert "the recording ends: No such file or directory" in said
+    assert "b: a job took longer than its slot" in said
+    hung.communicate(timeout=60)
+    assert (removed.returncode, closed.wait(60), hung.returncode) == (1, 0, 0)
+    ends = [r.end for r in read_recording((bundle / "hung").read_bytes())]
+    assert len(ends) > 20
+    assert None not in ends
+    unread = start("unread", 5)
+    assert "No such device or address" in unread.communicate(timeout=60)[1]
+
+
+def wait_for_rows(path, size=2000):
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not (path.exists() and path.stat().st_size > size):
+        time.sleep(0.01)
+
+
+def test_a_killed_run_leaves_what_it_recorded(calm):
+    bundle = calm
+    (bundle / "run.csv").unlink(missing_ok=True)
     command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all"]
     running = subprocess.Popen(command)
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not ((run := bundle / "run.csv").exists() and run.stat().st_size > 2000):
-        time.sleep(0.01)
+    wait_for_rows(bundle / "run.csv")
     running.kill()
     running.wait()
     assert len(recorded(bundle)) > 20
@@ -172,28 +226,33 @@ def test_data_of_half_a_megabyte_has_room_on_a_stack(tmp_path, monkeypatch):
     assert ran.returncode == -signal.SIGSEGV
 
 
-@pytest.mark.parametrize("step", [-60, -2, 3600])
-def test_the_tables_go_on_when_the_clock_is_set(tmp_path, monkeypatch, step):
-    bundle = built(tmp_path, monkeypatch)
-    options = ("--degrade", "all", "--clock", "realtime", "--seconds", "2")  # it begins 1 to 2 s after the start
-    ran = run(bundle, *options, shim=STEP, STEP_AFTER=str(2_500_000_000), STEP_BY=str(step * 1_000_000_000))
-    seen = recorded(bundle)
-    assert ran.returncode == 1
-    [milliseconds] = re.findall(r"the clock was set 1 times, by (-?[0-9]+)\.[0-9]+ ms in all", ran.stdout)
-    assert abs(int(milliseconds) - 1000 * step) <= 1
-    assert "the clock was set" in ran.stderr
-    assert 190 <= max(r.cycle for r in seen) <= 210
-    assert all(-ms(10) < r.planned - ms(10) * r.cycle < ms(10) for r in seen)
+def test_the_tables_go_on_when_the_clock_is_set(calm):
+    def stepped(step):
+        options = ("--degrade", "all", "--clock", "realtime", "--seconds", "2")  # it begins 1 to 2 s after the start
+        own = calm / f"stepped{step}.csv"
+        by = {"STEP_AFTER": str(2_500_000_000), "STEP_BY": str(step * 1_000_000_000)}
+        return step, own, run(calm, *options, "--record", str(own), shim=STEP, **by)
+
+    with ThreadPoolExecutor() as pool:
+        runs = list(pool.map(stepped, [-60, -2, 3600]))
+    for step, own, ran in runs:
+        seen = read_recording(own.read_bytes())
+        assert ran.returncode == 1
+        [milliseconds] = re.findall(r"the clock was set 1 times, by (-?[0-9]+)\.[0-9]+ ms in all", ran.stdout)
+        assert abs(int(milliseconds) - 1000 * step) <= 1
+        assert "the clock was set" in ran.stderr
+        assert 190 <= max(r.cycle for r in seen) <= 210
+        assert all(-ms(10) < r.planned - ms(10) * r.cycle < ms(10) for r in seen)
 
 
-def test_without_a_step_the_clock_is_left_alone(tmp_path, monkeypatch):
-    bundle = built(tmp_path, monkeypatch)
+def test_without_a_step_the_clock_is_left_alone(calm):
+    bundle = calm
     ran = run(bundle, "--degrade", "all", "--clock", "realtime", "--cycles", "20")
     assert (ran.returncode, "clock" in ran.stderr + ran.stdout) == (0, False)
 
 
-def test_memory_that_cannot_be_locked_for_stacks_is_given_up_if_allowed(tmp_path, monkeypatch):
-    bundle = built(tmp_path, monkeypatch)
+def test_memory_that_cannot_be_locked_for_stacks_is_given_up_if_allowed(calm):
+    bundle = calm
     ran = run(bundle, "--degrade", "all", "--cycles", "5", shim=NO_LOCK)
     assert ran.returncode == 0, ran.stderr
     assert "degraded: RLIMIT_MEMLOCK has no room" in ran.stderr
@@ -202,11 +261,11 @@ def test_memory_that_cannot_be_locked_for_stacks_is_given_up_if_allowed(tmp_path
     assert "--degrade memory" in ran.stderr
 
 
-def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path, monkeypatch):
+def test_a_full_disk_ends_the_recording_and_not_the_run(calm):
     """A file may have 2 KiB: rows beyond it are counted, and the last one that is written is whole."""
-    bundle = built(tmp_path, monkeypatch)
+    bundle = calm
     command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all"]
-    shell = "trap '' XFSZ; ulimit -f 2; exec \"$@\""
+    shell = 'ulimit -f 2; exec "$@"'
     ran = subprocess.run(
         ["sh", "-c", shell, "sh", *command, "--cycles", "60"], capture_output=True, text=True, check=False, timeout=60
     )
@@ -224,7 +283,7 @@ def test_a_recording_is_bounded_and_the_newest_part_stays(tmp_path, monkeypatch)
     short = limits.replace("number(value, 1, 1 << 20, name) << 20", "2048")  # instead of as many megabytes as stated
     assert short != limits
     (bundle / "runtime" / "main.c").write_text(short)
-    subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
+    make(bundle)
     ran = run(bundle, "--degrade", "all", "--cycles", "60", "--record-size", "1")
     assert ran.returncode == 0, ran.stderr
     for name in ("run.csv", "run.csv.1"):
@@ -238,9 +297,9 @@ def test_a_recording_is_bounded_and_the_newest_part_stays(tmp_path, monkeypatch)
     assert len(now) < 120
 
 
-def test_cpus_that_are_not_there_are_named_in_the_host_of_another_program(tmp_path, monkeypatch):
+def test_cpus_that_are_not_there_are_named_in_the_host_of_another_program(calm):
     """The check is that of the dispatcher itself, which a container of ROS starts."""
-    bundle = built(tmp_path, monkeypatch)
+    bundle = calm
     host = (
         '#include "dispatch.h"\n#include <stdio.h>\n#include <time.h>\nint main(void) {\n'
         "  int cpus[64]; for (int i = 0; i < 64; i++) cpus[i] = 999;\n"

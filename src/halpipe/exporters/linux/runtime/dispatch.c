@@ -31,7 +31,7 @@ typedef struct {          /* a table that is played */
 typedef struct {          /* counters have one writer; others read them while it runs */
   pthread_t thread;
   dispatch_event *events;             /* a ring: the thread adds at `head`, the recorder takes at `tail` */
-  _Atomic uint64_t head, tail, unrecorded, skipped, late_ends, lost_tables, no_data, faults;
+  _Atomic uint64_t head, tail, unrecorded, skipped, late_ends, overran, lost_tables, no_data, faults;
   atomic_int is_done, is_demoted;
   _Atomic int64_t next;   /* no job that it is about to start has an earlier instant */
   _Atomic int64_t after;  /* while a job runs: the next one has no earlier instant */
@@ -118,10 +118,13 @@ static int is_ahead(const worker_state *self, int64_t at) {
   return 0;
 }
 
-/* A thread that was stopped within a job may be behind, too; one that does not return must not hold up the others for long. */
+/* A thread that was stopped within a job may be behind, too; one that does not return must not hold up the others. */
 static int is_behind(const worker_state *self, int64_t at) {
-  for (int i = 0; i < self->n_peers; i++)
-    if (atomic_load_explicit(&workers[self->peers[i]].after, memory_order_relaxed) <= at) return 1;
+  for (int i = 0; i < self->n_peers; i++) {
+    const worker_state *other = &workers[self->peers[i]];
+    const int is_stuck = atomic_load_explicit(&other->noticed, memory_order_relaxed) == atomic_load_explicit(&other->due, memory_order_relaxed);
+    if (!is_stuck && atomic_load_explicit(&other->after, memory_order_relaxed) <= at) return 1;
+  }
   return 0;
 }
 
@@ -196,7 +199,7 @@ static void play(worker_state *self, const dispatch_job *job, const turn *turn, 
   if (result == DISPATCH_FAULT) fail_safe(self);
   if (result == DISPATCH_NO_DATA) atomic_fetch_add(&self->no_data, 1);
   if (over > due) {
-    atomic_fetch_add(&self->late_ends, 1);
+    atomic_fetch_add(over - began > due - at ? &self->overran : &self->late_ends, 1);
     if (atomic_load(&self->noticed) != due) flee(self);
   }
   const dispatch_event event = {
@@ -500,6 +503,7 @@ int dispatch_start(const dispatch_options *options) {
   offset = offset_of(now_.clock);
   origin = now_.origin ? now_.origin - offset : ((time_now() + offset) / SECOND + 2) * SECOND - offset;
   error = create(&conductor, conduct, NULL, "conductor", -1, now_.priority ? now_.priority + plan.levels : 0);
+  if (!error) atexit(dispatch_left);
   return error ? dispatch_fail(error, "the conductor cannot be started", NULL) : 0;
 }
 
@@ -575,7 +579,7 @@ dispatch_counts dispatch_counted(int worker) {
   worker_state *w = &workers[worker];
   const int64_t over = time_now() - atomic_load(&w->due);
   return (dispatch_counts){
-    .unrecorded = atomic_load(&w->unrecorded), .skipped = atomic_load(&w->skipped), .late_ends = atomic_load(&w->late_ends),
+    .unrecorded = atomic_load(&w->unrecorded), .skipped = atomic_load(&w->skipped), .late_ends = atomic_load(&w->late_ends), .overran = atomic_load(&w->overran),
     .lost_tables = atomic_load(&w->lost_tables), .no_data = atomic_load(&w->no_data), .faults = atomic_load(&w->faults),
     .is_running = !atomic_load(&w->is_done), .is_stuck = over > 0, .over = over,
   };

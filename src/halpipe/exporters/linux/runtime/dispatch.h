@@ -101,7 +101,8 @@ typedef struct {
 } dispatch_event;
 
 typedef struct {          /* counts of a thread */
-  uint64_t unrecorded, skipped, late_ends, lost_tables, no_data, faults;
+  uint64_t unrecorded, skipped, lost_tables, no_data, faults;
+  uint64_t late_ends, overran;                /* of jobs that were late, and of jobs that took longer than their slots */
   int is_running, is_stuck;                   /* stuck: a job runs whose slot is over */
   int64_t over;                               /* ns since the end of the slot of the job that is stuck */
 } dispatch_counts;
@@ -144,6 +145,7 @@ int dispatch_running(int worker, dispatch_event *into);
 int dispatch_worker_here(void);               /* of the calling thread, -1: none */
 int dispatch_thread(void *thread, void *(*body)(void *), void *argument, const char *name);   /* at normal priority */
 int dispatch_recorder_begin(void);
+void dispatch_left(void);                     /* at exit(): the recording is completed unless it was finished */
 void dispatch_enter(void);                    /* by each thread that runs foreign code */
 
 /* The function that runs the program of a job in the table that begins at `at`; dispatch_load sets its own. */

@@ -324,7 +324,10 @@ static void attend(int signals, int control) {
     if (cfg.seconds > 0 && end <= now) dispatch_stop();
     else if (cfg.seconds > 0 && end < next) next = end;
     poll(sources, control >= 0 ? 2 : 1, (int)((next - now) / 1000000) + 1);
-    if (sources[0].revents & POLLIN) dispatch_stop();
+    if (sources[0].revents & POLLIN) {
+      dispatch_stop();
+      sources[0].fd = -1;
+    }
     if (control >= 0 && sources[1].revents & POLLIN) read_requests(control);
   }
 }
@@ -351,7 +354,7 @@ static void summarise(void) {
   for (int w = 0; w < plan.n_workers; w++) {
     const dispatch_counts c = dispatch_counted(w);
     all.unrecorded += c.unrecorded, all.skipped += c.skipped, all.lost_tables += c.lost_tables;
-    all.late_ends += c.late_ends + (uint64_t)c.is_stuck;
+    all.late_ends += c.late_ends + c.overran + (uint64_t)c.is_stuck;
     if (c.is_running) say("task %s does not return", plan.workers[w].task);
   }
   if (dispatch_recorded())
@@ -386,6 +389,8 @@ int main(int argc, char **argv) {
   sigemptyset(&set);
   sigaddset(&set, SIGINT);
   sigaddset(&set, SIGTERM);
+  struct sigaction before;
+  if (sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler != SIG_IGN) sigaddset(&set, SIGHUP);   /* unless by nohup */
   pthread_sigmask(SIG_BLOCK, &set, NULL);
   const int signals = signalfd(-1, &set, SFD_CLOEXEC);
   const int control = cfg.control ? open(cfg.control, O_RDWR | O_NONBLOCK | O_CLOEXEC) : -1;

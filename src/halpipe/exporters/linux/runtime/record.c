@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -24,7 +25,7 @@
 #define ALTERNATE (64 * 1024)     /* stack for the signal after a stack has overflown */
 
 static const char header[] = "task,job,mode,cycle,start,end,units,busy,planned,data\n";
-static const int fatal[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+static const int fatal[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGSYS, SIGTRAP, SIGXCPU};
 
 static struct {
   char name[4096], former[4096], page[PAGE];
@@ -64,7 +65,14 @@ static void give_up(int error) {
   out.file = -1;
 }
 
+/* A file without a name is written for no one. */
+static int is_removed(void) {
+  struct stat found;
+  return out.file >= 0 && fstat(out.file, &found) == 0 && found.st_nlink == 0;
+}
+
 static void flush(void) {
+  if (is_removed()) give_up(ENOENT);
   for (size_t done = 0; done < out.filled && out.file >= 0;) {
     const ssize_t n = write(out.file, out.page + done, out.filled - done);
     if (n < 0 && errno == EINTR) continue;
@@ -77,7 +85,7 @@ static void flush(void) {
 }
 
 static void open_file(void) {
-  out.file = open(out.name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  out.file = open(out.name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NONBLOCK, 0644);
   out.size = 0;
   if (out.file < 0) out.error = errno;
   else put(header);
@@ -189,18 +197,29 @@ static void say(const char *text) {
   if (write(STDERR_FILENO, text, strlen(text)) < 0) return;
 }
 
-static void crash(int number) {
-  char digits[3] = {(char)('0' + number / 10), (char)('0' + number % 10), 0};
+static void name_and_close(const char *how) {
   const int worker = dispatch_worker_here();
   say("dispatcher: ");
   say(worker < 0 ? "a thread without a task" : "task ");
   if (worker >= 0) say(plan.workers[worker].task);
-  say(" ended the process by signal "), say(digits);
+  say(" ended the process by "), say(how);
   say(out.file >= 0 ? "; the recording is kept\n" : "\n");
   int waits = 0;
   while (atomic_flag_test_and_set(&busy) && waits++ < 1000) rest(1000000);
   if (waits < 1000) close_file();
+}
+
+static void crash(int number) {
+  char how[] = {'s', 'i', 'g', 'n', 'a', 'l', ' ', (char)('0' + number / 10), (char)('0' + number % 10), 0};
+  name_and_close(how);
   raise(number);   /* its handler was taken away when it came: the process ends by it */
+}
+
+/* A program may call exit(), with any status; the tables end by it, which is no success. */
+void dispatch_left(void) {
+  if (atomic_load(&finishing)) return;
+  name_and_close("exit()");
+  _exit(1);
 }
 
 /* Every thread that runs foreign code has a second stack, since the first may be what overflowed. */
@@ -228,6 +247,8 @@ int dispatch_record(const char *file, uint64_t limit) {
 int dispatch_recorder_begin(void) {
   struct sigaction action = {.sa_handler = crash, .sa_flags = SA_ONSTACK | SA_RESETHAND};
   for (size_t i = 0; i < sizeof fatal / sizeof *fatal; i++) sigaction(fatal[i], &action, NULL);
+  signal(SIGXFSZ, SIG_IGN);   /* a file or a log that takes no more is an error of write(), and no end of control */
+  signal(SIGPIPE, SIG_IGN);
   const int error = dispatch_thread(&recorder, rounds, NULL, "recorder");
   has_recorder = !error;
   return error ? dispatch_fail(error, "the recorder cannot be started", NULL) : 0;
@@ -253,7 +274,7 @@ static int tell(char *text, size_t size, uint64_t *told, uint64_t count, const c
 }
 
 int dispatch_news(char *text, size_t size) {
-  static struct {uint64_t stuck, late, no_data, faults, unrecorded;} *seen;
+  static struct {uint64_t stuck, overran, late, no_data, faults, unrecorded;} *seen;
   static uint64_t steps_told, left_told, error_told;
   if (!seen && !(seen = calloc((size_t)plan.n_workers, sizeof *seen))) return 0;
   for (int i = 0; i < plan.n_workers; i++) {
@@ -266,6 +287,7 @@ int dispatch_news(char *text, size_t size) {
       return 1;
     }
     if (tell(text, size, &seen[i].faults, c.faults, task, ": a job failed")) return 1;
+    if (!seen[i].overran && tell(text, size, &seen[i].overran, c.overran, task, ": a job took longer than its slot")) return 1;
     if (!seen[i].late && tell(text, size, &seen[i].late, c.late_ends, task, ": a job ended late")) return 1;
     if (!seen[i].no_data && tell(text, size, &seen[i].no_data, c.no_data, task, ": there was no message for a job")) return 1;
     if (!seen[i].unrecorded && tell(text, size, &seen[i].unrecorded, c.unrecorded, task, ": jobs are not recorded; raise --events"))

@@ -239,7 +239,7 @@ private:
       status.name = std::string(get_name()) + ": " + plan.workers[i].task;
       status.hardware_id = plan.workers[i].unit;
       const bool is_bad = c.is_stuck || c.faults;
-      const bool is_odd = c.late_ends || c.no_data || c.skipped || c.lost_tables;
+      const bool is_odd = c.late_ends || c.overran || c.no_data || c.skipped || c.lost_tables;
       status.level = is_bad ? DiagnosticStatus::ERROR : is_odd ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
       status.message = c.is_stuck ? "a job does not return" : c.faults ? "a job failed" : is_odd ? "late, or without data" : "";
       const auto value = [&status](const char * key, const std::string & text) {
@@ -250,6 +250,7 @@ private:
       };
       value("mode", plan.tables[dispatch_table_now()].name);
       value("ended late", std::to_string(c.late_ends));
+      value("longer than their slots", std::to_string(c.overran));
       value("without a message", std::to_string(c.no_data));
       value("skipped", std::to_string(c.skipped));
       value("failed", std::to_string(c.faults));
