@@ -165,7 +165,7 @@ def bytes_of_metadata(count):
 
 @lowered("importers.traces.read:_MOST_TEXT", 9, "too long a line")
 def characters_of_a_line(count):
-    list(named("importers.traces.read:_lines")(io.BytesIO(b"x" * count), "t.csv", "utf-8", None))
+    list(named("importers.traces.read:_lines")(iter(["x" * count]), "t.csv", Findings()))
 
 
 # ------------------------------------------------------------------------------------------------ targets
