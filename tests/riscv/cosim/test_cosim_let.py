@@ -189,6 +189,19 @@ def test_copies_that_do_not_fit_are_refused(made, start, text, said):
 
 
 @pytest.mark.parametrize(
+    ("change", "help"),
+    [  # the model that is refused; following the help leads to TEXT, which is exported (see `sound`)
+        ((' offset="0ms"', ""), 'state offset="0ms" for first, second, third, and schedule again: their instants'),
+        (('let="4ms"', 'let="4.9ms"'), 'make their LETs multiples of 200us, state offset="0ms" for first, second'),
+    ],
+)
+def test_instants_too_close_have_a_remedy(made, change, help):
+    with pytest.raises(HalpipeError) as refused:
+        made(TEXT.replace(*change), STARTS | {"first": ["0.3ms", "6.1ms"]})
+    assert any(d.help.startswith(help) for d in refused.value.diagnostics), [d.help for d in refused.value.diagnostics]
+
+
+@pytest.mark.parametrize(
     "change",
     [
         lambda c: c["turns"][0].update(after=c["turns"][0]["after"] + 1),

@@ -120,7 +120,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         tables = operations.tables(schedule)
         backlog = find_backlog(tables, operations.programs, slower(profile, slots))
         findings.extend(too_short(operations.programs, backlog, site.parts, profile))
-        findings.extend(site.copies.conflicts(tables, operations.programs, site.memory, model))
+        findings.extend(site.copies.conflicts(tables, operations.programs, site.memory, model, site.clock))
         findings.stop_on_errors()
         plan = Plan(operations.programs, tables, backlog, images)
         elf = _program(shop, render, site, model.name, plan, monitors, drivers)

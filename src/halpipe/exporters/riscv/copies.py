@@ -83,7 +83,7 @@ class Copies:
         return self.releases.get(id(job), job.start)
 
     def conflicts(
-        self, tables: Sequence[Table], programs: Sequence[Program], memory: MainMemory, model: TaskModel
+        self, tables: Sequence[Table], programs: Sequence[Program], memory: MainMemory, model: TaskModel, clock: Clock
     ) -> Iterator[Diagnostic]:
         """Yield what keeps copies from being those of their instants, in all that can follow each other."""
         if not self.turns:
@@ -91,6 +91,7 @@ class Copies:
         known = set()
         for line in lines_of(tables):
             for task, message, help in self._conflicts(_released(line, tables), programs, memory, model):
+                help = help or self._apart(model, clock)
                 if (task, help) not in known:
                     known.add((task, help))
                     yield COPIES_UNFIT(message, at=model.task(task).at, path=about(task=task), help=help)
@@ -124,13 +125,27 @@ class Copies:
         for (before, _), (after, task) in pairwise(sorted(instants.items())):
             if after - before < self.window:
                 text = f"copies at an instant {after - before} ticks after another, all copies need {self.window}"
-                yield task, text, "state LETs, offsets and periods as multiples of a time that holds all copies"
+                yield task, text, ""
         for low, high, name, writes, task in areas:
             for begin, end, buffer, is_written, other in direct:
                 if buffer == name and (writes or is_written) and low < end and begin < high:
                     text = f'"{name}" is copied while a phase of "{other}" moves it'
                     yield task, text, f'state a LET for "{other}", too, or move its phase'
         yield from self._too_many(line, programs, model)
+
+    def _apart(self, model: TaskModel, clock: Clock) -> str:
+        """Return what keeps the instants of copies apart: releases and ends of LETs on a grid that holds all copies."""
+        tasks = [task for task in model.tasks if task.name in self.tasks]
+        periods, lets = ([getattr(task, name) or ZERO for task in tasks] for name in ("period", "let"))
+        names, needed = ", ".join(task.name for task in tasks), clock.tick * self.window
+        again = f'state offset="0ms" for {names}, and schedule again'
+        if (shared := greatest_common_divisor([*periods, *lets])) >= needed:
+            return f"{again}: their instants are then {shared} apart"
+        if (shared := greatest_common_divisor(periods)) < needed:
+            return f"make their periods multiples of a time of at least {needed}, {again}"
+        most = math.floor(shared / needed)
+        grid = next((shared / n for n in range(most, 1, -1) if (shared / n).in_unit("us") % 10 == 0), shared)
+        return f"make their LETs multiples of {grid}, {again}"
 
     def _too_many(
         self, line: Sequence[tuple[int, Release]], programs: Sequence[Program], model: TaskModel
