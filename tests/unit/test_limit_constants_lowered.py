@@ -70,6 +70,15 @@ def bytes_of_a_file_whose_lines_are_shown(count):
         module.os.path.getsize = original
 
 
+@lowered("core.files.reading:MOST_BESIDE", 3, "nothing")
+def files_beside_one_that_is_missing(count):
+    module = import_module("halpipe.core.files.reading")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module.os, "listdir", lambda _: [*(f"a{number}" for number in range(count - 1)), "model.xml"])
+        found = module._unreadable("modle.xml", FileNotFoundError())
+    return "" if "model.xml" in found.help else "nothing"
+
+
 def explained(count):
     """Return how many of so many wrong units are explained."""
     from halpipe.schemas import TASK_MODEL, _explain, namespace
@@ -308,6 +317,19 @@ def names_of_a_group(count):
     return named("pipeline.solve.groups:_list")("task", [str(number) for number in range(count)])
 
 
+@lowered(
+    "pipeline.solve.optimise:MOST_WORK",
+    6,
+    "left",
+    _nodes=lambda *_: {0: 1},
+    _edges=lambda _, jobs, nodes: [fake(before=0, after=1)] * len(jobs),
+    _shifts=MagicMock(side_effect=ValueError("stretched")),
+)
+def work_of_an_order(count):
+    jobs = (fake(parts=()),) * count
+    return "left" if named("pipeline.solve.optimise:stretched")(None, None, jobs, 1) is jobs else ""
+
+
 @lowered("pipeline.stable:MOST_PUT_BACK", 3, "fewer")
 def tasks_that_are_put_back(count):
     module = import_module("halpipe.pipeline.stable")
@@ -351,6 +373,17 @@ def misfit_of_a_period(count):
     tasks = {name: fake(task=fake(period=Duration(p), distance=None), is_periodic=True) for name, p in periods.items()}
     mode = fake(tasks=tasks, order=list(tasks), named={"a": {}, "b": {}})
     return "guilty" if named("pipeline.validate.hyperperiod:_find_cause")(mode).guilty else ""
+
+
+@lowered("pipeline.validate.hyperperiod:_MAX_SNAPPED", 2, "make the periods multiples")
+def guilty_periods_that_are_cured(count):
+    base = Duration(10**7)
+    guilty = tuple(base + Duration(number) for number in range(1, count + 1))
+    periods = (base, *guilty)
+    cause = named("pipeline.validate.hyperperiod:_Cause")(
+        guilty, base, 1, dict.fromkeys(periods, 1), {each: ["a"] for each in periods}, {}
+    )
+    return cause.cure()
 
 
 @lowered("pipeline.validate.hyperperiod:_MAX_STEPS", 5, "none")
