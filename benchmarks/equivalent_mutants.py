@@ -255,6 +255,8 @@ CONDITIONS = {
     ("second_checker.py", 'if any(chain.limits) and all((task in self.source.runs for task in tasks)):'): WITHIN,
     ("second_checker.py", 'return self.until is None or (one[0].start + one[1] <= self.until and two[0].start + two[1] >= 0)'): WITHIN,
     ("second_checker.py", 'return self.until is None or (one[0].start + one[1] < self.until and two[0].start + two[1] >= 0 - 1)'): WITHIN,
+    ("second_checker.py", 'return start + (self.model.reserved(self.units, self.version.resume * (number > 0) + point - begin))'): FULL,
+    ("second_checker.py", 'over = self.model.reserved(job.units, lost + to - start)'): FULL,
     ("timing.py", "is_counted = self._active.task.distance is None"): "two phases suit all jobs by slack only where two jobs lie half a cycle apart: the later is not in the first period, which a LET needs",
     ("timing.py", 'always: if active.task.distance is None or active.let is not None:'): "a job that serves arrivals ends later after the job before than after its release: that starts up to a period earlier",
     ("timing.py", 'always: if active.task.distance is not None:'): "without a distance nothing is reported",

@@ -1,11 +1,13 @@
 """``halpipe serve`` where it cannot begin; see tests/unit/workbench and tests/workbench for the workbench itself."""
 
 import builtins
+import signal
 import socket
 
 import pytest
 
 from command_line import run_here
+from halpipe.cli.serve import _end_when_the_terminal_closes
 from halpipe.starters import first_model
 
 
@@ -45,3 +47,22 @@ def test_a_model_that_cannot_be_read(folder):
     pytest.importorskip("uvicorn", reason="the extra [serve]")
     (folder / "model.xml").write_text("<x>")
     assert run_here(folder, "serve", "model.xml").returncode == 1
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up")
+def test_a_terminal_that_closes_is_a_request_to_end():
+    """The server handles SIGTERM; an exception out of a signal, within its loop, left it running now and then."""
+    ended = []
+    kept = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
+    try:
+        signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
+        _end_when_the_terminal_closes()
+        signal.raise_signal(signal.SIGHUP)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as of nohup
+        _end_when_the_terminal_closes()
+        signal.raise_signal(signal.SIGHUP)
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+    assert ended == [signal.SIGTERM]

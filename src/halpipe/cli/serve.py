@@ -62,8 +62,18 @@ def serve(
     with scratch_folder() as folder:
         if browser:
             _open(address, folder)
+        _end_when_the_terminal_closes()
         uvicorn.Server(config).run(sockets=[listening])
     return Exit.OK
+
+
+def _end_when_the_terminal_closes() -> None:
+    """Let SIGHUP be the SIGTERM that the server expects: an exception within its loop leaves it half stopped."""
+    import signal
+
+    hangup = getattr(signal, "SIGHUP", None)  # Windows has no terminals that hang up
+    if hangup is not None and signal.getsignal(hangup) is signal.default_int_handler:
+        signal.signal(hangup, lambda *_: signal.raise_signal(signal.SIGTERM))
 
 
 def _listen(port: int) -> socket:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration
-from halpipe.core.files import read_bytes, write_output
+from halpipe.core.files import read_own, write_output
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.workbench.edits import Pin
@@ -44,7 +44,7 @@ class Journal:
         if not os.path.lexists(self.path):
             return None
         try:
-            stated = json.loads(read_bytes(self.path))
+            stated = json.loads(read_own(self.path))
             model = parse_model(stated["model"].encode(), self.path)
             pins = tuple(
                 Pin(mode, task, index, Duration.parse(at), unit) for mode, task, index, at, unit in stated["pins"]

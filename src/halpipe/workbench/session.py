@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, about, error, sort_diagnostics
-from halpipe.core.files import CANNOT_WRITE, is_ended, read_bytes, sha256, write_outputs
+from halpipe.core.files import CANNOT_WRITE, is_ended, read_own, sha256, write_outputs
 from halpipe.core.records import record
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
@@ -80,7 +80,7 @@ class Session:
     """State of a workbench; one thread at a time may call it."""
 
     def __init__(self, path: str, workers: int = 1) -> None:
-        content = read_bytes(path)
+        content = read_own(path)
         self.path = path
         self.lock = threading.Lock()
         self.revision = 0
@@ -196,7 +196,7 @@ class Session:
     def changed_on_disk(self) -> bool:
         """Return whether the file is not what was read or written."""
         try:
-            return sha256(read_bytes(self.path)) != self._on_disk
+            return sha256(read_own(self.path)) != self._on_disk
         except HalpipeError:
             return True
 

@@ -8,6 +8,7 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
+from halpipe.core.files import protecting_inputs
 from halpipe.exporters.native import format_model
 from halpipe.exporters.report import ReportOptions
 from halpipe.exporters.report import scene as drawing
@@ -288,6 +289,19 @@ def test_saved_edits_leave_no_journal(session):
     session.save("", force=True)
     assert not os.path.exists(f"{session.path}.edits")
     assert Session(session.path).state.model == session.state.model
+
+
+def test_the_command_that_read_them_writes_model_and_journal_again(session):
+    """No command writes over what it has read, but for what it keeps itself."""
+    session.edit(wcet("7ms"))
+    with protecting_inputs():
+        again = Session(session.path)
+        again.begin()
+        again.edit(wcet("6ms"))
+        assert again.journal.fault == ""
+        assert Session(session.path).state.model == again.state.model
+        again.save("", force=True)
+    assert Session(session.path).opened == again.state.model
 
 
 @pytest.mark.parametrize("spoil", ["another model", "another journal"])
