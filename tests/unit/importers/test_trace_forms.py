@@ -2,6 +2,7 @@
 
 import sys
 import zlib
+from itertools import pairwise
 
 import pytest
 import trace_forms as forms
@@ -131,6 +132,42 @@ def test_slices_of_perfetto_are_those_of_the_json_form():
         ("A", ("c0",), 4000, 5000),
         ("C", ("c1",), 6000, 9000),
     ]
+
+
+def perfetto_jobs(*events, before=()):
+    """Read events on the tracks c0 and c1 as task, start and end."""
+    tracks = [forms.message((60, forms.message((1, n), (2, f"c{n}"))), (10, 1)) for n in (1, 2)]
+    (found,) = parse_traces(forms.trace(*tracks, *before, *events), "t").traces
+    return [(e.task, e.units, e.start.ns, e.end.ns) for e in found.executions]
+
+
+def event(stamp, track, name="", clock=None):
+    """Write the begin of a slice with a name, or the end of one."""
+    what = forms.message((9, 1 if name else 2), (11, track), *([(23, name)] if name else []))
+    return forms.message((8, stamp), (10, 1), (11, what), *([(58, clock)] if clock else []))
+
+
+RUN = [(1000, 1, "A"), (3000, 1), (3000, 1, "B"), (4000, 1), (6000, 2, "C"), (9000, 2)]
+SEEN = [("A", ("c1",), 1000, 3000), ("B", ("c1",), 3000, 4000), ("C", ("c2",), 6000, 9000)]
+
+
+def test_packets_of_perfetto_need_no_order():
+    written = [event(*each) for each in RUN]
+    assert perfetto_jobs(*written) == perfetto_jobs(*reversed(written)) == SEEN
+
+
+@pytest.mark.parametrize("unit", [1, 500])
+def test_stamps_of_the_tracing_sdk_count_from_the_one_before(unit):
+    """Clock 64 of a writer: its zero is that of the snapshot, 500 ns on the clock of the system."""
+    own = forms.message((1, 64), (2, 7), (3, 1), (4, unit))
+    snapshot = forms.message((6, forms.message((1, own), (1, forms.message((1, 6), (2, 500))))), (10, 1))
+    instants = [500, *(at for at, *_ in RUN)]
+    deltas = [(after - before) // unit for before, after in pairwise(instants)]
+    written = [event(delta, *rest, clock=64) for delta, (_, *rest) in zip(deltas, RUN, strict=True)]
+    assert perfetto_jobs(*written, before=[snapshot]) == SEEN
+    with pytest.raises(HalpipeError) as refused:
+        perfetto_jobs(*written)
+    assert "6 of events without an instant, or on a clock" in refused.value.diagnostics[0].message
 
 
 def test_perfetto_forgets_interned_names_when_the_writer_starts_again():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import zlib
 from collections import Counter
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import HalpipeError, Location
@@ -35,6 +36,7 @@ _CLEARED = 1
 _MALFORMED = (ValueError, IndexError, TypeError, AttributeError, zlib.error)
 _BOOTTIME = 6
 _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
+_LAST_BUILTIN = 63
 
 
 def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
@@ -134,13 +136,39 @@ def _messages(fields: Fields, number: int) -> Iterator[Fields]:
     return (fields_of(value) for value in fields.get(number, ()) if isinstance(value, bytes))
 
 
+@dataclass(slots=True)
+class _Clock:
+    """A clock of a writer's own: its stamps count `unit_ns` from `zero`, or from the stamp before.
+
+    The tracing SDK of Perfetto stamps the events of programs by such a clock.
+    """
+
+    zero: int
+    unit_ns: int
+    last: int
+    is_incremental: bool
+
+    def time(self, stamp: int) -> int:
+        """Return the instant of the next packet."""
+        self.last = stamp + (self.last if self.is_incremental else 0)
+        return self.zero + self.last * self.unit_ns
+
+
 class _Sequence:
-    """State of one writer's packets: names by number, and defaults."""
+    """State of one writer's packets: names by number, clocks, and defaults."""
 
     def __init__(self) -> None:
         self.names: dict[int, str] = {}
+        self.clocks: dict[int, _Clock] = {}
         self.clock = _BOOTTIME
         self.track = 0
+
+    def time(self, packet: Fields) -> int | None:
+        """Return the instant of a packet; None where it has none on a clock that is known."""
+        clock, stamp = _one(packet, 58, self.clock), _one(packet, 8, -1)
+        if stamp < 0 or clock in _NANOSECOND_CLOCKS:
+            return None if stamp < 0 else stamp
+        return self.clocks[clock].time(stamp) if clock in self.clocks else None
 
 
 class _Reader:
@@ -157,15 +185,15 @@ class _Reader:
         self.switches: list[tuple[int, int, int, bool, int, str]] = []
         self.others: Counter[str] = Counter()
         self.has_lost = False
-        self.taken: dict[int, Callable[[Fields, _Sequence, Fields], None]] = {
+        self.taken: dict[int, Callable[[Fields, _Sequence], None]] = {
+            6: self._snapshot,
             12: self._interned,
             59: self._defaults,
             60: self._descriptor,
             2: self._tree,
-            11: self._event,
             1: self._bundle,
         }
-        """What is done with the messages of a packet, by the number of their field and in this order."""
+        """What is done with the messages of a packet before its events, by the number of their field, in this order."""
 
     def packet(self, fields: Fields, *, is_packed: bool = False) -> None:
         """Take one packet, or those that it holds compressed."""
@@ -175,7 +203,10 @@ class _Reader:
         self.has_lost = self.has_lost or 42 in fields
         for number, take in self.taken.items():
             for value in fields.get(number, ()):
-                take(fields_of(value), sequence, fields)
+                take(fields_of(value), sequence)
+        at = sequence.time(fields)
+        for event in _messages(fields, 11):
+            self._event(event, sequence, at)
         for packed in fields.get(50, ()):
             if is_packed:
                 raise ValueError("packets are compressed twice")
@@ -186,19 +217,29 @@ class _Reader:
             for packet in _packets(io.BytesIO(data)):
                 self.packet(fields_of(packet), is_packed=True)
 
-    def _interned(self, interned: Fields, sequence: _Sequence, _: Fields) -> None:
+    def _snapshot(self, snapshot: Fields, sequence: _Sequence) -> None:
+        """Take the clocks of a writer by the nanoseconds of the first builtin clock beside them."""
+        clocks = {_one(clock, 1, 0): clock for clock in _messages(snapshot, 1)}
+        builtin = [clocks[known] for known in (_BOOTTIME, *_NANOSECOND_CLOCKS) if known in clocks]
+        for number, clock in clocks.items() if builtin else ():
+            if number > _LAST_BUILTIN:
+                stamp, unit = _one(clock, 2, 0), _one(clock, 4, 1)
+                zero = _one(builtin[0], 2, 0) - stamp * unit
+                sequence.clocks[number] = _Clock(zero, unit, stamp, bool(_one(clock, 3, 0)))
+
+    def _interned(self, interned: Fields, sequence: _Sequence) -> None:
         sequence.names.update({_one(name, 1, 0): _text(name, 2) for name in _messages(interned, 2)})
 
-    def _defaults(self, defaults: Fields, sequence: _Sequence, _: Fields) -> None:
+    def _defaults(self, defaults: Fields, sequence: _Sequence) -> None:
         sequence.clock = _one(defaults, 58, sequence.clock)
         for track in _messages(defaults, 11):
             sequence.track = _one(track, 11, sequence.track)
 
-    def _tree(self, tree: Fields, _: _Sequence, __: Fields) -> None:
+    def _tree(self, tree: Fields, _: _Sequence) -> None:
         for thread in _messages(tree, 2):
             self.threads[_one(thread, 1, 0)] = _text(thread, 2)
 
-    def _descriptor(self, fields: Fields, _: _Sequence, __: Fields) -> None:
+    def _descriptor(self, fields: Fields, _: _Sequence) -> None:
         process = name = None
         for found in _messages(fields, 3):
             process, name = _one(found, 1, 0), _text(found, 6)
@@ -208,10 +249,9 @@ class _Reader:
         stated = _text(fields, 2) or _text(fields, 10)
         self.tracks[_one(fields, 1, 0)] = (process or 0, _one(fields, 5, 0), stated or name or "")
 
-    def _event(self, event: Fields, sequence: _Sequence, packet: Fields) -> None:
-        clock = _one(packet, 58, sequence.clock)
-        if clock not in _NANOSECOND_CLOCKS:
-            self.others[f"events on the clock {clock}"] += 1
+    def _event(self, event: Fields, sequence: _Sequence, at: int | None) -> None:
+        if at is None:
+            self.others["events without an instant, or on a clock that no snapshot explains"] += 1
             return
         kind = _one(event, 9, 0)
         if kind not in (_BEGIN, _END):
@@ -220,9 +260,9 @@ class _Reader:
         name = ""
         if kind == _BEGIN:
             name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or _NAMELESS
-        self.events.append((_one(packet, 8, 0), _one(event, 11, sequence.track), name))
+        self.events.append((at, _one(event, 11, sequence.track), name))
 
-    def _bundle(self, bundle: Fields, _: _Sequence, __: Fields) -> None:
+    def _bundle(self, bundle: Fields, _: _Sequence) -> None:
         cpu = _one(bundle, 1, 0)
         self.has_lost = self.has_lost or bool(_one(bundle, 3, 0))
         for event in _messages(bundle, 2):
@@ -255,13 +295,23 @@ class _Reader:
             track = parent
         return 0
 
+    def _in_order(self) -> list[tuple[int, int, str]]:
+        """Return the events by time; on tracks whose events were not so, ends come before begins of their instant."""
+        last: dict[int, int] = {}
+        mixed = set()
+        for at, track, _ in self.events:
+            if at < last.get(track, at):
+                mixed.add(track)
+            last[track] = at
+        return sorted(self.events, key=lambda event: (event[0], event[1] in mixed and event[2] != ""))
+
     def _slices(self) -> list[Trace]:
         """Return the lines of the processes; slices of a track are nested."""
         lines: dict[int, Jobs] = {}
         depth: Counter[int] = Counter()
         process_of: dict[int, int] = {}
         unbegun = 0
-        for at, track, name in sorted(self.events, key=lambda event: event[0]):
+        for at, track, name in self._in_order():
             if track not in process_of:
                 process_of[track] = self._process_of(track)
             jobs = lines.setdefault(process_of[track], Jobs(self.file, self.findings))
