@@ -1,5 +1,6 @@
 """The ament package: it compiles against stand-ins of Humble, Jazzy and Rolling, and refuses what it cannot bind."""
 
+import random
 import shutil
 import subprocess
 from dataclasses import replace
@@ -83,6 +84,43 @@ def test_the_timer_of_the_other_distribution_does_not_compile(tmp_path, distribu
     files = package()
     files["src/table_executor.hpp"] = files["src/table_executor.hpp"].replace("RCLCPP_VERSION_GTE(28, 0, 0)", condition)
     assert "execute_timer" in compiled(tmp_path, files, distribution)
+
+
+def any_package(seed):
+    """Tasks with any number of jobs, callbacks and waits, in a model whose name has every kind of character."""
+    dice = random.Random(seed)
+    names = [f"/{dice.choice(['a', 'b:c', 'x' * 200, 'd%s', 'e$f'])}{number}" for number in range(dice.randint(1, 9))]
+    owner = model(*(task(name, 10, version("v", "1ms", "u1")) for name in names), units="u1")
+    jobs = [job(owner, name, k, 10 * k + dice.randint(0, 9), "u1") for name in names for k in range(dice.randint(1, 5))]
+    bindings = {}
+    for number, name in enumerate(names):
+        node, order = f"/{dice.choice(['a', 'a/b_c', 'x' * 200])}{number}", dice.randint(0, 3)
+        timer = Binding(node=node, kind="timer", period=dice.randint(1, 10**12), order=order)
+        bindings[name] = dice.choice([timer, Binding(node=node, kind="subscription", topic=f"{node}/_1", order=order)])
+    waiting = {name: ms("0.5ms") for name in names if bindings[name].topic and dice.randint(0, 1)}
+    owner = replace(owner, name=dice.choice(["a$b", "a%b", "a/b:c", "2wd", "a.b~c@d"]))
+    return package(
+        bindings, owner, schedule(owner, 50, *jobs), wait=waiting, messages=dice.choice(["oldest", "newest"])
+    )
+
+
+@needs_compiler
+def test_the_rows_and_tables_of_random_packages_compile(tmp_path):
+    """The rows of all stand in one file, each in a namespace of its own, since the executor is the same."""
+    packages = [any_package(seed) for seed in range(20)]
+    begin = '#include "table_executor.hpp"\n'
+    rows = [files["src/bindings.hpp"].partition(begin)[2] for files in packages]
+    spaces = [f"namespace p{i} {{using table::Row;\n{text}}}\n" for i, text in enumerate(rows)]
+    used = "".join(f" + p{i}::table::n_rows + sizeof p{i}::table::rows[0]" for i in range(len(rows)))
+    used += "".join(f" + p{i}::table::mode_names.size() + p{i}::table::takes_newest" for i in range(len(rows)))
+    text = f"#include <array>\n#include <string>\n{begin}{''.join(spaces)}int main() {{return (0{used}) > 0;}}\n"
+    stated = {"src/container.cpp": text, "src/table_executor.hpp": packages[0]["src/table_executor.hpp"]}
+    assert compiled(tmp_path, stated, HUMBLE) == ""
+    for i, files in enumerate(packages):
+        (tmp_path / f"tables{i}.c").write_text(files["tables.c"])
+    (tmp_path / "dispatch.h").write_text(packages[0]["runtime/dispatch.h"])
+    command = ["cc", "-std=c11", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", *sorted(tmp_path.glob("*.c"))]
+    assert subprocess.run(command, capture_output=True, text=True, check=False).stderr == ""
 
 
 def test_each_program_is_bound_to_one_callback():
