@@ -66,11 +66,6 @@ class Definition:
     is_published: bool = False
     inside: dict[str, Definition] = field(default_factory=dict)
 
-    @property
-    def is_container(self) -> bool:
-        """Whether it defines a container."""
-        return self.tag in _CONTAINER_DEFS
-
 
 class Definitions:
     """The definitions of modules, by their paths and by the standard modules that they refine."""
@@ -223,7 +218,7 @@ class _Check:
         yield from _missing(element, definition, counts) if is_whole else ()
         for part in parts:
             known = definition.inside.get(_name_of(part))
-            if known is not None and known.is_container:
+            if known is not None and known.tag in _CONTAINER_DEFS:
                 yield from self._inside(part, known, "SUB-CONTAINERS", is_whole=is_whole or _is_added(part))
             elif known is not None:
                 yield from self._value(element, part, known)

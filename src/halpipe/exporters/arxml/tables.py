@@ -129,7 +129,8 @@ def make_plan(
     names = ShortNames(SYSTEM, DEFAULT_START)
     tasks = _tasks(jobs, model, layout, names)
     played = list(_played(schedule, holds))
-    idle = {unit: names("Idle", layout.units[unit]) for unit in units if _is_ever_idle(unit, played)}
+    busy = [{unit for job, _, starts in table.jobs if starts for unit in job.units} for table in played]
+    idle = {unit: names("Idle", layout.units[unit]) for unit in units if not all(unit in table for table in busy)}
     events = {name: _events(name, holds.of(work.task, work.versions), names) for name, work in tasks.items()}
     above, priorities = _priorities(model, schedule, tasks, holds)
     tables = []
@@ -226,11 +227,6 @@ def _tasks(jobs: Iterable[Job], model: TaskModel, layout: Layout, names: ShortNa
         parts += [layout.units[work.unit]] if places[work.task] > 1 else []
         named[names(*parts)] = work
     return named
-
-
-def _is_ever_idle(unit: str, played: Iterable[_Played]) -> bool:
-    """Return whether a mode, or a switch that takes time, starts no job on a unit."""
-    return not all(any(unit in job.units for job, _, starts in table.jobs if starts) for table in played)
 
 
 class _Writer:

@@ -120,7 +120,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     model = TaskModel(
         name=legal_name(options.name or system.name),
         units=with_interrupts(platform, system, options.overlay, ledger, findings),
-        tasks=tuple(_tasks(drafts, orders, variants, required, platform, findings)),
+        tasks=tuple(_tasks(drafts, orders, variants, required, findings)),
         chains=tuple(required.chains),
         modes=modes,
         transitions=transitions,
@@ -203,7 +203,6 @@ def _tasks(
     orders: Mapping[str, Mapping[str, tuple[Edge, ...]]],
     variants: Mapping[str, tuple[Variant, ...]],
     required: Requirements,
-    platform: Platform,
     findings: Findings,
 ) -> list[Task]:
     by_name = {draft.name: draft for draft in drafts}
@@ -222,7 +221,7 @@ def _tasks(
                 deadline=required.deadlines.get(draft.name),
                 let=required.lets.get(draft.name),
                 distance=draft.distance,
-                binding=Binding.SYSTEM if platform.is_mapped(draft) else Binding.JOB,
+                binding=Binding.SYSTEM if draft.os_task and draft.os_task.core is not None else Binding.JOB,
                 versions=tuple(
                     _version(draft, replace(variant, name=f"{variant.name}{suffix}"), found, findings)
                     for suffix, found in precedences.items()

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, named
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
-from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import (
     CODE_STARTS,
     DOUBLE_START,
@@ -30,7 +29,7 @@ from halpipe.exporters.arxml.osconfig import autostart, fill_counter, point_name
 from halpipe.exporters.native import paired
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from halpipe.core.diagnostics import Code
     from halpipe.exporters.arxml.document import Box
@@ -40,20 +39,15 @@ if TYPE_CHECKING:
     from halpipe.models.project import Call, Deed, Project, ProjectCounter, Starter
 
 
-@record
-class Stopped:
-    """The edits by which alarms and tables no longer start what a schedule plays, and those that are stopped whole."""
-
-    edits: tuple[Edit, ...]
-    starters: tuple[Starter, ...]
-
-
-def stop_others(project: Project, actions: Collection[Action], reused: Collection[str], findings: Findings) -> Stopped:
-    """Return how to stop what does what the schedule does, beside tables that are reused; report the rest."""
-    return _Stopper(project, actions, reused, findings).run()
+_POINT = "OsScheduleTableExpiryPoint"
 
 
 class _Stopper:
+    """Stops what does what the schedule does, beside tables that are reused; reports the rest.
+
+    `edits` are the changes of files, `stopped` the alarms and tables that are stopped whole.
+    """
+
     def __init__(
         self, project: Project, actions: Collection[Action], reused: Collection[str], findings: Findings
     ) -> None:
@@ -63,18 +57,15 @@ class _Stopper:
         self._reused = reused
         self._findings = findings
         self._removed: list[str] = []
-        self._switched: list[Edit] = []
-        self._stopped: list[Starter] = []
+        self.edits: list[Edit] = []
+        self.stopped: list[Starter] = []
 
-    def run(self) -> Stopped:
+    def run(self) -> None:
         for starter in self._project.starters:
             doubled = [deed for deed in starter.deeds if self._is_doubled(deed)]
             if starter.path in self._reused:
-                self._removed += (
-                    p
-                    for p in self._project.items
-                    if p.rpartition("/")[0] == starter.path and _is_point(self._project, p)
-                )
+                inside = (item for item in self._project.items.values() if item.path.startswith(f"{starter.path}/"))
+                self._removed += (item.path for item in inside if item.definition.endswith(f"/{_POINT}"))
             elif doubled and (starter.is_kept or (starter.is_coded and not starter.is_table and not starter.is_used)):
                 self._leave(starter)
             elif doubled and len(doubled) == len(starter.deeds):
@@ -93,8 +84,7 @@ class _Stopper:
                 self._findings.report(
                     STARTS_ONCE, message, at=at, path=named("OsTask", path), help="nothing, if meant so"
                 )
-        edits = [Edit(at, path) for path in self._removed for at in self._project.items[path].places]
-        return Stopped((*edits, *self._switched), tuple(self._stopped))
+        self.edits[:0] = [Edit(at, path) for path in self._removed for at in self._project.items[path].places]
 
     def _is_doubled(self, deed: Deed) -> bool:
         """Whether the schedule does the same: an OsEvent that it never sets wakes something else."""
@@ -120,8 +110,8 @@ class _Stopper:
             begins = [starter.autostart] if starter.autostart and mode is None else []
             self._removed += [*begins, *starter.calls]
             if mode is not None:  # it starts in other application modes as before
-                self._switched.append(Edit(mode.at, starter.autostart, mode.name, mode.text, None))
-            self._stopped.append(starter)
+                self.edits.append(Edit(mode.at, starter.autostart, mode.name, mode.text, None))
+            self.stopped.append(starter)
         elif starter.is_table:
             self._refuse(
                 starter,
@@ -148,9 +138,6 @@ class _Stopper:
     def _report(self, code: Code, starter: Starter, text: str, remedy: str) -> None:
         path = named("OsScheduleTable" if starter.is_table else "OsAlarm", starter.path)
         self._findings.report(code, text, at=self._project.items[starter.path].at, path=path, help=remedy)
-
-
-_POINT = "OsScheduleTableExpiryPoint"
 
 
 def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapping[str, tuple[str, bytes]]) -> Onto:
@@ -233,10 +220,6 @@ def _refuse_earlier(project: Project, findings: Findings) -> None:
     findings.stop_on_errors()
 
 
-def _is_point(project: Project, path: str) -> bool:
-    return project.items[path].definition.endswith(f"/{_POINT}")
-
-
 class _Writer:
     """Fills the delta, and lists what must change for it."""
 
@@ -252,9 +235,10 @@ class _Writer:
     def run(self) -> None:
         """Write counters, tables and references; stop what starts the same tasks otherwise."""
         reused = [self.path(placed) for placed in self._plan.tables if placed.is_reused]
-        stopped = stop_others(self._project, self._plan.actions.values(), reused, self._findings)
+        stopper = _Stopper(self._project, self._plan.actions.values(), reused, self._findings)
+        stopper.run()
         self._findings.stop_on_errors()
-        self.edits += stopped.edits
+        self.edits += stopper.edits
         if not self._project.app_mode:
             at, path = self._project.items[self._project.os_module].at, self._project.os_module
             message, help = "has no OsAppMode", "add an OsAppMode, or start the tables by code"
@@ -266,7 +250,7 @@ class _Writer:
             if placed.is_reused:
                 self._reuse(placed)
             else:
-                self._table(placed, stopped.starters if index == 0 else ())
+                self._table(placed, stopper.stopped if index == 0 else ())
         for task, calls in self._project.calls.items():
             point = self._first_point(task)
             for call in calls if point else ():
@@ -289,7 +273,7 @@ class _Writer:
         found = [path for path, bound in self._project.applications.items() if bound == unit]
         return next((path for path in found if path in started), next(iter(found), ""))
 
-    def _table(self, placed: Placed, stopped: tuple[Starter, ...]) -> None:
+    def _table(self, placed: Placed, stopped: Sequence[Starter]) -> None:
         table = placed.table
         box = self._os.new(table.name, "OsScheduleTable")
         mark(box, stopped)

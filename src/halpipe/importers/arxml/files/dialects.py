@@ -103,7 +103,8 @@ def modernise(root: etree._Element, namespace: str) -> etree._Element:
             element.text = _definition(element.text or "")
         element.tag = f"{{{namespace}}}{inside.get(tag) or _renamed(tag, holder)}"
         if tag in _ACCESSES:
-            _nest_access(element, namespace)
+            for child in element.findall("{*}DATA-ELEMENT-IREF"):
+                _wrap(child, "ACCESSED-VARIABLE", namespace)
         if tag == "DELEGATION-CONNECTOR-PROTOTYPE":
             _nest_inner_port(element, namespace)
     return root
@@ -132,11 +133,6 @@ def _wrap(child: etree._Element, tag: str, namespace: str) -> None:
         wrapper = parent.makeelement(f"{{{namespace}}}{tag}")
         parent.replace(child, wrapper)
         wrapper.append(child)
-
-
-def _nest_access(element: etree._Element, namespace: str) -> None:
-    for child in element.findall("{*}DATA-ELEMENT-IREF"):
-        _wrap(child, "ACCESSED-VARIABLE", namespace)
 
 
 def _nest_inner_port(connector: etree._Element, namespace: str) -> None:

@@ -119,11 +119,6 @@ class Node:
         """Report something of the element."""
         findings.report(code, message, at=self.at, path=named(self.tag, self.path), help=help)
 
-    @property
-    def is_variant(self) -> bool:
-        """Whether one of the parts exists under a condition only, so that others may stand in its place."""
-        return any(part.element.find(f"{NS}VARIATION-POINT/*") is not None for part in self.parts)
-
     def inside(self, *tags: str) -> Iterator[Node]:
         """Yield the direct children, of the given tags if any are given, in document order."""
         for child in self.children.values():
@@ -298,11 +293,6 @@ class Tree:
         """Whether a file defines an element of a tag at a path."""
         return any(node.tag == tag for node in self._by_path.get(path, ()))
 
-    @staticmethod
-    def at(element: etree._Element, file: str) -> Location:
-        """Return where an element of a node stands."""
-        return place(element, file)
-
     def elements(self, node: Node, path: str) -> Sequence[tuple[etree._Element, str]]:
         """Return the elements of a node at a path; nothing is looked for that occurs in no document."""
         occurs = self._occurs.get(path)
@@ -319,14 +309,14 @@ class Tree:
             if first is None:
                 first = found
             elif not _same_value(first.value, found.value):
-                self._report_conflict(node, path, first, found)
+                self.report_conflict(node, path, (first.value, first.at), (found.value, found.at))
         return first
 
     def ref(self, node: Node, path: str) -> Ref | None:
         """Return the only reference at a relative path; report a conflict if two parts state it differently."""
         found = self.refs(node, path)
         for other in found[1:]:
-            self._report_conflict(node, path, Text(found[0].path, found[0].at), Text(other.path, other.at))
+            self.report_conflict(node, path, (found[0].path, found[0].at), (other.path, other.at))
         return found[0] if found else None
 
     def refs(self, node: Node, path: str) -> list[Ref]:
@@ -429,13 +419,11 @@ class Tree:
                     return path
         return ""
 
-    def _report_conflict(self, node: Node, path: str, first: Text, second: Text) -> None:
-        self.report_conflict(node, path, (first.value, first.at), (second.value, second.at))
-
     def report_conflict(self, node: Node, what: str, first: tuple[str, Location], second: tuple[str, Location]) -> None:
         """Report that two parts of a node state `what` differently: as variants of it, or as a contradiction."""
         message = f'{what} is "{second[0]}" here, but "{first[0]}" at {first[1]}'
-        if node.is_variant and self._is_whole:
+        is_variant = any(part.element.find(f"{NS}VARIATION-POINT/*") is not None for part in node.parts)
+        if is_variant and self._is_whole:
             help = "choose a variant; otherwise the first of the two counts"
             self.findings.report(codes.VARIANT, message, at=second[1], path=node.path, help=help)
             return

@@ -213,7 +213,7 @@ def _prune(document: Document, values: _Values, findings: Findings) -> Iterator[
     for point in list(document.root.iter(_NS + "VARIATION-POINT")):
         holder = point.getparent()
         outer = holder.getparent() if holder is not None else None
-        if holder is None or outer is None or not _is_inside(holder, document.root):
+        if holder is None or outer is None or all(ancestor is not document.root for ancestor in holder.iterancestors()):
             continue
         if not _exists(point, values, document.name, findings):
             for short_name in holder.iter(_NS + "SHORT-NAME"):
@@ -236,10 +236,6 @@ def _decimal(value: Fraction) -> str:
     while value.denominator != 1 and digits < 30:
         value, digits = value * 10, digits + 1
     return f"{value.numerator // value.denominator}E-{digits}" if digits else str(value.numerator)
-
-
-def _is_inside(element: etree._Element, root: etree._Element) -> bool:
-    return any(ancestor is root for ancestor in element.iterancestors())
 
 
 def _formulas(root: etree._Element) -> list[etree._Element]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.importers.arxml.files.tree import Node, Tree
+    from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.system.values import Ecu, System
 
 _MAX_DEPTH = 32
@@ -107,7 +107,7 @@ class _Configured:
             context = self._defined(item) or self._by_flat_map(item)
             if context:
                 found[item.prototype] = context
-            elif not self._is_defined(item.prototype) and not self._tree.is_absent(item.prototype):
+            elif not self._tree.has(item.prototype, _PROTOTYPE) and not self._tree.is_absent(item.prototype):
                 open_.append(item)
         for choose in (self._by_name, self._by_type):
             for item in [item for item in open_ if item.prototype not in found]:
@@ -125,9 +125,6 @@ class _Configured:
             elif types or not item.events:
                 self._report(item, types)
         return found, list(alone.values())
-
-    def _is_defined(self, prototype: str) -> bool:
-        return self._tree.has(prototype, _PROTOTYPE)
 
     def _defined(self, item: RteInstance) -> Context | None:
         return next((instance.context for instance in self._by_prototype.get(item.prototype, ())), None)
@@ -402,21 +399,14 @@ def _owner(tree: Tree, name: str, modules: Sequence[str], ecus: Sequence[Ecu]) -
     named: set[str] = set()
     for node in tree.tagged(_CONTAINER):
         if any(node.path.startswith(module + "/") for module in modules):
-            for path in _instance_refs(tree, node):
-                named.update((path, *chains.get(path, ())))
+            for ref in tree.refs(node, "REFERENCE-VALUES/ECUC-REFERENCE-VALUE/VALUE-REF"):
+                named |= {ref.path, *chains.get(ref.path, ())} if ref.dest in (_PROTOTYPE, "") else set()
     by_instances = [ecu for ecu in ecus if not named.isdisjoint(ecu.prototypes)]
     if len(by_instances) == 1:
         return by_instances[0]
     steps = [step for path in (name, *modules) for step in path.split("/")]
     by_name = [e for e in ecus if any(s == e.place.name or s.endswith(f"_{e.place.name}") for s in steps)]
     return by_name[0] if len(by_name) == 1 else None
-
-
-def _instance_refs(tree: Tree, node: Node) -> Iterator[str]:
-    for element, file in tree.elements(node, "REFERENCE-VALUES/ECUC-REFERENCE-VALUE/VALUE-REF"):
-        ref = tree.reference(node, element, file)
-        if ref is not None and ref.dest in ("SW-COMPONENT-PROTOTYPE", ""):
-            yield ref.path
 
 
 # ------------------------------------------------------------------------------------------------------ instances

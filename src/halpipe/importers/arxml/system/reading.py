@@ -239,7 +239,8 @@ def _check_platform(tree: Tree) -> None:
     first = next((node for tag in ADAPTIVE for node in tree.tagged(tag)), None)
     if first is None or tree.tagged("PROCESS"):
         return
-    if any(node.tag in _CLASSIC or _is_classic_type(node.tag) for node in tree.nodes()):
+    tags = {node.tag for node in tree.nodes()}
+    if any(tag in _CLASSIC or (is_component_type(tag) and not tag.startswith("ADAPTIVE-")) for tag in tags):
         return
     counts = ", ".join(f"{len(found)} {tag}" for tag in ADAPTIVE if (found := tree.tagged(tag)))
     tree.findings.report(
@@ -249,10 +250,6 @@ def _check_platform(tree: Tree) -> None:
         help="add the execution manifest that has the processes",
     )
     raise HalpipeError(*tree.findings.items)
-
-
-def _is_classic_type(tag: str) -> bool:
-    return is_component_type(tag) and not tag.startswith("ADAPTIVE-")
 
 
 def _place(tree: Tree) -> Place | None:

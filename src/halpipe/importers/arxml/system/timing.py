@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from halpipe.core.diagnostics import named
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.tree import local
+from halpipe.importers.arxml.files.tree import local, place
 from halpipe.importers.arxml.files.words import parse_cse
 from halpipe.importers.arxml.system.components import RUNNABLES, place_of
 from halpipe.importers.arxml.system.values import (
@@ -181,7 +181,7 @@ class _Constraint:
                 self._tree.findings.report(
                     codes.ORDER_LOST,
                     f"{tag} is not imported",
-                    at=self._tree.at(found, file),
+                    at=place(found, file),
                     path=self._what,
                     help="state what it means for the tasks in the overlay (offset, precedence)",
                 )

@@ -17,7 +17,7 @@ from halpipe.importers.common.polling import polling_period
 from halpipe.models import Origin
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -162,7 +162,8 @@ class _Mappings:
     def of(self, instance: Instance, event: Event) -> EventMapping | None:
         """Choose the mapping of an event for one instance: its own, or one that names no instance."""
         mappings = self._by_event.get(event.place.path, [])
-        own = [mapping for mapping in mappings if self._is_of(mapping.prototype, instance)]
+        context, configured = instance.context, self._configured
+        own = [m for m in mappings if m.prototype in context or configured.get(m.prototype or "") == context]
         general = [mapping for mapping in mappings if mapping.prototype is None]
         any_instance = mappings if len(instance.context) == 1 else []
         found = own or general or any_instance
@@ -177,9 +178,6 @@ class _Mappings:
                 message = f"maps an event to {other.task}, but {called[0].place.path}, to {called[0].task}, counts"
                 help = "remove one of the two mappings"
                 other.place.report(self._findings, codes.SECOND_MAPPING, message, help=help)
-
-    def _is_of(self, prototype: str | None, instance: Instance) -> bool:
-        return prototype in instance.context or self._configured.get(prototype or "") == instance.context
 
 
 def _joined(activations: list[Activation], system: System) -> list[Activation]:
@@ -423,7 +421,7 @@ def _place(first: Activation, granularity: str) -> Place:
 def _names(groups: list[list[Activation]], granularity: str) -> list[str]:
     """Name tasks after runnable or OsTask, adding the period, then the offset, then the event while names collide."""
     names = [_base_name(found[0], granularity) for found in groups]
-    for suffix in (_period_suffix, _offset_suffix, _event_suffix):
+    for suffix in _SUFFIXES:
         if len(set(names)) == len(names):
             break
         longer = [legal_name(name + suffix(found[0])) for name, found in zip(names, groups, strict=True)]
@@ -441,13 +439,8 @@ def _base_name(first: Activation, granularity: str) -> str:
     return first.name
 
 
-def _period_suffix(first: Activation) -> str:
-    return f"@{first.period}" if first.period else ""
-
-
-def _offset_suffix(first: Activation) -> str:
-    return f"+{first.offset}" if first.offset else ""
-
-
-def _event_suffix(first: Activation) -> str:
-    return f"@{first.event.place.name}" if first.event else ""
+_SUFFIXES: tuple[Callable[[Activation], str], ...] = (
+    lambda first: f"@{first.period}" if first.period else "",
+    lambda first: f"+{first.offset}" if first.offset else "",
+    lambda first: f"@{first.event.place.name}" if first.event else "",
+)

@@ -145,7 +145,7 @@ class Periods:
         if isinstance(period, Duration):
             self._compare(activation, period)
             return [Recurrence(period, ZERO, ())]
-        found = self._of_mapping(activation) or self._of_os_task(activation) or of_arrival(activation)
+        found = self._recurrences(self._used_by(activation)) or self._of_os_task(activation) or of_arrival(activation)
         if not found:
             self._report(period)
         for recurrence in found:
@@ -238,11 +238,8 @@ class Periods:
 
     # ------------------------------------------------------------------------------------ the OS as a source
 
-    def _of_mapping(self, activation: Activation) -> list[Recurrence]:
-        """Find what triggers an event by its mapping: an expiry point, an alarm, or an OS event that one sets."""
-        return self._recurrences(self._used_by(activation))
-
     def _used_by(self, activation: Activation) -> list[Trigger]:
+        """Find what triggers an event by its mapping: an expiry point, an alarm, or an OS event that one sets."""
         names = activation.mapping.triggers if activation.mapping else ()
         return [t for t in self._triggers if t.place.path in names or any(event in names for event in t.events)]
 

@@ -120,10 +120,6 @@ class Platform:
         paths = (path for member in draft.members for path in member.context)
         return next((self._by_prototype[path] for path in paths if path in self._by_prototype), None)
 
-    def is_mapped(self, draft: Draft) -> bool:
-        """Whether an OsTask has a core, on which all its jobs run."""
-        return draft.os_task is not None and draft.os_task.core is not None
-
     def is_bound(self, draft: Draft) -> bool:
         """Whether the files say where a task runs."""
         process = draft.members[0].process
