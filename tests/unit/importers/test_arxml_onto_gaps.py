@@ -1,4 +1,4 @@
-"""Jobs with gaps on a project: OsEvents hold them, priorities interrupt them, or the export says why neither does."""
+"""Jobs with gaps on a project: priorities interrupt them, or the export says why they do not."""
 
 from dataclasses import replace
 
@@ -113,22 +113,6 @@ def points(onto):
     return found
 
 
-def test_each_part_is_started_by_the_events_of_its_runnables(tmp_path):
-    onto = put(project(tmp_path, kind="NON", events=("First", "Second")))
-    assert points(onto) == {
-        "At_0": ["/E/Os/First"],
-        "At_1": ["/E/Os/Quick"],
-        "At_2": ["/E/Os/Second"],
-        "At_11": ["/E/Os/Quick"],
-    }
-    named = {c.path.rpartition("/")[2]: c.new for c in onto.changes if c.name == "RteUsedOsSchTblExpiryPointRef"}
-    assert {name: point.rpartition("/")[2] for name, point in named.items()} == {
-        "Pump_B_A": "At_0",
-        "Pump_B_B": "At_2",
-        "Fast_B_C": "At_1",
-    }
-
-
 def test_a_preemptive_os_task_is_interrupted_by_those_above_it(tmp_path):
     onto = put(project(tmp_path))
     assert points(onto) == {"At_0": ["/E/Os/Main"], "At_1": ["/E/Os/Quick"], "At_11": ["/E/Os/Quick"]}
@@ -137,8 +121,8 @@ def test_a_preemptive_os_task_is_interrupted_by_those_above_it(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"kind": "NON"}, "/E/Os/Main is not preemptive, and does not wait"),
-        ({"kind": "NON", "events": ("Same", "Same")}, "/E/Os/Main is not preemptive, and does not wait"),
+        ({"kind": "NON"}, "/E/Os/Main is not preemptive"),
+        ({"kind": "NON", "events": ("Same", "Same")}, "/E/Os/Main is not preemptive"),
         ({"low": "2"}, "/E/Os/Main has the priority 2, and /E/Os/Quick ("),
         ({"low": "3"}, "which starts in its gap, 2"),
         ({"high": ""}, "which starts in its gap, None"),

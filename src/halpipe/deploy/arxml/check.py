@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from halpipe.deploy.arxml.player import Act
     from halpipe.deploy.base import Target
-    from halpipe.models import Job, ModeSchedule
+    from halpipe.models import ModeSchedule
 
 OTHERWISE = error(
     "HAL1434",
@@ -71,22 +71,15 @@ def _roots(target: Target, findings: Findings) -> Iterator[etree._Element]:
         yield parse_xml(content, name, long_texts=True)
 
 
-def _starts(job: Job, length: Fraction) -> set[Fraction]:
-    """Return the instants at which a job, or a part of it, begins."""
-    return {time.in_unit("s") % length for time in (job.start, *(part.start for part in job.parts))}
-
-
 def _differences(os: Os, acts: list[Act], mode: ModeSchedule, facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield each OsTask of the schedule that something else, or nothing, starts, and when."""
     length = mode.hyperperiod.in_unit("s")
     needed: dict[str, set[Fraction]] = {}
-    allowed: dict[str, set[Fraction]] = {}
     events: dict[str, set[str]] = {}
     for job in mode.jobs:
         for task, set_events in facts.get("tasks", {}).get(job.task, {}).items():
             events.setdefault(task, {""}).update(set_events)
             needed.setdefault(task, set()).add(job.start.in_unit("s") % length)
-            allowed.setdefault(task, set()).update(_starts(job, length))
     done: dict[tuple[str, str], Counter[Fraction]] = {}
     for act in acts:
         if act.event in events.get(act.task, ()):  # another event wakes what the model left out, beside the schedule
@@ -96,7 +89,7 @@ def _differences(os: Os, acts: list[Act], mode: ModeSchedule, facts: Mapping[str
         for time, count in times.items():
             if count > 1:
                 yield task, f"{what} {count} times at {seconds(time)}"
-            if time not in allowed[task]:
+            if time not in needed[task]:
                 yield task, f"{what} at {seconds(time)}, where no job of it starts"
         if os.is_extended(task) and not event:
             yield task, "waits for events, but is activated"

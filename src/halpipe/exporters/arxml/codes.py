@@ -146,10 +146,8 @@ BASIC_SHARED = error(
 SPLIT_JOB = error(
     "HAL0887",
     "Nothing in the project plays a gap of a job",
-    "A job with a gap is held if its OsTask waits for an OsEvent of its own before each of its runnables, which are "
-    "then the pieces between the split points: an expiry point sets the events of a part when the part begins. "
-    "Otherwise its OsTask must be preemptive (FULL), and have a lower OsTaskPriority than each OsTask of a job that "
-    "starts in the gap. Priorities of a project are not changed.",
+    "The OsTask of a job with a gap must be preemptive (FULL), and have a lower OsTaskPriority than each OsTask of a "
+    "job that starts in the gap. Priorities of a project are not changed.",
 )
 CANNOT_EDIT = error(
     "HAL0886",

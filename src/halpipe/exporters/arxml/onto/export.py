@@ -254,7 +254,7 @@ class _Writer:
         for task, calls in self._project.calls.items():
             point = self._first_point(task)
             for call in calls if point else ():
-                self._call(call, self._later_point(call) or point)
+                self._call(call, point)
 
     # -------------------------------------------------------------------------------------------------- tables
 
@@ -350,13 +350,6 @@ class _Writer:
         for placed in self._plan.tables:
             if placed.table.is_repeating and task in placed.first:
                 return "" if placed.is_reused else f"{self.path(placed)}/{point_name(placed.first[task])}"
-        return ""
-
-    def _later_point(self, call: Call) -> str:
-        """Return the path of the expiry point of the part that a call begins with, empty if that is the first."""
-        for placed in self._plan.tables:
-            if placed.table.is_repeating and call.mapping in placed.later:
-                return f"{self.path(placed)}/{point_name(placed.later[call.mapping])}"
         return ""
 
     def _call(self, call: Call, point: str) -> None:

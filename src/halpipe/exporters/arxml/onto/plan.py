@@ -1,8 +1,7 @@
 """Plan of the schedule tables of a project: OsTask or event of each expiry point, its counter, jobs with gaps.
 
-An OsTask that waits for an event of its own before each of its calls is held between them: an expiry point sets the
-events of a part when the part begins. Any other must be interrupted by the OS: it is preemptive, and below the OsTasks
-of all jobs that start in its gaps (MODEL 8.2, run time). Nothing of that is changed in a project."""
+The OS interrupts the OsTask of a job with a gap: it is preemptive, and below the OsTasks of all jobs that start in the
+gap (MODEL 8.2, run time). Nothing of that is changed in a project."""
 
 from __future__ import annotations
 
@@ -10,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, Location, about, named
-from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, seconds
+from halpipe.core.durations import Duration, greatest_common_divisor, least_common_multiple, seconds
 from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import (
     BASIC_SHARED,
@@ -26,60 +25,30 @@ from halpipe.exporters.arxml.software import ShortNames, short
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
 from halpipe.exporters.common.priorities import relation_of
-from halpipe.exporters.common.timeline import versions_of
 from halpipe.models.project import ProjectCounter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.models import Job, Schedule, Split, TaskModel
+    from halpipe.models import Job, Schedule, TaskModel
     from halpipe.models.project import Call, Deed, Project, ProjectTask, Starter
 
 
-class Gaps:
-    """The jobs with gaps: which calls begin with which part."""
+class _Gaps:
+    """Check that the OS of a project interrupts the jobs with gaps."""
 
     def __init__(self, model: TaskModel, schedule: Schedule, project: Project) -> None:
         self._model = model
         self._schedule = schedule
         self._project = project
-        self._splits = {key: version.split for key, version in versions_of(model).items()}
         jobs = [job for mode in schedule.modes for job in mode.jobs]
         jobs += [job for table in schedule.transitions for job in table.jobs]
         self._first = {(job.task, job.version): job for job in reversed(jobs) if job.parts}
-        self._held = {key for key in self._first if self._waits(key[0], self._splits[key])}
-
-    def calls(self, job: Job) -> Iterator[tuple[tuple[Call, ...], int]]:
-        """Yield the calls of a job in order, as many as begin together, with the number of the part they begin with."""
-        calls = self._project.calls.get(job.task, ())
-        if not job.parts or (job.task, job.version) not in self._held:
-            yield calls, 0
-            return
-        starts = (ZERO, *self._splits[job.task, job.version].points)
-        for number, part in enumerate(job.parts):
-            begun = range(len(calls))
-            yield (
-                tuple(calls[i] for i in begun if part.executed_from <= starts[i] < part.executed_to),
-                number,
-            )
-
-    def _waits(self, task: str, split: Split) -> bool:
-        """Return whether the OsTask of a task waits before each of its calls, which are its pieces."""
-        calls = self._project.calls.get(task, ())
-        if split.anywhere or len(calls) != len(split.points) + 1 or len({call.os_task for call in calls}) != 1:
-            return False
-        if not self._project.tasks[calls[0].os_task].is_extended:
-            return False
-        events = [event for call in calls for event in call.os_events]
-        return all(call.os_events for call in calls) and len(set(events)) == len(events)
-
-    # ------------------------------------------------------------------------------------------------ refusal
 
     def check(self, findings: Findings) -> None:
-        """Report every job with a gap in which nothing of the project holds or interrupts it."""
-        rest = {key for key in self._first if key not in self._held}
-        above = self._above(rest)
-        for task, version in sorted(rest):
+        """Report every job with a gap in which nothing of the project interrupts it."""
+        above = self._above()
+        for task, version in sorted(self._first):
             job = self._first[task, version]
             for own in self._os_tasks(task):
                 if not own.is_preemptive:
@@ -87,21 +56,22 @@ class Gaps:
                         findings,
                         job,
                         own,
-                        "is not preemptive, and does not wait for an OsEvent of its own before each of its runnables",
-                        "set OsTaskSchedule to FULL, or give each runnable of the OsTask an OsEvent",
+                        "is not preemptive",
+                        "set OsTaskSchedule to FULL",
                     )
                     continue
                 for other in sorted(above.get(task, ())):
                     for high in self._os_tasks(other):
                         self._compare(findings, job, own, high)
 
-    def _above(self, keys: set[tuple[str, str]]) -> dict[str, set[str]]:
-        """Return the tasks that must be above each, as if the versions given were split anywhere."""
+    def _above(self) -> dict[str, set[str]]:
+        """Return the tasks that must be above each, as if the versions with gaps were split anywhere."""
         tasks = tuple(
             replace(
                 task,
                 versions=tuple(
-                    replace(v, split=replace(v.split, anywhere=(task.name, v.name) in keys)) for v in task.versions
+                    replace(v, split=replace(v.split, anywhere=(task.name, v.name) in self._first))
+                    for v in task.versions
                 ),
             )
             for task in self._model.tasks
@@ -166,15 +136,13 @@ class Action:
 class Placed:
     """A table with its counter, and where each task of the model first starts in it.
 
-    `later` has the offsets of calls (their mappings) that begin with a later part of the job, `begin` is the value of
-    the counter at which the table begins, which is the same instant for all. `is_reused` says that it is a table of the
-    project, which its code starts, and which loses its own expiry points.
+    `begin` is the value of the counter at which the table begins, which is the same instant for all. `is_reused` says
+    that it is a table of the project, which its code starts, and which loses its own expiry points.
     """
 
     table: Table
     counter: ProjectCounter
     first: dict[str, int]
-    later: dict[str, int]
     begin: int = 0
     is_reused: bool = False
 
@@ -204,7 +172,7 @@ class _Planner:
         self._units = [unit.name for unit in model.units if unit.name in units]
         taken = {path.rpartition("/")[2] for path in project.items if path.startswith(project.os_module + "/")}
         self._names = ShortNames(*taken)
-        self._gaps = Gaps(model, schedule, project)
+        self._gaps = _Gaps(model, schedule, project)
         self._actions: dict[str, Action] = {}
 
     def plan(self) -> OntoPlan:
@@ -415,9 +383,6 @@ class _Planner:
             if mine:
                 yield mode, f'the end of "{target or mode}"', length
                 yield from ((mode, f'job {job.index} of "{job.task}"', job.start) for job in mine)
-                for job in mine:
-                    held = [number for _, number in self._gaps.calls(job) if number]
-                    yield from ((mode, f'a part of job {job.index} of "{job.task}"', job.parts[k].start) for k in held)
 
     # -------------------------------------------------------------------------------------------------- tables
 
@@ -433,28 +398,17 @@ class _Planner:
         for mode, target, length, jobs in self._tables:
             tables: dict[str, dict[int, dict[str, None]]] = {}  # by the path of what is reused, empty for a new one
             first: dict[str, int] = {}
-            later: dict[str, int] = {}
             for job in sorted((job for job in jobs if unit in job.units), key=lambda job: job.start):
-                first.setdefault(job.task, ticks.ticks(job.start))
-                for calls, number in self._gaps.calls(job):
-                    offset = ticks.ticks(job.parts[number].start if number else job.start)
-                    for action in self._started(job.task, calls, starts):
-                        own = self._owner.get(action, "") if (mode, target) == (self._first, "") else ""
-                        points = tables.setdefault(own, {})
-                        points.setdefault(offset, {})[action.key] = None
-                    if number:
-                        later.update({call.mapping: offset for call in calls if call.mapping not in later})
+                offset = ticks.ticks(job.start)
+                first.setdefault(job.task, offset)
+                for action in starts[job.task]:
+                    own = self._owner.get(action, "") if (mode, target) == (self._first, "") else ""
+                    tables.setdefault(own, {}).setdefault(offset, {})[action.key] = None
             for path, points in tables.items():
                 made = names("Halpipe", *([mode, "to", target] if target else [mode]), short(unit)) if not path else ""
                 placed = tuple(ExpiryPoint(offset, tuple(points[offset])) for offset in sorted(points))
                 table = Table(made or path.rpartition("/")[2], unit, mode, target, ticks.ticks(length), placed)
-                yield Placed(table, counter, first, later, is_reused=bool(path))
-
-    def _started(self, task: str, calls: Sequence[Call], starts: dict[str, tuple[Action, ...]]) -> Iterable[Action]:
-        """Return what starts some calls of a task: all that starts it, unless they are a part of them."""
-        if len(calls) == len(self._project.calls.get(task, ())):
-            return starts[task]
-        return [action for call in calls for action in self._of_call(task, call)]
+                yield Placed(table, counter, first, is_reused=bool(path))
 
 
 def _key(deed: Deed) -> str:
