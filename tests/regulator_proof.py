@@ -3,7 +3,8 @@
 Each part of the regulator is proven on its own, in ``formal/*.sv``: the gate (a window never gets more than
 its budget, or the one burst that was waiting; VALID is never withdrawn; a burst that fits passes), the player (windows
 and tables in their order, from the tables and the requests alone), the unit (data never ahead of its address,
-registers), the block around the units (windows as long as stated, orders to all in one cycle) and the AXI4-Lite front.
+registers), the block around the units (windows as long as stated, orders to all in one cycle), the AXI4-Lite front,
+and the DMA engine (ports that keep to AXI, and a buffer that never overflows).
 The player is proven with tables of any content; with the exported images it is proven that these are tables.json.
 What follows for the sums of all units is arithmetic: see `halpipe.deploy.regulator.arithmetic`.
 """
@@ -30,8 +31,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "rtl" / "formal"
 SECONDS = 600
-RTL = "table/rtl/"
-TOOLS = ("yosys", "yosys-smtbmc", "cvc5")
+TOOLS = ("yosys", "yosys-abc", "yosys-smtbmc", "cvc5")
 
 _UNIT_PORTS = (
     "m_arvalid", "m_arready", "m_awvalid", "m_awready", "m_wvalid", "m_wready",
@@ -58,6 +58,9 @@ class Part:
 
     of: str = ""
     """The unit whose images they are."""
+
+    searched: bool = False
+    """Whether ABC searches for the invariant (property directed reachability) instead of k-induction."""
 
     memories: tuple[str, ...] = ()
     """Memories of the properties that stand for those of the same name inside: arrays of any content, at full size."""
@@ -100,6 +103,8 @@ def _units(units: int) -> dict[str, tuple[str, ...]]:
 
 
 _AXIL = "halpipe_regulator_axil.v"
+_TURNS = ("valid", "left", "id", "first", "end")
+_DMA = ("halpipe_dma_channel.v", "halpipe_dma.v")
 _ALL = ("halpipe_regulator_gate.v", "halpipe_regulator_player.v", "halpipe_regulator_unit.v", "halpipe_regulator.v")
 PARTS = (
     Part("gate", _ALL[:1], {}, 2),
@@ -155,6 +160,42 @@ PARTS = (
     ),
     Part("axil", (_AXIL,), {}, 2),
     Part("ports", (_AXIL, "halpipe_regulator_ports.v"), {"turn": ("dut.turn",)}, 2),
+    Part(
+        "dma_channel",
+        _DMA[:1],
+        {
+            name: (f"dut.{name}",)
+            for name in (
+                "running",
+                "shift",
+                "skips",
+                "fill",
+                "flush",
+                "from",
+                "to",
+                "to_read",
+                "to_write",
+                "due",
+                "unanswered",
+                "room",
+                "in_flight",
+                "filled",
+                "read_burst",
+                "write_burst",
+                "head",
+                "tail",
+            )
+        },
+        2,
+        searched=True,
+    ),
+    Part(
+        "dma",
+        _DMA,
+        {f"{turn}_{name}": (f"dut.{turn}_{name}",) for turn in ("now", "next") for name in _TURNS}
+        | {f"{d}_bursts": tuple(f"dut.channel[{n}].copies.{d}_burst" for n in (1, 0)) for d in ("read", "write")},
+        2,
+    ),
     Part("slice", ("halpipe_regulator_slice.v",), {"spare": ("dut.spare",), "kept": ("dut.kept",)}, 2),
     Part(
         "store",
@@ -245,16 +286,19 @@ def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
     for name, file in part.images.items():
         (folder / name).write_bytes(bundle.files.get(file, b""))
     for source in part.sources:
-        (folder / source).write_bytes(bundle.files.get(RTL + source, b""))
+        kind = "dma" if source in _DMA else "rtl"
+        (folder / source).write_bytes(bundle.files.get(f"table/{kind}/{source}", b""))
     (folder / "part.ys").write_text("\n".join(_script(part)) + "\n")
     done = _run(["yosys", "-q", "part.ys"], folder)
     if done.returncode:
         said = [line for line in (done.stdout + done.stderr).splitlines() if "ERROR" in line] or ["no message"]
         raise ProofError(f"yosys: {said[0][:300]}")
     found: dict[str, str] = {}
-    for mode, why in ((["-t", str(part.depth + 1)], "is broken"), (["-i", "-t", str(part.depth)], "cannot be shown")):
-        for name in _solve(folder, mode) if not found else ():
-            found[name] = why
+    if not part.searched or not _is_found(folder):  # a search needs no base of its own
+        found = dict.fromkeys(_solve(folder, ["-t", str(part.depth + 1)]), "is broken")
+        if not found:
+            unproven = ["(undecided)"] if part.searched else _solve(folder, ["-i", "-t", str(part.depth)])
+            found = dict.fromkeys(unproven, "cannot be shown")
     findings = tuple(f'{_title(part)}: property "{name}" {why} for some traffic' for name, why in found.items())
     properties = len(re.findall(r"\bassert \(", text))
     return Proof(_title(part), properties, findings)
@@ -282,6 +326,16 @@ def _script(part: Part) -> Iterator[str]:
             yield f"rename {name} {wire}__{n}"
         yield f"connect -set {wire} {','.join(f'{wire}__{n}' for n in range(len(inside)))}"
     yield from ("opt_clean", "async2sync", "dffunmap", "opt_clean", "write_smt2 -wires part.smt2")
+    if part.searched:
+        yield from (
+            "opt -full",
+            "techmap",
+            "dfflegalize -cell $_DFF_P_ 01",
+            "opt_clean",
+            "abc -g AND -fast",
+            "opt_clean",
+        )
+        yield "write_aiger -zinit part.aig"
 
 
 def _solve(folder: Path, mode: list[str]) -> list[str]:
@@ -291,6 +345,12 @@ def _solve(folder: Path, mode: list[str]) -> list[str]:
     if done.returncode == 0 and "Status: PASSED" in said:
         return []
     return list(dict.fromkeys(re.findall(r"Assert failed in \w+: (\w+)", said))) or ["(undecided)"]
+
+
+def _is_found(folder: Path) -> bool:
+    """Search for an invariant that proves all properties; return whether there is one."""
+    done = _run(["yosys-abc", "-c", f"read_aiger part.aig; fold; pdr -T {SECONDS}"], folder)
+    return "Property proved." in done.stdout
 
 
 def _run(command: list[str], folder: Path) -> CompletedProcess[str]:

@@ -124,9 +124,10 @@ _SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso", ".rdl")
 
 
 def unit_sources() -> dict[str, bytes]:
-    """Return Verilog, constraints, core and register description and the driver for Linux, by name in the bundle."""
+    """Return Verilog, constraints, core and register description, driver for Linux and DMA engine, by bundle name."""
     here = resources.files(__package__)
-    found = {f"{name}{file.name}": file for name in ("", "linux/", "rtl/") for file in here.joinpath(name).iterdir()}
+    folders = ("", "dma/", "linux/", "rtl/")
+    found = {f"{name}{file.name}": file for name in folders for file in here.joinpath(name).iterdir()}
     return {name: found[name].read_bytes() for name in sorted(found) if name.endswith(_SHIPPED)}
 
 
