@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
 
 CONSTRUCTION = "construction"
-RULES = Part.LANES | Part.WINDOWS | Part.DEMANDS | Part.CHAINS
-PARTS = ("", CONSTRUCTION, *(part.name or "" for part in Part if part not in RULES))
+PARTS = ("", CONSTRUCTION, *(part.name or "" for part in Part))
 HARD = [row for row in SUITES["hard"] if len(row.cells) == 1 and not row.is_open]
 FULL = [cell for experiment in TABLE_III for cell in experiment.cells if cell.utilisation >= Fraction(7, 10)]
 

@@ -13,7 +13,6 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
 from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
 from halpipe.pipeline.solve.exactunits import Groups, Line, Units, forms_of
-from halpipe.pipeline.solve.kernel.assign_units import Arc
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, ms, small_model, task, version
 
@@ -185,18 +184,6 @@ def test_the_line_finds_boards_without_a_gap(monkeypatch):
     monkeypatch.setattr(exactunits, "forms_of", lambda *_: [Line])
     for seed in (1, 2, 3):
         assert answer(board(seed), Effort(work=3)) is Answer.FEASIBLE
-
-
-@pytest.mark.parametrize("swept", [True, False])
-def test_arcs_that_cross_the_end_keep_their_unit(monkeypatch, swept):
-    """Three arcs go round two units together, one after the other: 4 + 3 + 3 in a circle of 5, twice round."""
-    if not swept:
-        monkeypatch.setattr(exactunits, "assign_units", lambda *_: None)
-    arcs = [Arc(0, 0, 4, 1), Arc(1, 4, 3, 1), Arc(2, 2, 3, 1)]
-    assert exactunits._colour(arcs, 2, 5) is None, "each of them meets both others"
-    coloured = exactunits._colour([Arc(0, 0, 3, 1), Arc(1, 3, 2, 1), Arc(2, 4, 3, 1), Arc(3, 2, 2, 1)], 2, 5)
-    assert coloured is not None
-    assert coloured[0] == coloured[1] != coloured[2] == coloured[3] or swept
 
 
 def test_a_gang_may_take_units_of_several_kinds():

@@ -1,7 +1,7 @@
 """On which units jobs run, as part of a constraint program, in two forms.
 
-`Groups` places times only: units that are treated alike are one capacity, and who gets which of them is decided when
-all starts are known. That is a small program, but one that may, on a circle, find starts that cannot be assigned.
+`Groups` places times only: units that are treated alike are one capacity, and a sweep assigns them when all starts are
+known. That is a small program, but one that may, on a circle, find starts that cannot be assigned.
 `Units` decides units and times at once. It is larger, but knows how full each unit is, which counts where nothing may
 stay idle.
 """
@@ -19,7 +19,7 @@ from halpipe.models import Binding
 from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator
 
     from halpipe.models import Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
@@ -30,12 +30,6 @@ AssignedUnits = dict[tuple[str, int], tuple[str, ...]]
 
 MAX_SPLITS = 64
 """Ways to split a gang over groups of units up to which groups are taken as capacities."""
-
-DEALING_WORK = 2
-"""Deterministic seconds for dealing the units of one group."""
-
-MAX_COLOURED = 50_000
-"""Jobs, times units, of a group up to which CP-SAT is asked for what a sweep cannot deal out."""
 
 
 class Form(ABC):
@@ -162,7 +156,7 @@ class Groups(Form):
             keys.append((job.active.name, job.index))
         assigned: AssignedUnits = dict.fromkeys(keys, ())
         for names, members in zip(self.groups, arcs, strict=True):
-            coloured = _colour(members, len(names), self.program.total)
+            coloured = assign_units(members, len(names), self.program.total) if members else {}
             if coloured is None:
                 return None
             for number, places in coloured.items():
@@ -282,53 +276,3 @@ class _FirstUse:
         """Tell whether the unit is among the first that may be in use by now."""
         group, place = self._place[name]
         return place < reach[group]
-
-
-# ------------------------------------------------------------------------------------------------ dealing
-
-
-def _colour(arcs: list[Arc], units: int, total: int) -> Mapping[int, Sequence[int]] | None:
-    """Give every arc its units, so that no two of one unit meet; None where there is no way, or none is found.
-
-    A sweep finds most colourings; what it does not find is left to CP-SAT.
-    """
-    if not arcs:
-        return {}
-    swept = assign_units(arcs, units, total)
-    if swept is not None or len(arcs) * units > MAX_COLOURED:
-        return swept
-    from ortools.sat.python import cp_model
-
-    cp = cp_model.CpModel()
-    taken = [[cp.new_bool_var("") for _ in range(units)] for _ in arcs]
-    for arc, literals in zip(arcs, taken, strict=True):
-        cp.add(sum(literals) == arc.width)
-    cliques = sorted({tuple(n for n, arc in enumerate(arcs) if _holds(arc, at.start, total)) for at in arcs})
-    for clique in cliques:
-        for unit in range(units):
-            cp.add_at_most_one(taken[number][unit] for number in clique)
-    _fix_names(cp, max(cliques, key=len), arcs, taken)
-    solver = cp_model.CpSolver()
-    solver.parameters.num_workers = 1
-    solver.parameters.max_deterministic_time = DEALING_WORK
-    solver.parameters.catch_sigint_signal = False
-    if solver.solve(cp) not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
-        return None
-    return {
-        arc.job: [unit for unit, literal in enumerate(literals) if solver.value(literal)]
-        for arc, literals in zip(arcs, taken, strict=True)
-    }
-
-
-def _holds(arc: Arc, instant: int, total: int) -> bool:
-    """Tell whether a job is running at an instant of [0, t_P)."""
-    return (instant - arc.start) % total < arc.length
-
-
-def _fix_names(cp: Any, clique: tuple[int, ...], arcs: list[Arc], taken: list[list[Any]]) -> None:
-    """Name the units of jobs that run at one time in turn: all other names are the same solution."""
-    first = 0
-    for number in clique:
-        for unit in range(first, first + arcs[number].width):
-            cp.add(taken[number][unit] == 1)
-        first += arcs[number].width

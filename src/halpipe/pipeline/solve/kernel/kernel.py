@@ -58,11 +58,6 @@ FROZEN_HINT = -2
 class Part(IntFlag):
     """Part of the search that can be switched off, to measure its worth; schedules are found with all parts."""
 
-    # Rules. Without one of them, what the search calls valid is not.
-    LANES = 1 << 0  # the capacity of units and resources
-    WINDOWS = 1 << 1
-    DEMANDS = 1 << 2
-    CHAINS = 1 << 3
     # Moves other than that of a whole entry.
     MOVE_JOB = 1 << 4
     MOVE_CLUSTER = 1 << 5

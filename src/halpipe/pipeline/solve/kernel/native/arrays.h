@@ -127,11 +127,6 @@ typedef struct {
 
 /* Parts of the search that can be switched off, to measure what each is worth (bits of State.enabled). */
 typedef enum {
-    /* Rules. Without one of them, what the search calls valid is not. */
-    LANES = 1 << 0,
-    WINDOWS = 1 << 1,
-    DEMANDS = 1 << 2,
-    CHAINS = 1 << 3,
     /* Moves other than that of a whole entry. */
     MOVE_JOB = 1 << 4,
     MOVE_CLUSTER = 1 << 5,

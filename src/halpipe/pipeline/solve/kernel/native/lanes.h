@@ -138,8 +138,6 @@ enum { SLIDE_STEPS = 24 };
  * Access phases come before units: resources are fuller and weigh more, so the limit is reached sooner. */
 static int64_t option_cost(const Arrays *p, const State *s, int64_t option, int64_t start, int64_t limit) {
     int64_t cost = 0;
-    if (!is_on(s, LANES))
-        return cost;
     for (int64_t index = p->rect_first[option + 1] - 1; index >= p->rect_first[option]; index--) {
         const Rect *r = &p->rect[index];
         cost += excess(p, s, r, wrapped(p, start + r->offset)) * p->lane_weight[r->lane];
@@ -244,8 +242,6 @@ static int64_t slide(const Arrays *p, const State *s, int64_t option, int64_t st
 
 /* Whether a job lies on an overloaded instant of some lane. */
 static bool lane_conflict(const Arrays *p, const State *s, int64_t job) {
-    if (!is_on(s, LANES))
-        return false;
     for (int64_t index = p->rect_first[s->option[job]]; index < p->rect_first[s->option[job] + 1]; index++) {
         const Rect *r = &p->rect[index];
         if (overloaded(p, s, r->lane, wrapped(p, s->start[job] + r->offset), r->length))
@@ -257,8 +253,6 @@ static bool lane_conflict(const Arrays *p, const State *s, int64_t job) {
 /* The excess on all lanes. */
 static int64_t lanes_cost(const Arrays *p, const State *s) {
     int64_t cost = 0;
-    if (!is_on(s, LANES))
-        return cost;
     for (int64_t lane = 0; lane < p->lanes; lane++) {
         int64_t base = p->lane_first[lane];
         for (int64_t index = base; index < base + s->edges[lane]; index++) {

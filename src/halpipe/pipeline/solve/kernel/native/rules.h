@@ -307,25 +307,16 @@ static int64_t chain_costs(const Arrays *p, Placing x, int64_t task) {
 /* What jobs [begin, end) of `task` have to do with others. */
 static int64_t side_cost(const Arrays *p, const State *s, int64_t task, int64_t begin, int64_t end) {
     Placing x = placing(s);
-    int64_t cost = 0;
-    if (is_on(s, WINDOWS))
-        cost += window_costs(p, x, task, begin, end);
-    if (is_on(s, DEMANDS))
-        cost += demand_costs(p, x, begin, end);
-    if (is_on(s, CHAINS))
-        cost += chain_costs(p, x, task);
-    return cost;
+    return window_costs(p, x, task, begin, end) + demand_costs(p, x, begin, end) + chain_costs(p, x, task);
 }
 
 /* What all jobs have to do with each other. */
 static int64_t all_side_costs(const Arrays *p, const State *s) {
     Placing x = placing(s);
     int64_t cost = 0;
-    for (int64_t job = 0; is_on(s, WINDOWS) && job < p->jobs; job++)
-        cost += job_window_cost(p, x, job, -1);
-    for (int64_t job = 0; is_on(s, DEMANDS) && job < p->jobs; job++)
-        cost += demand_cost(p, x, job);
-    for (int64_t chain = 0; is_on(s, CHAINS) && chain < p->chains; chain++)
+    for (int64_t job = 0; job < p->jobs; job++)
+        cost += job_window_cost(p, x, job, -1) + demand_cost(p, x, job);
+    for (int64_t chain = 0; chain < p->chains; chain++)
         cost += chain_cost(p, x, chain);
     return cost;
 }
