@@ -6,11 +6,10 @@ import pytest
 from validate_cases import codes_of, found, the
 
 from halpipe.core.diagnostics import Severity
-from halpipe.models import AccessKind, Transfer
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.verify.codes import CHAIN_LIMIT
-from support import access, after, chain, mode, model, schedule, task, version
+from support import after, chain, mode, model, schedule, task, version
 from support import job as place_job
 
 A = task("a", 25, version("v", 5), version("short", 3))
@@ -27,10 +26,6 @@ def test_sound_chain():
 
 def test_chain_without_tasks():
     assert the(chained(chain("c", "")), codes.EMPTY_CHAIN).path == 'chain "c"'
-
-
-def test_chain_of_one_task_is_a_note():
-    assert the(chained(chain("c", "a")), codes.SHORT_CHAIN).severity is Severity.NOTE
 
 
 def test_chain_that_passes_a_task_twice():
@@ -81,30 +76,6 @@ def test_reaction_bound_is_what_verify_finds_at_best(slack, second):
 def test_first_task_on_demand_adds_no_period():
     server = task("a", None, version("v", 3))
     assert validate(chained(chain("c", "a b", 10), tasks=(server, B))) == ()
-
-
-def moved(name, kind, buffer):
-    phase = access("bus", 0, 1, 1, kind)
-    transfer = Transfer(buffer=buffer, symbol="s", size=4)
-    return task(name, 25, version("v", 5, "u1", replace(phase, transfers=(transfer,))))
-
-
-def test_neighbours_without_a_constraint_or_buffer():
-    system = chained(chain("c", "b a"))
-    finding = the(system, codes.CHAIN_WITHOUT_DATA)
-    assert (finding.severity, finding.message) == (Severity.NOTE, 'nothing says that "a" uses data of "b"')
-
-
-@pytest.mark.parametrize(("first", "second", "buffer", "connected"), [
-    ("write", "read", "x", True),
-    (None, None, "x", True),
-    ("write", "read", "y", False),
-    ("read", "write", "x", False),
-])  # fmt: skip
-def test_neighbours_that_share_a_buffer(first, second, buffer, connected):
-    tasks = (moved("p", first and AccessKind(first), "x"), moved("q", second and AccessKind(second), buffer))
-    system = chained(chain("c", "p q"), tasks=tasks, resources="bus")
-    assert (found(system, codes.CHAIN_WITHOUT_DATA) == []) is connected
 
 
 TWO = [mode("m", [A, B]), mode("n", [A, B])]

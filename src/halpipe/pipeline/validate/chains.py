@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import AccessKind, Anchor
+from halpipe.models import Anchor
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, lookup, place, quoted, repeated
+from halpipe.pipeline.validate.context import check, place, quoted, repeated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Chain, Task
+    from halpipe.models import Chain
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 
 
@@ -23,9 +22,9 @@ def _path(chain: Chain) -> str:
     return about(chain=chain.name)
 
 
-@check("chains", codes.EMPTY_CHAIN, codes.SHORT_CHAIN, codes.REPEATED_IN_CHAIN)
+@check("chains", codes.EMPTY_CHAIN, codes.REPEATED_IN_CHAIN)
 def check_chain_tasks(context: Context) -> Iterator[Diagnostic]:
-    """Every chain lists at least one task; a single task, or one listed twice, is pointed out.
+    """Every chain lists at least one task; one that is listed twice is pointed out.
 
     (D) One task makes a chain: its reaction time is one wait for the next job and one execution.
     """
@@ -33,9 +32,6 @@ def check_chain_tasks(context: Context) -> Iterator[Diagnostic]:
         at, path = place(chain), _path(chain)
         if not chain.tasks:
             yield codes.EMPTY_CHAIN("lists no task", at=at, path=path, help="list the tasks from cause to effect")
-        elif len(chain.tasks) == 1:
-            help = "add the tasks before or after it, if there are any"
-            yield codes.SHORT_CHAIN(f'consists of task "{chain.tasks[0]}" alone', at=at, path=path, help=help)
         for name in repeated(chain.tasks):
             help = "list it once, unless the data really passes it again"
             yield codes.REPEATED_IN_CHAIN(f'passes task "{name}" more than once', at=at, path=path, help=help)
@@ -113,32 +109,6 @@ def _least(chain: Chain, mode: ActiveMode) -> Iterator[Duration]:
 
 def _shortest(active: ActiveTask) -> Duration:
     return min((v.wcet for v in active.versions if v.wcet is not None), default=ZERO)
-
-
-# ------------------------------------------------------------------------------------------------ data
-
-
-@check("chain-data", codes.CHAIN_WITHOUT_DATA)
-def check_data(context: Context) -> Iterator[Diagnostic]:
-    """Neighbours in a chain are connected by a precedence constraint or a shared buffer."""
-    for chain in context.model.chains:
-        for before, after in pairwise(lookup(context.tasks, chain.tasks)):
-            if before is not after and not _is_connected(before, after):
-                text = f'nothing says that "{after.name}" uses data of "{before.name}"'
-                help = "nothing to do if it does; a constraint or a shared buffer would say so"
-                yield codes.CHAIN_WITHOUT_DATA(text, at=place(chain), path=_path(chain), help=help)
-
-
-def _is_connected(before: Task, after: Task) -> bool:
-    if any(p.task == before.name for version in after.versions for p in version.precedences):
-        return True
-    return bool(_buffers(before, AccessKind.WRITE) & _buffers(after, AccessKind.READ))
-
-
-def _buffers(task: Task, kind: AccessKind) -> set[str]:
-    """Return the buffers that the task moves in phases of this kind, or of no stated kind."""
-    phases = (access for version in task.versions for access in version.accesses if access.kind in (kind, None))
-    return {transfer.buffer for access in phases for transfer in access.transfers}
 
 
 # ------------------------------------------------------------------------------------------------ transitions

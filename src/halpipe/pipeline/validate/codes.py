@@ -260,11 +260,6 @@ CONTRADICTION = error(
 # ---------------------------------------------------------------------------- chains and transitions
 
 EMPTY_CHAIN = error("HAL0260", "Chain without tasks", "A cause-effect chain is a sequence of tasks.")
-SHORT_CHAIN = note(
-    "HAL0261",
-    "Chain of one task",
-    "Its data age is the task's execution time, its reaction time that plus the wait for the next job.",
-)
 REPEATED_IN_CHAIN = warning(
     "HAL0262",
     "Task twice in a chain",
@@ -286,12 +281,6 @@ CHAIN_LIMIT_TOO_LOW = error(
     "Chain limit cannot be kept",
     "The jobs of a chain follow each other, so no latency is shorter than the sum of the smallest WCETs; a stimulus "
     "that just misses a job of the first task waits, at worst, a whole period longer.",
-)
-CHAIN_WITHOUT_DATA = note(
-    "HAL0266",
-    "Neighbours in a chain share no data",
-    "No precedence constraint and no buffer connects a task of the chain with the next. The latency is computed all "
-    "the same.",
 )
 SELF_TRANSITION = error(
     "HAL0270", "Transition from a mode to itself", "A transition leads from one mode to another one."
