@@ -93,9 +93,9 @@ def violations_that_are_explained(count):
     return "" if explained(count) >= count else "fewer"
 
 
-@lowered("schemas:MAX_EXPLAINED_ELEMENTS", 4, "part", _Part=lambda *_: (_ for _ in ()).throw(ValueError("part")))
+@lowered("schemas:MAX_EXPLAINED_ELEMENTS", 4, "fewer")
 def elements_of_a_document_that_is_explained(count):
-    explained(count - 2)
+    return "" if explained(count - 2) else "fewer"
 
 
 # ------------------------------------------------------------------------------------------------ importers

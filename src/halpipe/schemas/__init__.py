@@ -7,18 +7,19 @@ package, whose reasons are easier to read, and the two are merged by line.
 from __future__ import annotations
 
 import re
+from bisect import bisect
 from collections import Counter
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Diagnostic, Location, error
 from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator
 
     from lxml import etree
 
@@ -51,7 +52,7 @@ MAX_EXPLAINED = 50
 """Violations for which xmlschema is asked too."""
 
 MAX_EXPLAINED_ELEMENTS = 20_000
-"""Elements of a document that it is given as a whole; of larger ones, the first in each list."""
+"""Elements of a document up to which it is asked at all."""
 
 MAX_ATTRIBUTES = 100
 """Attributes of one element up to which it is asked at all: for each one that is wrong, it prints them all."""
@@ -61,9 +62,6 @@ MAX_STEPS = 3_000_000
 
 MAX_ELEMENTS = 100_000
 """Elements of a document that is checked at once: libxml2 remembers every violation."""
-
-LEAST_PART, LARGEST_PART = 20, 10_000
-"""Children of each element that are looked at at once where it could take longer."""
 
 MANY = 100
 """Violations after which no more are looked for while parsing: libxml2 would remember each of a million."""
@@ -81,14 +79,16 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
     expected = f"{{{namespace(kind)}}}{kind}"
     if root.tag != expected:
         uri, _, tag = str(root.tag).rpartition("}")
-        found = f'has the root element "{tag}" in ' + (f'the namespace "{uri[1:]}"' if uri else "no namespace")
-        return [WRONG_ROOT(found, at=Location(name, line_of(root)), help=_instead(kind, uri[1:]))]
-    if not _could_be_slow(root):
-        return _violations(root, kind, name)
-    messages = _in_bulk(root, kind)
-    if len(messages) == MANY:
-        return _placed(list(dict.fromkeys(messages)), root, kind, name)
-    return _violations(root, kind, name) if messages else []
+        text = f'has the root element "{tag}" in ' + (f'the namespace "{uri[1:]}"' if uri else "no namespace")
+        return [WRONG_ROOT(text, at=Location(name, line_of(root)), help=_instead(kind, uri[1:]))]
+    entries, line_of_entry, is_whole = _in_bulk(root, kind) if _could_be_slow(root) else _in_tree(root, kind)
+    listed = entries[: MAX_REPORTED * 2]  # a bad value is reported twice
+    violations = {_subject(e): (line_of_entry(e), _plain(e.message, kind)) for e in reversed(listed)}
+    found = _reported(list(reversed(violations.values()))[:MAX_REPORTED], root, kind, name)
+    if not is_whole or len(entries) > len(listed):
+        remark = "there may be more of them further down; correct these first"
+        found.append(SCHEMA_VIOLATION("was looked at in part", at=Location(name), help=remark))
+    return found
 
 
 _IMPORTED = {"http://autosar.org/": "arxml", "http://app4mc.eclipse.org/": "amalthea"}
@@ -128,89 +128,80 @@ class _Nothing:
         """Return what was made."""
 
 
-def _in_bulk(root: etree._Element, kind: str) -> list[str]:
-    """Return messages without places, `MANY` at most: found while parsing, which ends as soon as there are so many."""
+def _in_tree(root: etree._Element, kind: str) -> tuple[list[Any], Callable[[Any], int], bool]:
+    """Return the messages of libxml2 on a tree, a function that returns their lines, and that they are all."""
+    schema = _libxml2_schema(kind)
+    return ([] if schema.validate(root) else list(schema.error_log)), partial(_line, root), True
+
+
+class _Message(NamedTuple):
+    """Message of a parser that builds no tree, and the line in which it has found it."""
+
+    message: str
+    line: int
+    path: str = ""
+
+
+def _in_bulk(root: etree._Element, kind: str) -> tuple[list[Any], Callable[[Any], int], bool]:
+    """Return messages found while parsing, a function that returns their lines, and whether they are all."""
+    from lxml import etree
+
+    text = etree.tostring(root)
+    if not _fed(_pieces([text]), kind):
+        return [], int, True
+    found = _fed(_pieces(text.splitlines(keepends=True)), kind)  # slower, but what is found is found in its line
+    return found, _lines_of(root), len(found) < MANY
+
+
+def _pieces(lines: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
+    """Yield short pieces with the numbers of their lines: the parser remembers what is wrong in a whole piece."""
+    for number, line in enumerate(lines, 1):
+        yield from ((number, line[start : start + _FED_BYTES]) for start in range(0, len(line), _FED_BYTES))
+
+
+def _fed(pieces: Iterable[tuple[int, bytes]], kind: str) -> list[_Message]:
+    """Parse a text in pieces, each with a line, and return the first `MANY` messages with their lines."""
     from lxml import etree
 
     etree.clear_error_log()  # it holds the last messages of this thread, of other documents too
     options = {"resolve_entities": False, "no_network": True, "load_dtd": False}
     parser = etree.XMLParser(schema=_libxml2_schema(kind), target=_Nothing(), **options)
-    text = etree.tostring(root)
-    with suppress(etree.XMLSyntaxError):
-        for start in range(0, len(text), _FED_BYTES):
-            parser.feed(text[start : start + _FED_BYTES])
-            if len(parser.feed_error_log) >= MANY:
-                break
-    found = [_plain(entry.message, kind) for entry in islice(parser.feed_error_log, MANY)]
+    found: list[_Message] = []
+    number, is_broken = 0, False
+    for number, piece in pieces:
+        try:
+            parser.feed(piece)
+        except etree.XMLSyntaxError:
+            is_broken = True
+        found += [_Message(entry.message, number) for entry in islice(parser.feed_error_log, len(found), MANY)]
+        if is_broken or len(found) >= MANY:
+            break
     try:
         parser.close()
     except etree.XMLSyntaxError as failure:  # no document is taken for valid that the parser did not end with
-        return found or [_plain(str(failure), kind)]
+        return found or [_Message(str(failure), number)]
     return found
 
 
-def _placed(messages: Sequence[str], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
-    """Return those of many violations that are found in a part of the document, with their places if one is found."""
-    remark = "there may be more of them further down; correct these first"
-    for part in _parts(root):
-        found = [] if _could_be_slow(part.root) else _violations(part.root, kind, name, part.original)
-        if found:
-            return [*found, SCHEMA_VIOLATION("was looked at in part", at=Location(name), help=remark)]
-    return [SCHEMA_VIOLATION(message, at=Location(name), help=remark) for message in messages]
+def _lines_of(root: etree._Element) -> Callable[[Any], int]:
+    """Return a function that gives the line of a message about the text that `etree.tostring` makes of a tree.
 
+    There, attributes of an element are on one line, and comments are absent.
+    """
+    from lxml import etree
 
-def _parts(root: etree._Element) -> Iterator[_Part]:
-    """Yield copies in which long lists are cut to a stretch, from their beginnings on."""
-    longest = max(len(element) for element in root.iter())
-    start, width = 0, LEAST_PART
-    while start < longest:
-        yield _Part(root, start, start + width)
-        start, width = start + width, min(2 * width, LARGEST_PART)
+    written, read, line = [1], [line_of(root)], 1
+    for event, element in etree.iterwalk(root, events=("start", "end")):
+        if event == "start" and line > written[-1]:
+            written.append(line)
+            read.append(line_of(element))
+        line += ((element.text if event == "start" else element.tail) or "").count("\n")
 
+    def line_of_message(entry: Any) -> int:
+        place = bisect(written, entry.line) - 1
+        return int(read[place] + entry.line - written[place])
 
-class _Part:
-    """A copy with the children from `start` to `stop` of each element; the outer ones stay, they may be required."""
-
-    def __init__(self, whole: etree._Element, start: int, stop: int) -> None:
-        from copy import deepcopy
-
-        self._whole = whole
-        self._kept: dict[etree._Element, list[int]] = {}
-        self._originals: dict[etree._Element, list[etree._Element]] = {}
-        self.root = deepcopy(whole)
-        for element in [element for element in self.root.iter() if len(element) > 2 * LEAST_PART]:
-            count, outer = len(element), len(element) - LEAST_PART
-            inside = range(max(start, LEAST_PART), min(stop, outer))
-            self._kept[element] = [*range(LEAST_PART), *inside, *range(outer, count)]
-            del element[inside.stop if inside else LEAST_PART : outer]
-            del element[LEAST_PART : inside.start if inside else LEAST_PART]
-
-    def original(self, element: etree._Element) -> etree._Element:
-        """Return what `element` is a copy of: a copy does not know the lines of long files."""
-        parent = element.getparent()
-        if parent is None:
-            return self._whole
-        if parent not in self._originals:
-            children = list(self.original(parent))  # to ask for one by its number is to count up to it
-            self._originals[parent] = [children[at] for at in self._kept.get(parent, range(len(children)))]
-        return self._originals[parent][parent.index(element)]
-
-
-def _violations(
-    root: etree._Element, kind: str, name: str, original: Callable[[etree._Element], etree._Element] = lambda e: e
-) -> list[Diagnostic]:
-    """Return the violations that libxml2 finds, each with its line: that of the `original` of an element."""
-    schema = _libxml2_schema(kind)
-    if schema.validate(root):
-        return []
-    entries = list(schema.error_log)
-    listed = entries[: MAX_REPORTED * 2]  # a bad value is reported twice
-    violations = {_subject(e): (_line(root, e, original), _plain(e.message, kind)) for e in reversed(listed)}
-    found = _reported(list(reversed(violations.values()))[:MAX_REPORTED], root, kind, name)
-    if len(entries) > len(listed):
-        text = f"has further violations, {len(entries) - len(listed)} messages in all, which are not listed"
-        found.append(SCHEMA_VIOLATION(text, at=Location(name), help="correct those that are listed first"))
-    return found
+    return line_of_message
 
 
 def _reported(violations: list[tuple[int, str]], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
@@ -249,7 +240,7 @@ def line_of(element: etree._Element) -> int:
     return line - (element.tail or "").count("\n")
 
 
-def _line(root: etree._Element, entry: Any, original: Callable[[etree._Element], etree._Element]) -> int:
+def _line(root: etree._Element, entry: Any) -> int:
     """Return the line of a violation; libxml2 does not know lines beyond 65534 exactly."""
     if 0 < entry.line < _LAST_EXACT_LINE or not entry.path:
         return int(entry.line)
@@ -259,7 +250,7 @@ def _line(root: etree._Element, entry: Any, original: Callable[[etree._Element],
         found = root.getroottree().xpath(entry.path)
     except etree.XPathEvalError:  # the path has prefixes that only the document knows
         found = []
-    return line_of(original(found[0])) if found else int(entry.line)
+    return line_of(found[0]) if found else int(entry.line)
 
 
 @cache
@@ -287,10 +278,9 @@ def _explain(root: etree._Element, kind: str) -> dict[int, str]:
     import xmlschema
     from lxml import etree
 
-    if any(len(element.attrib) > MAX_ATTRIBUTES for element in root.iter()):
+    is_large = root.xpath("count(//*)") > MAX_EXPLAINED_ELEMENTS
+    if is_large or any(len(element.attrib) > MAX_ATTRIBUTES for element in root.iter()):
         return {}
-    if root.xpath("count(//*)") > MAX_EXPLAINED_ELEMENTS:
-        root = _Part(root, 0, LARGEST_PART // 20).root
     schema = xmlschema.XMLSchema10(etree.tostring(_grammar(kind), encoding="unicode"))
     reasons: dict[int, str] = {}
     # What xmlschema cannot digest, such as an unknown xsi:type, stays without its explanation.
