@@ -1,4 +1,4 @@
-"""Near names for messages: what the user probably meant."""
+"""Names in messages: the nearest known one, and the first few of many."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
 COMPARISONS = 50_000
 """Names that one command compares, about a second's worth; findings after that do without a suggestion."""
@@ -42,6 +42,15 @@ _WORDS = {
     "output": "file path",
 }
 """Words that other tools and the field use, by ours: no spelling leads from one to the other."""
+
+
+_MOST_NAMES = 5
+
+
+def few(names: Sequence[str]) -> str:
+    """List names in quotes, the first five of them."""
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more
 
 
 class _Budget:

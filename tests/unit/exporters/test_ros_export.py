@@ -11,7 +11,6 @@ from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.common.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
-from halpipe.exporters.ros.document import unrealised
 from halpipe.models import Interrupt, Part, Split
 from stated_options import option_of, stated
 from support import access, job, model, ms, schedule, task, version
@@ -152,7 +151,7 @@ def test_a_schedule_is_needed():
 
 
 def messages(system, planned, **options):
-    found = unrealised(system, planned, RosOptions(**options))
+    found = FORMAT.remarks(system, planned, RosOptions(**options), {})
     assert {d.code for d in found} <= {codes.UNREALISED.id}
     said = [d.message for d in found]
     assert document(system, planned, **options)["not-realised"] == said

@@ -15,6 +15,7 @@ from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.options import refuse_unused
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, UNREALISED
 from halpipe.exporters.linux.copies import copies_of
@@ -287,9 +288,6 @@ def check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], fi
             findings.add(BAD_TEXT(f"{name[:60]!r} has other characters", at=at, path=kind, help=help))
 
 
-_MOST_NAMES = 5
-
-
 def unrealised(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> list[Diagnostic]:
     """Return one warning for each kind of thing that the bundle leaves open."""
     path = about(model=model.name)
@@ -303,7 +301,7 @@ def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> It
     versions = {(job.task, job.version): model.task(job.task).version(job.version) for job in jobs}
     if gangs := dict.fromkeys(job.task for job in jobs if len(job.units) > 1):
         yield (
-            f"programs run on one CPU, though they occupy several units: {_few(list(gangs))}",
+            f"programs run on one CPU, though they occupy several units: {few(list(gangs))}",
             "let the program start helping threads on the CPUs of the units that are kept free for it",
         )
     if any(version.accesses for version in versions.values()):
@@ -316,18 +314,13 @@ def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> It
         )
     if made_up := [f"{task}/{name}" for (task, name), version in versions.items() if version.source is None]:
         yield (
-            f"programs that only take {options.busy} % of their WCET stand for: {_few(made_up)}",
+            f"programs that only take {options.busy} % of their WCET stand for: {few(made_up)}",
             "name their sources in the model, or in an overlay",
         )
     if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule)):
         yield (
-            f"health rules are not followed, but for switches after one overrun: {_few(list(left))}",
+            f"health rules are not followed, but for switches after one overrun: {few(list(left))}",
             "a program that faults ends the dispatcher; let its supervisor start it in the mode that is meant",
         )
     if options.cpus is None:
         yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."
-
-
-def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.core.extent import ASPECTS, Extent
 from halpipe.core.options import CPUS, Form, cpu_number, option, positive_duration, specific
 from halpipe.core.quantities import whole
@@ -125,15 +126,20 @@ class RosExporter(PlainExporter):
     ) -> list[Diagnostic]:
         """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
-        from halpipe.exporters.ros.document import package_remarks, unrealised
+        from halpipe.exporters.ros.codes import UNREALISED
 
-        chosen = specific(RosOptions, options)
-        if chosen.package:
+        own, played = specific(RosOptions, options), select(model, schedule, options.mode, self.name)
+        if own.package:
+            from halpipe.exporters.ros.packaging import specific_sentences
             from halpipe.exporters.ros.waits import wait_remarks
 
-            remarks = package_remarks(model, select(model, schedule, options.mode, self.name))
-            return [*remarks, *wait_remarks(model, chosen)]
-        return unrealised(model, select(model, schedule, options.mode, self.name), chosen)
+            sentences, more = specific_sentences(model, played), wait_remarks(model, own)
+        else:
+            from halpipe.exporters.ros.document import sentences as of_document
+
+            sentences, more = of_document(model, played, own), []
+        path = about(model=model.name)
+        return [*(UNREALISED(text, path=path, help=help) for text, help in sentences), *more]
 
 
 FORMAT = RosExporter()

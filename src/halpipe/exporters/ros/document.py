@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError, about
 from halpipe.core.embedding import pieces
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.native import format_model
-from halpipe.exporters.ros.codes import TOO_FINE, UNREALISED
+from halpipe.exporters.ros.codes import TOO_FINE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel
@@ -44,7 +44,7 @@ def format_executors(model: TaskModel, schedule: Schedule, options: RosOptions) 
         "model-sha256": schedule.model_sha256,
         "scheduling": {"policy": "SCHED_FIFO", "priority": options.priority},
         "modes": [_mode(model, table, cpus) for table in schedule.modes],
-        "not-realised": [finding.message for finding in unrealised(model, schedule, options)],
+        "not-realised": [text for text, _ in sentences(model, schedule, options)],
         "model-xml": _Block("".join(pieces(format_model(model)))),
     }
     text = yaml.dump(document, Dumper=_dumper(), sort_keys=False, default_flow_style=None, width=_WIDTH)
@@ -200,24 +200,8 @@ def _timer(job: Job, index: int | None, period: Duration, offset: Duration) -> T
     )
 
 
-_MOST_NAMES = 5
-
-
-def unrealised(model: TaskModel, schedule: Schedule, options: RosOptions) -> list[Diagnostic]:
-    """Return one warning for each kind of thing that the exported file cannot make happen."""
-    path = about(model=model.name)
-    return [UNREALISED(text, path=path, help=help) for text, help in _sentences(model, schedule, options)]
-
-
-def package_remarks(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
-    """Return one warning for each thing of the schedule that the package leaves open."""
-    from halpipe.exporters.ros.packaging import specific_sentences
-
-    path = about(model=model.name)
-    return [UNREALISED(text, path=path, help=help) for text, help in specific_sentences(model, schedule)]
-
-
-def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Iterator[tuple[str, str]]:
+def sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Iterator[tuple[str, str]]:
+    """Yield what executors and timers cannot make happen, and what to do about it."""
     used = {job.task for table in schedule.modes for job in table.jobs}
     units = {unit for table in schedule.modes for job in table.jobs for unit in job.units}
     if len(schedule.modes) > 1:
@@ -227,23 +211,23 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
         )
     if ruled := dict.fromkeys(rule.task for rule in model.health):
         yield (
-            f"executors do not follow health rules: {_few(list(ruled))}",
+            f"executors do not follow health rules: {few(list(ruled))}",
             "let a supervisor watch the callbacks, and start the executors of the mode that is meant",
         )
     if on_demand := [task.name for task in model.tasks if task.period is None and task.name in used]:
         yield (
-            f"started by timers, not by their messages: {_few(on_demand)}",
+            f"started by timers, not by their messages: {few(on_demand)}",
             "start them by time only; in a subscription, store the message for the timer's callback",
         )
     gangs = dict.fromkeys(job.task for table in schedule.modes for job in table.jobs if len(job.units) > 1)
     if gangs:
         yield (
-            f"run on one CPU, though they occupy several units: {_few(list(gangs))}",
+            f"run on one CPU, though they occupy several units: {few(list(gangs))}",
             "let the callback start helping threads on the CPUs of the units that are kept free for it",
         )
     if apart := _apart_by_time(model, schedule):
         yield (
-            f"kept apart by their instants only, since their executors differ: callbacks that share {_few(apart)}",
+            f"kept apart by their instants only, since their executors differ: callbacks that share {few(apart)}",
             "let no callback run longer than its WCET, or give the tasks of a group one and the same unit",
         )
     if any(version.accesses for task in model.tasks if task.name in used for version in task.versions):
@@ -253,13 +237,13 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
         )
     if rounded := [table.name for table in schedule.modes if not is_exact(table)]:
         yield (
-            f"jobs start up to 1ns early, since timers count whole nanoseconds: mode {_few(rounded)}",
+            f"jobs start up to 1ns early, since timers count whole nanoseconds: mode {few(rounded)}",
             "nothing to do: the rounding does not add up",
         )
     if options.cpus is None:
         yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."
     elif loose := [unit.name for unit in model.units if unit.name in units and unit.name not in options.cpus]:
-        yield f"executors without affinity: {_few(loose)}", "state their CPUs with --cpus unit=number,..."
+        yield f"executors without affinity: {few(loose)}", "state their CPUs with --cpus unit=number,..."
 
 
 def _apart_by_time(model: TaskModel, schedule: Schedule) -> list[str]:
@@ -272,8 +256,3 @@ def _apart_by_time(model: TaskModel, schedule: Schedule) -> list[str]:
                 if access.bound == 1 and not access.start and access.end == version.wcet:
                     on.setdefault(access.resource, set()).add(job.units[0])
     return [resource.name for resource in model.resources if len(on.get(resource.name, ())) > 1]
-
-
-def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more

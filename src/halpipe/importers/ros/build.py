@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate, settled
@@ -20,7 +21,7 @@ from halpipe.importers.ros.design import ModeGraph, ModeModel, merge_modes, read
 from halpipe.importers.ros.dot import read_dot
 from halpipe.importers.ros.exclusion import Exclusion, default_groups
 from halpipe.importers.ros.executors import read_executors
-from halpipe.importers.ros.graph import Names, clean, few, task_names
+from halpipe.importers.ros.graph import Names, clean, task_names
 from halpipe.importers.ros.options import RESOURCES
 from halpipe.importers.ros.rosbag import read_bag
 from halpipe.importers.ros.sniff import FileKind, find

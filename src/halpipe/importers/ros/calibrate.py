@@ -31,9 +31,9 @@ from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import few, printable
+from halpipe.importers.ros.graph import printable
 from halpipe.importers.ros.traced import measure
 from halpipe.importers.traces.ctf import folders
 from halpipe.importers.traces.numbers import DecimalSign, separator_of

@@ -8,8 +8,9 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import NOWHERE
+from halpipe.core.suggest import few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Kind, few
+from halpipe.importers.ros.graph import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from halpipe.core.diagnostics import named
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Certainty, Kind, Publication, few
+from halpipe.importers.ros.graph import Certainty, Kind, Publication
 from halpipe.models import Chain, Origin
 
 if TYPE_CHECKING:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, Severity, named
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Group, Kind, Names, few
+from halpipe.importers.ros.graph import Group, Kind, Names
 from halpipe.models import Access, Origin, Resource
 
 if TYPE_CHECKING:

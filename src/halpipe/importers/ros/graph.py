@@ -21,7 +21,7 @@ from halpipe.core.records import record
 from halpipe.importers.ros import codes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
     from halpipe.core.diagnostics import Findings, Location
 
@@ -251,12 +251,3 @@ def _candidates(period: Duration, rates_first: bool) -> Iterator[Duration]:
 
 def _nearest_multiple(period: Duration, grid: Duration) -> Duration:
     return grid * max(1, round(period / grid))
-
-
-_MOST_NAMES = 5
-
-
-def few(names: Sequence[str]) -> str:
-    """List names in quotes, the first five of them."""
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more

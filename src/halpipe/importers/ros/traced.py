@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration
+from halpipe.core.suggest import few
 from halpipe.importers.common.base import Coverage
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.caret import read_caret
@@ -28,7 +29,6 @@ from halpipe.importers.ros.graph import (
     Rate,
     RosGraph,
     Subscription,
-    few,
     printable,
     snap,
     task_names,

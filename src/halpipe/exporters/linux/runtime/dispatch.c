@@ -17,7 +17,6 @@
 #define RING 256          /* tables that a thread may lag behind */
 #define MILLISECOND INT64_C(1000000)
 #define TOUCHED (128 * 1024)   /* bytes of a stack whose pages are there before the first job */
-#define SWITCHES 4096     /* that are measured */
 #define YIELDS 100        /* how often a late thread lets others begin that should have begun before */
 #define PATIENCE 20000    /* and how often in all, which is about a second */
 #define OPEN 64           /* tables of which copies are due at once: those whose last copies lie behind their ends */
@@ -53,8 +52,7 @@ static pthread_cond_t opened = PTHREAD_COND_INITIALIZER;
 static atomic_int wanted = -1, stopping, ended, playing, unlocked;
 static _Atomic int64_t requested, stepped;
 static atomic_uint steps;
-static dispatch_switch switches[SWITCHES];
-static size_t n_switches;
+static dispatch_switches switched = {.excess = INT64_MIN};
 static _Atomic uint64_t refused, left_out;
 static int64_t origin, offset;        /* offset: of the clock of the origin to CLOCK_MONOTONIC */
 static pthread_t conductor, copier;
@@ -319,11 +317,13 @@ static void publish(turn next) {
   pthread_mutex_unlock(&gate);
 }
 
-/* How long the request that ends `table` waited for the next one, which begins at `at`. */
+/* How long the request that ends `table` waited for the next one, which begins at `at`, or when it was known, if later. */
 static void measure(int table, int64_t at, int64_t asked) {
-  if (n_switches == SWITCHES) return;
-  const int64_t time = time_now();
-  switches[n_switches++] = (dispatch_switch){asked, time > at ? time : at, plan.tables[table].length + now_.lead};
+  const int64_t time = time_now(), waited = (time > at ? time : at) - asked;
+  const int64_t excess = waited - plan.tables[table].length - now_.lead;
+  switched.taken++;
+  if (waited > switched.longest) switched.longest = waited;
+  if (excess > switched.excess) switched.excess = excess;
 }
 
 /* The table after `table`: the target of a switch, the switch that was asked for, or the same mode again. */
@@ -544,14 +544,11 @@ int64_t dispatch_origin(void) { return origin; }
 uint64_t dispatch_left_out(void) { return atomic_load(&left_out); }
 uint64_t dispatch_refused(void) { return atomic_load(&refused); }
 
+dispatch_switches dispatch_switched(void) { return switched; }
+
 int64_t dispatch_stepped(unsigned *times) {
   *times = atomic_load(&steps);
   return atomic_load(&stepped);
-}
-
-const dispatch_switch *dispatch_switches(size_t *n) {
-  *n = n_switches;
-  return switches;
 }
 
 size_t dispatch_take(int worker, dispatch_event *into, size_t most) {

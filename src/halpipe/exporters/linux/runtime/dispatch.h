@@ -107,10 +107,10 @@ typedef struct {          /* counts of a thread */
   int64_t over;                               /* ns since the end of the slot of the job that is stuck */
 } dispatch_counts;
 
-typedef struct {          /* a request for a mode that was taken */
-  int64_t requested, began;                   /* began: the instant of the table that followed, or when it was known, if later */
-  int64_t limit;                              /* the length of the table that was played, and the lead of a dispatch */
-} dispatch_switch;
+typedef struct {          /* the requests for modes that were taken */
+  uint64_t taken;
+  int64_t longest, excess;                    /* ns from a request to its table, and beyond the table before and a dispatch */
+} dispatch_switches;
 
 /* All return 0, or an errno with the reason in dispatch_reason. */
 int dispatch_load(const char *folder, const char *memory);   /* the programs */
@@ -130,7 +130,7 @@ uint64_t dispatch_left_out(void);             /* tables, since the machine was a
 uint64_t dispatch_refused(void);              /* requests without a table between the modes */
 uint64_t dispatch_copied(int64_t *latest);    /* copies at releases and releases + LET, and the most that one was late by */
 uint64_t dispatch_torn(void);                 /* copies out of a buffer during which its writers never paused */
-const dispatch_switch *dispatch_switches(size_t *n);   /* the first ones, as many as there is room for */
+dispatch_switches dispatch_switched(void);
 dispatch_counts dispatch_counted(int worker);
 int64_t dispatch_start_error(int percent);    /* ns; at most 1/64 above the exact one, 100: exact */
 uint64_t dispatch_recorded(void);             /* jobs */

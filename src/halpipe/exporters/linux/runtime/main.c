@@ -334,20 +334,6 @@ static void attend(int signals, int control) {
 
 /* --------------------------------------------------------------------------------------------- results */
 
-static void summarise_switches(void) {
-  size_t n;
-  const dispatch_switch *taken = dispatch_switches(&n);
-  int64_t longest = 0, excess = INT64_MIN;
-  for (size_t i = 0; i < n; i++) {
-    const int64_t waited = taken[i].began - taken[i].requested;
-    if (waited > longest) longest = waited;
-    if (waited - taken[i].limit > excess) excess = waited - taken[i].limit;
-  }
-  if (n)
-    printf("%zu mode switches; from request to next table at most %.3f ms, which is %.3f ms %s than a table and a dispatch\n", n,
-           longest / 1e6, (excess < 0 ? -excess : excess) / 1e6, excess <= 0 ? "less" : "more");
-}
-
 static void summarise(void) {
   dispatch_counts all = {0};
   unsigned steps;
@@ -365,7 +351,11 @@ static void summarise(void) {
          (unsigned long long)(all.unrecorded + dispatch_unwritten()),
          (unsigned long long)(all.lost_tables + dispatch_left_out()),
          (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
-  summarise_switches();
+  const dispatch_switches switched = dispatch_switched();
+  if (switched.taken)
+    printf("%llu mode switches; from request to next table at most %.3f ms, which is %.3f ms %s than a table and a dispatch\n",
+           (unsigned long long)switched.taken, switched.longest / 1e6, llabs(switched.excess) / 1e6,
+           switched.excess <= 0 ? "less" : "more");
   int64_t latest;
   const uint64_t copied = dispatch_copied(&latest);
   if (copied) printf("%llu copies at releases and at releases + LET, at most %.1f us late\n", (unsigned long long)copied, latest / 1e3);
