@@ -9,7 +9,8 @@ from halpipe import cli
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv import CoSimulation, codes
 from halpipe.deploy.riscv.run.cosimulation import Word
-from halpipe.deploy.riscv.run.recording import board_csv, read_board
+from halpipe.deploy.riscv.run.recording import Flag, Kind, board_csv, read_board
+from halpipe.exporters.riscv import cores, render, target
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +87,24 @@ def test_a_record_of_nothing_is_refused(sound, run, memory):
     with pytest.raises(HalpipeError) as failure:
         board_csv(sound.bundle, read_board(sound.bundle, bytes(spoilt), "m"), "m")
     assert "does not have" in failure.value.diagnostics[0].message
+
+
+TRAP = 'unsigned long smooth[8], command;\nvoid act(void) { __asm__ volatile(".word 0xc0001073"); }\n'
+
+
+def test_both_rings_wrap(export, monkeypatch):
+    """Rings of fewer records hold the last ones, in order: each was written when the simulator saw it counted."""
+    for module in (cores, render, target):
+        monkeypatch.setattr(module, "TRACE_RECORDS", 48)
+        monkeypatch.setattr(module, "FAULT_RECORDS", 4)
+    run = CoSimulation(export(sources={"act.c": TRAP}), cycles=4).run()
+    records, seen = run.recording.records, run.recorder.traced
+    assert run.recording.lost == len(seen) - 48 + run.word(Word.FAULTS) - 4
+    assert (len(records), len(run.recording.abandoned)) == (48, 4)
+    assert len(seen) > 2 * 48
+    ticks = [(now - run.zero) // run.tick for now, _ in seen[-49:]]
+    timed = [(low, r, high) for low, r, high in zip(ticks, records, ticks[1:], strict=False) if r.kind != Kind.TABLE]
+    assert all(low <= r.time <= high for low, r, high in timed)
+    failed = [(r.cycle, r.release) for r in records if r.flags & Flag.FAULT]
+    assert [(a.cycle, a.release) for a in run.recording.abandoned][-len(failed) :] == failed[-4:]
+    assert failed
