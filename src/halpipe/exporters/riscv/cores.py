@@ -24,7 +24,7 @@ from halpipe.exporters.riscv.profile import MAILBOX, MONITOR, RESERVED, Region
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.images import Part
@@ -311,29 +311,30 @@ def places_of(
         for core in part.cores:
             place = kept.get(core, (0, 0))
             found[part, core] = place
-            ends = tuple(at + size for at, size in zip(place, _sizes(measured[part], part, profile), strict=True))
-            findings += _too_large(part, core, place, ends, profile)
+            sizes = sizes_of(measured[part], part, profile)
+            findings += too_large(part, core, sizes, profile, place)
             if (part.task, part.version.name) in gapped:
-                kept[core] = (aligned(ends[0], LINE), aligned(ends[1], LINE))
+                kept[core] = (aligned(place[0] + sizes[0], LINE), aligned(place[1] + sizes[1], LINE))
     return found, findings
 
 
-def _sizes(elf: Elf, part: Part, profile: Profile) -> tuple[int, int]:
+def sizes_of(elf: Elf, part: Part, profile: Profile) -> tuple[int, int]:
     """Return the bytes of code and of data, as measured on the part's first core."""
     core = part.cores[0]
     code = elf.address("hp_code_end") - core.ispm.base - MONITOR
     return code, elf.address("hp_data_end") - core.dspm.base - profile.stack
 
 
-def _too_large(
-    part: Part, core: Core, place: tuple[int, int], ends: Sequence[int], profile: Profile
+def too_large(
+    part: Part, core: Core, sizes: tuple[int, int], profile: Profile, place: tuple[int, int] = (0, 0)
 ) -> Iterator[Diagnostic]:
-    """Yield what does not fit beside jobs that are open; what is too large by itself has been reported."""
-    for what, before, end, room in zip(
-        ("code", "data"), place, ends, (profile.code_room, profile.data_room), strict=True
-    ):
-        if before and end > room:
-            message = f"{what} ends at {format_size(end)} beside the jobs with gaps that are open on {core.unit}; "
-            message += f"there is room for {format_size(room)}"
-            help = "all jobs open together on a unit must fit its scratchpads: make them smaller, or use another unit"
+    """Yield what of an image does not fit the scratchpads, at a place behind the images of jobs that are open."""
+    rooms = profile.code_room, profile.data_room
+    for what, size, before, room in zip(("code", "data"), sizes, place, rooms, strict=True):
+        if before + size > room:
+            message = f"{what} has {size} bytes"
+            message += f" beside the jobs with gaps that are open on {core.unit}, which have {before}" if before else ""
+            message += f"; there is room for {room} beside monitor, stack and mailbox"
+            help = f"make it {before + size - room} bytes smaller, for instance by work on pieces that are transferred "
+            help += "one after the other"
             yield IMAGE_TOO_LARGE(message, at=part.version.at, path=part.path, help=help)

@@ -11,7 +11,6 @@ from halpipe.core.quantities import format_size
 from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import (
     COMPILE_FAILED,
-    IMAGE_TOO_LARGE,
     INITIALISED,
     LINK_FAILED,
     MAIN_MEMORY_FULL,
@@ -22,21 +21,21 @@ from halpipe.exporters.riscv.codes import (
     OVERWRITTEN,
     SYMBOL_TOO_SMALL,
 )
-from halpipe.exporters.riscv.cores import LINE, aligned
+from halpipe.exporters.riscv.cores import LINE, aligned, sizes_of, too_large
 from halpipe.exporters.riscv.phases import functions_of, phases_of
-from halpipe.exporters.riscv.profile import MONITOR
 from halpipe.exporters.riscv.toolchain import Compile, Link, compiler_errors, read_elf
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from halpipe.core.diagnostics import Code
     from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.render import Renderer
     from halpipe.exporters.riscv.sources import SourceTree
     from halpipe.exporters.riscv.toolchain import Elf, Failure, Segment, Workshop
-    from halpipe.models import Version
+    from halpipe.models import Transfer, Version
 
 MINIMAL = Compile("runtime/minimal.c", "build/runtime/minimal.o")
 
@@ -186,39 +185,36 @@ def _faults(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:
         if name not in elf.symbols:
             help = "define it in one of the files " + ", ".join(source.files)
             yield MISSING_ENTRY(f'no source defines the function "{name}"', at=source.at, path=part.path, help=help)
-    for access in part.version.accesses:
-        for transfer in access.transfers:
-            symbol = elf.symbols.get(transfer.symbol)
-            if symbol is None:
-                help = f"define it: uint8_t {transfer.symbol}[{transfer.size}];"
-                yield MISSING_SYMBOL(
-                    f'no source defines the variable "{transfer.symbol}"', at=transfer.at, path=part.path, help=help
-                )
-            elif not symbol.is_unique:
-                help = "rename one of them"
-                yield NAME_CLASH(
-                    f'several variables are called "{transfer.symbol}"', at=transfer.at, path=part.path, help=help
-                )
-            elif symbol.size < transfer.size:
-                message = f'moves {transfer.size} bytes, but "{transfer.symbol}" has {symbol.size}'
-                help = "make the sizes agree"
-                yield SYMBOL_TOO_SMALL(message, at=transfer.at, path=part.path, help=help)
-            elif any(s.target <= symbol.address < s.target + s.size for s in elf.segments):
-                help = (
-                    f"define it without one (uint8_t {transfer.symbol}[{transfer.size}];), and set it in the function"
-                )
-                message = f'"{transfer.symbol}" has an initial value'
-                yield INITIALISED(message, at=transfer.at, path=part.path, help=help)
-            elif elf.address("hp_bss_begin") <= symbol.address < elf.address("hp_bss_end"):
-                help = "define it as a plain global variable, without attributes"
-                message = f'"{transfer.symbol}" shares a section with other variables, and would be cleared with them'
-                yield MISSING_SYMBOL(message, at=transfer.at, path=part.path, help=help)
+    for transfer in (t for access in part.version.accesses for t in access.transfers):
+        fault = _fault_of(transfer, elf)
+        if fault is not None:
+            code, message, help = fault
+            yield code(message, at=transfer.at, path=part.path, help=help)
     if elf.reserving and not profile.dspm.has_reservations:
         message = f"its code has {len(elf.reserving)} lr or sc, the first at {elf.reserving[0]:#x}"
         help = "use atomic types of 32 or 64 bits, add, and, or, xor, swap, min or max only, or no atomic operations"
         yield NO_RESERVATIONS(message, at=source.at, path=part.path, help=help)
     yield from _overwritten(part, elf)
-    yield from _capacity(part, elf, profile)
+    yield from too_large(part, part.cores[0], sizes_of(elf, part, profile), profile)
+
+
+def _fault_of(transfer: Transfer, elf: Elf) -> tuple[Code, str, str] | None:
+    """Return code, message and help for a variable that a transfer cannot use; None if there is nothing wrong."""
+    name, size = transfer.symbol, transfer.size
+    symbol = elf.symbols.get(name)
+    if symbol is None:
+        return MISSING_SYMBOL, f'no source defines the variable "{name}"', f"define it: uint8_t {name}[{size}];"
+    if not symbol.is_unique:
+        return NAME_CLASH, f'several variables are called "{name}"', "rename one of them"
+    if symbol.size < size:
+        return SYMBOL_TOO_SMALL, f'moves {size} bytes, but "{name}" has {symbol.size}', "make the sizes agree"
+    if any(s.target <= symbol.address < s.target + s.size for s in elf.segments):
+        help = f"define it without one (uint8_t {name}[{size}];), and set it in the function"
+        return INITIALISED, f'"{name}" has an initial value', help
+    if elf.address("hp_bss_begin") <= symbol.address < elf.address("hp_bss_end"):
+        message = f'"{name}" shares a section with other variables, and would be cleared with them'
+        return MISSING_SYMBOL, message, "define it as a plain global variable, without attributes"
+    return None
 
 
 def _overwritten(part: Part, elf: Elf) -> Iterable[Diagnostic]:
@@ -240,23 +236,6 @@ def _overwritten(part: Part, elf: Elf) -> Iterable[Diagnostic]:
                     help = "give each buffer a variable of its own"
                     yield OVERWRITTEN(message, at=transfer.at, path=part.path, help=help)
             filled.append((low, high, transfer.buffer))
-
-
-def _capacity(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:
-    core = part.cores[0]
-    code = elf.address("hp_code_end") - core.ispm.base - MONITOR
-    data = elf.address("hp_data_end") - core.dspm.base - profile.stack
-    kept = profile.dspm.size - profile.data_room
-    for what, size, room, others in (
-        ("code", code, profile.code_room, f"the monitor has {MONITOR}"),
-        ("data", data, profile.data_room, f"stack and mailbox have {kept}"),
-    ):
-        if size > room:
-            memory = "instruction" if what == "code" else "data"
-            message = f"{what} has {size} bytes, the {memory} scratchpad has room for {room} ({others})"
-            help = f"make it {size - room} bytes smaller, or work on pieces that are transferred one after the other"
-            assert part.version.source is not None
-            yield IMAGE_TOO_LARGE(message, at=part.version.source.at, path=part.path, help=help)
 
 
 def link_images(

@@ -62,7 +62,8 @@ def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -
 
     Raise `HalpipeError` where the recording lacks measurements, or one of them failed.
     """
-    site, faults = read_site(target.bundle), [*machine_faults(target.bundle)]
+    site = read_site(target.bundle)
+    faults = [*machine_faults(target.bundle, site)]
     if faults:
         raise HalpipeError(*faults)
     recording, measured = read_calibration(target.bundle, data, file, base)

@@ -6,17 +6,17 @@ has to be the one that the profile describes.
 
 from __future__ import annotations
 
-import json
-from fractions import Fraction
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.files import parse_yaml, read_bytes
-from halpipe.core.quantities import format_rational, parse_bandwidth, parse_rational, parse_size
+from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
+from halpipe.deploy.riscv.target import MEMORIES, Area, DmaSite
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from halpipe.core.bundles import Bundle
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.expectation import Image
-    from halpipe.deploy.riscv.target import Site
+    from halpipe.deploy.riscv.target import Site, UnitSite
 
 PROFILES = Path(__file__).parents[3] / "profiles"
 OWN_PROFILE = "profile.yaml"
 FLAT = "bundle.bin"
 AGAIN = "export the bundle again; edit the model or its sources, not the bundle"
 MAILBOX, RESERVED = 256, 4096
-MEMORIES = ("ispm", "dspm", "main")
+_ENGINE = {"channels": "1", "base": "", "stride": "4096"}
 _DEFAULTS = {"stack": "8KiB", "finisher": "0", "qemu": [], "cpi": "1", "latency": "0ns"}
 
 
@@ -39,7 +39,7 @@ def contradictions(
     bundle: Bundle, site: Site, program: Program, images: Mapping[tuple[str, str, str], Image]
 ) -> Iterator[Diagnostic]:
     """Yield what of a bundle's parts does not agree."""
-    yield from machine_faults(bundle)
+    yield from machine_faults(bundle, site)
     yield from _flat(bundle, site, program)
     for image in images.values():
         yield from _image(bundle, program, image)
@@ -55,11 +55,9 @@ def is_known_profile(name: str) -> bool:
 # ------------------------------------------------------------------------------------------------ the machine
 
 
-def machine_faults(bundle: Bundle) -> Iterator[Diagnostic]:
-    """Hold target.json against the profile that it names; a user's own profile travels with the bundle."""
-    target = json.loads(bundle.files["target.json"])
-    name = str(target.get("profile"))
-    at = bundle.at("target.json")
+def machine_faults(bundle: Bundle, site: Site) -> Iterator[Diagnostic]:
+    """Compare target.json with the profile that it names; a user's own profile travels with the bundle."""
+    name, at = site.profile, bundle.at("target.json")
     known = is_known_profile(name)
     if not known and OWN_PROFILE not in bundle.files:
         message = f'its profile "{name}" does not come with halpipe, and the bundle does not have it'
@@ -67,7 +65,7 @@ def machine_faults(bundle: Bundle) -> Iterator[Diagnostic]:
         return
     text = read_bytes(PROFILES / f"{name}.yaml") if known else bundle.files[OWN_PROFILE]
     try:
-        stated = _described(parse_yaml(text, f"{name}.yaml"))
+        stated = _described(parse_yaml(text, f"{name}.yaml"), site)
     except HalpipeError as failure:
         yield from failure.diagnostics
         return
@@ -75,115 +73,68 @@ def machine_faults(bundle: Bundle) -> Iterator[Diagnostic]:
         message = f'its profile "{name}" cannot be understood: {failure}'
         yield FOREIGN_MACHINE(message, at=bundle.at(OWN_PROFILE), help=AGAIN)
         return
-    for path, value in _leaves(stated, ""):
-        found = _at(target, path)
-        if _plain(found) != _plain(value):
-            message = f'{path} is {_shown(found)}, profile "{name}" says {_shown(value)}'
-            yield FOREIGN_MACHINE(message, at=at, path=path, help=AGAIN)
-    yield from _cores(target, parse_yaml(text, name), at, name)
+    for path, found, value in _differences("", site, stated):
+        message = f'{path} is {found}, profile "{name}" says {value}'
+        yield FOREIGN_MACHINE(message, at=at, path=path, help=AGAIN)
 
 
-def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
-    dma = profile["dma"]
-    text = {**_DEFAULTS, **profile}
-    stated = dma["bandwidth"]
-    each = stated if isinstance(stated, dict) else dict.fromkeys(MEMORIES, stated)
+def _described(profile: Mapping[str, Any], site: Site) -> Site:
+    """Return the target with the machine that a profile describes."""
+    text, main, dma = {**_DEFAULTS, **profile}, profile["main"], profile["dma"]
+    each = dma["bandwidth"] if isinstance(dma["bandwidth"], dict) else dict.fromkeys(MEMORIES, dma["bandwidth"])
     into = {memory: parse_bandwidth(each[memory]) for memory in MEMORIES}
-    bandwidth = into if len({*into.values()}) > 1 else into["main"]
-    return {
-        "clock": int(profile["clock"]),
-        "timebase": int(profile["timebase"]),
-        "main": {"base": _address(profile["main"]["base"]), "size": parse_size(profile["main"]["size"])},
-        "clint": {"base": _address(profile["clint"])},
-        "uart": {"kind": profile["uart"]["kind"], "base": _address(profile["uart"]["base"])},
-        "dma": {
-            "kind": dma["kind"],
-            "base": _address(dma.get("base", "0")),
-            "stride": _address(dma.get("stride", "4096")),
-            "channels": int(dma.get("channels", "1")),
-            "bandwidth": bandwidth,
-            "bus": parse_bandwidth(dma["bus"]) if "bus" in dma else int(dma.get("channels", "1")) * min(into.values()),
-            "setup": Duration.parse(dma["setup"]),
-        },
-        "service": Duration.parse(profile["service"]),
-        "cpi": _cycles(text["cpi"]),
-        "latency": Duration.parse(text["latency"]),
-        "stack": parse_size(text["stack"]),
-        "finisher": _address(text["finisher"]) or "",
-        "qemu": [str(word) for word in text["qemu"]],
-        "decision": 2,
-        "margin": -(-2 * int(profile["timebase"]) // 1_000_000),
-    }
+    engine = DmaSite(dma["kind"], 0, 0, 0, into, Duration.parse(dma["setup"]))
+    if dma["kind"] != "copy":
+        channels, base, stride = (int(str(dma.get(key, d)), 0) for key, d in _ENGINE.items())
+        bus = parse_bandwidth(dma["bus"]) if "bus" in dma else channels * min(into.values())
+        engine = replace(engine, base=base, stride=stride, channels=channels, bus=bus)
+    cycles = text["cpi"] if isinstance(text["cpi"], dict) else {"jobs": text["cpi"]}
+    jobs, management, multiply = (
+        parse_rational(str(cycles.get(kind, cycles["jobs"]))) for kind in ("jobs", "management", "multiply")
+    )
+    return replace(
+        site,
+        clock=int(profile["clock"]),
+        timebase=int(profile["timebase"]),
+        main=Area(_address(main["base"]), parse_size(main["size"])),
+        clint=_address(profile["clint"]),
+        uart=_address(profile["uart"]["base"]),
+        dma=engine,
+        finisher=_address(text["finisher"]) or None,
+        stack=parse_size(text["stack"]),
+        units=tuple(_unit(unit, profile) for unit in site.units),
+        qemu=tuple(str(word) for word in text["qemu"]),
+        service=Duration.parse(profile["service"]),
+        cpi=jobs,
+        management_cpi=management,
+        multiply=multiply,
+        latency=Duration.parse(text["latency"]),
+    )
 
 
-def _cycles(stated: Any) -> Any:
-    """Return the cycles of an instruction: one number, or one for each kind where these differ."""
-    each = stated if isinstance(stated, dict) else {"jobs": stated}
-    read = {kind: format_rational(parse_rational(str(value))) for kind, value in each.items()}
-    read = {kind: read.get(kind, read["jobs"]) for kind in ("jobs", "management", "multiply")}
-    return read if len({*read.values()}) > 1 else read["jobs"]
+def _unit(unit: UnitSite, profile: Mapping[str, Any]) -> UnitSite:
+    """Return a unit with the scratchpads that the profile's rows have for its core."""
+    ispm, dspm = (
+        Area(_address(row["base"]) + (unit.hart - 1) * _address(row["stride"]), parse_size(row["size"]))
+        for row in (profile["ispm"], profile["dspm"])
+    )
+    return replace(unit, ispm=ispm, dspm=dspm, mailbox=dspm.end - MAILBOX, reserved=dspm.end - RESERVED)
 
 
-def _cores(target: Any, profile: Mapping[str, Any], at: Any, name: str) -> Iterator[Diagnostic]:
-    """Hold the scratchpads of every core against the profile's rows of them."""
-    for unit in target.get("units", []):
-        core = int(unit["hart"]) - 1
-        places = {}
-        for kind in ("ispm", "dspm"):
-            row = profile[kind]
-            base = _address(row["base"]) + core * _address(row["stride"])
-            places[kind] = {"base": base, "size": parse_size(row["size"])}
-        end = places["dspm"]["base"] + places["dspm"]["size"]
-        stated = {**places, "monitor": places["ispm"]["base"], "mailbox": end - MAILBOX, "reserved": end - RESERVED}
-        for path, value in _leaves(stated, ""):
-            found = _at(unit, path)
-            if _plain(found) != _plain(value):
-                where = f'{path} of unit "{unit.get("name")}"'
-                message = f'{where} is {_shown(found)}, profile "{name}" says {_shown(value)}'
-                yield FOREIGN_MACHINE(message, at=at, path=where, help=AGAIN)
+def _differences(path: str, found: Any, stated: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Yield path and values of the fields in which two records differ, at any depth."""
+    if is_dataclass(found) and is_dataclass(stated):
+        for name in (each.name for each in fields(found)):
+            yield from _differences(f"{path} {name}".strip(), getattr(found, name), getattr(stated, name))
+    elif isinstance(found, tuple) and path == "units":
+        for one, other in zip(found, stated, strict=True):
+            yield from _differences(f'unit "{one.name}"', one, other)
+    elif found != stated:
+        yield path, found, stated
 
 
 def _address(text: Any) -> int:
     return int(str(text), 0)
-
-
-def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _leaves(inner, f"{path} {key}".strip())
-    else:
-        yield path, value
-
-
-def _at(value: Any, path: str) -> Any:
-    for key in path.split():
-        value = value.get(key) if isinstance(value, dict) else None
-    return value
-
-
-def _plain(value: Any) -> Any:
-    """Return a value so that equal ones compare equal: addresses as numbers, durations as fractions."""
-    if isinstance(value, Duration):
-        return value.fraction
-    if isinstance(value, str) and value:
-        for read in (_from_address, _from_duration):
-            try:
-                return read(value)
-            except ValueError:
-                continue
-    return Fraction(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-def _from_address(text: str) -> Fraction:
-    return Fraction(int(text, 16))
-
-
-def _from_duration(text: str) -> Fraction:
-    return Duration.parse(text).fraction
-
-
-def _shown(value: Any) -> str:
-    return "absent" if value is None else f"{value}"[:60]
 
 
 # ------------------------------------------------------------------------------------------------ the programs
