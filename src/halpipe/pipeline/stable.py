@@ -2,10 +2,10 @@
 
 Of jobs that exclude each other where they lie, one must move: the largest number of such sets without a job in common
 bounds what must move. Small sets of tasks that leave no conflict are placed anew first. Where none suffices, the tasks
-that have changed are, then those as well that they meet in the best placement found, or that share most with them; at
-last everything is. What is free is tried first where it was. If more have moved than the bound, the exact engine, where
-it is installed, looks for a schedule in which fewer have, or proves that there is none; without a proof, tasks are put
-back one after the other.
+that have changed are, then those as well that have a part in a rule that the best placement breaks; at last everything
+is. What is free is tried first where it was. If more have moved than the bound, the exact engine, where it is
+installed, looks for a schedule in which fewer have, or proves that there is none; without a proof, tasks are put back
+one after the other.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about, note
 from halpipe.core.durations import ZERO
+from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.shipped import overlaps, staying
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import Access, Job, Schedule, Task, TaskModel, Unit
+    from halpipe.models import Job, Schedule, Task, TaskModel, Unit
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 NEAR = note(
@@ -40,10 +41,10 @@ NEAR = note(
 LONGER = "has another WCET"
 """Why a job may not be what it was, although it may stay where it was."""
 
-BUDGET = 100
+BUDGET = 300
 """Moves per task for the tasks that are free, before more of them are."""
 
-FOR_EACH_FREE = 10
+FOR_EACH_FREE = 30
 """So many of them for each that is free: a few soon find all the places that there are."""
 
 COVERS = 8
@@ -121,7 +122,7 @@ def _freed(
             break
         if found.is_complete or found.stopped:
             return found
-        more = _in_the_way(model, found.schedule, free) or _nearest(model, free)
+        more = _in_the_way(model, found.schedule, free)
         if not more:
             break
         free |= more
@@ -285,39 +286,22 @@ def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
 
 
 def _in_the_way(model: TaskModel, best: Schedule, free: frozenset[str]) -> frozenset[str]:
-    """Return the tasks that stay and meet one that is free, on a unit or a resource, in the best placement so far."""
-    accesses = {(task.name, version.name): version.accesses for task in model.tasks for version in task.versions}
-
-    def phases(job: Job) -> list[tuple[Access, Duration]]:
-        return [(access, job.start + access.start) for access in accesses.get((job.task, job.version), ())]
-
-    names: set[str] = set()
-    for mode in best.modes:
-        moving = [(job, phases(job)) for job in mode.jobs if job.task in free]
-        for job in mode.jobs:
-            if job.task in free | names:
-                continue
-            own, length = phases(job), mode.hyperperiod
-            if any(_meet(one, job, length) or _share(others, own, length) for one, others in moving):
-                names.add(job.task)
-    return frozenset(names)
+    """Return as many tasks again: those in most broken rules of the best placement, else beside the free ones."""
+    counts = Counter(s.name for d in broken(model, best) for s in d.subjects if s.kind == "task" and s.name not in free)
+    jobs = [job for mode in best.modes for job in mode.jobs]
+    units = {unit for job in jobs if job.task in free for unit in job.units}
+    beside = Counter(job.task for job in jobs if job.task not in free and not units.isdisjoint(job.units))
+    ordered = sorted(counts or beside, key=lambda name: (-counts[name], beside[name], name))
+    return frozenset(ordered[: max(1, len(free))])
 
 
-def _share(ones: list[tuple[Access, Duration]], others: list[tuple[Access, Duration]], length: Duration) -> bool:
-    """Return whether two jobs, by their accesses and when they begin, want more than all of a resource at one time."""
-    return any(
-        first.resource == second.resource
-        and first.bound + second.bound > 1
-        and ((later - begin) % length < first.end - first.start or (begin - later) % length < second.end - second.start)
-        for first, begin in ones
-        for second, later in others
-    )
+def broken(model: TaskModel, best: Schedule) -> list[Diagnostic]:
+    """Return what verify finds in the best placement of a search, without regard to what its author claims of it."""
+    from halpipe.pipeline.verify import verify
 
-
-def _nearest(model: TaskModel, free: frozenset[str]) -> frozenset[str]:
-    """Return as many tasks again, those that share most with the free ones; none once most are free."""
-    others = sorted((task.name for task in model.tasks if task.name not in free), key=_distance(model, free))
-    return frozenset(others[: max(2, len(free))]) if 2 * len(free) < len(model.tasks) else frozenset()
+    tables = tuple(replace(table, status=Status.VALID, cost=None, chains=()) for table in best.modes)
+    alone = model.alone(*(table.name for table in tables))
+    return [found for found in verify(alone, best.alone(tables)) if found.is_error]
 
 
 def _displaced(earlier: Schedule, held: Schedule | None) -> frozenset[str]:
@@ -378,26 +362,6 @@ def _hinders(units: Mapping[str, Unit], task: Task, job: Job) -> str:
     if job.parts or work == reserved_length(version.wcet, service_of(units, job.units)):
         return ""
     return LONGER
-
-
-def _distance(model: TaskModel, changed: frozenset[str]) -> Callable[[str], tuple[int, str]]:
-    """Return how little a task shares with those that have changed: windows, chains, units, resources."""
-    tasks = {task.name: task for task in model.tasks}
-    touched = [tasks[name] for name in sorted(changed)]
-    units = {unit for task in touched for version in task.versions for unit in version.units}
-    resources = {access.resource for task in touched for version in task.versions for access in version.accesses}
-    linked = {row.task for task in touched for version in task.versions for row in version.precedences}
-    chained = {name for chain in model.chains if changed & set(chain.tasks) for name in chain.tasks}
-
-    def shared(name: str) -> tuple[int, str]:
-        versions = tasks[name].versions
-        links = name in linked or any(row.task in changed for v in versions for row in v.precedences)
-        score = 4 * links + 2 * (name in chained)
-        score += any(access.resource in resources for v in versions for access in v.accesses)
-        score += any(unit in units for v in versions for unit in v.units)
-        return -score, name
-
-    return shared
 
 
 def _without(earlier: Schedule, free: Collection[str]) -> Schedule:

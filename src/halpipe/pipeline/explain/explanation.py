@@ -15,7 +15,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError, Subject, about
 from halpipe.core.options import Form, option, positive_duration, time_limit_of
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
-from halpipe.models import Schedule, Status
+from halpipe.models import Schedule
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import Conflict, coarser_grid, describe, find_conflict
@@ -183,6 +183,8 @@ class _Question:
 
     def answer(self) -> tuple[Verdict, list[Diagnostic]]:
         """Try the instant proofs, then the search, then the exact engine; end with what would help."""
+        from halpipe.pipeline.stable import broken as broken_rules
+
         for hopeless in find_witnesses(self.model, [self.mode.name]):
             tasks = hopeless.tasks
             return Verdict.INFEASIBLE, [*hopeless.diagnostics, *self._remedies(tasks)]
@@ -190,7 +192,7 @@ class _Question:
             tasks = tuple(task.name for task in self.model.tasks if Subject("task", task.name) in proofs[0].subjects)
             return Verdict.INFEASIBLE, [*proofs, *self._remedies(tasks)]
         best, notes = self._best()
-        broken = self._broken(best)
+        broken = broken_rules(self.model, best)
         if not broken:
             return Verdict.SCHEDULABLE, [*notes, self._schedulable("the search finds one")]
         found = self._not_found(best, broken)
@@ -271,14 +273,6 @@ class _Question:
         own = tuple(table for table in options.near.modes if table.name == self.mode.name)
         found = schedule_near(self.model, options, options.near.alone(own), solve)
         return found.schedule, found.diagnostics
-
-    def _broken(self, best: Schedule) -> list[Diagnostic]:
-        """Return what verify finds in it, without regard to what its author claims of it."""
-        from halpipe.pipeline.verify import verify
-
-        tables = tuple(replace(t, status=Status.VALID, cost=None, chains=()) for t in best.modes)
-        alone = self.model.alone(self.mode.name)
-        return [d for d in verify(alone, best.alone(tables)) if d.is_error]
 
     def _not_found(self, best: Schedule, broken: list[Diagnostic]) -> list[Diagnostic]:
         """Say how far the search came: the best cost, the rules still broken with counts, and the first jobs."""
