@@ -1,8 +1,7 @@
-"""Export to AUTOSAR Classic ARXML (R4.x): the model, what it demands and what is proven, and the OS that plays it.
+"""Export to AUTOSAR Classic ARXML (R4.x): the model, its requirements and guarantees, and the OS that plays it.
 
-The parts, each in its own module: `layout` gives every element its short name and path; `platform`, `software` and
-`modes` write the system; `timing` the demands, `guarantees` what a schedule proves; `ticks` and `tables` turn a
-schedule into integers, `osconfig` and `rteconfig` write them as ECU configuration.
+`software` writes the system, `timing` requirements and guarantees; `ticks` and `tables` turn a schedule into integers,
+`osconfig` writes them as ECU configuration, `definitions` completes and checks it; `onto` adds to a project.
 """
 
 from __future__ import annotations

@@ -44,16 +44,7 @@ def _points(text: str) -> int | None:
 
 @record(kw_only=True)
 class ArxmlOptions(ExportOptions):
-    """Options of an ARXML export.
-
-    - `release` is one of `RELEASES`; `part` is one of `PARTS`: the system, the ECU configuration, or both.
-    - `ecuc_prefix` stands before the names of the modules in the paths of definitions; vendors have their own.
-    - `tick` is the tick of the counters (None: the largest that all instants are multiples of); `min_cycle` and
-      `max_value` are their OsCounterMinCycle and OsCounterMaxAllowedValue.
-    - `ecuc_definitions` are files, or folders of them, that define the modules of a vendor.
-    - The schedule is put `onto` a project, whose import chose `ecu`, `variant` and `conditions`.
-    - `max_points` is how many expiry points a table of the target may have (None: any number).
-    """
+    """Options of an ARXML export: of files of its own, or `onto` a project, as its import chose."""
 
     release: str = option(DEFAULT_RELEASE, f"AUTOSAR release: {', '.join(RELEASES)}.", Words(*RELEASES))
     part: str = option("all", "system, ecuc (cores, OS and RTE; needs a schedule), or all.", Words(*PARTS))

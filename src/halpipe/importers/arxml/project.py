@@ -107,11 +107,16 @@ def _again(
     """Return the model of the project at the granularity of the given one, without what that has not, and the rest."""
     system = read_system(tree, options.ecu)
     tree.findings.stop_on_errors()
+
+    def made(granularity: str, *, is_dropping: bool) -> Built:
+        chosen = replace(options, overlay=_OfModel(model, is_dropping), granularity=granularity)
+        return assemble(tree, system, paths, chosen)
+
     found: dict[str, Built] = {}
     failures = []
     for granularity in GRANULARITIES:
         try:
-            found[granularity] = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=False))
+            found[granularity] = made(granularity, is_dropping=False)
         except HalpipeError as failure:
             failures.append(failure)
     if not found:
@@ -123,7 +128,7 @@ def _again(
     _report_others(model, found[granularity].model, paths, findings)
     findings.stop_on_errors()
     tree.findings = Findings()  # what the other granularities found does not count
-    built = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=True))
+    built = made(granularity, is_dropping=True)
     tree.findings.stop_on_errors()
     return built, [draft for draft in found[granularity].drafts if draft.name not in wanted]
 
@@ -169,12 +174,6 @@ def _report_foreign(task: Task, findings: Findings) -> None:
 
 def _path(task: Task) -> str:
     return task.origin.path if task.origin else ""
-
-
-def _options(
-    options: ArxmlImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool
-) -> ArxmlImportOptions:
-    return replace(options, overlay=_OfModel(model, is_dropping), granularity=granularity)
 
 
 # -------------------------------------------------------------------------------------------------- differences

@@ -24,7 +24,7 @@ from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.delta import Delta, mark
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits, apply_to_xdm
-from halpipe.exporters.arxml.onto.plan import XDM, make_onto_plan
+from halpipe.exporters.arxml.onto.plan import XDM, Planner
 from halpipe.exporters.arxml.osconfig import autostart, fill_counter, point_name
 from halpipe.exporters.native import paired
 
@@ -147,7 +147,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
     """
     findings = Findings()
     _refuse_earlier(project, findings)
-    plan = make_onto_plan(model, schedule, project, findings)
+    plan = Planner(model, schedule, project, findings).plan()
     writer = _Writer(schedule, project, plan, findings)
     writer.run()
     by_file: dict[str, list[Edit]] = {}

@@ -156,12 +156,9 @@ class OntoPlan:
     actions: dict[str, Action]
 
 
-def make_onto_plan(model: TaskModel, schedule: Schedule, project: Project, findings: Findings) -> OntoPlan:
-    """Decide the tables; raise `HalpipeError` with every task that the project cannot start where it is scheduled."""
-    return _Planner(model, schedule, project, findings).plan()
+class Planner:
+    """Decides the tables of a project."""
 
-
-class _Planner:
     def __init__(self, model: TaskModel, schedule: Schedule, project: Project, findings: Findings) -> None:
         self._model = model
         self._project = project
@@ -176,6 +173,7 @@ class _Planner:
         self._actions: dict[str, Action] = {}
 
     def plan(self) -> OntoPlan:
+        """Return the tables; raise `HalpipeError` with each task that cannot be started where it is scheduled."""
         used: dict[str, set[str]] = {}
         starts: dict[str, tuple[Action, ...]] = {}
         for _, _, _, jobs in self._tables:

@@ -6,7 +6,6 @@ the value of its criterion; so does what is in it. BINDING-TIME says when that i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
@@ -18,7 +17,7 @@ from halpipe.importers.arxml.files.sniff import NAMESPACE
 from halpipe.importers.arxml.files.words import parse_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from fractions import Fraction
 
     from lxml import etree
@@ -56,17 +55,6 @@ class Removed:
     tag: str
     path: str
     at: Location
-
-
-@dataclass(slots=True)
-class _Values:
-    """The values of constants and criteria by path; where each was set, for the message about a second one."""
-
-    by_path: dict[str, tuple[Value, str]] = field(default_factory=dict)
-
-    def get(self, path: str) -> Value | None:
-        found = self.by_path.get(path)
-        return found[0] if found else None
 
 
 def apply_variant(documents: Sequence[Document], choice: Choice, findings: Findings) -> list[Removed]:
@@ -120,10 +108,11 @@ class _Chooser:
             for element in document.root.iter(*(_NS + tag for tag in tags)):
                 at = Location(document.name, element.sourceline or 0)
                 self._by_path.setdefault(path_of(element), (element, at))
-        self._values = _Values()
+        self._values: dict[str, Value] = {}
+        self._sources: dict[str, str] = {}
 
-    def values(self, choice: Choice) -> _Values:
-        """Return the values that a choice gives constants and criteria."""
+    def values(self, choice: Choice) -> dict[str, Value]:
+        """Return the values that a choice gives constants and criteria, by path."""
         if choice.variant:
             self._add_variant(choice.variant)
         for condition in choice.conditions:
@@ -194,11 +183,12 @@ class _Chooser:
         self._set(found[0], stated.strip() if number is None else number, Location(), f"--condition {text}")
 
     def _set(self, path: str, value: Value, at: Location, source: str = "") -> None:
-        known = self._values.by_path.setdefault(path, (value, source or str(at)))
-        if known[0] != value:
+        known = self._values.setdefault(path, value)
+        where = self._sources.setdefault(path, source or str(at))
+        if known != value:
             self._findings.report(
                 codes.TWO_VALUES,
-                f"is {value} here, but {known[0]} at {known[1]}",
+                f"is {value} here, but {known} at {where}",
                 at=at,
                 path=path,
                 help="take one of the two value sets out of the variant",
@@ -208,7 +198,7 @@ class _Chooser:
 # ------------------------------------------------------------------------------------------------------- removal
 
 
-def _prune(document: Document, values: _Values, findings: Findings) -> Iterator[Removed]:
+def _prune(document: Document, values: Mapping[str, Value], findings: Findings) -> Iterator[Removed]:
     """Remove what does not exist, outermost first, and put the values of formulas in their place."""
     for point in list(document.root.iter(_NS + "VARIATION-POINT")):
         holder = point.getparent()
@@ -248,7 +238,7 @@ def _formulas(root: etree._Element) -> list[etree._Element]:
     return list(found)
 
 
-def _exists(point: etree._Element, values: _Values, file: str, findings: Findings) -> bool:
+def _exists(point: etree._Element, values: Mapping[str, Value], file: str, findings: Findings) -> bool:
     for condition in point.iter(_NS + "SW-SYSCOND"):
         value = _value(condition, values, file, findings)
         if value is not None and not is_true(value):
@@ -264,7 +254,7 @@ def _exists(point: etree._Element, values: _Values, file: str, findings: Finding
     return True
 
 
-def _value(element: etree._Element, values: _Values, file: str, findings: Findings) -> Value | None:
+def _value(element: etree._Element, values: Mapping[str, Value], file: str, findings: Findings) -> Value | None:
     at = Location(file, element.sourceline or 0)
     try:
         return evaluate(element, values.get)

@@ -513,13 +513,3 @@ class System:
     def events(self) -> tuple[Event, ...]:
         """Every event of every component type and module."""
         return tuple(event for component in self.components for event in component.events)
-
-    @property
-    def connectors(self) -> tuple[Connector, ...]:
-        """The assembly connectors of every composition with both ends known."""
-        return tuple(
-            connector
-            for composition in self.compositions
-            for connector in composition.connectors
-            if connector.place.kind == "ASSEMBLY-SW-CONNECTOR" and connector.source and connector.target
-        )
