@@ -131,7 +131,7 @@ def add_time(parent: etree._Element, tag: str, time: Duration, *, up: bool) -> N
 
 CONTAINER = "ECUC-CONTAINER-VALUE"
 MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
-_MODULE_DEF, PARAMETERS = "ECUC-MODULE-DEF", "ECUC-PARAM-CONF-CONTAINER-DEF"
+MODULE_DEF, PARAMETERS = "ECUC-MODULE-DEF", "ECUC-PARAM-CONF-CONTAINER-DEF"
 _REFERENCE = "ECUC-REFERENCE-DEF"
 
 
@@ -169,7 +169,7 @@ class Box:
     @property
     def is_module(self) -> bool:
         """Whether it is the configuration of a module."""
-        return self.dest == _MODULE_DEF
+        return self.dest == MODULE_DEF
 
     @property
     def kind(self) -> str:
@@ -210,11 +210,6 @@ class Box:
         found = Reference(name, path, definition, dest)
         if found not in self.refs and path not in self.repeated.get(name, ()):
             self.refs.append(found)
-
-
-def module(name: str, definition: str, base: str) -> Box:
-    """Start the configuration of a module by the path of its definition; `base` is its package."""
-    return Box(f"{base}/{name}", definition, _MODULE_DEF, is_new=True)
 
 
 def write_box(parent: etree._Element, box: Box, texts: list[bytes] | None = None) -> None:

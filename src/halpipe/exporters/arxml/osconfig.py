@@ -10,10 +10,11 @@ from halpipe.exporters.arxml.definitions import complete
 from halpipe.exporters.arxml.document import (
     CONTAINER,
     MODULE,
+    MODULE_DEF,
+    Box,
     add,
     group,
     is_from,
-    module,
     named,
     ref,
     sd,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.arxml.definitions import Definitions
-    from halpipe.exporters.arxml.document import Box
     from halpipe.exporters.arxml.software import Layout
     from halpipe.exporters.arxml.tables import Plan, Table, Work
     from halpipe.exporters.arxml.ticks import Hold
@@ -66,7 +66,7 @@ class OsNames:
     def module(self, name: str) -> Box:
         """Start the configuration of a module."""
         known = self.definitions.of(name)
-        return module(name, known.path if known else f"{self._prefix}/{name}", self.base)
+        return Box(f"{self.base}/{name}", known.path if known else f"{self._prefix}/{name}", MODULE_DEF, is_new=True)
 
     def write(self, elements: etree._Element, box: Box) -> None:
         """Append the configuration of a module, with what its definition, if there is one, demands."""

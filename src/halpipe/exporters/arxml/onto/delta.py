@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.exporters.arxml.document import (
     CONTAINER,
+    MODULE_DEF,
     NAMESPACE,
     PARAMETERS,
     Box,
@@ -42,7 +43,7 @@ class Delta:
         """Return the container or module of a path, repeated from the project with all that holds it."""
         item = self._project.items[path]
         if item.is_module:
-            return self._modules.setdefault(path, Box(path, item.definition, "ECUC-MODULE-DEF", item.uuid))
+            return self._modules.setdefault(path, Box(path, item.definition, MODULE_DEF, item.uuid))
         holder = self.box(path.rpartition("/")[0])
         if item.name not in holder.inside:
             box = holder.inside[item.name] = Box(path, item.definition, item.dest or PARAMETERS, item.uuid)

@@ -31,7 +31,7 @@ from halpipe.importers.arxml.files.words import MODULES
 from halpipe.importers.common.inputs import read_inputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from lxml import etree
 
@@ -57,7 +57,6 @@ TIMING-DESCRIPTIONS TIMING-REQUIREMENTS TYPE-TREF
 KNOWN = frozenset((*NAMED, *_LISTS.split()))
 # Elements of AUTOSAR that are one slip away from those above, and no slips.
 _OTHERS = frozenset({"TYPE-IREF", "TYPE-REF"})
-_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ-_"
 
 
 def report_misspelt(document: Document, namespace: str, findings: Findings) -> None:
@@ -86,21 +85,16 @@ def _meant(name: str) -> str:
         return folded
     if name.rstrip("S") in KNOWN or f"{name}S" in KNOWN:
         return ""  # plural and singular are elements of their own
-    return next((near for near in _neighbours(folded) if near in KNOWN), "")
+    return next((near for near in sorted(KNOWN) if _is_slip(folded, near)), "")
 
 
-def _neighbours(word: str) -> Iterator[str]:
-    """Yield every word that is one letter left out, put in, replaced or exchanged with the next away."""
-    for index in range(len(word) + 1):
-        head, tail = word[:index], word[index:]
-        if tail:
-            yield head + tail[1:]
-        if len(tail) > 1:
-            yield head + tail[1] + tail[0] + tail[2:]
-        for letter in _LETTERS:
-            yield head + letter + tail
-            if tail:
-                yield head + letter + tail[1:]
+def _is_slip(word: str, known: str) -> bool:
+    """Whether a word has one letter left out, put in, replaced, or exchanged with the next."""
+    pairs = enumerate(zip(word, known, strict=False))
+    same = next((i for i, (one, other) in pairs if one != other), min(len(word), len(known)))
+    rest, right = word[same:], known[same:]
+    swapped = len(right) > 1 and rest == right[1::-1] + right[2:]
+    return swapped or rest[1:] in (right, right[1:]) or rest == right[1:]
 
 
 NAMESPACE = "http://autosar.org/schema/r4.0"

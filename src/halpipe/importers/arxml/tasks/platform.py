@@ -204,7 +204,8 @@ def make_modes(
         return tuple(modes), ()
     transitions = [t for group in groups for t in _transitions(group, names, ledger)]
     if len(groups) > 1:
-        transitions += _through_default(list(names.values()))
+        ways = [way for name in names.values() for way in ((DEFAULT_MODE, name), (name, DEFAULT_MODE))]
+        transitions += [Transition(source=source, target=target) for source, target in ways]
     return tuple(modes), tuple(transitions)
 
 
@@ -243,9 +244,3 @@ def _transitions(group: ModeGroup, names: dict[str, str], ledger: Ledger) -> Ite
             for target in group.modes:
                 if source != target and source.path in names and target.path in names:
                     yield Transition(source=names[source.path], target=names[target.path], origin=group.place.origin)
-
-
-def _through_default(names: list[str]) -> Iterator[Transition]:
-    for name in names:
-        yield Transition(source=DEFAULT_MODE, target=name)
-        yield Transition(source=name, target=DEFAULT_MODE)
