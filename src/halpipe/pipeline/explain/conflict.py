@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError, about, tasks_named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Anchor, Edge, Match, ModeSchedule, Schedule, Status
+from halpipe.models import Anchor, Edge, Match
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.jobs import ActiveTask, Demand, demands_for, expand
 from halpipe.pipeline.parts import has_whole_jobs, is_exact_model
-from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
+from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion, violations
 from halpipe.pipeline.validate.context import place, quoted
 
 if TYPE_CHECKING:
@@ -88,17 +88,7 @@ def _has_schedule(model: TaskModel, mode: Mode, grid: Duration, go_on: Callable[
         found = solve_expansion(tight, expand(tight, mode), Effort(work=EFFORT, go_on=go_on))
     except HalpipeError:  # too many variables, or nothing left of a job
         return False
-    return found.status is Answer.FEASIBLE and _is_valid(model, mode, as_stated(model, found.jobs))
-
-
-def _is_valid(model: TaskModel, mode: Mode, jobs: tuple[Job, ...]) -> bool:
-    """Ask verify about a schedule of the mode alone."""
-    from halpipe.pipeline.verify import verify
-
-    hyperperiod = expand(model, mode).hyperperiod
-    table = ModeSchedule(name=mode.name, hyperperiod=hyperperiod, status=Status.VALID, jobs=jobs)
-    schedule = Schedule(model=model.name, model_sha256=model.digest, modes=(table,))
-    return not any(found.is_error for found in verify(model.alone(mode.name), schedule))
+    return found.status is Answer.FEASIBLE and not violations(model, expand(model, mode), as_stated(model, found.jobs))
 
 
 def _conflict(model: TaskModel, mode: Mode, expansion: Expansion, go_on: Callable[[], bool]) -> Conflict:

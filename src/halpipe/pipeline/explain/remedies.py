@@ -15,7 +15,7 @@ from halpipe.core.diagnostics import HalpipeError, Subject, about, tasks_named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.models import Schedule, Status
+from halpipe.models import Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.jobs import expand, natural_tick
@@ -24,9 +24,9 @@ from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.exact import Effort, is_installed
 from halpipe.pipeline.solve.relay import solve_after
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.stable import broken
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
-from halpipe.pipeline.verify import verify
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -103,8 +103,8 @@ class Trials:
             tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
         except HalpipeError:  # such as numbers that have become too large for the search
             return None
-        table = tables.modes[0] if tables.modes else None
-        return table if table is not None and _is_valid(model, tables) else self._exactly(model)
+        is_found = all(table.status is Status.VALID for table in tables.modes) and not broken(model, tables)
+        return tables.modes[0] if tables.modes and is_found else self._exactly(model)
 
     def _exactly(self, model: TaskModel) -> ModeSchedule | None:
         """Return a schedule of the exact engine, whose answer does not depend on the luck of a short search."""
@@ -147,13 +147,6 @@ class Trials:
                 else:
                     enough, found = middle, better
         return enough, found
-
-
-def _is_valid(model: TaskModel, schedule: Schedule) -> bool:
-    if any(table.status is not Status.VALID for table in schedule.modes):
-        return False
-    alone = model.alone(*(table.name for table in schedule.modes))
-    return not any(d.is_error for d in verify(alone, schedule.alone(schedule.modes)))
 
 
 @record(kw_only=True)
