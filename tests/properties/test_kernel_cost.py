@@ -23,16 +23,12 @@ from halpipe.pipeline.solve.kernel.kernel import (
     anneal,
     gumbel_table,
     load,
-    luby,
-    move,
-    move_swap,
     new_state,
-    next_temperature,
-    restart,
     total_cost,
 )
 from halpipe.pipeline.solve.kernel.warmstart import named_jobs
 from halpipe.pipeline.solve.problem import build_problem
+from kernel_moves import luby, move, move_swap, next_temperature, restart
 from profiles import examples
 from support import after, chain, model, task, version
 

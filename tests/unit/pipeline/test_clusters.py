@@ -16,13 +16,12 @@ from halpipe.pipeline.solve.kernel.kernel import (
     INSERTED,
     Part,
     anneal,
-    gather_cluster,
     gumbel_table,
-    move_cluster,
     new_state,
     total_cost,
 )
 from halpipe.pipeline.solve.problem import build_problem
+from kernel_moves import gather_cluster, move_cluster
 from profiles import examples
 from support import access, after, chain, model, task, version
 

@@ -15,11 +15,11 @@ from halpipe.pipeline.solve.kernel.kernel import (
     Part,
     anneal,
     gumbel_table,
-    move_swap,
     new_state,
     total_cost,
 )
 from halpipe.pipeline.solve.problem import build_problem
+from kernel_moves import move_swap
 from support import after, model, task, version
 
 NOISE = gumbel_table()

@@ -156,27 +156,12 @@ def anneal(arrays: Arrays, state: State, noise: Ints, moves: int) -> int:
     return ask("anneal", arrays, state, moves, noise=noise)
 
 
-def next_temperature(arrays: Arrays, state: State) -> None:
-    """Cool linearly to a third within a cycle, then begin another."""
-    tell("next_temperature", arrays, state)
-
-
-def move(arrays: Arrays, state: State, noise: Ints) -> None:
-    """Make one heat-bath move and account for its cost: of an entry, or of it and what is tightly linked to it."""
-    tell("move", arrays, state, noise=noise)
-
-
 def load(arrays: Arrays, state: State) -> int:
     """Take the complete placement in `start`, `option` and `phase` as the current one; return its cost.
 
     What is built up anew after that tries the same times first.
     """
     return ask("load", arrays, state)
-
-
-def restart(arrays: Arrays, state: State) -> None:
-    """Take everything out that is not frozen, to construct it anew; after some cycles, without the hints."""
-    tell("restart", arrays, state)
 
 
 def total_cost(arrays: Arrays, state: State) -> int:
@@ -209,26 +194,6 @@ def worst_age(arrays: Arrays, state: State, chain: int) -> int:
     return ask("worst_age", arrays, state, chain)
 
 
-def gather_cluster(arrays: Arrays, state: State, task: int) -> int:
-    """List `task` and all that is tightly linked to it in `cluster`; return how many, 0 if they cannot be moved."""
-    return ask("gather_cluster", arrays, state, task)
-
-
-def move_cluster(arrays: Arrays, state: State, noise: Ints, size: int) -> None:
-    """Make one heat-bath move of the cluster and account for its cost."""
-    tell("move_cluster", arrays, state, size, noise=noise)
-
-
-def move_swap(arrays: Arrays, state: State, noise: Ints, entry: int) -> bool:
-    """Swap an entry with another one, and account for the cost; False if there is none to swap with."""
-    return ask("move_swap", arrays, state, entry, noise=noise) != 0
-
-
-def luby(number: int) -> int:
-    """Return the number-th term, from 1 on, of Luby's sequence 1, 1, 2, 1, 1, 2, 4, ..."""
-    return int(function("luby")(INTEGER(number)))
-
-
 SOURCES = Path(__file__).parent / "native"
 
 COUNTED = {
@@ -259,11 +224,6 @@ def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | No
     if noise is not None:
         pointers.append(POINTER(address(noise)))
     return int(function(name)(*pointers, *map(INTEGER, numbers)))
-
-
-def tell(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> None:
-    """Do the same with a function that returns nothing."""
-    ask(name, arrays, state, *numbers, noise=noise)
 
 
 def function(name: str) -> Any:
