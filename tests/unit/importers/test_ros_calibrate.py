@@ -12,6 +12,7 @@ from halpipe.core.durations import Duration
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.calibrate import Measurements, Sample, estimate, read_measured
 from halpipe.importers.ros.options import RosImportOptions, quantile_of
+from halpipe.importers.traces.codes import LEFT_OUT
 
 GRAPH = str(FIXTURES / "calibrated.dot")
 LONG = "callback,duration_us\n/driver,1000\n/filter,2500.5\n/driver,1200\n"
@@ -50,7 +51,12 @@ def samples(text):
 
 @pytest.mark.parametrize("text", [LONG, CARET_FRAME, CARET_RECORDS, TRACE, PANDAS, WITH_UNITS, GERMAN, "\ufeff" + LONG])
 def test_every_form_gives_the_same_samples(text):
-    assert samples(text) == ({"/driver": [1_000_000, 1_200_000], "/filter": [2_500_500]}, [])
+    found, findings = samples(text)
+    assert {name: sorted(times) for name, times in found.items()} == {
+        "/driver": [1_000_000, 1_200_000],
+        "/filter": [2_500_500],
+    }
+    assert [d.code for d in findings] == ([LEFT_OUT.id] if text is CARET_RECORDS else [])
 
 
 @pytest.mark.parametrize(
@@ -82,7 +88,7 @@ def test_times_are_rounded_to_the_nearest_nanosecond(text, nanoseconds):
 def test_what_is_no_table_of_durations(text):
     with pytest.raises(HalpipeError) as caught:
         samples(text)
-    assert [d.code for d in caught.value.diagnostics] == [codes.NO_MEASUREMENTS.id]
+    assert [d.code for d in caught.value.diagnostics if d.is_error] == [codes.NO_MEASUREMENTS.id]
 
 
 def test_bytes_that_are_no_text():
@@ -101,12 +107,19 @@ def test_every_broken_row_is_named():
 
 
 def test_an_execution_without_an_end_is_no_sample():
-    assert samples("task,start,end\na,1,\na,2,5\n") == ({"a": [3]}, [])
+    assert samples("task,start,end\na,1,\na,2,5\n")[0] == {"a": [3]}
 
 
 def test_a_row_that_ends_before_it_starts():
-    values, findings = samples("task,start,end\na,5,2\n")
-    assert (values, [d.code for d in findings]) == ({}, [codes.BAD_SAMPLE.id])
+    with pytest.raises(HalpipeError, match="before it starts"):
+        samples("task,start,end\na,5,2\n")
+
+
+def test_the_time_on_the_processor_counts_where_a_recording_has_it():
+    """What the dispatcher records, and BTF, of which a table of durations knows nothing."""
+    assert samples("task,start,end,busy\na,0,9,4\n")[0] == {"a": [4]}
+    btf = "#version 2.1.3\n#creator x\n#timeScale ns\n5,core,0,T,a,0,start\n12,core,0,T,a,0,terminate\n"
+    assert samples(btf)[0] == {"a": [7]}
 
 
 # --------------------------------------------------------------------------------------------------- statistic

@@ -4,11 +4,10 @@ The quantile q of n samples is the smallest of them that at least q * n samples 
 ceil(q * n), without interpolation; 1 is the maximum. It is an observation, not a bound: what was not measured may take
 longer, which is what the margin is for.
 
-Samples come from traces and from tables (CSV) of three forms, told apart by the header:
+Samples come from traces of every form that `compare` reads, and from two tables (CSV) without instants:
 
-* one row for each execution: columns ``callback`` and ``duration``, or ``callback``, ``start`` and ``end``; the table
-  of durations that ros2_tracing's analysis makes is of this form once a column names the callback;
-* CARET's records: columns ``<callback>/callback_start_timestamp`` and ``<callback>/callback_end_timestamp``;
+* one row for each execution: columns ``callback`` and ``duration``; the table of durations that ros2_tracing's analysis
+  makes is of this form once a column names the callback;
 * CARET's plots of latency as a data frame: a row of callback names above a row with ``latency [ms]``.
 
 Durations are whole nanoseconds, as the clocks are that measured them: other values are rounded to the nearest one,
@@ -35,8 +34,10 @@ from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import printable
 from halpipe.importers.ros.traced import measure
+from halpipe.importers.traces.codes import NO_EXECUTIONS, UNKNOWN_TRACE
 from halpipe.importers.traces.ctf import folders
 from halpipe.importers.traces.numbers import DecimalSign, separator_of
+from halpipe.importers.traces.read import parse_traces
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Origin
 
@@ -164,8 +165,6 @@ def _report_unmeasured(model: TaskModel, samples: Mapping[str, object], file: st
 
 _NAMES = ("callback", "callback_name", "task", "node", "name")
 _DURATIONS = ("duration", "latency", "execution_time", "elapsed")
-_STARTS = ("start", "callback_start", "start_timestamp", "callback_start_timestamp")
-_ENDS = ("end", "callback_end", "end_timestamp", "callback_end_timestamp")
 _COLUMN = re.compile(r"(?P<name>.*?)(?:[ _]?[\[(](?P<bracket>ns|us|ms|s)[\])]|_(?P<suffix>ns|us|ms|s))?")
 _NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{0,40})?(?:[eE][+-]?[0-9]{1,2})?")
 _DECIMAL = re.compile(r"([0-9]{1,30})\.([0-9]{1,40})")
@@ -196,40 +195,58 @@ class Measurements:
 
 
 @record
-class _Pair:
-    """Columns of the times of a callback: start (None: the end is a duration) and end, with their scales."""
+class _Column:
+    """A column of durations: its callback, or the column that names it, and the nanoseconds of its unit."""
 
     callback: str | None
     name: int
-    start: tuple[int, int] | None
-    end: tuple[int, int]
+    position: int
+    scale: int
 
 
 def read_measured(data: bytes, file: str, into: Measurements, findings: Findings) -> None:
-    """Add the executions of one table; raise `HalpipeError` if it is none, add findings for rows that are broken."""
-    text = _text(data, file)
+    """Add the executions of one file; raise `HalpipeError` if it has none, add findings for rows that are broken."""
+    if _read_durations(data, file, into, findings):
+        return
+    try:
+        recording = parse_traces(data, file)
+    except HalpipeError as failure:
+        unknown = (UNKNOWN_TRACE.id, NO_EXECUTIONS.id)
+        raise HalpipeError(
+            *(
+                codes.NO_MEASUREMENTS(found.message, at=found.at, help=_FORM) if found.code in unknown else found
+                for found in failure.diagnostics
+            )
+        ) from None
+    findings.extend(recording.diagnostics)
+    for execution in (one for trace in recording.traces for one in trace.executions if one.end is not None):
+        took = execution.busy or execution.end - execution.start  # type: ignore[operator]
+        into.add(printable(execution.task), _nearest(took.fraction), execution.at)
+
+
+def _read_durations(data: bytes, file: str, into: Measurements, findings: Findings) -> bool:
+    """Read a table of durations; return False for what is none."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as failure:
+        if b"\0" in data:  # a binary trace
+            return False
+        text, line = f"byte {failure.start} is no UTF-8", data[: failure.start].count(b"\n") + 1
+        raise HalpipeError(codes.NO_MEASUREMENTS(text, at=Location(file, line), help=_FORM)) from None
     separator = separator_of(next((line for line in text.splitlines() if line.strip()), ""))
     rows, sign = _rows(text, separator), DecimalSign(separator)
     try:
         _, header = next(rows, (1, []))
-        pairs = _caret_records(header) or _long(header)
-        if not pairs:
-            line, second = next(rows, (2, []))
-            pairs = _caret_frames(header, second)
-            if not pairs:
-                raise _no_table(file, line - 1, header)
-        for line, cells in rows:
-            for pair in pairs:
-                _take(pair, cells, sign, Location(file, line), into, findings)
-    except csv.Error as failure:
-        raise _refused(str(failure), file, 1) from None
-
-
-def _text(data: bytes, file: str) -> str:
+        columns = _long(header) or _caret_frames(header, next(rows, (2, []))[1])
+    except csv.Error:
+        return False
     try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as failure:
-        raise _refused(f"byte {failure.start} is no UTF-8", file, data[: failure.start].count(b"\n") + 1) from None
+        for line, cells in rows if columns else ():
+            for column in columns:
+                _take(column, cells, sign, Location(file, line), into, findings)
+    except csv.Error as failure:
+        raise HalpipeError(codes.NO_MEASUREMENTS(str(failure), at=Location(file, 1), help=_FORM)) from None
+    return bool(columns)
 
 
 def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -237,15 +254,6 @@ def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
     for cells in reader:
         if any(cell.strip() for cell in cells):
             yield reader.line_num, cells
-
-
-def _no_table(file: str, line: int, header: Sequence[str]) -> HalpipeError:
-    shown = ", ".join(printable(name)[:40] for name in header[:8]) or "nothing"
-    return _refused(f"no columns with callbacks and their times among: {shown}", file, line)
-
-
-def _refused(what: str, file: str, line: int) -> HalpipeError:
-    return HalpipeError(codes.NO_MEASUREMENTS(what, at=Location(file, line), help=_FORM))
 
 
 # -------------------------------------------------------------------------------------------------- headers
@@ -259,39 +267,22 @@ def _column(text: str) -> tuple[str, int]:
     return match["name"].strip(), _SCALES[match["bracket"] or match["suffix"] or "ns"]
 
 
-def _long(header: Sequence[str]) -> list[_Pair]:
+def _long(header: Sequence[str]) -> list[_Column]:
     columns: dict[str, tuple[int, int]] = {}
     for position, (column, scale) in enumerate(map(_column, header)):
         columns.setdefault(column.lower().replace(" ", "_"), (position, scale))
-    name, duration, start, end = (
-        next((columns[known] for known in group if known in columns), None)
-        for group in (_NAMES, _DURATIONS, _STARTS, _ENDS)
+    name, duration = (
+        next((columns[known] for known in group if known in columns), None) for group in (_NAMES, _DURATIONS)
     )
-    if name is None:
-        return []
-    if duration is not None:
-        return [_Pair(None, name[0], None, duration)]
-    return [_Pair(None, name[0], start, end)] if start is not None and end is not None else []
+    return [] if name is None or duration is None else [_Column(None, name[0], *duration)]
 
 
-def _caret_records(header: Sequence[str]) -> list[_Pair]:
-    starts: dict[str, tuple[int, int]] = {}
-    ends: dict[str, tuple[int, int]] = {}
-    for position, (name, scale) in enumerate(map(_column, header)):
-        callback, _, what = name.rpartition("/")
-        if callback and what in _STARTS:
-            starts.setdefault(callback, (position, scale))
-        elif callback and what in _ENDS:
-            ends.setdefault(callback, (position, scale))
-    return [_Pair(printable(name), -1, starts[name], ends[name]) for name in starts if name in ends]
-
-
-def _caret_frames(names: Sequence[str], header: Sequence[str]) -> list[_Pair]:
+def _caret_frames(names: Sequence[str], header: Sequence[str]) -> list[_Column]:
     found = []
     for position, (callback, text) in enumerate(zip(names, header, strict=False)):
         name, scale = _column(text)
         if callback.strip() and name.lower() in _DURATIONS:
-            found.append(_Pair(printable(callback), -1, None, (position, scale)))
+            found.append(_Column(printable(callback), -1, position, scale))
     return found
 
 
@@ -299,21 +290,19 @@ def _caret_frames(names: Sequence[str], header: Sequence[str]) -> list[_Pair]:
 
 
 def _take(
-    pair: _Pair, cells: Sequence[str], sign: DecimalSign, at: Location, into: Measurements, findings: Findings
+    column: _Column, cells: Sequence[str], sign: DecimalSign, at: Location, into: Measurements, findings: Findings
 ) -> None:
-    callback = pair.callback or printable(_cell(cells, pair.name))
-    places = [pair.end] if pair.start is None else [pair.start, pair.end]
-    texts = [_cell(cells, position) for position, _ in places]
-    if any(text.lower() in _ABSENT for text in texts):
-        if pair.callback is None and not (callback and len(texts) == 2):
+    callback = column.callback or printable(_cell(cells, column.name))
+    text = _cell(cells, column.position)
+    if text.lower() in _ABSENT:
+        if column.callback is None:
             findings.add(codes.BAD_SAMPLE("the row has no callback or no duration", at=at, help="complete the row"))
         return
     try:
-        values = [_nanoseconds(sign.point(text), scale) for text, (_, scale) in zip(texts, places, strict=True)]
+        duration = _nanoseconds(sign.point(text), column.scale)
     except ValueError as failure:
         findings.add(codes.BAD_SAMPLE(str(failure), at=at, path=_path(callback), help="correct the row"))
         return
-    duration = values[-1] - (values[0] if pair.start is not None else 0)
     if duration < 0 or not callback:
         what = f"lasts {duration}ns" if callback else "the row names no callback"
         findings.add(codes.BAD_SAMPLE(what, at=at, path=_path(callback), help="correct or remove the row"))

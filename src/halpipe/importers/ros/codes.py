@@ -146,7 +146,7 @@ BAG_CONFLICT = warning(
 NO_MEASUREMENTS = error(
     "HAL0640",
     "File has no measured durations",
-    "The file for --calibrate is no table with callbacks and their durations, or their starts and ends.",
+    "The file for --calibrate is no table with callbacks and their durations, and no trace.",
 )
 BAD_SAMPLE = error(
     "HAL0641",
