@@ -197,6 +197,7 @@ def test_the_own_configuration_has_what_the_vendor_proposes_and_no_core_in_two_w
         box("Published", release),
     )
     define(tmp_path, "EcuC", box("General", word, lower=0))
+    define(tmp_path, "Rte", *RTE, box("RtePostBuildVariantConfiguration", flag("RtePostBuildUsedPredefinedVariant")))
     (tmp_path / "Os_def.arxml").rename(tmp_path / "Os.bmd")
     system = model(task("fast", 10, version("v", 1, "u")), units="u")
     plan = schedule(system, 10, job(system, "fast", 0, 0, "u"))
@@ -210,6 +211,9 @@ def test_the_own_configuration_has_what_the_vendor_proposes_and_no_core_in_two_w
     assert "EcucHardware" not in text
     missing = [d.message for d in FORMAT.remarks(system, plan, options, data) if "there must be" in d.message]
     assert missing == ["has 0 Silicon, of which there must be 1"]
+    assert text.index("<PREDEFINED-VARIANT>") < text.index(
+        'DEST="PREDEFINED-VARIANT">/M/Ecu/Only<'.replace("/M", f"/{system.name}")
+    )
 
 
 def test_a_vendor_whose_os_has_no_schedule_tables_is_named(tmp_path):

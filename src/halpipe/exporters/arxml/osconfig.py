@@ -40,6 +40,7 @@ PACKAGE = "Ecu"
 _POINT = "OsScheduleTableExpiryPoint"
 _HOOKS = ("Error", "Shutdown", "Startup")
 _OFF = dict.fromkeys(("OsStackMonitoring", "OsUseGetServiceId", "OsUseParameterAccess", "OsUseResScheduler"), False)
+_VARIANTS, _VARIANT = "RtePostBuildVariantConfiguration", "RtePostBuildUsedPredefinedVariant"
 _SYMBOLIC = "ECUC-SYMBOLIC-NAME-REFERENCE-DEF"
 
 
@@ -268,6 +269,12 @@ def write_rte(elements: etree._Element, model: TaskModel, plan: Plan, names: OsN
         os_tasks.setdefault(work.task, []).append(name)
     rte = names.module("Rte")
     _fill_general(rte, names.definitions, release)
+    if names.definitions.has(
+        f"Rte/{_VARIANTS}/{_VARIANT}", otherwise=False
+    ):  # the configuration has one variant, of no criteria
+        named(elements, "PREDEFINED-VARIANT", "Only")
+        variants = rte.new(_VARIANTS, _VARIANTS)
+        _foreign(variants, _VARIANT, f"{names.base}/Only", "PREDEFINED-VARIANT")
     for task in model.tasks:
         if task.period is None or task.name not in os_tasks:
             continue
