@@ -16,7 +16,6 @@ from halpipe.pipeline.validate.hyperperiod import (
     MAX_JOBS,
     MAX_TICKS,
     nearest_harmonic,
-    nearest_on_grid,
     periods_instead,
 )
 from support import access, after, model, ms, task, version
@@ -190,7 +189,7 @@ def test_limit_on_ticks_is_exact():
     ],
 )
 def test_periods_are_such_as_a_person_would_write(period, base, most, expected):
-    found = periods_instead(Duration.parse(period), Duration.parse(base), ms("1us"), ms(most))
+    found = periods_instead(Duration.parse(period), Duration.parse(base), ms(most))
     assert [str(choice) for choice in found[:2]] == expected
 
 
@@ -217,17 +216,10 @@ def test_nearest_harmonic_divides_or_is_divided_and_none_is_nearer(period, base)
 
 @given(PERIODS, PERIODS, PERIODS)
 def test_what_is_proposed_is_another_period_within_what_is_allowed(period, base, most):
-    found = periods_instead(period, base, Duration(1), most)
+    found = periods_instead(period, base, most)
     assert all(choice <= most and choice != period for choice in found)
     longer = [least_common_multiple((base, choice)) for choice in found]
     assert not longer or max(longer) == longer[0]
-
-
-@given(st.integers(1, 1000), st.integers(1, 1000), st.integers(1, 20))
-def test_nearest_on_grid_is_the_nearest_divisor_on_the_grid(period, base, step):
-    near = nearest_on_grid(Duration(period * step), Duration(base * step), Duration(step))
-    divisors = (d for d in range(1, base + 1) if base % d == 0 and 2 * abs(d - period) <= period and period < base)
-    assert near == Duration(min(divisors, key=lambda d: (abs(d - period), d), default=0) * step)
 
 
 @pytest.mark.parametrize("periods", [("25ms", "1/30s"), ("7ms", "11ms", "13ms"), ("1us", "3us")])

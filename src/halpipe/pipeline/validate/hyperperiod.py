@@ -42,9 +42,6 @@ _MAX_SNAPPED = 50
 _MUCH_WORSE = 12
 """By how much a second proposal may be more awkward than the first."""
 
-_MAX_STEPS = 1000
-"""Divisors tried on each side for a period on the grid."""
-
 _NAMED = 5
 
 
@@ -135,10 +132,9 @@ class _Cause:
         """Propose periods for every guilty one, if they bring the mode within the limit."""
         choices: list[str] = []
         base, jobs = self.base, self.jobs
-        grid = greatest_common_divisor(self.weights)
         for period in self.guilty[:_MAX_SNAPPED] if base else ():
             weight = self.weights[period]
-            proposed = periods_instead(period, base, grid, self.most.get(period))
+            proposed = periods_instead(period, base, self.most.get(period))
             allowed = [near for near in proposed if _extended(base, jobs, near, weight)[1] <= MAX_JOBS]
             if not allowed:
                 break
@@ -221,14 +217,14 @@ def _by_fit(counts: dict[Duration, int]) -> list[Duration]:
 # ------------------------------------------------------------------------------------------------ other periods
 
 
-def periods_instead(period: Duration, base: Duration, grid: Duration, most: Duration | None = None) -> list[Duration]:
+def periods_instead(period: Duration, base: Duration, most: Duration | None = None) -> list[Duration]:
     """Return periods near to one that does not fit `base`, a hyperperiod, the best first; none is longer than `most`.
 
-    Such as a person would write: of one or two digits, also in thirds (100/3ms), or what fits `base` or the `grid` of
-    all periods. Those are best that are near, make the hyperperiod little longer, and are short to write. Behind the
+    Such as a person would write: of one or two digits, also in thirds (100/3ms), or what fits `base`.
+    Those are best that are near, make the hyperperiod little longer, and are short to write. Behind the
     best come those only that are not much worse and make no longer hyperperiod than it does.
     """
-    found = {*_round_periods(period), nearest_harmonic(period, base), nearest_on_grid(period, base, grid)}
+    found = {*_round_periods(period), nearest_harmonic(period, base)}
     if most is not None:
         found |= {base / -(-base // most) if most < base else base * (most // base)}
     near = [choice for choice in found - {period} if choice and (most is None or choice <= most)]
@@ -274,21 +270,6 @@ def nearest_harmonic(period: Duration, base: Duration) -> Duration:
         return min((below, below + base), key=lambda choice: (abs(period.ns - choice.ns), choice))
     parts = base // period
     return min((base / parts, base / (parts + 1)), key=lambda choice: (abs(period.ns - choice.ns), choice))
-
-
-def nearest_on_grid(period: Duration, base: Duration, grid: Duration) -> Duration:
-    """Return the divisor of `base` nearest to `period` that is a multiple of `grid`; zero if none is near.
-
-    Near means by at most half of `period`.
-    """
-    if not base or period >= base:
-        return ZERO
-    steps, parts = base // grid, base // period
-    longer = (k for k in range(parts, max(parts - _MAX_STEPS, 0), -1) if steps % k == 0)
-    shorter = (k for k in range(parts + 1, min(parts + _MAX_STEPS, steps) + 1) if steps % k == 0)
-    found = [base / k for k in (next(longer, 0), next(shorter, 0)) if k]
-    found = [choice for choice in found if 2 * abs(choice.fraction - period.fraction) <= period.fraction]
-    return min(found, key=lambda choice: (abs(period.ns - choice.ns), choice), default=ZERO)
 
 
 # ------------------------------------------------------------------------------------------------ ticks
