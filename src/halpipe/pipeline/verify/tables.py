@@ -84,11 +84,10 @@ def _told(ticks: int, scale: int) -> str:
 
 @dataclass(slots=True)
 class ActiveTask:
-    """A task in one mode: the versions available there, its period D and number of jobs N.
+    """A task in one mode: the versions available there, and its period D.
 
-    `period` is None for a task on demand and where the model gives an unusable one; `count` is None where N cannot
-    be told. `wcets` gives C of every version of the task in ticks, as far as the model states it. `let` is the logical
-    execution time.
+    `period` is None for a task on demand and where the model gives an unusable one. `wcets` gives C of every version of
+    the task in ticks, as far as the model states it. `let` is the logical execution time.
     """
 
     task: Task
@@ -97,7 +96,6 @@ class ActiveTask:
     period: int | None
     let: int | None = None
     resumes: dict[str, int] = field(default_factory=dict)
-    count: int | None = None
 
 
 @record
