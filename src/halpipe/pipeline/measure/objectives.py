@@ -69,17 +69,9 @@ class Judge:
         return Worth(tuple(MEASURES[objective](self.model, placement) for objective in self.objectives))
 
     def better(self, jobs: Iterable[Job], first: Worth, best: Worth) -> Worth | None:
-        """Return what a schedule is worth if that is no less than the `best`, and nothing is worse than in the `first`.
-
-        The objectives are measured one by one, as long as there is hope.
-        """
-        placement = Placement.of(self.expansion, jobs, self.model.units)
-        values: tuple[Fraction, ...] = ()
-        for objective in self.objectives:
-            values = (*values, MEASURES[objective](self.model, placement))
-            if values > best.values[: len(values)] or values[-1] > first.values[len(values) - 1]:
-                return None
-        return Worth(values)
+        """Return the worth of a schedule if it is no less than the `best`, and nothing is worse than in the `first`."""
+        worth = self.worth(jobs)
+        return worth if worth.values <= best.values and self.keeps(first, worth) else None
 
     @property
     def chain_weights(self) -> tuple[int, ...]:
