@@ -28,15 +28,7 @@ def prepare(model: ModelFile, output_file: Output, options: Values) -> int:
     """Compile the tasks, and give each version a load phase, and memory phases long enough, for a RISC-V target."""
     from pathlib import Path
 
-    from halpipe.core.files import (
-        STDIO,
-        begins_like,
-        refuse_foreign,
-        refuse_inputs,
-        refuse_name,
-        write_output,
-        write_outputs,
-    )
+    from halpipe.core.files import STDIO, refuse_name, write_beside, write_output
     from halpipe.exporters.native import format_model
     from halpipe.exporters.riscv import PrepareOptions
     from halpipe.flow.formats import prepare_model
@@ -54,10 +46,7 @@ def prepare(model: ModelFile, output_file: Output, options: Values) -> int:
         return Exit.OK
     beside = Path(chosen.sources) if chosen.sources else Path(output_file).parent
     further = {str(beside / name): text for name, text in prepared.files.items()}
-    for name, text in further.items():
-        refuse_foreign(name, begins_like(text))
-    refuse_inputs(output_file, *further)
-    write_outputs({output_file: document, **further})
+    write_beside({output_file: document, **further}, output_file)
     output.inform(f"{output_file}: {_what(prepared)}")
     return Exit.OK
 
@@ -79,7 +68,7 @@ def check(
     ] = "",
 ) -> int:
     """Play a bundle and compare what runs with its schedule; any deviation is an error."""
-    from halpipe.core.files import refuse_name
+    from halpipe.core.files import refuse_name, write_beside
     from halpipe.flow.formats import check_bundle
 
     if trace and trace == bandwidth:
@@ -94,7 +83,7 @@ def check(
     if bandwidth:
         wanted[bandwidth] = _phases(bundle, checked.files)
     if wanted:
-        _write(wanted, {trace, bandwidth})
+        write_beside(wanted, trace, bandwidth)
     return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
 
 
@@ -166,16 +155,6 @@ def _phases(bundle: str, files: Mapping[str, bytes]) -> bytes:
         text = f"{bundle} was not played with regulators that grant bytes in windows: export riscv --regulator"
         raise typer.BadParameter(text, param_hint="--bandwidth")
     return files["bandwidth"]
-
-
-def _write(contents: Mapping[str, bytes], named: set[str]) -> None:
-    """Write further results; files that were not named explicitly must not replace files of other kinds."""
-    from halpipe.core.files import begins_like, refuse_foreign, write_outputs
-
-    for name, content in contents.items():
-        if name not in named:
-            refuse_foreign(name, begins_like(content))
-    write_outputs(dict(contents))
 
 
 def _beside(file: str, suffix: str) -> str:

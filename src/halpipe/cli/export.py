@@ -59,15 +59,7 @@ def write_export(exported: Exported, target: str) -> None:
 
     DOT is drawn where SVG is asked for.
     """
-    from halpipe.core.files import (
-        STDIO,
-        begins_like,
-        refuse_foreign,
-        refuse_inputs,
-        write_directory,
-        write_output,
-        write_outputs,
-    )
+    from halpipe.core.files import STDIO, write_beside, write_directory, write_output
 
     output.report(exported.remarks)
     contents = exported.contents
@@ -82,11 +74,7 @@ def write_export(exported: Exported, target: str) -> None:
 
             contents = contents | {"": render_svg(contents[""].decode())}
         placed = {str(Path(target).parent / name) if name else target: content for name, content in contents.items()}
-        for name, content in placed.items():
-            if name != target:
-                refuse_foreign(name, begins_like(content))
-        refuse_inputs(*placed)
-        write_outputs(placed)
+        write_beside(placed, target)
     _show_changes(exported)
     output.inform(f"{target}: written")
 

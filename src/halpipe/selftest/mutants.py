@@ -95,17 +95,31 @@ def _bend_time(rng: Random, _: etree._Element, schedule: etree._Element) -> None
         _move(rng, *rng.choice(places))
 
 
-def _drop_job(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
+def _drop(kind: str) -> Operator:
+    def drop(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
+        found = schedule.findall(f".//{SCHEDULE}{kind}")
+        if found:
+            element = rng.choice(found)
+            element.getparent().remove(element)
+
+    return drop
+
+
+def _change(kind: str, name: str, value: Callable[[Random], str], needs: str = "") -> Operator:
+    """Return what changes an attribute of an element of the model, of those that have the attribute it `needs`."""
+
+    def change(rng: Random, model: etree._Element, _: etree._Element) -> None:
+        found = [element for element in model.iter(MODEL + kind) if not needs or element.get(needs)]
+        if found:
+            rng.choice(found).set(name, value(rng))
+
+    return change
+
+
+def _number(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
     job = _job(rng, schedule)
     if job is not None:
-        job.getparent().remove(job)
-
-
-def _drop_part(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
-    parts = schedule.findall(f".//{SCHEDULE}part")
-    if parts:
-        part = rng.choice(parts)
-        part.getparent().remove(part)
+        job.set("index", str(rng.randrange(9)))
 
 
 def _swap(name: str) -> Operator:
@@ -117,12 +131,6 @@ def _swap(name: str) -> Operator:
             two.set(name, mine)
 
     return swap
-
-
-def _number(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
-    job = _job(rng, schedule)
-    if job is not None:
-        job.set("index", str(rng.randrange(9)))
 
 
 def _other_units(rng: Random, model: etree._Element, schedule: etree._Element) -> None:
@@ -259,22 +267,6 @@ def _edge(rng: Random, model: etree._Element, _: etree._Element) -> None:
     mode.set("edge", "open" if mode.get("edge") == "closed" else "closed")
 
 
-def _binding(rng: Random, model: etree._Element, _: etree._Element) -> None:
-    rng.choice(list(model.iter(f"{MODEL}task"))).set("binding", rng.choice(("job", "mode", "system")))
-
-
-def _bound(rng: Random, model: etree._Element, _: etree._Element) -> None:
-    accesses = list(model.iter(f"{MODEL}access"))
-    if accesses:
-        rng.choice(accesses).set("bound", f"{rng.randrange(1, 8)}/7")
-
-
-def _slack(rng: Random, model: etree._Element, _: etree._Element) -> None:
-    tasks = [task for task in model.iter(f"{MODEL}task") if task.get("slack")]
-    if tasks:
-        rng.choice(tasks).set("slack", f"{rng.randrange(12)}/11")
-
-
 def _drop_switch(rng: Random, _: etree._Element, schedule: etree._Element) -> None:
     tables = schedule.findall(f"{SCHEDULE}transition")
     if tables:
@@ -285,8 +277,8 @@ def _drop_switch(rng: Random, _: etree._Element, schedule: etree._Element) -> No
 OPERATORS: dict[str, Operator] = {
     "a job elsewhere": _shift_job,
     "one instant elsewhere": _bend_time,
-    "a job less": _drop_job,
-    "a part less": _drop_part,
+    "a job less": _drop("job"),
+    "a part less": _drop("part"),
     "units of another job": _swap("units"),
     "number of another job": _swap("index"),
     "version of another job": _swap("version"),
@@ -299,8 +291,8 @@ OPERATORS: dict[str, Operator] = {
     "another logical execution time": _let,
     "a lock or none": _lock,
     "another edge": _edge,
-    "another binding": _binding,
-    "another bound": _bound,
-    "another slack": _slack,
+    "another binding": _change("task", "binding", lambda rng: rng.choice(("job", "mode", "system"))),
+    "another bound": _change("access", "bound", lambda rng: f"{rng.randrange(1, 8)}/7"),
+    "another slack": _change("task", "slack", lambda rng: f"{rng.randrange(12)}/11", needs="slack"),
     "an empty table": _drop_switch,
 }

@@ -45,9 +45,9 @@ from halpipe.core.files.recordings import folders_with, mapped, plain_files
 from halpipe.core.files.writing import (
     CANNOT_WRITE,
     FOREIGN_FILE,
-    begins_like,
     refuse_foreign,
     remove_output,
+    write_beside,
     write_output,
     write_outputs,
 )

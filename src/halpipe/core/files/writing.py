@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
@@ -176,9 +177,19 @@ def refuse_foreign(path: str, is_ours: Callable[[bytes], bool]) -> None:
         raise HalpipeError(FOREIGN_FILE("holds what halpipe did not write there", at=Location(path), help=help))
 
 
-def begins_like(content: bytes) -> Callable[[bytes], bool]:
-    """Return what knows a file of the same making as `content`: by its first line."""
-    return lambda other: other.partition(b"\n")[0] == content.partition(b"\n")[0]
+def write_beside(contents: Mapping[str, bytes], *named: str) -> None:
+    """Write outputs, of which only those that are `named` were named by the user.
+
+    The others replace no file of another making, which is known by its first line.
+    """
+    for name, content in contents.items():
+        if name not in named:
+            refuse_foreign(name, partial(_begins_alike, content))
+    write_outputs(contents)
+
+
+def _begins_alike(one: bytes, other: bytes) -> bool:
+    return one.partition(b"\n")[0] == other.partition(b"\n")[0]
 
 
 def remove_output(path: str) -> None:
