@@ -87,15 +87,10 @@ class Script:
     lines: tuple[Line, ...]
 
 
-def files_of(case: Case) -> dict[str, bytes]:
-    """Return the files of the back-end's folder by their names in it."""
-    prefix = f"{case.folder}/"
-    return {name[len(prefix) :]: data for name, data in case.bundle.files.items() if name.startswith(prefix)}
-
-
 def scripts_of(case: Case, suffix: str, *others: str) -> tuple[dict[str, Script], dict[int, Script]]:
     """Return the `others` by name, and the script of every table by its number; note what is missing or too much."""
-    found = files_of(case)
+    prefix = f"{case.folder}/"
+    found = {name[len(prefix) :]: data for name, data in case.bundle.files.items() if name.startswith(prefix)}
     named: dict[str, Script] = {}
     numbered: dict[int, Script] = {}
     for name in sorted(found):

@@ -15,7 +15,7 @@ from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER
 from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Range, check_loader, scripts_of, steps_of
 from halpipe.deploy.regulator.promise import rate_steps
-from halpipe.deploy.regulator.reading import DIRECTIONS, setting_frequency
+from halpipe.deploy.regulator.reading import DIRECTIONS, frequency
 from halpipe.devices.registers import port_registers
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _blocks(case: Case, owners: dict[str, str], name: str, steps: Sequence[Write
 
 def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) -> None:
     """Execute every table after each that may come before it, and compare every setting with the promise."""
-    step = Fraction(case.facts.burst * setting_frequency(case.facts, "qos400"), STEPS)
+    step = Fraction(case.facts.burst * frequency(case.facts.settings["qos400"]["clock"]), STEPS)
     final: dict[int, dict[str, int]] = {}
     for index, blocks in played.items():
         final[index] = {owner: value for _, orders in blocks for owner, value in orders}

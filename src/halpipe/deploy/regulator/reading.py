@@ -330,7 +330,7 @@ def read_facts(bundle: Bundle) -> Facts:
 
 
 def _facts(top: Fields) -> Facts:
-    clock = top.value("clock", _frequency, 1)
+    clock = top.value("clock", frequency, 1)
     cycles = top.value("window", lambda text: _cycles(text, clock), Fraction(0))
     guaranteed = top.value("guaranteed", parse_bandwidth, 0)
 
@@ -371,17 +371,13 @@ def _bus(text: str) -> int:
     return int(parse_rational(bus.removesuffix("bit")) / 8) if bus.endswith("bit") else parse_size(bus)
 
 
-def _frequency(text: str) -> int:
+def frequency(text: str) -> int:
+    """Return the Hz of a clock."""
     match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(Hz|kHz|MHz|GHz)\s*", text)
     hertz = int(Fraction(match[1]) * _HERTZ[match[2]]) if match else 0
     if not hertz:
         raise ValueError(f"{quoted(text)} is no frequency")
     return hertz
-
-
-def setting_frequency(facts: Facts, backend: str) -> int:
-    """Return the clock that a back-end has of its own, in Hz."""
-    return _frequency(facts.settings[backend]["clock"])
 
 
 # ---------------------------------------------------------------------------------------------- tables.json

@@ -112,11 +112,6 @@ class Platform:
         return self.capacity if self.stated_peak is None else self.stated_peak
 
     @property
-    def is_peak_stated(self) -> bool:
-        """Whether the peak is stated."""
-        return self.stated_peak is not None
-
-    @property
     def window(self) -> Duration:
         """The length of a window."""
         return seconds((self.cycles + self.extra) / self.clock)

@@ -197,7 +197,7 @@ def _check_steps(platform: Platform) -> Iterator[Diagnostic]:
         message = "percentages are taken as parts of the peak; MBA delays each core, and its effect is not linear"
         help = 'measure the bandwidth of a group at each value, and state "levels: 10=4GB/s 20=6.1GB/s ..."'
         yield APPROXIMATE(message, at=platform.at, path=path, help=help)
-    elif steps.kind == "mpam" and not platform.is_peak_stated:
+    elif steps.kind == "mpam" and platform.stated_peak is None:
         message = "shares are parts of what the memory component has at most, which is taken to be the capacity"
         help = 'state "peak", the largest bandwidth of the component'
         yield APPROXIMATE(message, at=platform.at, path=path, help=help)
