@@ -70,7 +70,7 @@ def read_caret(document: YamlMap, file: str, findings: Findings, coverage: Cover
     return RosGraph(
         file=file,
         nodes=tuple(Node(name=node.name, at=node.at) for node in nodes),
-        callbacks=_flat([node.callbacks for node in nodes]),
+        callbacks=tuple(callback for node in nodes for callback in node.callbacks),
         publications=tuple(p for node in nodes for p in node.publications),
         subscriptions=tuple(s for node in nodes for s in node.subscriptions),
         flows=tuple(flow for node in nodes for flow in node.flows),
@@ -85,10 +85,6 @@ def _bound(document: YamlMap, file: str) -> None:
     lists = [value for node in nodes for value in node.values() if isinstance(value, list)]
     count = len(nodes) + sum(map(len, lists))
     refuse_more_than(MAX_ELEMENTS, count, "nodes, callbacks, publications and the like", Location(file, document.line))
-
-
-def _flat(lists: list[list[Callback]]) -> tuple[Callback, ...]:
-    return tuple(callback for callbacks in lists for callback in callbacks)
 
 
 def _check_unique(nodes: list[NodeReader], reader: Reader) -> None:

@@ -18,7 +18,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Group, Kind, Node, Publication, RosGraph, Subscription, printable
-from halpipe.importers.ros.structure import PUBLISHER, SUBSCRIBER, Catalogue, Port, Structure
+from halpipe.importers.ros.structure import PUBLISHER, SUBSCRIBER, Catalogue, Port, Structure, list_of
 from halpipe.models import Mode, Run, Task, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def _glob(text: str) -> re.Pattern[str]:
 _RATE = re.compile(r"[0-9]{1,9}(?:\.[0-9]{1,9})?")
 _VARIABLE = re.compile(r"\$\((?:var|param|parameter) ([\w./-]+)\)|\$\{(?:parameter |var )?([\w./-]+)\}")
 _OUTPUTS = ("to_output", "to_output_topic")
-_HINTS = ("warn_rate", "error_rate", "timeout", "name")
+_CONDITIONS = ("periodic", "on_input", "on_trigger", "once", "and", "or", "warn_rate", "error_rate", "timeout", "name")
 
 
 @dataclass(slots=True)
@@ -258,13 +258,12 @@ class NodeProcesses:
         ]
         read: set[str] = set()
         for name, entry in entries.items():
-            read |= self._callback(name, entry, triggers[name], ports[SUBSCRIBER])
+            read |= self._callback(name, entry, triggers, ports[SUBSCRIBER])
         self._unused(ports, published, read, coverage)
 
     def _ports(self, side: str) -> dict[str, YamlMap]:
         reader = self.catalogue.reader(self.instance.body)
-        keys = ("publishers", "outputs") if side == PUBLISHER else ("subscribers", "inputs")
-        key = next((key for key in keys if key in self.instance.body), keys[0])
+        key = list_of(self.instance.body, side)
         return {str(e.get("name")): e for e in reader.entries(self.instance.body, key, "ports")}
 
     # -------------------------------------------------------------------------------------------- triggers
@@ -286,6 +285,7 @@ class NodeProcesses:
         if not isinstance(value, YamlMap):
             reader.malformed("trigger_conditions lists something that is no condition", entry.line, where)
             return
+        reader.check_keys(value, where, _CONDITIONS)
         for key, inner in value.items():
             text = printable(inner) if isinstance(inner, str) else ""
             if key in ("and", "or"):
@@ -297,10 +297,8 @@ class NodeProcesses:
                 into.ports[text] = None
             elif key == "on_trigger" and text:
                 into.processes[text] = None
-            elif key == "once":
-                into.once.update({text: None} if text else {})
-            elif key not in _HINTS:
-                reader.check_keys(_only(value, key), where, ("periodic", "on_input", "on_trigger", "once", "and", "or"))
+            elif key == "once" and text:
+                into.once[text] = None
 
     def _period(self, text: str, condition: YamlMap, where: str) -> Duration | None:
         """Return the period of a rate in Hz, exactly; variables have the value that the instance or its node gives."""
@@ -331,6 +329,7 @@ class NodeProcesses:
             at = self.catalogue.at(entry)
             me = (f"{path}/{name}",)
             for outcome in reader.entries(entry, "outcomes", where):
+                reader.check_keys(outcome, where, (*_OUTPUTS, "to_trigger", "terminal"))
                 for key, value in outcome.items():
                     target = printable(value) if isinstance(value, str) else ""
                     if key in _OUTPUTS:
@@ -338,15 +337,19 @@ class NodeProcesses:
                         self.publications.append(Publication(node=path, topic=topic, callbacks=me, at=at))
                         used.add(target)
                         self._known("publisher", target, ports, where, outcome)
-                    elif key == "to_trigger":
-                        if self._known("process", target, triggers, where, outcome) and not triggers[target].period:
-                            triggers[target].processes[name] = None
-                    elif key != "terminal":
-                        reader.check_keys(_only(outcome, key), where, ("to_output", "to_trigger", "terminal"))
+                    elif (
+                        key == "to_trigger"
+                        and self._known("process", target, triggers, where, outcome)
+                        and not triggers[target].period
+                    ):
+                        triggers[target].processes[name] = None
         return used
 
-    def _callback(self, name: str, entry: YamlMap, triggers: _Triggers, ports: Mapping[str, YamlMap]) -> set[str]:
+    def _callback(
+        self, name: str, entry: YamlMap, processes: Mapping[str, _Triggers], ports: Mapping[str, YamlMap]
+    ) -> set[str]:
         """Add the callback of a process; return the ports that it reads."""
+        triggers = processes[name]
         path, at = self.instance.path, self.catalogue.at(entry)
         where = f'node "{path}" process "{name}"'
         inputs: dict[str, None] = {}
@@ -354,40 +357,24 @@ class NodeProcesses:
             self._known("subscriber", port, ports, where, entry)
             for topic in self.structure.topics(Port(path, SUBSCRIBER, port)):
                 inputs[topic] = None
-                self.subscriptions.append(
-                    Subscription(node=path, topic=topic, callback=f"{path}/{name}", at=at),
-                )
-        siblings = [
-            str(e.get("name")) for e in self.catalogue.reader(entry).entries(self.instance.body, "processes", "")
-        ]
+                self.subscriptions.append(Subscription(node=path, topic=topic, callback=f"{path}/{name}", at=at))
         for process in triggers.processes:
-            if self._known("process", process, dict.fromkeys(siblings), where, entry):
+            if self._known("process", process, processes, where, entry):
                 inputs[f"{path}~{process}"] = None
-        self.callbacks.append(
-            Callback(
-                name=f"{path}/{name}",
-                node=path,
-                kind=Kind.PROCESS,
-                period=triggers.period,
-                inputs=tuple(inputs),
-                at=at,
-            )
-        )
+        stated = Callback(name=f"{path}/{name}", node=path, kind=Kind.PROCESS, inputs=tuple(inputs), at=at)
+        self.callbacks.append(replace(stated, period=triggers.period))
         return set(triggers.ports) | set(triggers.once)
 
     def _unused(
         self, ports: Mapping[str, Mapping[str, YamlMap]], published: set[str], read: set[str], coverage: Coverage
     ) -> None:
-        path = self.instance.path
+        path, at = self.instance.path, self.catalogue.at
         for name, entry in ports[PUBLISHER].items():
             if name not in published:
-                coverage.ignored("publisher", f"{path} {name}", "no process states it as its output", self._at(entry))
+                coverage.ignored("publisher", f"{path} {name}", "no process states it as its output", at(entry))
         for name, entry in ports[SUBSCRIBER].items():
             if name not in read:
-                coverage.ignored("subscription", f"{path} {name}", "it triggers no process", self._at(entry))
-
-    def _at(self, entry: YamlMap) -> Any:
-        return self.catalogue.at(entry)
+                coverage.ignored("subscription", f"{path} {name}", "it triggers no process", at(entry))
 
     def _known(self, kind: str, name: str, known: Mapping[str, Any], where: str, element: YamlMap) -> bool:
         if name in known:
@@ -396,13 +383,6 @@ class NodeProcesses:
         at = self.catalogue.at(element)
         self.catalogue.findings.add(codes.LOOSE_CONNECTION(f'no {kind} "{name}"', at=at, path=where, help=help))
         return False
-
-
-def _only(element: YamlMap, key: str) -> YamlMap:
-    one = YamlMap(element.line)
-    one[key] = element[key]
-    one.lines[key] = element.line_of(key)
-    return one
 
 
 @record

@@ -286,10 +286,9 @@ class Structure:
         reader = self.catalogue.reader(body)
         label = f'entity "{entity.name}"'
         ports: dict[str, dict[str, None]] = {}
-        for side, keys in _LISTS.items():
-            key = next((key for key in keys if key in body), keys[0])
+        for side in _LISTS:
             ports[side] = {}
-            for port in reader.entries(body, key, label):
+            for port in reader.entries(body, list_of(body, side), label):
                 name = reader.text(port, "name", label)
                 ports[side][name] = None
                 if (everywhere := reader.optional(port, "global", label)) is not None:
@@ -390,6 +389,11 @@ class Structure:
         """Return the name of the topic that begins at a port; what comes from outside is called an input."""
         inner = f"{port.path}/{port.name}" if port.side == PUBLISHER else f"{port.path}/input/{port.name}"
         return self.globals.get(port, inner)
+
+
+def list_of(body: YamlMap, side: str) -> str:
+    """Return the key under which a node or module lists its ports of one side."""
+    return next((key for key in _LISTS[side] if key in body), _LISTS[side][0])
 
 
 def _path_of(component: YamlMap, name: str) -> str:
