@@ -161,11 +161,6 @@ def blocks_within_each_other(count):
     named("importers.ros.dot:read_dot")("digraph {" + "{" * count + "a -> b" + "}" * count + "}", "g.dot", Findings())
 
 
-@limit("importers.ros.graph:_MOST_NAMES", 5, "1 more")
-def names_in_a_message_of_ros(count):
-    return named("importers.ros.graph:few")([f"n{number}" for number in range(count)]).partition(" and ")[1:][-1]
-
-
 @limit("importers.common.pieces:MOST_PIECES", 20_000)
 def pieces_of_a_runnable(count):
     assert (
