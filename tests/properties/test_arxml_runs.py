@@ -58,14 +58,21 @@ def nested():
     return planned(system, 40, *jobs)
 
 
+def trials(system, plan, unit, change=lambda root: None, switch=None, count=40):
+    """Yield trials of one export, which `change` changes."""
+    root = write(system, plan)
+    change(root)
+    for seed in range(count):
+        yield Trial(system, plan, unit, seed, root, switch)
+
+
 class Trial:
     """One core of a schedule, played with one seed: the first mode, or a switch with a cycle of the mode before it."""
 
-    def __init__(self, system, plan, unit, seed, change=lambda root: None, switch=None):
+    def __init__(self, system, plan, unit, seed, root, switch=None):
         self.rng = random.Random(seed)
         self.model, self.unit = system, unit
-        self.root = write(system, plan)
-        change(self.root)
+        self.root = root
         self.service = service_of({u.name: u for u in system.units}, [unit])
         self.tick = int(seconds_per_tick(self.root) * 10**9)
         self.played = self._cycles(plan.modes[0], 3) if switch is None else self._switch(plan, switch)
@@ -153,7 +160,7 @@ class Trial:
 )
 def test_no_part_is_late_and_no_access_early(case, unit):
     system, plan = case()
-    assert [fault for seed in range(40) for fault in Trial(system, plan, unit, seed).faults()] == []
+    assert [fault for trial in trials(system, plan, unit) for fault in trial.faults()] == []
 
 
 def switched():
@@ -173,8 +180,8 @@ def test_no_part_is_late_and_no_access_early_across_a_switch(case, way):
     """One way a job is in progress, the other way one of the table is, when the mode after begins."""
     system, plan = case()
     assert [d for d in verify(system, plan) if d.is_error] == []
-    trials = [Trial(system, plan, "u1", seed, switch=plan.transitions[way]) for seed in range(40)]
-    assert [fault for trial in trials for fault in trial.faults()] == []
+    played = trials(system, plan, "u1", switch=plan.transitions[way])
+    assert [fault for trial in played for fault in trial.faults()] == []
 
 
 def without_holds(root):
@@ -211,8 +218,7 @@ def without_events_of_switches(root):
 )
 def test_without_holds_events_or_priorities_parts_are_late_across_a_switch(case, change, way):
     system, plan = case()
-    trials = [Trial(system, plan, "u1", seed, change, plan.transitions[way]) for seed in range(40)]
-    assert any(list(trial.faults()) for trial in trials)
+    assert any(list(trial.faults()) for trial in trials(system, plan, "u1", change, plan.transitions[way]))
 
 
 @pytest.mark.parametrize(
@@ -221,4 +227,4 @@ def test_without_holds_events_or_priorities_parts_are_late_across_a_switch(case,
 )
 def test_without_holds_or_with_other_priorities_parts_are_late(case, unit, change):
     system, plan = case()
-    assert any(list(Trial(system, plan, unit, seed, change).faults()) for seed in range(40))
+    assert any(list(trial.faults()) for trial in trials(system, plan, unit, change))

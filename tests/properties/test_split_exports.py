@@ -7,7 +7,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from test_arxml_runs import Trial
+from test_arxml_runs import trials
 
 from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.core.durations import ZERO
@@ -92,7 +92,7 @@ def test_a_trace_of_the_schedule_keeps_it(scheduled):
 def test_an_os_that_plays_the_export_is_never_late(scheduled):
     for system, plan in scheduled:
         for unit in {unit for job in plan.modes[0].jobs for unit in job.units}:
-            assert [fault for seed in range(5) for fault in Trial(system, plan, unit, seed).faults()] == []
+            assert [fault for trial in trials(system, plan, unit, count=5) for fault in trial.faults()] == []
 
 
 def test_an_os_that_plays_a_switch_is_never_late(scheduled):
@@ -104,6 +104,6 @@ def test_an_os_that_plays_a_switch_is_never_late(scheduled):
             source = plan.mode(table.source)
             late = [job for job in source.jobs if job.parts and job.end > source.hyperperiod]
             parted += bool(late or any(job.parts for job in table.jobs))
-            trials = [Trial(system, plan, unit, seed, switch=table) for unit in units for seed in range(3)]
-            assert [fault for trial in trials for fault in trial.faults()] == []
+            played = [trial for unit in units for trial in trials(system, plan, unit, switch=table, count=3)]
+            assert [fault for trial in played for fault in trial.faults()] == []
     assert parted >= 2
