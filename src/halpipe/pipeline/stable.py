@@ -47,8 +47,9 @@ BUDGET = 300
 FOR_EACH_FREE = 30
 """So many of them for each that is free: a few soon find all the places that there are."""
 
-COVERS = 8
-"""Sets of tasks that are free alone, of those that leave no two jobs that exclude each other."""
+COVERS, MANY_JOBS, MOST_CHOICES = 8, 2000, 100
+"""Sets of tasks that are free alone, of those that leave no two jobs that exclude each other; of so many jobs one. With
+more choices than this, no such set is looked for."""
 
 ROUNDS = 12
 """How often more of them are freed before everything is searched for."""
@@ -171,11 +172,14 @@ def _covers(earlier: Schedule, free: frozenset[str], conflicts: Iterable[list[_J
     jobs = Counter(job.task for mode in earlier.modes for job in mode.jobs)
     choices = {frozenset(task for task, _ in each) for sets in conflicts for each in sets}
     open_choices = sorted((sorted(each) for each in choices if not each & free), key=len)
-    covers = {free}
+    most = COVERS if jobs.total() <= MANY_JOBS else 1
+    if len(open_choices) > MOST_CHOICES:  # most of what has changed moves
+        return []
+    covers = [free]
     for choice in open_choices:
-        covers = {cover if cover & set(choice) else cover | {task} for cover in covers for task in choice}
-        covers = set(sorted(covers, key=lambda cover: (sum(jobs[name] for name in cover), sorted(cover)))[:COVERS])
-    return sorted(covers, key=lambda cover: (sum(jobs[name] for name in cover), sorted(cover)))
+        wider = {cover if cover & set(choice) else cover | {task} for cover in covers for task in choice}
+        covers = sorted(wider, key=lambda cover: (sum(jobs[name] for name in cover), sorted(cover)))[:most]
+    return covers
 
 
 def _fewest(

@@ -13,7 +13,7 @@ from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.shipped import excluded_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.pipeline.stable import NEAR
+from halpipe.pipeline.stable import COVERS, NEAR, _covers
 from halpipe.pipeline.verify import verify
 from support import job, model, schedule, task, version
 
@@ -155,6 +155,18 @@ def test_the_bound_on_what_must_move_counts_no_job_twice():
     assert moved(before, near.schedule) == 1
     [note] = [d for d in near.diagnostics if d.code == NEAR.id]
     assert note.message.endswith("no schedule moves fewer: proven")
+
+
+def test_sets_of_tasks_to_free_are_few_however_many_conflicts_there_are():
+    """The cost law: choices double with every conflict, and many are not looked at."""
+    tasks = [task(f"t{n:03}", 1000, version("v", 1)) for n in range(300)]
+    owner = model(*tasks)
+    before = schedule(owner, 1000, *(job(owner, t.name, 0, n, "u1") for n, t in enumerate(tasks)))
+    pairs = [frozenset([(f"t{n:03}", 0), (f"t{n + 1:03}", 0)]) for n in range(0, 298, 2)]
+    assert _covers(before, frozenset(), [pairs]) == []
+    covers = _covers(before, frozenset(), [pairs[:50]])
+    assert len(covers) == COVERS
+    assert all(len(cover) == 50 for cover in covers)
 
 
 def test_the_searches_of_near_are_not_saved(tmp_path):
