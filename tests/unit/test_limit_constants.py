@@ -81,6 +81,11 @@ def names_that_one_command_compares(count):
         return "" if nearest("a", ["a"]) else "none"
 
 
+@limit("core.suggest:_MOST_NAMES", 5, "1 more")
+def names_in_a_message(count):
+    return named("core.suggest:few")([f"n{number}" for number in range(count)]).partition(" and ")[1:][-1]
+
+
 @limit("core.diagnostics:MOST_CHARACTERS", 2000, "...")
 def characters_of_a_message(count):
     return named("core.diagnostics:shortened")("x" * count).strip("x")
