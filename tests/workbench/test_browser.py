@@ -340,6 +340,15 @@ def test_a_variant_is_compared_and_shown_again(page):
     assert field(page, "camera full wcet").get_attribute("value") == "6ms"
 
 
+def test_a_task_is_added_and_removed(page):
+    for kind, said in (("add task", "radar, 20ms, 3ms"), ("remove task", "radar")):
+        Select(page.find_element(By.ID, "change")).select_by_visible_text(kind)
+        answer(page, said)
+        WebDriverWait(page, PATIENCE).until(lambda _, kind=kind: state(page)["what"].startswith(f'{kind} "radar"'))
+        verdict(page, "valid")
+        assert len(page.find_elements(By.CSS_SELECTOR, 'input[aria-label="radar period"]')) == (kind == "add task")
+
+
 def test_edits_are_saved_as_an_overlay(page, tmp_path):
     change(page, "camera full wcet", "7ms")
     WebDriverWait(page, PATIENCE).until(lambda _: state(page)["what"].endswith("7ms"))

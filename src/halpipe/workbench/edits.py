@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.models import Run
+from halpipe.models import Chain, Run, Task, Unit, Version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from halpipe.core.durations import Duration
-    from halpipe.models import TaskModel, Version
+    from halpipe.models import TaskModel
+
+T = TypeVar("T")
 
 BAD_EDIT = error(
     "HAL0951",
@@ -33,13 +35,17 @@ OPTIONAL = ("offset", "deadline", *LIMITS)
 """Attributes that an empty text removes."""
 NAMES = ("units", "tasks")
 """Attributes that are lists of names."""
+ELEMENTS = ("task", "unit", "chain")
+"""Elements that can be added and removed."""
 
 
 @record
 class Edit:
     """`kind` is task, version, window, access, chain or mode; `inner` is the name of a version.
 
-    The `name` is that of the task, chain or mode; a window is that of version `inner` after the task `after`, and an
+    To add or remove an element, `kind` is add or remove, and `field` one of `ELEMENTS`; the value of one that is added
+    is the period and WCET of a task, the type of a unit, or the tasks of a chain. Else the `name` is that of the task,
+    chain or mode; a window is that of version `inner` after the task `after`, and an
     access is that of the version to the resource `after`.
     """
 
@@ -53,6 +59,8 @@ class Edit:
     @property
     def place(self) -> str:
         """The element in words, for messages and the history."""
+        if self.kind in ("add", "remove"):
+            return f'{self.kind} {self.field} "{self.name}"'
         version = f' version "{self.inner}"' if self.inner else ""
         kind = self.kind if self.kind in ("chain", "mode") else "task"
         return f'{kind} "{self.name}"{version} {self.field.replace("_", "-")}'
@@ -67,11 +75,11 @@ def edited(model: TaskModel, edit: Edit) -> TaskModel:
         "access": _access,
         "chain": _chain,
         "mode": _mode,
+        "add": _added,
+        "remove": _removed,
     }
     if edit.kind not in makers:
-        raise _bad(
-            edit, f'"{edit.kind}" is nothing that can be edited', "edit a task, version, window, access, chain or mode"
-        )
+        raise _bad(edit, f'"{edit.kind}" is nothing that can be edited', f"it is one of {', '.join(makers)}")
     return makers[edit.kind](model, edit)
 
 
@@ -147,11 +155,52 @@ def _with(edit: Edit, element: Any) -> Any:
     given: Any = tuple(edit.value.split()) if edit.field in NAMES else edit.value.strip()
     if not given and edit.field in OPTIONAL:
         given = None
+    return _made(edit, lambda: replace(element, **{edit.field: given}))
+
+
+def _made(edit: Edit, make: Callable[[], T]) -> T:
+    """Return what is made of an edit; raise `HalpipeError` where the value has not the form of its attribute."""
     try:
-        return replace(element, **{edit.field: given})
+        return make()
     except (TypeError, ValueError) as wrong:
         message, _, help = str(wrong).partition("; ")
         raise _bad(edit, message.partition(": ")[2] or message, help or "correct the value") from None
+
+
+def _added(model: TaskModel, edit: Edit) -> TaskModel:
+    """Return the model with one more element; a task runs in every mode, and on every unit."""
+    _known(edit, edit.field, ELEMENTS)
+    if any(each.name == edit.name for each in getattr(model, f"{edit.field}s")):
+        raise _bad(edit, "is there already", "choose another name")
+    words = edit.value.split()
+    if edit.field == "unit":
+        unit = _made(
+            edit,
+            lambda: Unit(name=edit.name, type=" ".join(words) or next((each.type for each in model.units), "core")),
+        )
+        return replace(model, units=(*model.units, unit))
+    if edit.field == "chain":
+        names = [_named(edit, model.tasks, name).name for name in words]
+        return replace(model, chains=(*model.chains, _made(edit, lambda: Chain(name=edit.name, tasks=names))))
+    if len(words) != 2:
+        raise _bad(edit, "has no period and WCET", 'write both, such as "20ms 3ms"')
+    version = _made(edit, lambda: Version(name="default", wcet=words[1], units=[unit.name for unit in model.units]))
+    task = _made(edit, lambda: Task(name=edit.name, period=words[0], versions=[version]))
+    run = Run(task=task.name, versions=[version.name])
+    modes = tuple(replace(mode, runs=(*mode.runs, run)) for mode in model.modes)
+    return replace(model, tasks=(*model.tasks, task), modes=modes)
+
+
+def _removed(model: TaskModel, edit: Edit) -> TaskModel:
+    """Return the model without an element; what else names it is for `validate` to report."""
+    _known(edit, edit.field, ELEMENTS)
+    kept = getattr(model, f"{edit.field}s")
+    gone = _named(edit, kept, edit.name)
+    rest: Any = {f"{edit.field}s": tuple(each for each in kept if each is not gone)}
+    if edit.field == "task":
+        runs = [tuple(run for run in mode.runs if run.task != gone.name) for mode in model.modes]
+        rest["modes"] = tuple(replace(mode, runs=own) for mode, own in zip(model.modes, runs, strict=True))
+    return replace(model, **rest)
 
 
 def _exchanged(elements: tuple[Any, ...], old: Any, new: Any) -> tuple[Any, ...]:

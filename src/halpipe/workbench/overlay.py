@@ -17,8 +17,8 @@ NOT_STATABLE = error(
     "HAL0960",
     "Overlay cannot state an edit",
     "An overlay states values in place of those of the source; it cannot take an offset away, so that the first "
-    "release is free again, and accesses and the tasks of modes are not written. Save the model instead, or undo the "
-    "edit.",
+    "release is free again. Accesses, the tasks of modes, and elements that were added or removed are not written. "
+    "Save the model instead, or undo the edit.",
 )
 
 SUFFIXES = (".yaml", ".yml")
@@ -30,11 +30,14 @@ Plain = dict[str, Any]
 def overlay_of(opened: TaskModel, shown: TaskModel) -> bytes:
     """Return the overlay that makes of `opened`, as its source is imported, what is `shown`.
 
-    Both have the same tasks, versions and chains, since edits change attributes and windows alone. Raise
-    `HalpipeError` for what overlays have no words for.
+    Raise `HalpipeError` for what overlays have no words for, such as elements that were added or removed.
     """
     import yaml
 
+    for kind in ("units", "tasks", "chains"):
+        before, after = ([each.name for each in getattr(model, kind)] for model in (opened, shown))
+        if before != after:
+            raise HalpipeError(NOT_STATABLE(f"{kind} were added or removed", help="save the model as .xml"))
     if opened.modes != shown.modes:
         help = "save the model as .xml, or state the modes in an overlay by hand"
         raise HalpipeError(NOT_STATABLE("the tasks of a mode were changed", help=help))

@@ -120,7 +120,7 @@ class Session:
     def edit(self, edit: Edit) -> None:
         """Change one attribute, and find a schedule near the one that is shown."""
         model = edited(self.state.model, edit)
-        what = f"{edit.place} = {edit.value or 'nothing'}"
+        what = edit.place if edit.kind == "remove" else f"{edit.place} = {edit.value or 'nothing'}"
         self._enter(replace(self.state, model=model, what=what))
 
     def pin(self, pin: Pin) -> None:

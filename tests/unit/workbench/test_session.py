@@ -359,3 +359,40 @@ def test_a_recorded_run_is_drawn_under_the_schedule(session, tmp_path):
     assert session.lower == ("trace", str(file))
     file.write_text("task,start,end\nother,0,1\n")  # another run has no job of the schedule
     assert "HAL1101" in [found["code"] for found in picture(session)["findings"]]
+
+
+def test_elements_are_added_and_removed(session):
+    session.edit(Edit("add", "core3", "unit", ""))
+    session.edit(Edit("add", "radar", "task", "20ms 3ms"))
+    session.edit(Edit("add", "far", "chain", "radar brake"))
+    model = session.state.model
+    assert session.state.is_valid
+    assert session.state.what == 'add chain "far" = radar brake'
+    assert model.units[2].type == "core"
+    assert model.task("radar").versions[0].units == ("core1", "core2", "core3")
+    assert all("radar" in {run.task for run in mode.runs} for mode in model.modes)
+    assert [len(mode["jobs"]) for mode in picture(session)["modes"]] == [11, 5]
+    with pytest.raises(HalpipeError, match="units were added"):
+        session.save(f"{session.path}.yaml")
+    for kind, name in (("chain", "far"), ("task", "radar"), ("unit", "core3")):
+        session.edit(Edit("remove", name, kind, ""))
+    assert [session.state.model.units, session.state.model.modes] == [session.opened.units, session.opened.modes]
+    session.edit(Edit("remove", "camera", "task", ""))
+    assert "camera" in {word for found in session.state.findings for word in found.message.split('"')}
+
+
+@pytest.mark.parametrize(
+    ("edit", "text"),
+    [
+        (Edit("add", "camera", "task", "20ms 3ms"), "is there already"),
+        (Edit("add", "radar", "task", "20ms"), "has no period and WCET"),
+        (Edit("add", "radar", "task", "20 3ms"), "is not a duration"),
+        (Edit("add", "far", "chain", "camera radar"), 'there is no "radar"'),
+        (Edit("add", "x", "mode", ""), 'has no "mode"'),
+        (Edit("remove", "radar", "task", ""), 'there is no "radar"'),
+    ],
+)
+def test_elements_that_cannot_be_are_refused(session, edit, text):
+    with pytest.raises(HalpipeError, match=text) as refused:
+        session.edit(edit)
+    assert refused.value.diagnostics[0].code == "HAL0951"

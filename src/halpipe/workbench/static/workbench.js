@@ -262,6 +262,13 @@ $("save").addEventListener("click", async () => {
   if (there && confirm(`${told.refused[0].message}. Overwrite it?`)) told = await order("save", {path, force: true}, true);
   if (told && told.said) say(told.said, "good");
 });
+const ADDED = {task: "name, period and WCET", unit: "name and type", chain: "name and tasks"};
+options($("change"), ["add", "remove"].flatMap(kind => Object.keys(ADDED).map(field => `${kind} ${field}`)), "", "add, remove…");
+$("change").addEventListener("change", event => {
+  const [kind, field] = event.target.value.split(" "); event.target.value = "";
+  const [name, ...value] = (prompt(`${kind} ${field}: ${kind === "add" ? ADDED[field] : "name"}`) || "").split(/[\s,]+/).filter(Boolean);
+  if (name) order("edit", {kind, name, field, value: value.join(" ")});
+});
 $("keep").addEventListener("click", () => { const name = prompt("Name of the variant"); if (name) order("keep", {name}); });
 $("variants").addEventListener("change", tools);
 $("take").addEventListener("click", () => order("take", {name: $("variants").value}));

@@ -264,10 +264,10 @@ class Viewer {
     const places = this.cursors.map(time => Math.round(this.x(time)) + .5), texts = this.cursors.map(instant);
     for (const x of places) { pen.beginPath(); pen.moveTo(x, this.top - 5); pen.lineTo(x, this.height); pen.stroke(); }
     if (texts.length === 2) texts.push(`difference ${instant(Math.abs(this.cursors[1] - this.cursors[0]))}`);
-    const text = texts.join("   "), wide = pen.measureText(text).width, x = Math.max(this.left, Math.min(this.width - wide - 8, Math.max(...places) + 4));
+    const text = texts.join("   "), y = this.base(this.meters.length) - METER / 2 + 3, wide = pen.measureText(text).width, x = Math.max(this.left, Math.min(this.width - wide - 8, Math.max(...places) + 4));
     if (!text) return;
-    pen.fillStyle = tone.back; pen.fillRect(x - 2, this.top, wide + 6, 16);
-    pen.fillStyle = tone.bad; pen.fillText(text, x, this.top + 8);
+    pen.fillStyle = tone.back; pen.fillRect(x - 2, y - 8, wide + 6, 16);
+    pen.fillStyle = tone.bad; pen.fillText(text, x, y);
   }
 
   // When a job reads and writes: at its start and end, or at its release and a logical execution time after it.
