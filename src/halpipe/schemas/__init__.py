@@ -205,7 +205,7 @@ def _lines_of(root: etree._Element) -> Callable[[Any], int]:
 
 
 def _reported(violations: list[tuple[int, str]], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
-    reasons = _explain(root, kind)
+    reasons = _explain(root, kind) if violations else {}
     crowded = {line for line, count in Counter(line for line, _ in violations).items() if count > 1}
     reported = []
     for line, message in dict.fromkeys(violations):
