@@ -285,7 +285,7 @@ def test_what_is_shown_leaves_as_a_picture_and_as_a_link(page):
     for kind in ("PNG", "SVG"):
         page.find_element(By.CSS_SELECTOR, f'button[aria-label="save as {kind}"]').click()
         name = f"first drive.{kind.lower()}"
-        WebDriverWait(page, PATIENCE).until(lambda _, name=name: page.execute_script("return saved") == name)
+        WebDriverWait(page, PATIENCE).until(lambda _, name=name: page.execute_script("return window.saved") == name)
     page.find_element(By.CSS_SELECTOR, 'button[aria-label^="link"]').click()
     address = page.current_url
     page.get("about:blank")
