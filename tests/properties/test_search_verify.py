@@ -167,7 +167,7 @@ def test_other_seeds_give_other_schedules():
 
 @examples(60)
 @given(SEEDS, st.integers(0, 12))
-def test_a_search_that_is_stopped_returns_every_job(seed, slices):
+def test_a_search_that_is_stopped_returns_every_job(seed, count):
     """Stopped after any number of moves, in the construction too, the placement is complete and its cost stated."""
     system = random_model(seed)
     assume(is_sound(system))
@@ -175,7 +175,7 @@ def test_a_search_that_is_stopped_returns_every_job(seed, slices):
 
     def stop(*progress):
         calls.append(progress)
-        return len(calls) <= slices
+        return len(calls) <= count
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(slices, "SLICE_WORK", 1)
@@ -183,10 +183,10 @@ def test_a_search_that_is_stopped_returns_every_job(seed, slices):
     if any(chain.max_reaction or chain.max_age or chain.max_latency for chain in system.chains):
         pass  # the construction along chains counts its moves in one piece
     elif scheduled.stopped:
-        assert scheduled.moves == slices + 1
-        assert [moves for _, moves, _, _ in calls][: slices + 1] == list(range(1, slices + 2))
+        assert scheduled.moves == count + 1
+        assert [moves for _, moves, _, _ in calls][: count + 1] == list(range(1, count + 2))
     else:
-        assert len(calls) <= slices + 1  # the last one only tells how it ended
+        assert len(calls) <= count + 1  # the last one only tells how it ended
         assert is_valid(scheduled.schedule)
     check(system, scheduled.schedule)
 
