@@ -208,7 +208,7 @@ IMPORT = "import ros graph.dot --overlay {} -o o.xml"
         ("schedule model.xml -o o.xml --freeze ./schedul.xml", 'did you mean "./schedule.xml"'),
         ("schedule model.xml -o o.xml --jobs 4", "--workers"),
         ("schedule model.xml -o o.xml -j 4", "--workers"),
-        ("schedule model.xml -o o.xml --timeout 5s", "(Possible options: --time-limit)"),
+        ("schedule model.xml -o o.xml --timeout 5s", "--time-limit"),
         ("schedul model.xml -o o.xml", 'did you mean "schedule"?'),
         ("solve model.xml -o o.xml", 'did you mean "schedule"?'),
         ("plot schedule.xml", 'did you mean "show"?'),
