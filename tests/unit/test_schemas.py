@@ -104,6 +104,18 @@ def test_lines_are_exact_in_indented_files_of_any_length(blank, body):
     assert [line_of(element) for element in root.iter("b")] == expected
 
 
+def test_what_a_large_document_lacks_is_reported_at_the_start_tag(monkeypatch):
+    """A large document is checked while it is parsed, where what an element lacks is found at its end tag only."""
+    monkeypatch.setattr(schemas, "MAX_ELEMENTS", 3)
+    tasks = '<task name="a"><version name="v" wcet="1ms"><units names="u"/></version></task>\n' * 70_000
+    head = f'\n<task-model xmlns="{namespace(TASK_MODEL)}" name="m">\n<platform><unit name="u"/></platform>\n<tasks>\n'
+    bad = '<task name="b">\n<version wcet="1ms">\n</version>\n</task>\n'
+    found = check(etree.fromstring(f"{head}{tasks}{bad}</tasks></task-model>".encode()), TASK_MODEL, "m.xml")
+    lines = {d.at.line: d.message for d in found}
+    assert lines.keys() == {2, 70_006}
+    assert "Missing child" in lines[2]
+
+
 # ------------------------------------------------------------------------------------------------ cost
 
 

@@ -186,20 +186,29 @@ def _fed(pieces: Iterable[tuple[int, bytes]], kind: str) -> list[_Message]:
 def _lines_of(root: etree._Element) -> Callable[[Any], int]:
     """Return a function that gives the line of a message about the text that `etree.tostring` makes of a tree.
 
-    There, attributes of an element are on one line, and comments are absent.
+    There, attributes of an element are on one line, and comments are absent. What an element lacks is found at its end
+    tag, and belongs to its start tag.
     """
     from lxml import etree
 
     written, read, line = [1], [line_of(root)], 1
+    begun: list[int] = []
+    starts: dict[tuple[int, str], int] = {}
     for event, element in etree.iterwalk(root, events=("start", "end")):
-        if event == "start" and line > written[-1]:
-            written.append(line)
-            read.append(line_of(element))
+        if event == "start":
+            if line > written[-1] and _has_line(element):
+                written.append(line)
+                read.append(line_of(element))
+            begun.append(line)
+        elif (start := begun.pop()) < line:
+            starts[line, etree.QName(element).localname] = start
         line += ((element.text if event == "start" else element.tail) or "").count("\n")
 
     def line_of_message(entry: Any) -> int:
-        place = bisect(written, entry.line) - 1
-        return int(read[place] + entry.line - written[place])
+        lacks = _LACKS.search(entry.message)
+        at = starts.get((entry.line, lacks["name"]), entry.line) if lacks else entry.line
+        place = bisect(written, at) - 1
+        return int(read[place] + at - written[place])
 
     return line_of_message
 
@@ -222,6 +231,13 @@ def _subject(entry: Any) -> tuple[int, str, str]:
     """Return what a violation is about: libxml2 reports a bad attribute once for every facet and once for its type."""
     about = entry.message.partition(": ")[0]
     return entry.line, entry.path or "", about if "', attribute '" in about else entry.message
+
+
+def _has_line(element: etree._Element) -> bool:
+    """Return whether `line_of` is exact: libxml2 counts no further than line 65534 where no text follows."""
+    if (element.sourceline or 0) < _LAST_EXACT_LINE or element.text:
+        return True
+    return _has_line(element[0]) if len(element) else bool(element.tail)
 
 
 def line_of(element: etree._Element) -> int:
@@ -293,6 +309,7 @@ def _explain(root: etree._Element, kind: str) -> dict[int, str]:
 
 
 _UNKNOWN_ATTRIBUTE = re.compile(r"The attribute '(?P<name>[^']*)' is not allowed")
+_LACKS = re.compile(r"^Element '(?:\{[^}]*\})?(?P<name>[^']*)': Missing child")
 _LONG_VALUE = re.compile(r"(['\"])([^'\"]{60})[^'\"]{60,}(?:\1|$)")
 _MOST_SHOWN, _END_SHOWN = 400, 150
 
