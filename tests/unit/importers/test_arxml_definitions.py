@@ -20,7 +20,14 @@ from arxml_case import (
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, ArxmlOptions
-from halpipe.exporters.arxml.definitions import AGAINST_DEFINITION, NO_DEFINITIONS, check, read_definitions
+from halpipe.exporters.arxml.definitions import (
+    AGAINST_DEFINITION,
+    CONTRADICTION,
+    NO_DEFINITIONS,
+    NO_VALUE,
+    check,
+    read_definitions,
+)
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml.options import ArxmlImportOptions
@@ -181,39 +188,104 @@ def test_the_own_configuration_of_the_rte_keeps_the_counts_of_the_standard(tmp_p
     }
 
 
-def test_the_own_configuration_has_what_the_vendor_proposes_and_no_core_in_two_ways(tmp_path):
-    """A vendor with a number for each core, a stack for each OsTask, and containers that only its tool can fill."""
+def vendor(tmp_path):
+    """Definitions with a number for each core, a stack for each OsTask, and parts that only a controller decides."""
     values = definition("INTEGER-PARAM", "Stack", more="<DEFAULT-VALUE>512</DEFAULT-VALUE>")
     word = definition("ENUMERATION-PARAM", "Class", more="<DEFAULT-VALUE>SC1</DEFAULT-VALUE>")
     published = "<IMPLEMENTATION-CONFIG-CLASSES><X><CONFIG-CLASS>PUBLISHED-INFORMATION</CONFIG-CLASS></X>"
     release = definition("STRING-PARAM", "Release", more=f"{published}</IMPLEMENTATION-CONFIG-CLASSES>")
-    path = define(
+    define(
         tmp_path,
         "Os",
         box("OsTask", values, lower=0, upper=None),
         box("OsApplication", definition("INTEGER-PARAM", "OsApplicationCoreAssignment"), lower=0, upper=None),
         box("Debug", word, box("Inner", word)),
-        box("Silicon", word, definition("STRING-PARAM", "Name")),
+        box("Silicon", word, definition("STRING-PARAM", "Name"), box("Pin", flag("On"), upper=None), upper=None),
+        box("OsOS", definition("REFERENCE", "First", more="<DESTINATION-REF>/V/Os/Silicon/Pin</DESTINATION-REF>")),
         box("Published", release),
     )
     define(tmp_path, "EcuC", box("General", word, lower=0))
     define(tmp_path, "Rte", *RTE, box("RtePostBuildVariantConfiguration", flag("RtePostBuildUsedPredefinedVariant")))
     (tmp_path / "Os_def.arxml").rename(tmp_path / "Os.bmd")
     system = model(task("fast", 10, version("v", 1, "u")), units="u")
-    plan = schedule(system, 10, job(system, "fast", 0, 0, "u"))
-    options = ArxmlOptions(ecuc_definitions=(str(tmp_path),), ecuc_prefix="/Other")
-    data = FORMAT.write(system, plan, options)
+    return system, schedule(system, 10, job(system, "fast", 0, 0, "u"))
+
+
+def test_the_own_configuration_has_what_the_vendor_proposes_and_no_core_in_two_ways(tmp_path):
+    system, plan = vendor(tmp_path)
+    state(tmp_path, "a.arxml", silicon())
+    data = FORMAT.write(system, plan, ArxmlOptions(ecuc_definitions=(str(tmp_path),), ecuc_prefix="/Other"))
     text = data[""].decode()
-    assert path.endswith("Os_def.arxml")
-    assert [text.count(f">{value}</VALUE>") for value in ("512", "SC1")] == [1, 2]
+    assert [text.count(f">{value}</VALUE>") for value in ("512", "SC1")] == [1, 3]
     assert [text.count(f">/{prefix}/Os<") for prefix in ("V", "Other")] == [1, 0]
     assert [f"/{name}<" in text for name in ("OsApplicationCoreAssignment", "OsApplicationCoreRef")] == [True, False]
     assert "EcucHardware" not in text
-    missing = [d.message for d in FORMAT.remarks(system, plan, options, data) if "there must be" in d.message]
-    assert missing == ["has 0 Silicon, of which there must be 1"]
     assert text.index("<PREDEFINED-VARIANT>") < text.index(
         'DEST="PREDEFINED-VARIANT">/M/Ecu/Only<'.replace("/M", f"/{system.name}")
     )
+
+
+def silicon(*, name="TC0", on="1", target="/Pre/Os_Pre/Chip/A"):
+    """Containers of a configuration: those that the vendor demands, and one that nothing demands."""
+    text = el("ECUC-TEXTUAL-PARAM-VALUE", ref("DEFINITION-REF", "/V/Os/Silicon/Name"), el("VALUE", name))
+    on = el("ECUC-NUMERICAL-PARAM-VALUE", ref("DEFINITION-REF", "/V/Os/Silicon/Pin/On"), el("VALUE", on))
+    first = el("ECUC-REFERENCE-VALUE", ref("DEFINITION-REF", "/V/Os/OsOS/First"), ref("VALUE-REF", target))
+    inner = bare("Os/Silicon/Pin", "A", el("PARAMETER-VALUES", on))
+    return (
+        bare("Os/Silicon", "Chip", el("PARAMETER-VALUES", text), el("SUB-CONTAINERS", inner)),
+        bare("Os/OsOS", "Kernel", el("REFERENCE-VALUES", first)),
+        bare("Os/OsTask", "Idle"),
+    )
+
+
+def bare(kind, name, *inside):
+    return named("ECUC-CONTAINER-VALUE", name, ref("DEFINITION-REF", f"/V/{kind}"), *inside)
+
+
+def state(folder, file, containers):
+    """A configuration of the Os beside the definitions."""
+    values = named(
+        "ECUC-MODULE-CONFIGURATION-VALUES", "Os_Pre", ref("DEFINITION-REF", "/V/Os"), el("CONTAINERS", *containers)
+    )
+    write(folder, package("Pre", values), name=file)
+
+
+def told_of(system, plan, tmp_path):
+    with pytest.raises(HalpipeError) as failure:
+        FORMAT.write(system, plan, ArxmlOptions(ecuc_definitions=(str(tmp_path),)))
+    return {(d.code, d.message) for d in failure.value.diagnostics}
+
+
+def test_what_no_definition_proposes_is_refused_unless_a_configuration_states_it(tmp_path):
+    system, plan = vendor(tmp_path)
+    parts = ("Silicon/Name", "Silicon/Pin/On", "OsOS/First")
+    assert told_of(system, plan, tmp_path) == {(NO_VALUE.id, f"nothing states /V/Os/{part}") for part in parts}
+    state(tmp_path, "a.arxml", silicon())
+    state(tmp_path, "b.arxml", silicon(on="true"))  # the same
+    options = ArxmlOptions(ecuc_definitions=(str(tmp_path),))
+    data = FORMAT.write(system, plan, options)
+    text = data[""].decode()
+    assert f">/{system.name}/Ecu/Os/Chip/A</VALUE-REF>" in text
+    assert ">TC0</VALUE>" in text
+    assert ("Os_Pre" in text, "<SHORT-NAME>Idle</SHORT-NAME>" in text) == (False, False)
+    about_silicon = [d.message for d in FORMAT.remarks(system, plan, options, data) if "Silicon" in d.message + d.path]
+    assert about_silicon == []
+
+
+def test_configurations_that_contradict_each_other_are_refused(tmp_path):
+    system, plan = vendor(tmp_path)
+    state(tmp_path, "a.arxml", silicon())
+    state(tmp_path, "b.arxml", silicon(name="TC1"))
+    ((code, message),) = told_of(system, plan, tmp_path)
+    assert (code, '"TC0"' in message, '"TC1"' in message, "b.arxml:" in message) == (CONTRADICTION.id, True, True, True)
+
+
+def test_a_stated_reference_to_what_is_not_written_is_named(tmp_path):
+    system, plan = vendor(tmp_path)
+    state(tmp_path, "a.arxml", silicon(target="/Pre/Os_Pre/Gone"))
+    options = ArxmlOptions(ecuc_definitions=(str(tmp_path),))
+    told = [d.message for d in FORMAT.remarks(system, plan, options, FORMAT.write(system, plan, options))]
+    assert f"First leads to /{system.name}/Ecu/Os/Gone, which is not in the configuration" in told
 
 
 def test_a_vendor_whose_os_has_no_schedule_tables_is_named(tmp_path):

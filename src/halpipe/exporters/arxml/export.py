@@ -79,12 +79,14 @@ def _write_ecuc(
     holds = Holds(model, schedule)
     plan = make_plan(model, schedule, layout, holds, choose_counter(schedule, options, holds), options.max_points)
     definitions = read_definitions(options.ecuc_definitions)
-    names = OsNames(plan, layout, options.ecuc_prefix, definitions)
+    findings = Findings()
+    names = OsNames(plan, layout, options.ecuc_prefix, definitions, findings)
     elements = package(packages, PACKAGE)
     write_cores(elements, plan, names)
     write_os(elements, plan, names, options.release)
     write_rte(elements, model, plan, names, options.release)
     write_collection(elements, layout)
+    findings.stop_on_errors()
 
 
 # ------------------------------------------------------------------------------------------------------ checks

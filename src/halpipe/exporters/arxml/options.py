@@ -61,7 +61,8 @@ class ArxmlOptions(ExportOptions):
     )
     ecuc_definitions: tuple[str, ...] = option(
         (),
-        "File or folder with the ECUC-MODULE-DEFs of a vendor, to hold the configuration against; repeatable.",
+        "File or folder with the ECUC-MODULE-DEFs of a vendor, and configurations that state what these demand; "
+        "repeatable.",
         metavar="PATH",
         form=Form.LIST,
         is_path=True,

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.definitions import complete
 from halpipe.exporters.arxml.document import (
     CONTAINER,
     MODULE,
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
+    from halpipe.core.diagnostics import Findings
     from halpipe.exporters.arxml.definitions import Definitions
     from halpipe.exporters.arxml.software import Layout
     from halpipe.exporters.arxml.tables import Plan, Table, Work
@@ -47,10 +47,11 @@ _SYMBOLIC = "ECUC-SYMBOLIC-NAME-REFERENCE-DEF"
 class OsNames:
     """Short names and paths of the containers of the Os, which the Rte refers to."""
 
-    def __init__(self, plan: Plan, layout: Layout, prefix: str, definitions: Definitions) -> None:
+    def __init__(self, plan: Plan, layout: Layout, prefix: str, definitions: Definitions, findings: Findings) -> None:
         self.base = layout.path(PACKAGE)
         self.layout = layout
         self.definitions = definitions
+        self._findings = findings
         self._prefix = prefix
         events = (event for found in plan.events.values() for event in found.values())
         taken = (*plan.tasks, *plan.idle.values(), *events, *(table.name for table in plan.tables))
@@ -71,9 +72,7 @@ class OsNames:
 
     def write(self, elements: etree._Element, box: Box) -> None:
         """Append the configuration of a module, with what its definition, if there is one, demands."""
-        known = self.definitions.of(box.definition)
-        if known is not None:
-            complete(box, known)
+        self.definitions.complete(box, self._findings)
         write_box(elements, box, self.layout.texts)
 
     def core(self, unit: str) -> str:
