@@ -241,3 +241,17 @@ def test_a_trace_of_runnables_alone_has_their_jobs():
     times = [sorted((e.start, e.end, e.busy) for e in found) for found in (tasks, runnables)]
     assert times[0] == times[1]
     assert {e.task.split("_")[0] for e in runnables} == {"RUN"}
+
+
+@pytest.mark.parametrize(("start", "overlap"), [(2, True), (3, False)])
+def test_tasks_whose_jobs_overlap_have_no_runnables(start, overlap):
+    """Tools that know a task by its name alone end the runnable of one core on the other."""
+    system = model(
+        *(task(n, "10ms", version("v", wcet, "u1")) for n, wcet in (("a", "3ms"), ("b", "1ms"))), units="u1 u2"
+    )
+    jobs = (job(system, "a", 0, "0ms", "u1"), job(system, "a", 1, f"{start}ms", "u2"), job(system, "b", 0, "8ms", "u1"))
+    text = write(system, schedule(system, "20ms", *jobs), cycles=1)
+    assert violations(text) == []
+    assert {row[4] for row in rows(text) if row[3] == "R"} == ({"RUN_b.v"} if overlap else {"RUN_a.v", "RUN_b.v"})
+    assert ("# without runnables, since jobs of it overlap: TASK_a" in text) == overlap
+    assert ("#-R RUN_a.v" in text) != overlap

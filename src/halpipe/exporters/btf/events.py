@@ -41,7 +41,9 @@ class Piece:
 def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str:
     """Return the trace of a run through every mode and switch that can be reached from the first mode."""
     pieces, unreached = tour(schedule, options.cycles)
-    runnables = _runnables(model)
+    runnables, mixed = _runnables(model), _overlapping(pieces)
+    for key in [key for key in runnables if key[0] in mixed]:
+        del runnables[key]
     events, rounded, early = _events(pieces, _releases(model, schedule), runnables)
     header = [
         "#version 2.1.5",
@@ -52,6 +54,7 @@ def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str
         f"# model SHA-256 {schedule.model_sha256}",
         f"# {rounded} instants rounded down to whole nanoseconds",
         *([f"# {early} releases before the trace begins stand at 0"] if early else []),
+        *(f"# without runnables, since jobs of it overlap: TASK_{task}" for task in sorted(mixed)),
         *(f"# not reached from {schedule.modes[0].name}: {name}" for name in unreached),
         *_entities(pieces, runnables),
     ]
@@ -115,7 +118,8 @@ def _entities(pieces: list[Piece], runnables: Mapping[tuple[str, str], str]) -> 
     cores = dict.fromkeys(f"Core_{unit}" for piece in pieces for job in piece.jobs for unit in job.units)
     marks = dict.fromkeys(f"STI_TABLE_{piece.name}" for piece in pieces)
     stimuli = dict.fromkeys(f"STI_{job.task}" for piece in pieces for job in piece.jobs)
-    codes = {runnables[job.task, job.version] for piece in pieces for job in piece.jobs}
+    played = {(job.task, job.version) for piece in pieces for job in piece.jobs}
+    codes = {runnables[key] for key in played & runnables.keys()}
     types = {"C": sorted(cores), "T": sorted(tasks), "R": sorted(codes), "STI": sorted([*marks, *stimuli])}
     names = [(kind, name) for kind, found in types.items() for name in found]
     return [
@@ -149,6 +153,18 @@ def _runnables(model: TaskModel) -> dict[tuple[str, str], str]:
     }
 
 
+def _overlapping(pieces: list[Piece]) -> set[str]:
+    """Return the tasks of which a job starts before the one before ends: tools find a runnable's core by its task."""
+    ends: dict[str, Duration] = {}
+    found = set()
+    for piece in pieces:
+        for job in sorted(piece.jobs, key=lambda job: job.start.ns):
+            if piece.start + job.start < ends.get(job.task, ZERO):
+                found.add(job.task)
+            ends[job.task] = max(piece.start + job.end, ends.get(job.task, ZERO))
+    return found
+
+
 def _events(
     pieces: list[Piece],
     delays: Mapping[tuple[str, str, int], Duration],
@@ -178,16 +194,17 @@ def _events(
                 instances[name] += 1
                 put(max(release, ZERO), _ACTIVATE, f"STI_{name},{instance},T,TASK_{name},{instance},activate")
                 on = f"Core_{unit},0,T,TASK_{name},{instance}"
-                within = f"TASK_{name},{instance},R,{runnables[name, job.version]},{instance}"
                 put(start, _START, f"{on},start")
-                put(start, _ENTER, f"{within},start")
                 for (_, pause), (again, _) in pairwise(stretches):
-                    put(pause, _LEAVE, f"{within},suspend")
                     put(pause, _TERMINATE, f"{on},preempt")
                     put(again, _START, f"{on},resume")
-                    put(again, _ENTER, f"{within},resume")
-                put(end, _LEAVE, f"{within},terminate")
                 put(end, _TERMINATE, f"{on},terminate")
+                if (runnable := runnables.get((name, job.version))) is None:
+                    continue
+                within = f"TASK_{name},{instance},R,{runnable},{instance}"
+                for number, (enter, leave) in enumerate(stretches, 1):
+                    put(enter, _ENTER, f"{within},{'start' if number == 1 else 'resume'}")
+                    put(leave, _LEAVE, f"{within},{'terminate' if number == len(stretches) else 'suspend'}")
     found.sort(key=lambda event: event[:2])
     return [f"{at},{text}" for at, _, text in found], rounded, early
 
