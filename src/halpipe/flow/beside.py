@@ -254,7 +254,7 @@ def _compared(above: Sequence[Placement], below: Sequence[Placement]) -> tuple[S
             title = _title(row.job.task, row.job.index, row.start, row.end, texts[key])
             boxes.append(Seen(row.job.task, row.job.units, row.start, row.end, "missing", title))
     found = [f'job {index} of task "{task}": {"; ".join(t)}' for (_, task, index), t in sorted(texts.items()) if t]
-    return Strip(tuple(boxes), f"{len(found)} jobs differ."), found
+    return Strip(tuple(boxes), f"Jobs that differ: {len(found)}."), found
 
 
 def _difference(own: Job | None, other: Job | None) -> list[str]:

@@ -9,9 +9,10 @@ from ros_case import FIXTURES, Overlay, found, write
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity
 from halpipe.core.durations import Duration
+from halpipe.core.samples import quantile_of
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.calibrate import Measurements, Sample, estimate, read_measured
-from halpipe.importers.ros.options import RosImportOptions, quantile_of
+from halpipe.importers.ros.options import RosImportOptions
 from halpipe.importers.traces.codes import LEFT_OUT
 
 GRAPH = str(FIXTURES / "calibrated.dot")

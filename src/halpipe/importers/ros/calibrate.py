@@ -29,7 +29,7 @@ from halpipe.core.durations import Duration
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.core.samples import quantile
+from halpipe.core.samples import quantile, with_margin
 from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import printable
@@ -105,7 +105,7 @@ def estimate(samples: Sequence[Sample], share: Fraction, margin: Fraction) -> Es
     words = f"{how} of {len(samples)} sample{'s' if len(samples) > 1 else ''}"
     if margin:
         words += f", {Duration(sample.ns)}, with a margin of {format_rational(margin)} of it"
-    return Estimate(Duration(math.ceil(sample.ns * (1 + margin))), sample, words, len(samples))
+    return Estimate(with_margin(sample.ns, margin), sample, words, len(samples))
 
 
 def _by_task(

@@ -5,20 +5,13 @@ from __future__ import annotations
 from fractions import Fraction
 
 from halpipe.core.options import Form, option
-from halpipe.core.quantities import parse_rational, parse_share, quoted
+from halpipe.core.quantities import parse_share
 from halpipe.core.records import record
+from halpipe.core.samples import quantile_of
 from halpipe.core.settings import Words
 from halpipe.importers.common.base import ImportOptions
 
 IGNORED, RESOURCES = GROUP_RULES = ("ignored", "resources")
-
-
-def quantile_of(text: str) -> Fraction:
-    """Read a quantile, above 0 and up to 1."""
-    value = parse_rational(text)
-    if not 0 < value <= 1:
-        raise ValueError(f"{quoted(text)} is no quantile; write a number above 0, up to 1")
-    return value
 
 
 @record(kw_only=True)

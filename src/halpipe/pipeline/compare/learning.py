@@ -18,7 +18,7 @@ from halpipe.core.durations import Duration
 from halpipe.core.options import option
 from halpipe.core.quantities import format_rational, parse_share
 from halpipe.core.records import record
-from halpipe.core.samples import quantile
+from halpipe.core.samples import quantile, quantile_of, with_margin
 from halpipe.pipeline.compare import CompareOptions
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Instant
     from halpipe.pipeline.compare import Comparison
 
-_MICROSECOND = 1000
 _LEAST_STARTS = 4
 _FEW = 30
 """Jobs below which a comment warns."""
@@ -39,7 +38,7 @@ class LearnOptions(CompareOptions):
     """`quantile` of the run times, and the `margin` that is added to it, as shares."""
 
     quantile: Fraction = option(
-        Fraction(1), "With --learn: the share of the jobs that a learned WCET covers.", parse_share, metavar="SHARE"
+        Fraction(1), "With --learn: the share of the jobs that a learned WCET covers.", quantile_of, metavar="SHARE"
     )
     margin: Fraction = option(
         Fraction(1, 5), "With --learn: the share that is added to it.", parse_share, metavar="SHARE"
@@ -175,7 +174,7 @@ def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskM
     for (task, version), times in sorted(busy.items()):
         times.sort()
         covered = quantile(times, options.quantile)
-        wcet = Duration(-(-covered * (1 + options.margin) // _MICROSECOND) * _MICROSECOND)
+        wcet = with_margin(covered, options.margin)
         versions.append(
             LearnedVersion(
                 task=task,
