@@ -18,7 +18,7 @@ from track import circuit
 from world import Lap, Opponent, World
 
 import halpipe
-from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.core.durations import seconds
 from halpipe.deploy.riscv import Board, CoSimulation, Plant
 from halpipe.deploy.riscv.judge.check import Outcome, judge, tolerance_of
@@ -214,7 +214,7 @@ def drive_by_files(chosen: argparse.Namespace, drive: Drive) -> tuple[bool, dict
     model, schedule = read_model(chosen.inputs[0]), read_schedule(chosen.inputs[1])
     violations = halpipe.verify(model, schedule)
     if violations:
-        raise HalpipeError(*violations)
+        raise halpipe.HalpipeError(*violations)
     on_this_computer(drive, model, schedule, HERE)
     return drive.succeeded, written(drive)
 
@@ -278,7 +278,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         drive_it = drive_by_bundle if len(chosen.inputs) == 1 else drive_by_files
         drive_it = drive_it if chosen.overrun is None else drive_with_an_overrun
         succeeded, files = drive_it(chosen, drive)
-    except HalpipeError as error:
+    except halpipe.HalpipeError as error:
         sys.stderr.write("\n".join(map(render_text, error.diagnostics)) + "\n")
         return 1
     sys.stdout.write(summary(drive))

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 from drive import HERE, a_drive, written
 from report import summary
 
-from halpipe.core.diagnostics import HalpipeError, render_text
+import halpipe
+from halpipe.core.diagnostics import render_text
 from halpipe.deploy.linux.judging import judge, read_recording
 from halpipe.flow.formats import open_target
 
@@ -145,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not recording:
             return 1
         judgement = judge(target.model, target.schedule, read_recording(recording), is_timed=False)
-    except HalpipeError as error:
+    except halpipe.HalpipeError as error:
         sys.stderr.write("\n".join(map(render_text, error.diagnostics)) + "\n")
         return 1
     found = judgement.diagnostics

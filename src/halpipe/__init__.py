@@ -1,7 +1,7 @@
 """halpipe: from vehicle software models to verified time-triggered schedules and what hardware loads.
 
-The whole tool in a few functions; each raises `halpipe.core.diagnostics.HalpipeError` with every finding when it cannot
-go on. What they take and return are the frozen values of `halpipe.models`. See docs/how-to/use-from-python.md.
+The whole tool in a few functions; each raises `HalpipeError` with every finding when it cannot go on. What they
+take and return are the frozen values of `halpipe.models`. See docs/how-to/use-from-python.md.
 
     model = halpipe.load("model.xml")
     schedule = halpipe.schedule(model, seed=1)
@@ -23,18 +23,20 @@ if TYPE_CHECKING:
         learn,
         load,
         load_schedule,
-        loads,
         save,
         schedule,
         sensitivity,
         size,
+        utilisation,
         validate,
         verify,
     )
+    from halpipe.core.diagnostics import HalpipeError
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "HalpipeError",
     "__version__",
     "check",
     "compare",
@@ -47,11 +49,11 @@ __all__ = [
     "learn",
     "load",
     "load_schedule",
-    "loads",
     "save",
     "schedule",
     "sensitivity",
     "size",
+    "utilisation",
     "validate",
     "verify",
 ]

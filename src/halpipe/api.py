@@ -1,14 +1,17 @@
 """The whole tool from Python, for notebooks and servers: what the command line does, on values instead of files.
 
-Each function raises `halpipe.core.diagnostics.HalpipeError` with every finding when it cannot go on. What they take and
-return are the frozen values of `halpipe.models`, whose fields take ``"5ms"`` for a duration and lists for tuples.
-Everything is imported where it is used, so that ``import halpipe`` costs nothing.
+Each function raises `HalpipeError` with every finding when it cannot go on; its text is what the command line shows.
+What they take and return are the frozen values of `halpipe.models`, whose fields take ``"5ms"`` for a duration and
+lists for tuples. All else is imported where it is used, so that ``import halpipe`` costs nothing.
 """
 
 from __future__ import annotations
 
+import functools
 import time
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, overload
+
+from halpipe.core.diagnostics import Exit, HalpipeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,6 +27,30 @@ if TYPE_CHECKING:
     from halpipe.pipeline.explain.explanation import Explanation
     from halpipe.pipeline.whatif.sensitivity import Sensitivity
     from halpipe.pipeline.whatif.size import Answer
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _of_values(function: Callable[P, R]) -> Callable[P, R]:
+    """Make a function refuse what is no model or schedule where it takes one: most often the name of a file."""
+    positional = function.__code__.co_varnames[: function.__code__.co_argcount]
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        from halpipe.models import Schedule, TaskModel
+
+        kinds = {"model": (TaskModel, "load"), "schedule": (Schedule, "load_schedule")}
+        for name, value in (*zip(positional, args, strict=False), *kwargs.items()):
+            kind, reader = kinds.get(name, (object, ""))
+            if name in positional and value is not None and not isinstance(value, kind):
+                given = repr(value)[:60] if isinstance(value, str) else f"a {type(value).__name__}"
+                message = f"{function.__name__}(), {name}: a {kind.__name__} is wanted, not {given}"
+                raise TypeError(f"{message}; halpipe.{reader} reads one from a file")
+        return function(*args, **kwargs)
+
+    return call
+
 
 # ------------------------------------------------------------------------------------------------ in and out
 
@@ -80,6 +107,7 @@ def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
     return parse_model(content, path)
 
 
+@_of_values
 def export(format: str, model: TaskModel, schedule: Schedule | None = None, **options: Any) -> dict[str, bytes]:
     """Return the files of an export by relative name, the main one as ``""``; refuse a schedule that is not valid.
 
@@ -97,6 +125,7 @@ def export(format: str, model: TaskModel, schedule: Schedule | None = None, **op
 # ------------------------------------------------------------------------------------------------ find and check
 
 
+@_of_values
 def validate(model: TaskModel, tick: DurationLike | None = None) -> list[Diagnostic]:
     """Return everything that is wrong or odd with a model; it can be scheduled if none of it is an error.
 
@@ -108,6 +137,7 @@ def validate(model: TaskModel, tick: DurationLike | None = None) -> list[Diagnos
     return validate_model(model, **from_keywords("validate", ValidateOptions, {"tick": tick}))
 
 
+@_of_values
 def schedule(
     model: TaskModel,
     *,
@@ -123,7 +153,6 @@ def schedule(
     does, too; without a `budget` nothing else does, so that what is found depends on the machine. Raise `HalpipeError`
     if no schedule is found, with what the best placement still breaks.
     """
-    from halpipe.core.diagnostics import Exit, HalpipeError
     from halpipe.core.options import from_keywords
     from halpipe.flow.searching import search_options
     from halpipe.pipeline.checked import explain_failure, schedule_model
@@ -151,6 +180,7 @@ def _clock(limit: Duration | None) -> Callable[[], bool]:
     return lambda: end is not None and time.monotonic() >= end
 
 
+@_of_values
 def verify(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
     """Return every violation that the independent check finds: none if the schedule is valid."""
     from halpipe.pipeline.checked import verify_schedule
@@ -161,6 +191,7 @@ def verify(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
 # ------------------------------------------------------------------------------------------------ ask and compare
 
 
+@_of_values
 def explain(model: TaskModel, **options: Any) -> Explanation:
     """Return why a model, or one of its modes, has no schedule: a proof where there is one, and what would help.
 
@@ -176,6 +207,7 @@ def explain(model: TaskModel, **options: Any) -> Explanation:
     return explain_model(model, chosen, lambda: not is_over())
 
 
+@_of_values
 def size(model: TaskModel, **options: Any) -> Answer:
     """Return how few units of a type, or how little bandwidth of a resource, are enough; or how far WCETs may grow.
 
@@ -188,6 +220,7 @@ def size(model: TaskModel, **options: Any) -> Answer:
     return answer_of(question_of(model, chosen), chosen, lambda *_: True)
 
 
+@_of_values
 def sensitivity(model: TaskModel, schedule: Schedule, **options: Any) -> list[Sensitivity]:
     """Return how much the WCET of each version may grow before the schedule is no longer valid.
 
@@ -220,6 +253,7 @@ def diff(before: TaskModel | Schedule, after: TaskModel | Schedule) -> tuple[Cha
     raise TypeError("diff: give two models or two schedules")
 
 
+@_of_values
 def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **options: Any) -> list[Comparison]:
     """Compare what ran, as the file or directory `trace` recorded it, with the schedule; one answer for each line.
 
@@ -235,6 +269,7 @@ def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **op
     return [compare_line(schedule, line, chosen, model) for line in read_traces(trace).traces]
 
 
+@_of_values
 def learn(schedule: Schedule, trace: str, model: TaskModel | None = None, **options: Any) -> Learned:
     """Return what a recording teaches of WCETs and periods: as `compare`, with the options ``quantile`` and ``margin``.
 
@@ -267,6 +302,7 @@ def check(bundle: str, **options: Any) -> Checked:
 # ------------------------------------------------------------------------------------------------ plain tables
 
 
+@_of_values
 def jobs(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
     """Return the jobs of all modes and tables as plain rows, each execution segment in a row of its own.
 
@@ -278,13 +314,15 @@ def jobs(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
     return job_rows(schedule) if exact else as_floats(job_rows(schedule))
 
 
-def loads(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
+@_of_values
+def utilisation(schedule: Schedule, *, exact: bool = False) -> list[dict[str, Any]]:
     """Return the loads of units and resources in every mode as plain rows; numbers as in `jobs`."""
     from halpipe.exporters.common.rows import as_floats, load_rows
 
     return load_rows(schedule) if exact else as_floats(load_rows(schedule))
 
 
+@_of_values
 def latencies(schedule: Schedule, model: TaskModel | None = None, *, exact: bool = False) -> list[dict[str, Any]]:
     """Return reaction time, data age and latency of the chains in every mode as plain rows; numbers as in `jobs`.
 

@@ -1,6 +1,7 @@
 """The public functions of the package: the tool from Python."""
 
 import math
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -172,7 +173,7 @@ def test_tables_are_plain_rows():
     rows = halpipe.jobs(plan)
     assert [row["task"] for row in rows] == [job.task for job in plan.modes[0].jobs]
     assert rows[0]["end_ms"] - rows[0]["start_ms"] in (3, 4)
-    assert {row["name"] for row in halpipe.loads(plan)} == {"u1"}
+    assert {row["name"] for row in halpipe.utilisation(plan)} == {"u1"}
     assert halpipe.latencies(plan) == []
 
 
@@ -180,7 +181,7 @@ def test_numbers_of_tables_are_floats_or_exact():
     third = task("t", "100/3ms", version("v", "10/3ms", "u1"))
     system = model(third, chains=[chain("c", "t", "90ms")])
     plan = halpipe.schedule(system)
-    for rows in (halpipe.jobs, halpipe.loads, partial(halpipe.latencies, model=system)):
+    for rows in (halpipe.jobs, halpipe.utilisation, partial(halpipe.latencies, model=system)):
         for name, exact in rows(plan, exact=True)[0].items():
             shown = rows(plan)[0][name]
             assert type(shown) is (float if type(exact) is Fraction else type(exact)), name
@@ -188,7 +189,7 @@ def test_numbers_of_tables_are_floats_or_exact():
     assert halpipe.jobs(plan, exact=True)[0]["end_ms"] == Fraction(10, 3)
     (load,) = plan.modes[0].unit_loads
     loads = (replace(load, share=Fraction(10**400)),)
-    assert halpipe.loads(replace(plan, modes=(replace(plan.modes[0], unit_loads=loads),)))[0]["share"] == math.inf
+    assert halpipe.utilisation(replace(plan, modes=(replace(plan.modes[0], unit_loads=loads),)))[0]["share"] == math.inf
 
 
 def test_changes_and_limits():
@@ -253,3 +254,24 @@ def test_learning_from_a_recording_is_that_of_the_command(tmp_path):
     assert str(learned.corrected(system).task("a").versions[0].wcet) == "6.001ms"
     with pytest.raises(TypeError, match="has no option"):
         halpipe.learn(planned, str(file), system, quantil="0.5")
+
+
+def test_a_file_name_where_a_value_is_wanted_is_refused_with_the_function_that_reads_it():
+    plan = halpipe.schedule(small())
+    with pytest.raises(TypeError, match=r"schedule\(\), model: a TaskModel is wanted, not 'm.xml'; halpipe.load reads"):
+        halpipe.schedule("m.xml")
+    with pytest.raises(TypeError, match=r"verify\(\), model: a TaskModel is wanted, not a Schedule"):
+        halpipe.verify(plan, small())
+    with pytest.raises(TypeError, match=r"jobs\(\), schedule: .* halpipe.load_schedule reads"):
+        halpipe.jobs(schedule=small())
+
+
+def test_errors_and_findings_print_as_on_the_command_line(tmp_path):
+    with pytest.raises(halpipe.HalpipeError) as failure:
+        halpipe.load(str(tmp_path / "none.xml"))
+    shown = str(failure.value)
+    assert shown.startswith(f"{tmp_path}/none.xml: error[HAL0001] ")
+    assert "\n    help: " in shown
+    assert repr(list(failure.value.diagnostics)) == f"[{shown}]"
+    back = pickle.loads(pickle.dumps(failure.value))
+    assert (back.diagnostics, back.exit) == (failure.value.diagnostics, failure.value.exit)

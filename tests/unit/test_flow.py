@@ -14,7 +14,7 @@ from support import model, ms, schedule, task, version
 
 @pytest.mark.parametrize("kind", ["importer", "exporter", "deployment"])
 def test_an_unknown_name_is_called_what_it_is(kind):
-    with pytest.raises(HalpipeError, match=f'no {kind} "zz"$'):
+    with pytest.raises(HalpipeError, match=f'no {kind} "zz"\n'):
         getattr(formats, kind)("zz")
 
 

@@ -231,6 +231,10 @@ class Diagnostic:
     places: tuple[Location, ...] = ()
     fix: Fix | None = None
 
+    def __repr__(self) -> str:
+        """Return the text that the command line shows: in a notebook, a list of findings is read as it stands."""
+        return render_text(self)
+
     @property
     def is_error(self) -> bool:
         """Whether this finding stops the command."""
@@ -255,9 +259,13 @@ class HalpipeError(Exception):
     """Work that cannot go on; carries the diagnostics to show and the exit code to leave with."""
 
     def __init__(self, *diagnostics: Diagnostic, exit: Exit = Exit.FINDINGS) -> None:
-        super().__init__("; ".join(d.message for d in diagnostics))
+        super().__init__(*diagnostics)
         self.diagnostics = diagnostics
         self.exit = exit
+
+    def __str__(self) -> str:
+        """Return the text that the command line shows, so that an uncaught error in Python says as much."""
+        return "\n".join(map(render_text, self.diagnostics))
 
 
 @dataclass(slots=True)

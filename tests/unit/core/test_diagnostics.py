@@ -242,4 +242,4 @@ def test_findings_stop_only_on_errors(late):
     with pytest.raises(HalpipeError) as stop:
         findings.stop_on_errors()
     assert [d.message for d in stop.value.diagnostics] == ["odd", "late"]
-    assert str(stop.value) == "odd; late"
+    assert str(stop.value) == "warning[TST0001] odd\nerror[TST0001] late"
