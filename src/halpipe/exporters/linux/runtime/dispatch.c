@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #define SECOND INT64_C(1000000000)
+#define EARLIEST 30000    /* ns by which a timer is set before its instant, at most */
 #define RING 256          /* tables that a thread may lag behind */
 #define MILLISECOND INT64_C(1000000)
 #define TOUCHED (128 * 1024)   /* bytes of a stack whose pages are there before the first job */
@@ -54,7 +55,7 @@ static _Atomic int64_t requested, stepped;
 static atomic_uint steps;
 static dispatch_switches switched = {.excess = INT64_MIN};
 static _Atomic uint64_t refused, left_out;
-static int64_t origin, offset;        /* offset: of the clock of the origin to CLOCK_MONOTONIC */
+static int64_t origin;
 static pthread_t conductor, copier;
 static int (*hook)(const dispatch_job *job, int64_t at);
 static void (*hook_copy)(const dispatch_copy *copy);
@@ -82,27 +83,40 @@ static void sleep_until(int64_t at) {
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) { }
 }
 
+/* No wake-up of this thread took less than `soonest`, so its timer is set so much earlier; one that is faster polls the rest. */
 void dispatch_until(int64_t at) {
-  if (at - now_.spin > time_now()) sleep_until(at - now_.spin);
-  if (now_.spin > 0) while (time_now() < at) { }
+  static _Thread_local int64_t soonest = EARLIEST + 1;
+  const int64_t early = now_.spin + (soonest > EARLIEST ? 0 : soonest), call = at - early;
+  if (call > time_now()) {
+    sleep_until(call);
+    const int64_t took = time_now() - call;
+    if (took < soonest) soonest = took;
+  }
+  while (time_now() < at) { }
 }
 
-/* How far a clock is ahead of CLOCK_MONOTONIC: the reading with the shortest time between two of the latter. */
-static int64_t offset_of(clockid_t clock) {
-  int64_t best = INT64_MAX, found = 0;
-  for (int i = 0; i < 5 && clock != CLOCK_MONOTONIC; i++) {
-    const int64_t before = time_now(), there = clock_now(clock), width = time_now() - before;
-    if (width < best) best = width, found = there - before - width / 2;
+/* How far a clock is ahead of CLOCK_MONOTONIC: at least `low` and at most `high`. */
+typedef struct {int64_t low, high;} bounds;
+
+static bounds offset_of(clockid_t clock) {
+  bounds found = {0, clock == CLOCK_MONOTONIC ? 0 : INT64_MAX};
+  for (int i = 0; i < 5 && found.high; i++) {   /* the closest of some readings */
+    const int64_t before = time_now(), there = clock_now(clock), after = time_now();
+    if (after - before < found.high - found.low) found = (bounds){there - after, there - before};
   }
   return found;
 }
 
+static int64_t middle(bounds b) { return b.low + (b.high - b.low) / 2; }
+
 /* Tables are played on CLOCK_MONOTONIC, which has the same rate: control is not disturbed when the clock of the origin is set. */
+static bounds offset;   /* of the clock of the origin */
+
 static void check_clock(void) {
-  const int64_t found = offset_of(now_.clock), step = found - offset;
-  if (step > -MILLISECOND && step < MILLISECOND) return;
+  const bounds found = offset_of(now_.clock);
+  if (found.low <= offset.high + 1000 && found.high + 1000 >= offset.low) return;   /* constant unless one is set; 1 us for rounding */
+  atomic_fetch_add(&stepped, middle(found) - middle(offset));
   offset = found;
-  atomic_fetch_add(&stepped, step);
   atomic_fetch_add(&steps, 1);
 }
 
@@ -256,7 +270,7 @@ static void *work(void *argument) {
 /* ---------------------------------------------------------------------------------------------- copies */
 
 static void copy_at(const dispatch_copy *copy, int64_t at) {
-  sleep_until(at);
+  dispatch_until(at);
   hook_copy(copy);
   const int64_t late = time_now() - at;
   if (late > atomic_load(&latest_copy)) atomic_store(&latest_copy, late);
@@ -501,7 +515,8 @@ int dispatch_start(const dispatch_options *options) {
   if (!error) error = make_copier();
   if (error) return error;
   offset = offset_of(now_.clock);
-  origin = now_.origin ? now_.origin - offset : ((time_now() + offset) / SECOND + 2) * SECOND - offset;
+  const int64_t ahead = middle(offset);
+  origin = now_.origin ? now_.origin - ahead : ((time_now() + ahead) / SECOND + 2) * SECOND - ahead;
   error = create(&conductor, conduct, NULL, "conductor", -1, now_.priority ? now_.priority + plan.levels : 0);
   if (!error) atexit(dispatch_left);
   return error ? dispatch_fail(error, "the conductor cannot be started", NULL) : 0;
@@ -580,4 +595,16 @@ dispatch_counts dispatch_counted(int worker) {
     .lost_tables = atomic_load(&w->lost_tables), .no_data = atomic_load(&w->no_data), .faults = atomic_load(&w->faults),
     .is_running = !atomic_load(&w->is_done), .is_stuck = over > 0, .over = over,
   };
+}
+
+dispatch_counts dispatch_total(void) {
+  dispatch_counts all = {0};
+  for (int i = 0; i < plan.n_workers; i++) {
+    const dispatch_counts c = dispatch_counted(i);
+    all.unrecorded += c.unrecorded, all.skipped += c.skipped, all.lost_tables += c.lost_tables, all.no_data += c.no_data;
+    all.faults += c.faults, all.late_ends += c.late_ends, all.overran += c.overran;
+    all.is_running += c.is_running, all.is_stuck += c.is_stuck;
+  }
+  all.lost_tables += atomic_load(&left_out);
+  return all;
 }

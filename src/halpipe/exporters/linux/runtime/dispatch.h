@@ -82,6 +82,8 @@ extern const dispatch_plan plan;
 enum { DISPATCH_BY_RULES = -1, DISPATCH_NOWHERE = -2 };
 enum { DISPATCH_LOG, DISPATCH_SKIP, DISPATCH_SWITCH };  /* a job whose slot is over before it starts */
 
+enum { DISPATCH_OK, DISPATCH_INCOMPLETE, DISPATCH_USAGE, DISPATCH_FAULTS };   /* exit status; INCOMPLETE: no start or no whole recording */
+
 enum { DISPATCH_FAULT = -1, DISPATCH_NO_DATA, DISPATCH_RAN };   /* results of a job */
 
 typedef struct {
@@ -100,7 +102,7 @@ typedef struct {
   int16_t result;
 } dispatch_event;
 
-typedef struct {          /* counts of a thread */
+typedef struct {          /* counts of a thread, or the sums over all */
   uint64_t unrecorded, skipped, lost_tables, no_data, faults;
   uint64_t late_ends, overran;                /* of jobs that were late, and of jobs that took longer than their slots */
   int is_running, is_stuck;                   /* stuck: a job runs whose slot is over */
@@ -132,6 +134,8 @@ uint64_t dispatch_copied(int64_t *latest);    /* copies at releases and releases
 uint64_t dispatch_torn(void);                 /* copies out of a buffer during which its writers never paused */
 dispatch_switches dispatch_switched(void);
 dispatch_counts dispatch_counted(int worker);
+dispatch_counts dispatch_total(void);         /* is_running, is_stuck: how many do */
+int dispatch_status(void);                    /* of the process, after dispatch_finish() */
 int64_t dispatch_start_error(int percent);    /* ns; at most 1/64 above the exact one, 100: exact */
 uint64_t dispatch_recorded(void);             /* jobs */
 uint64_t dispatch_unwritten(void);            /* jobs, since the file could not take them */

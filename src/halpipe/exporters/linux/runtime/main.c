@@ -60,7 +60,9 @@ static const char *usage =
   "  --origin NS         the first instant on that clock\n"
   "  --cpus N,N,...      CPU of each unit, in the order of --list\n"
   "  --degrade WHAT      go on without: fifo, memory, cpus or all\n"
-  "  --list              show modes and units\n";
+  "  --list              show modes and units\n"
+  "exit status: 0 every job ran in its slot; 1 no start, no whole recording, or exit() of a program; 2 wrong options;\n"
+  "  3 a fault was noticed: a job late, too long, skipped, failed, without end or data, a table lost, the clock set\n";
 
 static void say(const char *format, ...) {
   va_list arguments;
@@ -335,22 +337,17 @@ static void attend(int signals, int control) {
 /* --------------------------------------------------------------------------------------------- results */
 
 static void summarise(void) {
-  dispatch_counts all = {0};
+  const dispatch_counts all = dispatch_total();
   unsigned steps;
-  for (int w = 0; w < plan.n_workers; w++) {
-    const dispatch_counts c = dispatch_counted(w);
-    all.unrecorded += c.unrecorded, all.skipped += c.skipped, all.lost_tables += c.lost_tables;
-    all.late_ends += c.late_ends + c.overran + (uint64_t)c.is_stuck;
-    if (c.is_running) say("task %s does not return", plan.workers[w].task);
-  }
+  for (int w = 0; w < plan.n_workers; w++)
+    if (dispatch_counted(w).is_running) say("task %s does not return", plan.workers[w].task);
   if (dispatch_recorded())
     printf("%llu jobs; start error p50 %.1f us, p99 %.1f us, max %.1f us\n", (unsigned long long)dispatch_recorded(),
            dispatch_start_error(50) / 1e3, dispatch_start_error(99) / 1e3, dispatch_start_error(100) / 1e3);
   printf("%llu skipped, %llu ended late, %llu not recorded, %llu tables lost, %llu requests refused, %llu torn copies\n",
-         (unsigned long long)all.skipped, (unsigned long long)all.late_ends,
+         (unsigned long long)all.skipped, (unsigned long long)(all.late_ends + all.overran + (uint64_t)all.is_stuck),
          (unsigned long long)(all.unrecorded + dispatch_unwritten()),
-         (unsigned long long)(all.lost_tables + dispatch_left_out()),
-         (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
+         (unsigned long long)all.lost_tables, (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
   const dispatch_switches switched = dispatch_switched();
   if (switched.taken)
     printf("%llu mode switches; from request to next table at most %.3f ms, which is %.3f ms %s than a table and a dispatch\n",
@@ -396,11 +393,11 @@ int main(int argc, char **argv) {
   if (unwritable) die(1, dispatch_reason, strerror(unwritable));
   start();
   attend(signals, control);
-  const int stuck = dispatch_wait(5), failed = dispatch_finish();
-  unsigned steps;
-  dispatch_stepped(&steps);
+  dispatch_wait(5);
+  dispatch_finish();
   report();
   summarise();
   fflush(stdout);
-  _exit(stuck || failed || steps ? 1 : 0);   /* a thread that does not return must not hold up the end */
+  const int status = dispatch_status();
+  _exit(status == DISPATCH_OK && dispatch_torn() ? DISPATCH_FAULTS : status);   /* a thread that does not return must not hold up the end */
 }

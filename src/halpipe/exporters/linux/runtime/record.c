@@ -264,6 +264,15 @@ int dispatch_finish(void) {
   return out.error;
 }
 
+int dispatch_status(void) {
+  const dispatch_counts all = dispatch_total();
+  unsigned steps;
+  dispatch_stepped(&steps);
+  if (out.error || all.unrecorded || atomic_load(&unwritten)) return DISPATCH_INCOMPLETE;
+  const uint64_t faults = all.skipped + all.late_ends + all.overran + all.lost_tables + all.no_data + all.faults + steps;
+  return faults || all.is_running || all.is_stuck ? DISPATCH_FAULTS : DISPATCH_OK;
+}
+
 /* ---------------------------------------------------------------------------------------------- news */
 
 static int tell(char *text, size_t size, uint64_t *told, uint64_t count, const char *task, const char *what) {

@@ -71,25 +71,22 @@ public:
     report_ = create_wall_timer(std::chrono::seconds(1), [this] {report();});
   }
 
-  // Stop at the end of the table. Return whether all threads ended: what still runs may use any node.
-  bool finish() {
+  // Stop at the end of the table, and return the exit status; end the process where a job that still runs may use any node.
+  int finish() {
     if (!is_started_) {
-      if (!has_failed_) {RCLCPP_ERROR(get_logger(), "the tables never began");}
-      has_failed_ = true;
-      return true;
+      RCLCPP_ERROR(get_logger(), "the tables never began");
+      return DISPATCH_INCOMPLETE;
     }
     dispatch_stop();
     const bool has_ended = dispatch_wait(5) == 0;
-    if (dispatch_finish()) {
-      RCLCPP_ERROR(get_logger(), "%s cannot be written", record_.c_str());
-      has_failed_ = true;
-    }
+    if (dispatch_finish()) {RCLCPP_ERROR(get_logger(), "%s cannot be written", record_.c_str());}
     tell_news();
-    is_started_ = false;
-    return has_ended;
+    if (!has_ended) {
+      std::fprintf(stderr, "a job does not return; the process ends without it\n");
+      std::_Exit(dispatch_status());
+    }
+    return dispatch_status();
   }
-
-  bool has_failed() const {return has_failed_;}
 
 protected:
   rclcpp::NodeOptions create_node_options(const std::shared_ptr<LoadNode::Request> request) override {
@@ -179,7 +176,6 @@ private:
       tell_news();
       if (dispatch_has_ended()) {
         RCLCPP_ERROR(get_logger(), "the tables have ended after a failure");
-        has_failed_ = true;
         rclcpp::shutdown();
       }
       return;
@@ -214,7 +210,6 @@ private:
     if (refused) {
       const char * help = refused == EPERM ? "give this process CAP_SYS_NICE, or ulimit -r 98; priority:=0 does without" : "";
       RCLCPP_ERROR(get_logger(), "%s: %s %s", dispatch_reason, std::strerror(refused), help);
-      has_failed_ = true;
       rclcpp::shutdown();
       return;
     }
@@ -269,7 +264,7 @@ private:
   std::string record_;
   int64_t record_mib_ = 0;
   unsigned looks_ = 0;
-  bool is_started_ = false, is_recording_ = false, has_failed_ = false, locks_memory_ = true, are_stated_ = true;
+  bool is_started_ = false, is_recording_ = false, locks_memory_ = true, are_stated_ = true;
   bool asks_simulated_ = false;
 };
 
@@ -304,13 +299,9 @@ int main(int argc, char ** argv) {
   auto container = std::make_shared<Container>(tables);
   tables->add_node(container);
   tables->spin();
-  if (!container->finish()) {
-    std::fprintf(stderr, "a job does not return; the process ends without it\n");
-    std::_Exit(1);
-  }
-  const bool has_failed = container->has_failed();
+  const int status = container->finish();
   tables->remove_node(container);
   container.reset();
   rclcpp::shutdown();
-  return has_failed ? 1 : 0;
+  return status;
 }
