@@ -108,6 +108,12 @@ def test_a_fleet_keeps_the_numbers_of_a_finished_schedule(tmp_path):
     kept = fleet.Ledger(tmp_path).kept(variant)
     assert (kept.outcome, kept.content, kept.jobs, kept.moves) == (fleet.Outcome.KEPT, b"content", 12, 34)
     assert (fleet.Solved(fleet.Outcome.FAILED).jobs, fleet.Solved(fleet.Outcome.FAILED).moves) == (0, 0)
+    path = tmp_path / fleet.LEDGER
+    sound = path.read_text()
+    for old, new in (('"jobs": 12', '"jobs": "12"'), ('"jobs"', '"jobs": 1, "jobs"'), ('"key"', '"more": 1, "key"')):
+        path.write_text(sound.replace(old, new))
+        assert fleet.Ledger(tmp_path).kept(variant) is None
+    path.write_text(sound)
     other = fleet.Variant("a.xml", b"<b/>", variant.options)
     assert fleet.Ledger(tmp_path).kept(other) is None
     ledger.keep(other, fleet.Solved(fleet.Outcome.INCOMPLETE, b"partial", 1, 1))

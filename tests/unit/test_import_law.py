@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "core.caches": set(),
     "core.libraries": {"core.diagnostics"},
     "core.programs": {"core.diagnostics"},
-    "core.bundles": {"core.diagnostics", "core.files"},
+    "core.bundles": {"core.diagnostics", "core.files", "core.settings"},
     "starters": set(),
     "models": {"core.diagnostics", "core.durations", "core.quantities"},
     "schemas": {"core.diagnostics", "core.suggest"},

@@ -88,6 +88,41 @@ def test_documents_are_parsed_behind_the_hardened_doors_only(path):
         assert not is_parser or path in OWN_DOCUMENTS, (node.lineno, name)
 
 
+READERS = {
+    "json": {"load", "loads", "JSONDecoder"},
+    "yaml": {"load", "load_all", "safe_load", "safe_load_all", "compose", "compose_all", "parse", "scan", "SafeLoader"},
+}
+"""Names that read JSON or YAML, of which the libraries keep the last of repeated keys."""
+
+
+def reads_json_or_yaml(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            if node.attr in READERS.get(node.value.id, ()):
+                yield node.lineno
+        elif isinstance(node, ast.ImportFrom) and READERS.get(node.module or "", set()) & {n.name for n in node.names}:
+            yield node.lineno
+
+
+def test_one_module_reads_json_and_yaml():
+    """Every reader refuses repeated keys, because there is one."""
+    assert [path for path, tree in TREES.items() if any(reads_json_or_yaml(tree))] == ["core/files/yaml.py"]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("json.loads(a)", 1),
+        ("from json import loads", 1),
+        ("each = yaml.safe_load", 1),
+        ("json.JSONDecoder(parse_float=f)", 1),
+        ("json.dumps(a); yaml.safe_dump(b); from json import dumps", 0),
+    ],
+)
+def test_a_reader_of_its_own_is_seen(text, found):
+    assert len(list(reads_json_or_yaml(ast.parse(text)))) == found
+
+
 OWN_DOCUMENTS = {"schemas/__init__.py"}
 """Modules that parse documents of the package itself, or such as were parsed and written by it."""
 

@@ -10,8 +10,18 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, error
-from halpipe.core.files import MANIFEST, MANIFEST_KEY, is_folder_without, read_plain, sha256
+from halpipe.core.files import (
+    MANIFEST,
+    MANIFEST_KEY,
+    Number,
+    YamlMap,
+    is_folder_without,
+    parse_json,
+    read_plain,
+    sha256,
+)
 from halpipe.core.records import record
+from halpipe.core.settings import Fields
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,6 +41,7 @@ CHANGED_FILE = error(
 VERSION = 1
 MODEL = "model.xml"
 SCHEDULE = "schedule.xml"
+_HELP = "name a folder that `halpipe export` regulator, riscv, linux, or arxml --onto, wrote"
 _SAFE_NAME = re.compile(r"(?![. ])[A-Za-z0-9_.+@~%= -]+(/(?![. ])[A-Za-z0-9_.+@~%= -]+)*")
 
 
@@ -40,12 +51,16 @@ class Bundle:
 
     path: str
     kind: str
-    facts: Mapping[str, Any]
+    facts: YamlMap
     files: Mapping[str, bytes]
 
     def at(self, name: str, line: int = 0) -> Location:
         """Return the place of a file of the bundle, for diagnostics."""
         return Location(f"{self.path}/{name}", line)
+
+    def fields(self, findings: Findings, keys: tuple[str, ...] = ()) -> Fields:
+        """Return the facts for typed access; those that are not among the `keys` of the kind, if any, are reported."""
+        return Fields(self.at(MANIFEST).file, findings, self.facts, "", keys, written=(NOT_A_BUNDLE, _HELP))
 
 
 def seal(kind: str, files: Mapping[str, bytes], facts: Mapping[str, Any]) -> dict[str, bytes]:
@@ -73,24 +88,26 @@ def open_bundle(path: str) -> Bundle:
         if content is not None:
             files[name] = content
     findings.stop_on_errors()
-    facts = {key: value for key, value in manifest.items() if key not in (MANIFEST_KEY, "kind", "files")}
-    return Bundle(folder, manifest["kind"], facts, files)
+    kind = manifest.pop("kind")
+    del manifest[MANIFEST_KEY], manifest["files"]
+    return Bundle(folder, kind, manifest, files)
 
 
-def _manifest(folder: str) -> dict[str, Any]:
+def _manifest(folder: str) -> YamlMap:
     name = f"{folder}/{MANIFEST}"
     if is_folder_without(folder, MANIFEST):
         raise HalpipeError(_no_bundle(name, "the folder has no such file"))
     try:
-        manifest = json.loads(read_plain(name))
-    except (ValueError, RecursionError) as failure:
-        raise HalpipeError(_no_bundle(name, f"the manifest is no JSON: {failure}")) from None
-    if not isinstance(manifest, dict) or manifest.get(MANIFEST_KEY) != VERSION:
+        manifest = parse_json(read_plain(name))
+    except ValueError as failure:
+        raise HalpipeError(_no_bundle(name, f"the manifest {failure}")) from None
+    version = manifest.get(MANIFEST_KEY) if isinstance(manifest, YamlMap) else None
+    if not isinstance(manifest, YamlMap) or not isinstance(version, Number) or version != str(VERSION):
         raise HalpipeError(_no_bundle(name, f'it does not state "halpipe-bundle": {VERSION}'))
     listed = manifest.get("files")
-    if not isinstance(manifest.get("kind"), str) or not isinstance(listed, dict):
+    if type(manifest.get("kind")) is not str or not isinstance(listed, YamlMap):
         raise HalpipeError(_no_bundle(name, 'it lacks "kind" or "files"'))
-    unsafe = [entry for entry in listed if not _SAFE_NAME.fullmatch(entry) or not isinstance(listed[entry], str)]
+    unsafe = [entry for entry in listed if not _SAFE_NAME.fullmatch(entry) or type(listed[entry]) is not str]
     if unsafe:
         raise HalpipeError(*(_no_bundle(name, f"it lists {entry[:60]!r}, which is no file inside") for entry in unsafe))
     lacking = [entry for entry in (MODEL, SCHEDULE) if entry not in listed]
@@ -100,8 +117,7 @@ def _manifest(folder: str) -> dict[str, Any]:
 
 
 def _no_bundle(name: str, message: str) -> Diagnostic:
-    help = "name a folder that `halpipe export` regulator, riscv, linux, or arxml --onto, wrote"
-    return NOT_A_BUNDLE(message, at=Location(name), help=help)
+    return NOT_A_BUNDLE(message, at=Location(name), help=_HELP)
 
 
 def _content(folder: str, name: str, stated: str, findings: Findings) -> bytes | None:

@@ -69,13 +69,14 @@ class Checked:
 class Deployment(Protocol):
     """Protocol of the check of a kind of bundle; registered as entry point ``halpipe.deployments``.
 
-    `takes` names the fields of the options that have an effect on this kind.
+    `takes` names the fields of the options that have an effect on this kind, `facts` what its manifests may state.
     """
 
     name: str
     summary: str
     engines: tuple[str, ...]
     takes: tuple[str, ...]
+    facts: tuple[str, ...]
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play the bundle and hold it against its schedule; raise `HalpipeError` if that cannot be done here."""

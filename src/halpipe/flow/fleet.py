@@ -5,6 +5,7 @@ What comes out for a model depends on it and the options alone, so it has the sa
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import field, fields, replace
 from enum import StrEnum
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError
-from halpipe.core.files import read_own, refuse_foreign, sha256, write_output
+from halpipe.core.files import is_shaped, load_json, read_own, refuse_foreign, sha256, write_output
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ LEDGER = "fleet.json"
 """What says in the folder of the schedules which of them belong to which input and options."""
 
 MARK = "halpipe-fleet"
+_ROW = {"key": str, "sha256": str, "jobs": int, "moves": int}
 
 
 class Outcome(StrEnum):
@@ -136,21 +138,21 @@ class Ledger:
         path = folder / LEDGER
         refuse_foreign(str(path), lambda content: f'"{MARK}"'.encode() in content)
         if path.exists():
-            try:
-                self._rows = dict(json.loads(read_own(str(path)))[MARK])
-            except (ValueError, KeyError, TypeError):  # what is damaged is solved again
-                self._rows = {}
+            with contextlib.suppress(ValueError):  # what is damaged is solved again
+                stated = load_json(read_own(str(path)))
+                rows = stated[MARK] if is_shaped(stated, {MARK: dict}) else {}
+                self._rows = {name: row for name, row in rows.items() if is_shaped(row, _ROW)}
 
     def kept(self, variant: Variant) -> Solved | None:
         """Return what was solved before, if its file is still as it was written."""
         row = self._rows.get(variant.target)
         path = self._folder / variant.target
-        if not isinstance(row, dict) or row.get("key") != variant.key or not path.is_file():
+        if row is None or row["key"] != variant.key or not path.is_file():
             return None
         content = read_own(str(path))
-        if sha256(content) != row.get("sha256"):
+        if sha256(content) != row["sha256"]:
             return None
-        return Solved(Outcome.KEPT, content, int(row.get("jobs", 0)), int(row.get("moves", 0)))
+        return Solved(Outcome.KEPT, content, row["jobs"], row["moves"])
 
     def keep(self, variant: Variant, solved: Solved) -> None:
         """Write a schedule, and then that it is there."""

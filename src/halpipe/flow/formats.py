@@ -261,7 +261,9 @@ def open_target(path: str) -> Target:
     from halpipe.deploy.base import Target
     from halpipe.importers.native import parse_model, parse_schedule
 
-    bundle = open_bundle(path)
+    bundle, findings = open_bundle(path), Findings()
+    bundle.fields(findings, deployment(bundle.kind).facts)
+    findings.stop_on_errors()
     model = parse_model(bundle.files[MODEL], bundle.at(MODEL).file)
     schedule = parse_schedule(bundle.files[SCHEDULE], bundle.at(SCHEDULE).file)
     refuse_invalid(model, schedule)

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.files import sha256
+from halpipe.core.files import parse_yaml, sha256
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -30,9 +30,7 @@ class Edge:
 @cache
 def edges() -> tuple[Edge, ...]:
     """Return the edges of all rules."""
-    import yaml
-
-    return tuple(_edge(stated) for stated in yaml.safe_load(EDGES.read_bytes()))
+    return tuple(_edge(stated) for stated in parse_yaml(EDGES.read_bytes(), EDGES.name))
 
 
 def _edge(stated: dict[str, Any]) -> Edge:
@@ -71,7 +69,7 @@ def _model(stated: dict[str, Any], filled: Any) -> bytes:
 
 
 def _schedule(stated: dict[str, Any], filled: Any) -> bytes:
-    cycle = stated.get("cycle", 10)
+    cycle = int(stated.get("cycle", 10))
     usual = f'hyperperiod="{cycle}ms" status="valid"'
 
     def mode(name: str, content: str, head: str = usual) -> str:
@@ -80,8 +78,8 @@ def _schedule(stated: dict[str, Any], filled: Any) -> bytes:
     content = _jobs(stated["jobs"], filled) + filled(stated.get("figures", ""))
     inside = mode("m", content, filled(stated.get("head", usual)))
     if "length" in stated:
-        length = filled(str(stated["length"]))
-        latency = filled(str(stated.get("latency", cycle + int(stated["length"]) if "latency" not in stated else "")))
+        length = filled(stated["length"])
+        latency = filled(stated["latency"]) if "latency" in stated else str(cycle + int(stated["length"]))
         table = _jobs(stated.get("table", ()), filled)
         ends = f'length="{length}ms" worst-latency="{latency}ms" status="valid"'
         inside += mode("n", _jobs(stated["then"], filled))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration
-from halpipe.core.files import read_own, write_output
+from halpipe.core.files import is_shaped, load_json, read_own, write_output
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.workbench.edits import Pin
@@ -44,13 +44,15 @@ class Journal:
         if not os.path.lexists(self.path):
             return None
         try:
-            stated = json.loads(read_own(self.path))
+            stated = load_json(read_own(self.path))
+            if not is_shaped(stated, {"base": str, "pins": list, "model": str}):
+                raise ValueError("other members than those of a journal")
             model = parse_model(stated["model"].encode(), self.path)
             pins = tuple(
                 Pin(mode, task, index, Duration.parse(at), unit) for mode, task, index, at, unit in stated["pins"]
             )
             fault = "" if stated["base"] == base else "belongs to another state of the model"
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, HalpipeError):
+        except (ValueError, TypeError, AttributeError, HalpipeError):
             fault = "is damaged"
         if fault:
             help = f"rename {os.path.basename(self.path)} to open the model without these edits"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.durations import Duration
-from halpipe.core.files import CANNOT_READ, is_ended
+from halpipe.core.files import CANNOT_READ, is_ended, load_json
 from halpipe.core.options import from_keywords
 from halpipe.flow.formats import exporter
 from halpipe.workbench.edits import Edit, Pin
@@ -173,7 +173,7 @@ def _understood(body: bytes, made: Callable[[dict[str, Any]], Order] | None) -> 
     Raise `HalpipeError` for everything else: an order with a field too many has meant something.
     """
     try:
-        stated = json.loads(body)
+        stated = load_json(body)
         text = json.dumps(stated, ensure_ascii=False, allow_nan=False)
         text.encode()  # no lone surrogates, no infinite numbers
         if made is not None and isinstance(stated, dict) and "\\u0000" not in text:

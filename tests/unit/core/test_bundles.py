@@ -60,6 +60,9 @@ def test_every_changed_or_missing_file_is_named(folder):
     ("change", "message"),
     [
         ({"halpipe-bundle": 2}, '"halpipe-bundle": 1'),
+        ({"halpipe-bundle": True}, '"halpipe-bundle": 1'),
+        ({"halpipe-bundle": "1"}, '"halpipe-bundle": 1'),
+        ({"kind": 1}, 'lacks "kind"'),
         ({"kind": None}, 'lacks "kind"'),
         ({"files": []}, 'lacks "kind" or "files"'),
         ({"files": {"../etc": "0"}}, "no file inside"),
@@ -81,6 +84,19 @@ def test_a_manifest_that_is_none(folder, change, message):
 def test_a_manifest_that_is_no_json(folder, text):
     (folder / "manifest.json").write_bytes(text.encode("latin-1"))
     assert [d.code for d in refusal(folder)] == [NOT_A_BUNDLE.id]
+
+
+def test_a_manifest_that_repeats_a_key(folder):
+    manifest = folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"kind"', '"kind": "linux", "kind"', 1))
+    assert [d.message for d in refusal(folder)] == ['the manifest is no JSON: the key "kind" is repeated']
+
+
+def test_a_folder_whose_manifest_repeats_a_key_is_not_replaced(folder):
+    manifest = folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"files"', '"files": {}, "files"', 1))
+    with pytest.raises(HalpipeError, match="did not write"):
+        write_directory(str(folder), seal("regulator", FILES, {}))
 
 
 def test_a_folder_without_a_manifest(tmp_path):

@@ -21,6 +21,7 @@ class Listener:
     summary = "takes down what it is asked"
     engines = ("auto",)
     takes = ("seed", "cycles", "seconds")
+    facts = ("heard",)
 
     def check(self, target, options):
         self.heard = (target, options)
@@ -65,6 +66,15 @@ def test_a_schedule_that_does_not_verify_is_not_played(tmp_path, system, monkeyp
     with pytest.raises(HalpipeError) as refused:
         check_bundle(str(tmp_path / "b"), CheckOptions())
     assert any(d.code.startswith("HAL03") for d in refused.value.diagnostics)
+
+
+def test_a_manifest_that_states_more_than_its_kind_is_refused(tmp_path, bundle, monkeypatch):
+    monkeypatch.setattr(formats, "deployment", lambda kind: Listener())
+    pair = {name: (bundle / name).read_bytes() for name in ("model.xml", "schedule.xml")}
+    write_directory(str(bundle), seal("listener", pair, {"heard": [1], "herd": 1}))
+    with pytest.raises(HalpipeError) as refused:
+        check_bundle(str(bundle), CheckOptions())
+    assert [(d.code, d.message) for d in refused.value.diagnostics] == [("HAL1001", 'has an unknown key "herd"')]
 
 
 def test_an_unknown_kind_is_refused(bundle):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from command_line import run_here
-from halpipe.core.bundles import CHANGED_FILE
+from halpipe.core.bundles import CHANGED_FILE, NOT_A_BUNDLE
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import sha256, write_directory
 from halpipe.deploy.arxml.check import OTHERWISE
@@ -136,6 +136,27 @@ def test_a_delta_that_starts_something_else_is_found(tmp_path, old, new, why):
     edited(out, "delta.arxml", old, new)
     found, _ = messages(out)
     assert any(why in message for message in found) if why else not found
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("project", [], '"project" is a list'),
+        ("project", {"a": {"sha256": "0", "changed": "changed/none"}}, "is no file of the bundle"),
+        ("project", {"a": {"sha256": "0", "change": ""}}, 'unknown key "change"'),
+        ("tables", {}, '"tables" is a mapping'),
+        ("code", [[]], '"code" is a list'),
+        ("tasks", {"Fast": ["/E/Os/Fast"]}, '"Fast" is a list'),
+        ("tasks", None, '"tasks" is empty'),
+    ],
+)
+def test_a_manifest_whose_facts_cannot_be_read_is_refused(tmp_path, key, value, message):
+    manifest = exported(tmp_path)[1] / "manifest.json"
+    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {key: value}))
+    with pytest.raises(HalpipeError) as refused:
+        check_bundle(str(manifest.parent), CheckOptions())
+    assert {d.code for d in refused.value.diagnostics} <= {NOT_A_BUNDLE.id, "HAL0001"}
+    assert any(message in d.message for d in refused.value.diagnostics)
 
 
 def test_an_alarm_that_still_starts_a_task_is_found(tmp_path):

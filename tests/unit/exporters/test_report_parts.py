@@ -200,10 +200,15 @@ def test_a_model_written_by_hand_has_no_account():
         {"elements": [{"kind": "x"}]},
         {"ignored": [3]},
         {"defaults": 1},
+        {"dropped": [{"kind": "x", "count": "1"}]},
+        {"elements": [{"kind": "x", "read": 1, "mapped": 1, "ignored": 0, "lost": 1}]},
+        {"faults": []},
     ],
 )
 def test_what_is_no_import_report(account, change):
-    account.write_text("{" if change is None else json.dumps(json.loads(account.read_text()) | change))
+    text = account.read_text()
+    twice = text.replace('"model"', '"model": "a", "model"')
+    account.write_text(twice if change is None else json.dumps(json.loads(text) | change))
     with pytest.raises(HalpipeError) as refused:
         build_account(model(), str(account))
     assert [d.code for d in refused.value.diagnostics] == [NO_IMPORT_REPORT.id]

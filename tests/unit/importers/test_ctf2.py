@@ -191,6 +191,7 @@ def test_aliases_that_double_with_each_level_are_refused():
     [
         "\x1e{",
         "\x1e[]",
+        '\x1e{"type":"preamble","version":2,"version":2}',
         '\x1e{"type":"preamble","version":3}',
         '\x1e{"type":"field-class-alias","name":"a","field-class":"a"}\x1e{"type":"trace-class","packet-header-field-class":"a"}',
         '\x1e{"type":"trace-class","packet-header-field-class":'

@@ -311,7 +311,15 @@ def test_a_document_is_read_in_pieces_of_any_size(size):
 
 
 @pytest.mark.parametrize(
-    ("text", "line"), [("[1 2]", 1), ('{"traceEvents":\n[{"a"}]}', 2), (LIST + "]\n]", 3), ('{"a" 1}', 1)]
+    ("text", "line"),
+    [
+        ("[1 2]", 1),
+        ('{"traceEvents":\n[{"a"}]}', 2),
+        (LIST + "]\n]", 3),
+        ('{"a" 1}', 1),
+        (LIST.replace('"ts":3', '"ts":3,"ts":4') + "]", 2),
+        ('{"traceEvents": [],\n"traceEvents": ' + LIST + "]}", 2),
+    ],
 )
 def test_a_document_that_is_no_json_is_refused_with_its_line(text, line):
     (found,) = refusal(text)

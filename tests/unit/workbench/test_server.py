@@ -199,6 +199,11 @@ def test_what_json_cannot_carry_back_is_refused(inside, order, body):
     assert inside.get("/api/state").json() == before
 
 
+def test_an_order_that_repeats_a_field_is_refused(inside):
+    body = b'{"revision": %d, "revision": %d}' % (0, inside.session.revision)
+    assert inside.post("/api/undo", content=body).json()["refused"][0]["code"] == "HAL0955"
+
+
 def test_an_order_that_is_none_is_said_to_be_so(inside):
     assert inside.post("/api/edit", json=[]).json()["refused"][0]["code"] == "HAL0955"
 

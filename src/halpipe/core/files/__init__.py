@@ -52,7 +52,17 @@ from halpipe.core.files.writing import (
     write_outputs,
 )
 from halpipe.core.files.xml import BROKEN_XML, HAS_DOCTYPE, LargeXmlParser, parse_xml
-from halpipe.core.files.yaml import BROKEN_YAML, Number, YamlList, YamlMap, parse_json, parse_yaml
+from halpipe.core.files.yaml import (
+    BROKEN_YAML,
+    Number,
+    YamlList,
+    YamlMap,
+    is_shaped,
+    json_decoder,
+    load_json,
+    parse_json,
+    parse_yaml,
+)
 
 __all__ = [
     "BROKEN_XML",
@@ -81,6 +91,9 @@ __all__ = [
     "is_ended",
     "is_folder_without",
     "is_input",
+    "is_shaped",
+    "json_decoder",
+    "load_json",
     "make_folder",
     "mapped",
     "open_input",

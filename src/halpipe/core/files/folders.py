@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import os
 import shutil
 from pathlib import PurePosixPath
@@ -14,6 +13,7 @@ from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files.protection import refuse_inputs
 from halpipe.core.files.reading import read_own
 from halpipe.core.files.writing import cannot_write, sweep, sync_directory, temporary_beside
+from halpipe.core.files.yaml import load_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -126,8 +126,8 @@ def _listed(folder: str) -> set[str]:
     if not os.path.isfile(manifest) or os.path.islink(manifest):
         return set()
     try:
-        stated = json.loads(read_own(manifest))
-    except (HalpipeError, ValueError, RecursionError):
+        stated = load_json(read_own(manifest))
+    except (HalpipeError, ValueError):
         return set()
     if not isinstance(stated, dict) or not isinstance(stated.get(MANIFEST_KEY), int):
         return set()

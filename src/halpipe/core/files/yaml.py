@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MAX_YAML_NODES = 500_000
 MAX_YAML_DEPTH = 64
@@ -49,20 +53,39 @@ class Number(str):
 
 def parse_json(data: bytes) -> Any:
     """Parse JSON into the values of `parse_yaml`, which have no lines here; raise ``ValueError`` if it is none."""
+    return _listed(load_json(data, Number, parse_int=Number, parse_constant=Number, object_pairs_hook=_mapped))
+
+
+def load_json(data: bytes | str, parse_float: Any = None, **hooks: Any) -> Any:
+    """Return JSON as values of Python; raise ``ValueError`` if it is none, or repeats a key."""
     try:
-        return _listed(
-            json.loads(data, parse_int=Number, parse_float=Number, parse_constant=Number, object_pairs_hook=_mapped)
-        )
+        return json.loads(data, parse_float=parse_float, **{"object_pairs_hook": _unique, **hooks})
     except (ValueError, RecursionError) as failure:
         raise ValueError(f"is no JSON: {failure}") from None
 
 
+def json_decoder(parse_float: Any) -> json.JSONDecoder:
+    """Return a decoder for JSON that is read in parts; it raises ``ValueError`` for repeated keys."""
+    return json.JSONDecoder(parse_float=parse_float, object_pairs_hook=_unique)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the mapping of some pairs, of which JSON itself would keep the last one of a key."""
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
+        keys = Counter(key for key, _ in pairs)
+        raise ValueError(f'the key "{keys.most_common(1)[0][0][:80]}" is repeated')
+    return mapping
+
+
+def is_shaped(value: object, shape: Mapping[str, type]) -> bool:
+    """Return whether a value of JSON is a mapping with these keys and no others, each with a value of its type."""
+    return isinstance(value, dict) and {key: type(inner) for key, inner in value.items()} == shape
+
+
 def _mapped(pairs: list[tuple[str, Any]]) -> YamlMap:
     mapping = YamlMap(0)
-    for key, value in pairs:
-        if key in mapping:
-            raise ValueError(f'the key "{key[:80]}" is repeated')
-        mapping[key] = _listed(value)
+    mapping.update((key, _listed(value)) for key, value in _unique(pairs).items())
     return mapping
 
 

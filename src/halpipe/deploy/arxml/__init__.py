@@ -15,6 +15,7 @@ class OntoDeployment:
     summary = "play of the OS of a merged AUTOSAR project: activations and events of each OsTask over a hyperperiod"
     engines = ("player",)
     takes = ()
+    facts = ("project", "code", "tables", "tasks")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play and compare; see `halpipe.deploy.base.Deployment`."""

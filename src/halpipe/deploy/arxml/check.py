@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from halpipe.core.bundles import CHANGED_FILE
 from halpipe.core.diagnostics import Findings, Location, error, named
@@ -37,14 +37,20 @@ def check(target: Target) -> Checked:
     findings = Findings()
     roots = list(_roots(target, findings))
     findings.stop_on_errors()
-    tables, coded = (target.bundle.facts.get(name, ()) for name in ("tables", "code"))
+    facts = target.bundle.fields(findings)
+    tables, coded = ([each.value for each in facts.texts(name, str)] for name in ("tables", "code"))
+    tasks = {
+        task: {path: [event.value for event in run.texts(path, str)] for path in run}
+        for task, run, _ in facts.entries("tasks")
+    }
+    findings.stop_on_errors()
     os, mode = Os(roots, tables), target.schedule.modes[0]
     length = mode.hyperperiod.in_unit("s")
     begin = min(map(os.begin, tables), default=Fraction(0))  # all begin together, or jobs are at other instants
     acts = [act._replace(time=act.time - begin) for act in os.play(3 * length + begin, dict.fromkeys(coded, begin))]
     acts = [act for act in acts if act.time >= 2 * length]
     at = Location(target.bundle.path)
-    for task, message in sorted(_differences(os, acts, mode, target.bundle.facts)):
+    for task, message in sorted(_differences(os, acts, mode, tasks)):
         help = "export the schedule again, and remove what else starts the OsTask"
         findings.add(OTHERWISE(message, at=at, path=named("OsTask", task), help=help))
     return Checked(diagnostics=tuple(findings.items), lines=tuple(_lines(acts, length)))
@@ -53,14 +59,18 @@ def check(target: Target) -> Checked:
 def _roots(target: Target, findings: Findings) -> Iterator[etree._Element]:
     """Yield the files of the project as they will be: changed ones in place of those that they replace, the delta."""
     bundle = target.bundle
-    replaced = {}
-    for name, stated in bundle.facts.get("project", {}).items():
-        changed = stated.get("changed")
+    replaced, project = {}, {}
+    for name, stated, _ in bundle.fields(findings).entries("project", ("sha256", "changed")):
+        project[name] = stated.text("sha256"), stated.text("changed")
+        if project[name][1] not in ("", *bundle.files):
+            stated.complain(CHANGED_FILE, f'"changed": "{project[name][1]}" is no file of the bundle', "changed")
+    findings.stop_on_errors()
+    for name, (digest, changed) in project.items():
         if changed:
             replaced[name] = bundle.files[changed]
             continue
         content = read_bytes(name)
-        if sha256(content) != stated["sha256"]:
+        if sha256(content) != digest:
             message = "is not the file of the project that the schedule was put onto"
             findings.add(CHANGED_FILE(message, at=Location(name), help="export the schedule onto the project again"))
         replaced[name] = content
@@ -71,13 +81,15 @@ def _roots(target: Target, findings: Findings) -> Iterator[etree._Element]:
         yield parse_xml(content, name, long_texts=True)
 
 
-def _differences(os: Os, acts: list[Act], mode: ModeSchedule, facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _differences(
+    os: Os, acts: list[Act], mode: ModeSchedule, tasks: Mapping[str, Mapping[str, list[str]]]
+) -> Iterator[tuple[str, str]]:
     """Yield each OsTask of the schedule that something else, or nothing, starts, and when."""
     length = mode.hyperperiod.in_unit("s")
     needed: dict[str, set[Fraction]] = {}
     events: dict[str, set[str]] = {}
     for job in mode.jobs:
-        for task, set_events in facts.get("tasks", {}).get(job.task, {}).items():
+        for task, set_events in tasks.get(job.task, {}).items():
             events.setdefault(task, {""}).update(set_events)
             needed.setdefault(task, set()).add(job.start.in_unit("s") % length)
     done: dict[tuple[str, str], Counter[Fraction]] = {}

@@ -15,6 +15,7 @@ class LinuxDeployment:
     summary = "run of a Linux bundle on this machine: order, exclusion, missing and late jobs, start errors"
     engines = ("native",)
     takes = ("engine", "cycles", "seconds")
+    facts = ("model", "cpus", "priority", "generator")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Build, run and judge; see `halpipe.deploy.base.Deployment`."""

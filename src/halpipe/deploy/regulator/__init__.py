@@ -23,6 +23,7 @@ class RegulatorDeployment:
     name = "regulator"
     summary = "budgets of memory regulators: exact arithmetic, and what is loaded executed"
     takes = ("engine", "cycles", "seconds", "seed")
+    facts = ("backend", "platform", "model")
     engines = ("auto", ARITHMETIC, "verilator", "icarus")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:

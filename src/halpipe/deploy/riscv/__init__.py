@@ -20,6 +20,7 @@ class RiscvDeployment:
     summary = "co-simulation of a RISC-V bundle: every start, end, transfer and fault against the schedule"
     engines = ("cosim", "qemu")
     takes = ("engine", "cycles", "seconds", "modelled", "inject", "margin")
+    facts = ("model", "profile", "toolchain", "generator", "regulator")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play every mode and every transition; see `halpipe.deploy.base.Deployment`."""

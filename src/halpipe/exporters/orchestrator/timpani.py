@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.extent import Extent
+from halpipe.core.files import parse_yaml
 from halpipe.core.options import CPUS, Form, cpu_number, option, specific
 from halpipe.core.records import record
 from halpipe.exporters.common.base import ExportOptions, PlainExporter
@@ -77,11 +78,9 @@ class TimpaniExporter(PlainExporter):
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> Sequence[Diagnostic]:
         """Return the names that nodes cut, the health rules and the resources whose bounds none enforces."""
-        import yaml
-
         from halpipe.exporters.orchestrator import NOT_CARRIED
 
-        tasks = yaml.safe_load(contents[""])["tasks"]
+        tasks = parse_yaml(contents[""], "")["tasks"]
         names = [task["name"] for task in tasks if len(task["name"]) > NAME_LENGTH]
         texts = [f'name "{name}" is longer than the {NAME_LENGTH} characters that a node keeps' for name in names]
         known = {task.name for task in model.tasks}

@@ -9,6 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Location, Severity, about
+from halpipe.core.files import load_json
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.regulator.codes import BELOW_BURST, OFF_GRID, SHORT_PHASE
@@ -274,7 +275,7 @@ def findings_of(report: bytes) -> list[Diagnostic]:
         Diagnostic(
             d["code"], Severity(d["severity"]), Location(d["file"], d["line"]), d["path"], d["message"], d["help"]
         )
-        for d in json.loads(report)["findings"]
+        for d in load_json(report)["findings"]
     ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from fractions import Fraction
 from functools import cache
@@ -10,7 +9,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
-from halpipe.core.files import read_bytes
+from halpipe.core.files import is_shaped, load_json, read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.common.palette import FILLS, INK, tone
@@ -373,25 +372,23 @@ def _origins(model: TaskModel) -> Iterator[tuple[str, Origin | None]]:
 def _read(file: str) -> dict[str, Any]:
     """Return the import report in `file`; raise `HalpipeError` if it is none."""
     try:
-        document = json.loads(read_bytes(file))
-    except (ValueError, RecursionError) as failure:
-        raise _no_report(file, f"it is no JSON: {failure}") from None
+        document = load_json(read_bytes(file))
+    except ValueError as failure:
+        raise _no_report(file, f"it {failure}") from None
     shapes: dict[str, dict[str, type]] = {
         "elements": {"kind": str, "read": int, "mapped": int, "ignored": int},
-        "ignored": {"reason": str},
-        "defaults": {"what": str, "value": str},
+        "ignored": {"kind": str, "name": str, "reason": str, "file": str, "line": int},
+        "dropped": {"kind": str, "count": int},
+        "defaults": {"element": str, "what": str, "value": str, "file": str, "line": int},
     }
     if not isinstance(document, dict) or document.get("halpipe-import-report") != 1:
         raise _no_report(file, 'it does not state "halpipe-import-report": 1')
+    if not is_shaped(document, {"halpipe-import-report": int, "model": str, **dict.fromkeys(shapes, list)}):
+        raise _no_report(file, f"it states something else than a model and the lists {', '.join(shapes)}")
     for key, shape in shapes.items():
-        rows = document.get(key)
-        if not isinstance(rows, list) or not all(_has_shape(row, shape) for row in rows):
+        if not all(is_shaped(row, shape) for row in document[key]):
             raise _no_report(file, f'"{key}" is no list of entries with {", ".join(shape)}')
     return document
-
-
-def _has_shape(row: object, shape: dict[str, type]) -> bool:
-    return isinstance(row, dict) and all(isinstance(row.get(name), kind) for name, kind in shape.items())
 
 
 def _no_report(file: str, message: str) -> HalpipeError:

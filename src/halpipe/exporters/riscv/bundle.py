@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
 from halpipe.core.bundles import MODEL, SCHEDULE, seal
 from halpipe.core.diagnostics import Findings, HalpipeError, version_of
-from halpipe.core.files import MANIFEST
+from halpipe.core.files import MANIFEST, load_json
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
 from halpipe.exporters.native import paired
@@ -305,8 +304,8 @@ def with_regulators(
     """
     tables = RegulatorExporter().write(model, schedule, RegulatorOptions(platform=platform))
     assert all(tables[name] == bundle[name] for name in (MODEL, SCHEDULE))
-    stated = json.loads(bundle[MANIFEST])
+    stated = load_json(bundle[MANIFEST])
     facts = {key: value for key, value in stated.items() if key not in _OF_THE_SEAL}
     own = {name: data for name, data in bundle.items() if name != MANIFEST}
     rest = {f"{REGULATORS}{name}": data for name, data in tables.items() if name not in (MANIFEST, MODEL, SCHEDULE)}
-    return seal("riscv", own | rest, facts | {"regulator": json.loads(tables[MANIFEST])["backend"]})
+    return seal("riscv", own | rest, facts | {"regulator": load_json(tables[MANIFEST])["backend"]})

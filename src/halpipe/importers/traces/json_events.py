@@ -11,6 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import json_decoder
 from halpipe.importers.traces import codes
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ LARGEST_VALUE = 2**28
 """Characters of one event, or of one value beside the list."""
 _BLANKS = " \t\r\n"
 _DELIMITERS = frozenset(",:]}" + _BLANKS)
-_decode = json.JSONDecoder(parse_float=Decimal).raw_decode
+_decode = json_decoder(Decimal).raw_decode
 
 
 def events(pieces: Iterable[str], file: str, findings: Findings) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -138,8 +139,12 @@ class _Text:
     def entries(self) -> Iterator[str]:
         """Use an object, and yield each key; its value is to be used before the next."""
         self._take("{")
+        used = set()
         while self.next() not in ("}", ""):
             key = self.value()
+            if key in used:
+                raise ValueError(f'the key "{str(key)[:80]}" is repeated')
+            used.add(key)
             self._take(":")
             yield key
             if not self.is_closed or self._take(",}") != ",":

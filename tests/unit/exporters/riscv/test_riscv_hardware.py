@@ -113,6 +113,8 @@ def test_a_litex_system_that_makes_no_profile(tmp_path, key, value, said):
     spoilt = LITEX | {"constants": LITEX["constants"] | {key: value}}
     assert said in refusal(tmp_path, "csr.json", json.dumps(spoilt))
     assert refusal(tmp_path, "csr.json", "[1")
+    twice = json.dumps(LITEX).replace('"constants"', '"constants": {}, "constants"', 1)
+    assert 'the key "constants" is repeated' in refusal(tmp_path, "csr.json", twice)
 
 
 MEMORY = SimpleNamespace(base=0x80000000, control=0x801FF000, trace=0x83CFB000, faults=0x83FFB000)

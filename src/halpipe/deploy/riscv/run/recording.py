@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 from collections import defaultdict
 from enum import IntEnum, IntFlag
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import load_json
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import NO_RECORDING
@@ -233,7 +233,7 @@ def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:
     """Return the jobs of a recording in the form that `compare` reads: exact nanoseconds from the run's beginning."""
     site, lines = read_site(bundle), [_CSV_HEADER]
     try:
-        operations = json.loads(bundle.files["operations.json"])
+        operations = load_json(bundle.files["operations.json"])
 
         def is_copy(entry: Record) -> bool:
             operation = operations["programs"][entry.program]["operations"][entry.operation]
@@ -252,7 +252,7 @@ def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:
 def summary_of(bundle: Bundle, recording: Recording) -> Iterator[str]:
     """Yield the summary of a recording: how much there is, which jobs failed, which health rules fired."""
     site = read_site(bundle)
-    operations: Any = json.loads(bundle.files["operations.json"])
+    operations = load_json(bundle.files["operations.json"])
     cycles = {entry.cycle for entry in recording.records}
     yield f"{len(recording.records)} records of {len(cycles)} tables; {recording.lost} older ones were overwritten"
     for abandoned in recording.abandoned:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.bundles import MODEL, SCHEDULE, Bundle
 from halpipe.core.diagnostics import sort_diagnostics
 from halpipe.core.durations import Duration
+from halpipe.core.files import YamlMap
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.base import CheckOptions
@@ -45,7 +46,7 @@ def regulators_of(target: Target) -> Target | None:
     if not files:
         return None
     files |= {name: bundle.files[name] for name in (MODEL, SCHEDULE)}
-    return replace(target, bundle=Bundle(f"{bundle.path}/{FOLDER.rstrip('/')}", REGULATORS.name, {}, files))
+    return replace(target, bundle=Bundle(f"{bundle.path}/{FOLDER.rstrip('/')}", REGULATORS.name, YamlMap(0), files))
 
 
 def regulators_playing(target: Target, site: Site, rate: int) -> Regulators | None:

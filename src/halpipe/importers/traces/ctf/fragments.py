@@ -6,10 +6,10 @@ enumeration. Optional fields and integers of variable length have no counterpart
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
+from halpipe.core.files import load_json
 from halpipe.importers.traces.ctf.decoding import Array, CtfError, Enum, Float, Int, String, Struct, Type, Variant
 from halpipe.importers.traces.ctf.metadata import LONGEST_ARRAY, MOST_FIELDS, MOST_LEVELS, Metadata, power_of_two
 
@@ -35,7 +35,7 @@ def parse_fragments(text: str) -> Metadata:
     found, aliases = Metadata(), dict[str, Any]()
     for number, fragment in enumerate(filter(str.strip, text.split(SEPARATOR)), 1):
         try:
-            _take(json.loads(fragment), found, _Classes(aliases))
+            _take(load_json(fragment), found, _Classes(aliases))
         except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as failure:
             what = str(failure) if isinstance(failure, CtfError) else "it is malformed"
             raise CtfError(f"fragment {number} of the metadata cannot be read: {what}") from None
