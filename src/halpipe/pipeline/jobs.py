@@ -6,6 +6,7 @@ precedence constraint by which a job of another task names it, counted over the 
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from graphlib import TopologicalSorter
@@ -16,7 +17,7 @@ from halpipe.core.records import record
 from halpipe.models import Anchor, Match, ResourceKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
@@ -95,9 +96,18 @@ class Expansion:
         return work / max(1, self.job_count)
 
 
-def demands_for(version: Version, task: str) -> int:
-    """Return how many constraints of `version` name `task`."""
-    return sum(1 for constraint in version.precedences if constraint.task == task)
+def demands_of(version: Version) -> Counter[str]:
+    """Return, for every task that a version names, how many of its constraints do."""
+    return Counter(constraint.task for constraint in version.precedences)
+
+
+def demand_ranges(versions: Sequence[Version]) -> dict[str, tuple[int, int]]:
+    """Return, for every task that versions name, how many constraints of one version do at least and at most."""
+    found: dict[str, list[int]] = {}
+    for version in versions:
+        for name, count in demands_of(version).items():
+            found.setdefault(name, []).append(count)
+    return {name: (min(n) if len(n) == len(versions) else 0, max(n)) for name, n in found.items()}
 
 
 def expand(model: TaskModel, mode: Mode) -> Expansion:
@@ -147,10 +157,9 @@ def _demanders(running: dict[str, tuple[Task, tuple[Version, ...]]]) -> dict[str
     """Return for every task who names it and, over the versions, at most how often; in model order."""
     demanders: dict[str, list[tuple[str, int]]] = {name: [] for name in running}
     for name, (_, versions) in running.items():
-        named = dict.fromkeys(constraint.task for version in versions for constraint in version.precedences)
-        for target in named:
+        for target, (_, most) in demand_ranges(versions).items():
             if target in demanders:
-                demanders[target].append((name, max(demands_for(version, target) for version in versions)))
+                demanders[target].append((name, most))
     return demanders
 
 

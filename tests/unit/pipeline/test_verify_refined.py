@@ -57,6 +57,14 @@ def test_a_window_does_not_tell_the_cycle_and_match_does():
     assert not errors(cycle, at(cycle, 5, [5]))
 
 
+def test_a_predecessor_of_the_same_cycle_that_does_not_run_is_missing():
+    system = answered(row(20, match=Match.CYCLE))
+    alone = replace(system, modes=(mode("all", system.tasks[1:]),))
+    plan = at(alone, 5, [5])
+    plan = replace(plan, modes=(replace(plan.modes[0], jobs=plan.modes[0].jobs[1:]),))
+    assert "which is missing" in only(alone, plan, codes.OUT_OF_WINDOW)
+
+
 def test_jobs_of_a_shorter_period_belong_to_the_cycle_in_which_they_are_released():
     system = answered(row(15, match=Match.CYCLE), period=10)
     assert not errors(system, at(system, 0, [0, 15]))

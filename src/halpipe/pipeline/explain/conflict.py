@@ -15,7 +15,7 @@ from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.models import Anchor, Edge, Match
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.jobs import ActiveTask, Demand, demands_for, expand
+from halpipe.pipeline.jobs import ActiveTask, Demand, demand_ranges, expand
 from halpipe.pipeline.parts import has_whole_jobs, is_exact_model
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion, violations
 from halpipe.pipeline.validate.context import place, quoted
@@ -153,13 +153,15 @@ def _forget(active: ActiveTask, name: str) -> ActiveTask:
 def _demanded(tasks: tuple[ActiveTask, ...]) -> tuple[ActiveTask, ...]:
     """Count the demands again, and leave out the tasks on demand that nothing demands any more."""
     most = {
-        (active.name, row.task): max(demands_for(v, row.task) for v in active.versions)
+        (active.name, target): count
         for active in tasks
-        for version in active.versions
-        for row in version.precedences
+        for target, (_, count) in demand_ranges(active.versions).items()
     }
     by_name = {active.name: active for active in tasks}
-    graph = {name: [by for by, target in most if target == name] for name in by_name}
+    graph: dict[str, list[str]] = {name: [] for name in by_name}
+    for by, target in most:
+        if target in graph:
+            graph[target].append(by)
     settled: dict[str, ActiveTask] = {}
     for name in TopologicalSorter(graph).static_order():
         active = by_name[name]

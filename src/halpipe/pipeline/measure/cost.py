@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.models import Anchor, CostTerms, Edge, Match, ModeSchedule, ResourceLoad, Status, UnitLoad
-from halpipe.pipeline.jobs import demands_for, expand
+from halpipe.pipeline.jobs import demands_of, expand
 from halpipe.pipeline.measure.latency import chain_latencies, members_of, worst_age, worst_latency, worst_reaction
 from halpipe.pipeline.measure.placement import Instants, Interval, Placement, sweep
 from halpipe.pipeline.measure.splitting import splitting_cost
@@ -157,11 +157,12 @@ def _distance(anchors: Instants, start: int, low: int, high: int, hyperperiod: i
 def _missing_demands(placement: Placement) -> int:
     """Return one mean WCET for every demand without its job, and for every demand job without its demand."""
     version_of = {(job.active.name, job.index): job.version for job in placement.jobs}
+    counts = {id(version): demands_of(version) for version in version_of.values()}
     wrong = 0
     for active in placement.expansion.tasks:
         for index, demand in enumerate(active.demands):
             demander = version_of.get((demand.task, demand.index))
-            wanted = demander is not None and demands_for(demander, active.name) > demand.slot
+            wanted = demander is not None and counts[id(demander)][active.name] > demand.slot
             wrong += wanted != ((active.name, index) in version_of)
     return wrong * placement.mean_wcet
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Anchor, Edge, Job, Match
-from halpipe.pipeline.jobs import demands_for
+from halpipe.pipeline.jobs import demands_of
 from halpipe.pipeline.solve.exactchains import Figures, TooLarge, state_chain
 
 if TYPE_CHECKING:
@@ -286,7 +286,7 @@ class Program:
         for active in self.expansion.tasks:
             for job, demand in zip(self.tasks[active.name], active.demands, strict=False):
                 demander = self.tasks[demand.task][demand.index]
-                wanting = [c for v, c in demander.versions if demands_for(v, active.name) > demand.slot]
+                wanting = [c for v, c in demander.versions if demands_of(v)[active.name] > demand.slot]
                 self.cp.add(job.present == sum(wanting))
 
     # ---- unit, exclusive

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.models import Anchor, Binding, Edge, Match
-from halpipe.pipeline.jobs import Expansion, demands_for
+from halpipe.pipeline.jobs import Expansion, demand_ranges
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.solve.construction import construction_order
 from halpipe.pipeline.solve.integers import Table, ints
@@ -343,10 +343,11 @@ class _Builder:
     def _uncertain(self) -> set[str]:
         """Names of the tasks on demand with jobs that depend on choices, and of those on demand of these."""
         found: set[str] = set()
+        ranges = {active.name: demand_ranges(active.versions) for active in self.expansion.tasks}
         for active in sorted(self.expansion.tasks, key=lambda active: self._depth[active.name]):
-            demanders = {demand.task: self.expansion.by_name[demand.task].versions for demand in active.demands}
-            counts = [[demands_for(version, active.name) for version in versions] for versions in demanders.values()]
-            if not found.isdisjoint(demanders) or any(min(count) != max(count) for count in counts):
+            demanders = {demand.task for demand in active.demands}
+            counts = (ranges[name][active.name] for name in demanders)
+            if not found.isdisjoint(demanders) or any(least != most for least, most in counts):
                 found.add(active.name)
         return found
 

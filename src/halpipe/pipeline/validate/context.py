@@ -6,14 +6,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from halpipe.core.diagnostics import NOWHERE, Fix, Path, Subject, about
 from halpipe.core.durations import ZERO, Duration, least_common_multiple
 from halpipe.core.records import record
 from halpipe.core.suggest import nearest
 from halpipe.models import ResourceKind
+from halpipe.pipeline.jobs import demand_ranges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -68,11 +68,6 @@ class ActiveTask:
         """Whether the task has releases of its own; one with a useless period has neither releases nor demands."""
         return self.task.period is not None and self.task.period > ZERO
 
-    def named(self) -> dict[str, list[int]]:
-        """Return, for every task the versions name, the number of constraints on it in each version."""
-        named = [[p.task for p in version.precedences] for version in self.versions]
-        return {name: [names.count(name) for names in named] for name in dict.fromkeys(chain(*named))}
-
 
 @dataclass(frozen=True)
 class ActiveMode:
@@ -87,10 +82,14 @@ class ActiveMode:
         return about(mode=self.mode.name)
 
     @cached_property
-    def named(self) -> dict[str, dict[str, list[int]]]:
-        """For every task, how often each of its versions names each other task of the mode."""
+    def named(self) -> dict[str, dict[str, tuple[int, int]]]:
+        """For every task, how often its versions name each other task of the mode: at least, at most."""
         return {
-            name: {other: counts for other, counts in active.named().items() if other in self.tasks and other != name}
+            name: {
+                other: counts
+                for other, counts in demand_ranges(active.versions).items()
+                if other in self.tasks and other != name
+            }
             for name, active in self.tasks.items()
         }
 
@@ -116,14 +115,14 @@ class ActiveMode:
     @cached_property
     def least_jobs(self) -> dict[str, int]:
         """N of every task in a hyperperiod if each demanding job uses the version that demands least."""
-        return self._job_counts(min)
+        return self._job_counts(0)
 
     @cached_property
     def most_jobs(self) -> dict[str, int]:
         """N of every task in a hyperperiod if each demanding job uses the version that demands most."""
-        return self._job_counts(max)
+        return self._job_counts(1)
 
-    def _job_counts(self, pick: Callable[[list[int]], int]) -> dict[str, int]:
+    def _job_counts(self, bound: Literal[0, 1]) -> dict[str, int]:
         """Return N of every task in a hyperperiod (paper, section III); zeros where there is none.
 
         Where the relation has a cycle the counts are lower bounds.
@@ -135,7 +134,7 @@ class ActiveMode:
             if active.task.period is not None and active.is_periodic and self.hyperperiod:
                 counts[name] = self.hyperperiod // active.task.period
             for other in on_demand and on_demand & self.named[name].keys():
-                counts[other] += pick(self.named[name][other]) * counts[name]
+                counts[other] += self.named[name][other][bound] * counts[name]
         return counts
 
 

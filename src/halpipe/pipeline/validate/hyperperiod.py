@@ -193,8 +193,8 @@ def _jobs_caused(mode: ActiveMode) -> dict[str, int]:
     caused: dict[str, int] = {}
     for name in mode.order or mode.tasks:
         demanded = (
-            max(counts) * caused.get(other, 1)
-            for other, counts in mode.named[name].items()
+            most * caused.get(other, 1)
+            for other, (_, most) in mode.named[name].items()
             if mode.tasks[other].task.period is None
         )
         caused[name] = 1 + sum(demanded)

@@ -65,9 +65,10 @@ def _out_of_window(text: str, placed: Placed, constraint: Precedence, path: str,
 def _same_cycle(placed: Placed, constraint: Precedence, table: ModeTable) -> Iterator[Diagnostic]:
     """Compare the job with the one of its cycle, floor(j * D / D'), both where they belong (MODEL 10.3)."""
     before = table.mode.tasks.get(constraint.task)
-    if before is None or not before.period or not placed.active.period:
+    if not placed.active.period or (before is not None and not before.period):
         return  # the model's fault
-    clock, index = table.clock, placed.job.index * placed.active.period // before.period
+    clock = table.clock
+    index = placed.job.index * placed.active.period // before.period if before is not None and before.period else 0
     window = f"[{constraint.min}, {constraint.max}]"
     own = reached(constraint, placed) + placed.lap
     others = [p for p in table.by_task.get(constraint.task, ()) if p.job.index == index]
