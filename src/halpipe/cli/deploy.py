@@ -104,15 +104,16 @@ def trace(
     base: Base = None,
 ) -> int:
     """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
-    from halpipe.core.bundles import open_bundle
     from halpipe.core.files import read_bytes, write_output
-    from halpipe.deploy.riscv.run.recording import board_csv, read_board, summary_of
+    from halpipe.deploy.riscv.judge.board import board_trace
+    from halpipe.deploy.riscv.run.recording import read_board
+    from halpipe.flow.formats import open_target
 
-    target = open_bundle(bundle)
-    recording = read_board(target, read_bytes(memory), memory, base)
-    content = board_csv(target, recording, memory)
+    target = open_target(bundle)
+    recording = read_board(target.bundle, read_bytes(memory), memory, base)
+    content, lines = board_trace(target, recording, memory)
     write_output(output_file, content)
-    for line in summary_of(target, recording):
+    for line in lines:
         output.inform(line)
     return Exit.OK
 

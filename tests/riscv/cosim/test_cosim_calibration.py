@@ -1,7 +1,6 @@
 """Calibrating bundles: what they measure is what the simulated board has, and the profile made of it is usable."""
 
 import shutil
-import struct
 import subprocess
 import sys
 from fractions import Fraction
@@ -15,7 +14,8 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, CoSimulation, codes
 from halpipe.deploy.riscv.judge import qemu
 from halpipe.deploy.riscv.judge.calibration import calibrate
-from halpipe.deploy.riscv.run.recording import CALIBRATION
+from halpipe.deploy.riscv.judge.report import printed
+from halpipe.deploy.riscv.run.recording import CALIBRATION, Dump
 from halpipe.deploy.riscv.target import read_site
 from halpipe.exporters.riscv.profile import FOLDER, read_profile
 
@@ -64,27 +64,11 @@ def test_a_calibrating_bundle_plays_its_schedule(measured):
     assert [d for d in checked.diagnostics if d.is_error] == []
 
 
-def printed(target, memory):
-    """Return what the runtime would print of a dump."""
-    site = read_site(target.bundle)
-
-    def words(address, count):
-        at = address - site.main.base
-        return " ".join(f"{word:x}" for word in struct.unpack(f"<{count}Q", memory[at : at + 8 * count]))
-
-    def ring(name, ring, count):
-        return [f"{name} {words(ring.base + i * ring.record, ring.record // 8)}" for i in range(count)]
-
-    control = words(site.control, 18)
-    traced, faults, count = (int(words(site.control + 8 * w, 1), 16) for w in (13, 14, CALIBRATION // 8))
-    own = [f"calibration {words(site.control + CALIBRATION + 8 + 24 * i, 3)}" for i in range(count)]
-    lines = [f"control {control}", *ring("trace", site.trace, traced), *ring("fault", site.faults, faults), *own]
-    return "\n".join([*lines, "end", ""]).encode()
-
-
 def test_what_is_printed_says_the_same(measured):
     target, memory = measured
-    assert calibrate(target, printed(target, memory), "dump.bin") == calibrate(target, memory, "dump.bin")
+    site = read_site(target.bundle)
+    text = printed(Dump("dump.bin", memory, site.main.base), site, calibrates=True)
+    assert calibrate(target, text.encode(), "dump.bin") == calibrate(target, memory, "dump.bin")
 
 
 def refusal(target, memory):

@@ -8,8 +8,9 @@ import pytest
 from halpipe import cli
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv import CoSimulation, codes
+from halpipe.deploy.riscv.judge.board import board_trace
 from halpipe.deploy.riscv.run.cosimulation import Word
-from halpipe.deploy.riscv.run.recording import Flag, Kind, board_csv, read_board
+from halpipe.deploy.riscv.run.recording import Flag, Kind, read_board
 from halpipe.exporters.riscv import cores, render, target
 
 
@@ -85,7 +86,7 @@ def test_a_record_of_nothing_is_refused(sound, run, memory):
     spoilt = bytearray(memory)
     struct.pack_into("<I", spoilt, at + 28, 99)  # the table
     with pytest.raises(HalpipeError) as failure:
-        board_csv(sound.bundle, read_board(sound.bundle, bytes(spoilt), "m"), "m")
+        board_trace(sound, read_board(sound.bundle, bytes(spoilt), "m"), "m")
     assert "does not have" in failure.value.diagnostics[0].message
 
 

@@ -11,8 +11,8 @@ from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, CoSimulation, Plant
 from halpipe.deploy.riscv import codes as declared
+from halpipe.deploy.riscv.judge.board import board_trace
 from halpipe.deploy.riscv.judge.check import static_findings
-from halpipe.deploy.riscv.run.recording import board_csv
 from halpipe.exporters.riscv import RiscvOptions, bundle
 from halpipe.exporters.riscv.codes import COPIES_UNFIT
 from halpipe.flow import formats
@@ -223,7 +223,7 @@ def test_copies_that_the_target_describes_wrongly_are_found(sound, tmp_path, cha
 
 def test_a_board_tells_jobs_from_copies(sound):
     run = CoSimulation(sound, cycles=2).run()
-    rows = board_csv(sound.bundle, run.recording, "memory.bin").decode().splitlines()
+    rows = board_trace(sound, run.recording, "memory.bin")[0].decode().splitlines()
     assert next(row for row in rows if ",second," in row).split(",")[5] == "4400000"
 
 

@@ -33,7 +33,6 @@ def test_it_stands_alone(simple):
         "model.xml",
         "schedule.xml",
         "target.json",
-        "operations.json",
         "bundle.elf",
         "bundle.bin",
     }

@@ -38,7 +38,7 @@ from halpipe.exporters.riscv.profile import MONITOR as MONITOR_ROOM
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Health, Renderer, health_of
 from halpipe.exporters.riscv.sources import SourceTree
-from halpipe.exporters.riscv.target import operations_json, target_json
+from halpipe.exporters.riscv.target import target_json
 from halpipe.exporters.riscv.toolchain import Compile, Elf, Link, Workshop, find_toolchain, read_elf
 
 if TYPE_CHECKING:
@@ -261,7 +261,6 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
     return {
         "target.json": target,
         "profile.yaml": site.profile.text,
-        "operations.json": operations_json(plan.programs, plan.tables, cores),
         "README.md": readme.encode(),
         "Makefile": render.makefile(shop).encode(),
         **{name: text.encode() for name, text in render.board(memory).items()},

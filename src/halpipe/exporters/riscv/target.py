@@ -1,4 +1,4 @@
-"""Target description of a bundle: ``target.json`` (places) and ``operations.json`` (actions)."""
+"""Target description of a bundle: ``target.json``, which says where everything lies."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.quantities import format_rational
 from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
-from halpipe.exporters.riscv.operations import COPY, DONE, INPUT, OUTPUT, RUN
 from halpipe.exporters.riscv.phases import COPIES
 from halpipe.exporters.riscv.render import DECISION, margin
 
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.copies import Copies
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Image
-    from halpipe.exporters.riscv.operations import Backlog, Operation, Program, Table
+    from halpipe.exporters.riscv.operations import Backlog, Table
     from halpipe.exporters.riscv.profile import Profile, Region
 
 VERSION = 2
@@ -145,48 +144,6 @@ def _image(image: Image) -> dict[str, Any]:
             for name in image.part.symbols
         },
     }
-
-
-def operations_json(programs: Sequence[Program], tables: Sequence[Table], cores: Sequence[Core]) -> bytes:
-    """Return what the management core does, in ticks from a job's start (programs) or a table's (releases)."""
-    units = [core.unit for core in cores]
-    return _json(
-        {
-            "halpipe-operations": 1,
-            "programs": [
-                {
-                    "task": program.task,
-                    "version": program.version,
-                    "units": [units[u] for u in program.units],
-                    "operations": [_operation(o, units) for o in program.operations],
-                }
-                for program in programs
-            ],
-            "tables": [
-                {
-                    **_table(table),
-                    "releases": [
-                        {"tick": r.tick, "program": r.program, "task": r.job.task, "index": r.job.index}
-                        for r in table.releases
-                    ],
-                }
-                for table in tables
-            ],
-        }
-    )
-
-
-def _operation(o: Operation, units: Sequence[str]) -> dict[str, Any]:
-    found: dict[str, Any] = {"at": o.at, "kind": o.kind, "unit": units[o.unit], "what": o.what}
-    if o.kind in (COPY, DONE):
-        found["channel"] = o.channel
-    if o.kind == COPY:
-        found |= {"source": hex(o.source), "target": hex(o.target), "size": o.size}
-    if o.kind in (INPUT, OUTPUT):
-        found |= {"buffer": hex(o.target), "size": o.size, "time": str(o.time)}
-    if o.kind == RUN:
-        found |= {"entry": hex(o.source), "limit": o.limit}
-    return found
 
 
 def _json(value: Any) -> bytes:

@@ -23,17 +23,20 @@ from halpipe.deploy.riscv.judge.contents import OWN_PROFILE, machine_faults
 from halpipe.deploy.riscv.judge.figures import due_of, waits
 from halpipe.deploy.riscv.judge.tables import Tables
 from halpipe.deploy.riscv.run.cosimulation import load_program
-from halpipe.deploy.riscv.run.recording import Flag, Kind, read_calibration
+from halpipe.deploy.riscv.run.recording import Flag, Kind, measurements, read_calibration
 from halpipe.deploy.riscv.target import MEMORIES, read_site
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
-    from halpipe.deploy.riscv.run.recording import Recording
+    from halpipe.deploy.riscv.run.cosimulation import Run
+    from halpipe.deploy.riscv.run.recording import Measured, Recording
     from halpipe.deploy.riscv.target import Site
 
 SLOWER, LONGER = Fraction(95, 100), Fraction(110, 100)
+WIDEST = Fraction(120, 100)
 WORST = 330
 """Instructions of the longest operation, which a run may not have: a job that fails, with its health rule."""
 
@@ -67,6 +70,18 @@ def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -
     if faults:
         raise HalpipeError(*faults)
     recording, measured = read_calibration(target.bundle, data, file, base)
+    points = _points(measured, file)
+    try:
+        found = constants_of(target, site, recording, points)
+    except (LookupError, ValueError, struct.error):
+        message = "a record names a table, a program or an operation that the bundle does not have"
+        help = "dump the memory of a run of this very bundle"
+        raise HalpipeError(codes.NO_RECORDING(message, at=Location(file), help=help)) from None
+    return _profile(target, found, file), found.lines()
+
+
+def _points(measured: Measured, file: str) -> Mapping[int, Sequence[tuple[int, int]]]:
+    """Return amounts and ticks by kind; raise `HalpipeError` where a kind is missing, or one failed."""
     points: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for kind, amount, ticks in measured:
         points[kind].append((amount, ticks))
@@ -77,13 +92,38 @@ def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -
         message = f"measurements of kind {kinds} " + ("are missing" if lacking else "failed")
         help = "export with --calibrate, run that bundle, and dump its memory or print its report at the end"
         raise HalpipeError(codes.NO_CALIBRATION(message, at=Location(file), help=help))
+    return points
+
+
+def wrong_measurements(target: Target, run: Run) -> Iterator[Diagnostic]:
+    """Yield the constants of a simulated board that its measurements miss by more than -0 to +20 %."""
+    site, help = run.site, "the runtime measures wrongly: report it as a bug"
     try:
-        found = constants_of(target, site, recording, points)
-    except (LookupError, ValueError, struct.error):
-        message = "a record names a table, a program or an operation that the bundle does not have"
-        help = "dump the memory of a run of this very bundle"
-        raise HalpipeError(codes.NO_RECORDING(message, at=Location(file), help=help)) from None
-    return _profile(target, found, file), found.lines()
+        points = _points(measurements(run.memory, site), target.bundle.path)
+        found = constants_of(target, site, run.recording, points)
+    except HalpipeError as failure:
+        yield from failure.diagnostics
+        return
+    steps = math.ceil(site.multiply / site.cpi) * site.cpi
+    second, times = site.timebase, dict[str, tuple[Fraction, Fraction, Fraction]]()
+    for name, stated in (("jobs", site.cpi), ("management", site.management_cpi), ("multiply", steps)):
+        times[f"cycles ({name})"] = Fraction(stated), found.cycles[name], Fraction(1, 100)
+    if site.dma.kind == "pdma":
+        limits = [r.bandwidth for r in target.model.resources if site.channels.get(r.name) == 0 and r.bandwidth]
+        for number, memory in enumerate(MEMORIES, 1):
+            sizes = [size for size, _ in points[number]]
+            rate, moved = min(site.dma.bandwidth[memory], *limits), max(sizes) - min(sizes)
+            times[f"bandwidth ({memory})"] = (
+                Fraction(moved, rate),
+                Fraction(moved, found.into[memory]),
+                Fraction(2, second),
+            )
+        own = Fraction(WORST) * site.management_cpi / site.clock
+        times["setup"] = site.dma.latency.in_unit("s"), found.setup.in_unit("s"), Fraction(2, second) + own
+    for name, (stated, measured, fine) in times.items():
+        if not stated <= measured <= (stated + fine) * WIDEST:
+            message = f"{name}: it measures {math.floor(100 * measured / (stated or fine))} % of what the board takes"
+            yield codes.NO_CALIBRATION(message, at=target.bundle.at("bundle.elf"), help=help)
 
 
 def constants_of(

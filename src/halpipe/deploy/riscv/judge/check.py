@@ -14,14 +14,16 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, Budget
 from halpipe.deploy.riscv.judge import conditions, containment, figures
+from halpipe.deploy.riscv.judge.calibration import wrong_measurements
 from halpipe.deploy.riscv.judge.comparison import Comparison
 from halpipe.deploy.riscv.judge.containment import Course, Injected
 from halpipe.deploy.riscv.judge.contents import contradictions
-from halpipe.deploy.riscv.judge.figures import Dispatch, measured, summary_lines, trace_csv
+from halpipe.deploy.riscv.judge.figures import Dispatch, csv_of, measured, rows_of, summary_lines
 from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
+from halpipe.deploy.riscv.judge.report import wrong_reports
 from halpipe.deploy.riscv.judge.tables import Tables, wrong_operations
 from halpipe.deploy.riscv.judge.truth import tells_the_truth
-from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, plan, read_images
+from halpipe.deploy.riscv.run.cosimulation import MEASURING, CoSimulation, load_program, plan, read_images
 from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import SPACE, Injection, Kind, Saboteur, delays
@@ -120,6 +122,8 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         outcomes.append(simulate(target, asking, execution=options.execution, hears=True))
     site = outcomes[0].run.site
     findings += cold_findings(target, site)
+    if MEASURING in load_program(target.bundle, site).symbols:
+        findings += wrong_measurements(target, outcomes[0].run)
     lines = list(summary_lines(target, outcomes, tolerance_of(site)))
     held = hold_transfers(target, outcomes)
     lines += held.lines
@@ -139,7 +143,7 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         lines += margin_lines(target)
     if not _fails(findings):
         lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
-    files = {f"trace-{i}" if i > 1 else "trace": trace_csv(outcome) for i, outcome in enumerate(outcomes, 1)}
+    files = {f"trace-{i}" if i > 1 else "trace": csv_of(rows_of(outcome)) for i, outcome in enumerate(outcomes, 1)}
     files |= {"bandwidth": held.phases} if held.phases else {}
     return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines), files=files)
 
@@ -172,7 +176,8 @@ def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
     size = sum(area.size for area in site.buffers.values())
     spare = budget_of(site, (), ())
     budget = Budget({**spare.instructions, MANAGEMENT: SPARE + size}, spare.traps, spare.calls + size)
-    return cold_start(target, budget, MARGIN + seconds(size * site.management_cpi / site.clock))
+    yield from cold_start(target, budget, MARGIN + seconds(size * site.management_cpi / site.clock))
+    yield from wrong_reports(target, budget)
 
 
 def foul_findings(target: Target, outcomes: Sequence[Outcome], options: CheckOptions) -> Iterator[Diagnostic]:

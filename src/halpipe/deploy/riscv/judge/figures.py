@@ -18,7 +18,7 @@ from halpipe.deploy.riscv.run.sequence import DECISION
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
@@ -152,19 +152,21 @@ def _short(duration: Duration) -> str:
     return format_rational(Fraction(round(duration.in_unit(unit) * 1000), 1000)) + unit
 
 
-def trace_csv(outcome: Outcome) -> bytes:
-    """Return the jobs that were seen in a run as CSV: exact nanoseconds from its beginning, in the order of starts."""
+Row = tuple[Duration, Duration, int, str, str, int, tuple[str, ...]]
+"""A job that was seen: start and end from the run's beginning, number and name of its table, task, index, units."""
+
+
+def csv_of(rows: Iterable[Row]) -> bytes:
+    """Return jobs that were seen as CSV, in exact nanoseconds and in the order of starts."""
     lines = ["cycle,mode,task,job,units,start,end"]
-    for start, end, cycle, table, task, index, units in sorted(_rows(outcome)):
+    for start, end, cycle, table, task, index, units in sorted(rows):
         times = (format_rational(each.fraction) for each in (start, end))
         lines.append(",".join((str(cycle), table, task, str(index), " ".join(units), *times)))
     return ("\n".join(lines) + "\n").encode()
 
 
-_Row = tuple[Duration, Duration, int, str, str, int, tuple[str, ...]]
-
-
-def _rows(outcome: Outcome) -> Iterator[_Row]:
+def rows_of(outcome: Outcome) -> Iterator[Row]:
+    """Yield the jobs that were seen in a run."""
     for seen in outcome.jobs:
         if seen.begin is not None and seen.end is not None:
             table, job = seen.planned.table, seen.planned.job

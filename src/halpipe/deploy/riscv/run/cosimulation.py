@@ -47,6 +47,9 @@ BOOT = seconds(Fraction(1, 1000))
 """From the start of the machine to the beginning of the run."""
 
 RUNNING, FINISHED = 1, 2
+PRINTED = 50
+"""Records of a report that the simulation has the runtime print."""
+
 MEASURING = "calibrate"
 """The function of runtimes that measure their target before the run, for up to a second."""
 
@@ -80,6 +83,7 @@ class Run:
     is_modelled: bool
     exhausted: str = ""
     requests: list[Request] = field(default_factory=list)
+    status: int | None = None  # with which the runtime ended the emulation
 
     @property
     def executions(self) -> list[Execution]:
@@ -182,6 +186,7 @@ class CoSimulation:
         self._next = 0  # instant at which the next table begins, in units from the beginning of the run
         self._made: list[Request] = []
         self._asked: list[tuple[int, int]] = []
+        self._leaves = 0
 
     def _attend(self, *, hears: bool) -> None:
         """Put the plant in the place of the drivers, and have the runtime take what tasks ask for, or not."""
@@ -223,11 +228,18 @@ class CoSimulation:
 
     # ------------------------------------------------------------------------------------------ running
 
-    def run(self, limit: Duration | None = None, *, is_cold: bool = False) -> Run:
+    @property
+    def calibrates(self) -> bool:
+        """Whether the runtime measures its target before the run."""
+        return MEASURING in self.program.symbols
+
+    def run(self, limit: Duration | None = None, *, is_cold: bool = False, leaves: int = 0) -> Run:
         """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case.
 
-        A run that `is_cold` begins as after power-on, with unprepared main memory.
+        A run that `is_cold` begins as after power-on, with unprepared main memory. At its end it prints a report
+        and `leaves` in that way of the control block; 0: neither.
         """
+        self._leaves = leaves
         offset = int(BOOT / self.site.tick) or 1
         if is_cold:
             for area in (Area(self.site.control, CONTROL_SIZE), *self.site.buffers.values()):
@@ -237,9 +249,7 @@ class CoSimulation:
         self._plant.start(self)
         end = NEVER
         if limit is not None:
-            before = (
-                offset + 1000 * len(self.site.units) + (self.site.timebase if MEASURING in self.program.symbols else 0)
-            )
+            before = offset + 1000 * len(self.site.units) + (self.site.timebase if self.calibrates else 0)
             end = self._units(limit) + before * self._machine.timing.tick
         self._machine.run(end)
         return self._result()
@@ -251,6 +261,8 @@ class CoSimulation:
         self._set(Word.FIRST, self._modes.index(self._first))
         self._set(Word.OFFSET, offset)
         self._set(Word.UNHEALTHY, not self._health)
+        self._set(Word.REPORT, bool(self._leaves))
+        self._set(Word.EXIT, self._leaves)
 
     def _result(self) -> Run:
         machine = self._machine
@@ -271,6 +283,7 @@ class CoSimulation:
             instructions=sum(hart.count for hart in machine.harts),
             is_modelled=self._execution == EXECUTIONS[1],
             exhausted=machine.exhausted,
+            status=machine.status,
             requests=sorted([*self._made, *self._of_tasks()], key=lambda request: request.instant),
         )
 
@@ -301,7 +314,11 @@ class CoSimulation:
 
     def _told(self, word: int, value: int, now: int) -> None:
         if word == Word.STATE and value not in (0, RUNNING):
-            self._machine.stop()
+            if self._leaves:  # the first records show how they are printed
+                traced = self._memory.word(self.site.control + 8 * Word.TRACED)
+                self._set(Word.TRACED, min(traced, PRINTED))
+            else:
+                self._machine.stop()
         elif word == Word.STATE and value == RUNNING:
             self._begin()
         elif word == Word.REQUEST and value:

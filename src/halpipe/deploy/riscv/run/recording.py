@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import re
 import struct
-from collections import defaultdict
 from enum import IntEnum, IntFlag
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.diagnostics import HalpipeError, Location
-from halpipe.core.files import load_json
-from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import NO_RECORDING
 from halpipe.deploy.riscv.target import read_site
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from halpipe.core.bundles import Bundle
     from halpipe.deploy.riscv.target import Ring, Site
 
@@ -177,7 +172,6 @@ def parse_recording(printed: str, broken: HalpipeError) -> tuple[Recording, int]
 
 _LINE = re.compile(r"\s*(?:0x)?([0-9a-fA-F]{4,16}):((?:\s+[0-9a-fA-F]{2,16})+)\s*")
 _STATES = range(1, 6)  # after the boot; see docs/reference/riscv-bundle.md
-_CSV_HEADER = "cycle,mode,task,job,units,start,end"
 
 
 def read_board(bundle: Bundle, data: bytes, file: str, base: int | None = None) -> Recording:
@@ -189,11 +183,11 @@ def read_board(bundle: Bundle, data: bytes, file: str, base: int | None = None) 
     site = read_site(bundle)
     text = _printed(data)
     if text:
-        return parse_recording(text, _no_recording(file, "what the runtime printed is cut off"))[0]
+        return parse_recording(text, no_recording(file, "what the runtime printed is cut off"))[0]
     memory = _memory_of(site, data, file, base)
     state = memory.word(site.control + 8 * Word.STATE)
     if state not in _STATES:
-        raise _no_recording(file, f"the control block at {site.control:#x} says state {state}: no run of this bundle")
+        raise no_recording(file, f"the control block at {site.control:#x} says state {state}: no run of this bundle")
     return read_recording(memory, site)
 
 
@@ -211,79 +205,31 @@ def _memory_of(site: Site, data: bytes, file: str, base: int | None) -> Dump:
 CALIBRATION, MOST_MEASURED = 1024, 100
 """Where the measurements lie behind the control block, their number first, and how many there may be."""
 
+Measured = list[tuple[int, int, int]]
+"""Measurements of a runtime before its run: kind, amount and ticks."""
 
-def read_calibration(
-    bundle: Bundle, data: bytes, file: str, base: int | None = None
-) -> tuple[Recording, list[tuple[int, int, int]]]:
-    """Return what the runtime recorded, and what it measured before: kind, amount and ticks."""
-    recording, text, site = read_board(bundle, data, file, base), _printed(data), read_site(bundle)
-    if text:
-        rows = [line.split()[1:] for line in text.splitlines() if line.startswith("calibration ")]
-        if any(len(row) != 3 or not all(re.fullmatch("[0-9a-f]{1,16}", word) for word in row) for row in rows):
-            raise _no_recording(file, "what the runtime printed of its measurements is cut off")
-        return recording, [(int(kind, 16), int(amount, 16), int(ticks, 16)) for kind, amount, ticks in rows]
-    memory, at = _memory_of(site, data, file, base), site.control + CALIBRATION
+
+def measurements(memory: Memory, site: Site) -> Measured:
+    """Read what the runtime measured from memory; empty where something else stands there."""
+    at = site.control + CALIBRATION
     count = memory.word(at)
-    if count > MOST_MEASURED:
-        return recording, []  # the bundle does not measure, and something else stands there
-    return recording, [struct.unpack("<3Q", memory.read(at + 8 + 24 * i, 24)) for i in range(count)]
+    rows = range(count if count <= MOST_MEASURED else 0)
+    return [struct.unpack("<3Q", memory.read(at + 8 + 24 * i, 24)) for i in rows]
 
 
-def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:
-    """Return the jobs of a recording in the form that `compare` reads: exact nanoseconds from the run's beginning."""
-    site, lines = read_site(bundle), [_CSV_HEADER]
-    try:
-        operations = load_json(bundle.files["operations.json"])
-
-        def is_copy(entry: Record) -> bool:
-            operation = operations["programs"][entry.program]["operations"][entry.operation]
-            return bool(site.turns) and operation.get("channel") == site.copying
-
-        for start, end, entry in sorted(_jobs(recording, is_copy), key=lambda job: (job[0], job[1], job[2].program)):
-            release = operations["tables"][entry.table]["releases"][entry.release]
-            units = " ".join(operations["programs"][entry.program]["units"])
-            cells = (entry.cycle, site.tables[entry.table].name, release["task"], release["index"], units)
-            lines.append(",".join(map(str, (*cells, _ns(site, start), _ns(site, end)))))
-    except (LookupError, TypeError, ValueError):
-        raise _no_recording(file, "a record names a table, a job or a program that the bundle does not have") from None
-    return ("\n".join(lines) + "\n").encode()
+def read_calibration(bundle: Bundle, data: bytes, file: str, base: int | None = None) -> tuple[Recording, Measured]:
+    """Return what the runtime recorded, and what it measured before."""
+    recording, text, site = read_board(bundle, data, file, base), _printed(data), read_site(bundle)
+    if not text:
+        return recording, measurements(_memory_of(site, data, file, base), site)
+    rows = [line.split()[1:] for line in text.splitlines() if line.startswith("calibration ")]
+    if any(len(row) != 3 or not all(re.fullmatch("[0-9a-f]{1,16}", word) for word in row) for row in rows):
+        raise no_recording(file, "what the runtime printed of its measurements is cut off")
+    return recording, [(int(kind, 16), int(amount, 16), int(ticks, 16)) for kind, amount, ticks in rows]
 
 
-def summary_of(bundle: Bundle, recording: Recording) -> Iterator[str]:
-    """Yield the summary of a recording: how much there is, which jobs failed, which health rules fired."""
-    site = read_site(bundle)
-    operations = load_json(bundle.files["operations.json"])
-    cycles = {entry.cycle for entry in recording.records}
-    yield f"{len(recording.records)} records of {len(cycles)} tables; {recording.lost} older ones were overwritten"
-    for abandoned in recording.abandoned:
-        task = operations["programs"][abandoned.program]["task"]
-        where = f"cycle {abandoned.cycle}: a job of {task} on hart {abandoned.hart} was abandoned at "
-        yield where + f"{site.tick * abandoned.time}: {meaning(abandoned.flags)}"
-    for entry in recording.records:
-        if entry.kind == Kind.HEALTH:
-            task = operations["programs"][entry.program]["task"]
-            yield f"cycle {entry.cycle}: health rule {entry.begin} fired for {task} at {site.tick * entry.time}"
-
-
-def _jobs(recording: Recording, is_copy: Callable[[Record], bool]) -> Iterator[tuple[int, int, Record]]:
-    """Yield when each job began and ended: with its transfers, as far as these took place, but no copies of a LET."""
-    found: dict[tuple[int, int, int], list[Record]] = defaultdict(list)
-    for entry in recording.records:
-        if entry.kind in (Kind.COPY, Kind.DONE, Kind.RUN, Kind.STOP) and not (
-            entry.flags & Flag.SKIPPED or is_copy(entry)
-        ):
-            found[entry.cycle, entry.table, entry.release].append(entry)
-    for records in found.values():
-        last = records[-1]
-        end = last.end if last.kind == Kind.STOP and last.end else last.time
-        yield min(entry.time for entry in records), end, records[0]
-
-
-def _ns(site: Site, tick: int) -> str:
-    return format_rational((site.tick * tick).fraction)
-
-
-def _no_recording(file: str, message: str) -> HalpipeError:
+def no_recording(file: str, message: str) -> HalpipeError:
+    """Make the error for what is no record of a run."""
     help = "dump main memory after the run, with OpenOCD: halt; dump_image memory.bin BASE SIZE (main in target.json)"
     return HalpipeError(NO_RECORDING(message, at=Location(file), help=help))
 
@@ -298,7 +244,7 @@ class Dump:
         """Return `size` bytes at `address`; raise `HalpipeError` unless the dump has all of them."""
         at = address - self._base
         if at < 0 or at + size > len(self._data):
-            raise _no_recording(self._file, f"{size} bytes at {address:#x} are not in the dump")
+            raise no_recording(self._file, f"{size} bytes at {address:#x} are not in the dump")
         return self._data[at : at + size]
 
     def word(self, address: int) -> int:
@@ -319,7 +265,7 @@ class _Sparse(Dump):
             at = int(found[1], 16)
             for word in found[2].split():
                 if len(word) % 2:
-                    raise _no_recording(file, f"{word} has an odd number of digits")
+                    raise no_recording(file, f"{word} has an odd number of digits")
                 for byte in reversed(bytes.fromhex(word)):
                     self._bytes[at] = byte
                     at += 1
@@ -328,4 +274,4 @@ class _Sparse(Dump):
         try:
             return bytes(self._bytes[at] for at in range(address, address + size))
         except KeyError as missing:
-            raise _no_recording(self._file, f"the byte at {missing.args[0]:#x} is not in the dump") from None
+            raise no_recording(self._file, f"the byte at {missing.args[0]:#x} is not in the dump") from None

@@ -1,0 +1,69 @@
+"""Report and exit of a run, as terminals and emulators get them, compared with the memory that they are made of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.judge.conditions import REPORT
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation, plan
+from halpipe.deploy.riscv.run.injection import CODES, Injection, Saboteur, code_of, victim
+from halpipe.deploy.riscv.run.recording import CALIBRATION, Word
+from halpipe.deploy.riscv.run.sequence import played_tables
+from halpipe.deploy.riscv.target import CONTROL_SIZE, read_site
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.board.machine import Budget
+    from halpipe.deploy.riscv.run.recording import Memory
+    from halpipe.deploy.riscv.target import Ring, Site
+
+SEMIHOSTING, FINISHER = 1, 2
+
+
+def printed(memory: Memory, site: Site, *, calibrates: bool) -> str:
+    """Return what the runtime has to print of its records, if none was overwritten."""
+
+    def words(name: str, at: int, size: int) -> str:
+        return " ".join([name, *(f"{memory.word(at + i):x}" for i in range(0, size, 8))])
+
+    def records(name: str, ring: Ring, counter: int) -> list[str]:
+        count = memory.word(site.control + 8 * counter)
+        return [words(name, ring.base + i * ring.record, ring.record) for i in range(count)]
+
+    lines = [words("control", site.control, CONTROL_SIZE), *records("trace", site.trace, Word.TRACED)]
+    lines += records("fault", site.faults, Word.FAULTS)
+    at = site.control + CALIBRATION
+    lines += [words("calibration", at + 8 + 24 * i, 24) for i in range(memory.word(at) if calibrates else 0)]
+    return "\n".join([*lines, "end", ""])
+
+
+def wrong_reports(target: Target, budget: Budget) -> Iterator[Diagnostic]:
+    """Yield where a run without faults and one with a fault print or end otherwise than their memory says."""
+    site = read_site(target.bundle)
+    first = min(target.schedule.modes, key=lambda mode: (not mode.jobs, len(mode.jobs))).name
+    tables = played_tables(target.schedule, first, (), 1, site.tick)
+    jobs = [job for job in plan(target, site, tables) if victim(CODES[0], job)]
+    kind = next((kind for kind in CODES[2:] if code_of(kind, site, site.units[0])), None)
+    failing = [Injection(kind, 0, jobs[0].row)] if jobs and kind else []
+    for leaves, injections in ((SEMIHOSTING, []), (FINISHER if site.finisher else SEMIHOSTING, failing)):
+        saboteur = Saboteur(site, jobs, injections) if injections else None
+        simulation = CoSimulation(target, cycles=1, first=first, budget=budget, saboteur=saboteur, health=False)
+        run = simulation.run(leaves=leaves)
+        if run.exhausted:
+            yield codes.SPENT(f"{run.exhausted}, in the report at its end", help=REPORT)
+            continue
+        wanted = printed(run.memory, site, calibrates=simulation.calibrates)
+        found = run.uart.decode("ascii", "replace")
+        if found != wanted:
+            place = next(i for i, (a, b) in enumerate(zip(found + "\0", wanted + "\0", strict=False)) if a != b)
+            message = (
+                f"it prints {found[place : place + 30]!r} for {wanted[place : place + 30]!r}, at character {place}"
+            )
+            yield codes.TRACE_DISAGREES(message, path="report", help=REPORT)
+        if run.status != bool(run.word(Word.FAULTS)):
+            message = f"it ends with status {run.status} where {run.word(Word.FAULTS)} jobs were abandoned"
+            yield codes.TRACE_DISAGREES(message, path="exit", help=REPORT)

@@ -1,0 +1,62 @@
+"""What a runtime prints and measures on the simulated board: the check finds where that is not so."""
+
+import shutil
+
+import pytest
+
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.board.machine import Budget
+from halpipe.deploy.riscv.judge import check
+from halpipe.deploy.riscv.judge.calibration import wrong_measurements
+from halpipe.deploy.riscv.judge.report import wrong_reports
+from halpipe.exporters.riscv import bundle
+from one_fault import with_fault
+
+
+@pytest.fixture
+def mutant(export, monkeypatch, tmp_path):
+    """Export with a runtime in which one text is another."""
+
+    def make(file, what, instead, **options):
+        shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
+        path = tmp_path / "runtime" / file
+        path.write_text(with_fault(path.read_text(), what, instead))
+        monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
+        return export(**options)
+
+    return make
+
+
+def test_what_is_printed_is_what_is_recorded(sound):
+    assert list(wrong_reports(sound, Budget())) == []
+
+
+@pytest.mark.parametrize(
+    ("what", "instead", "path"),
+    [
+        ("* 4U)) & 15U;", "* 4U)) & 7U;", "report"),
+        ("sizeof(hp_fault) / 8U", "sizeof(hp_record) / 8U", "report"),
+        pytest.param("count = CONTROL->faults;", "count = CONTROL->traced;", "report", marks=pytest.mark.slow),
+        ("{APPLICATION_EXIT, status}", "{APPLICATION_EXIT, 1U}", "exit"),
+        pytest.param("text[i] != '\\0'; i++", "text[0] != '\\0'; i++", "", marks=pytest.mark.slow),
+    ],
+)
+def test_a_console_that_prints_something_else_is_found(mutant, what, instead, path):
+    found = list(wrong_reports(mutant("console.c", what, instead), Budget(calls=10**6)))
+    assert {d.code for d in found} == {codes.TRACE_DISAGREES.id if path else codes.SPENT.id}
+    assert all(d.path == path for d in found)
+
+
+@pytest.mark.parametrize(
+    ("file", "what", "instead", "said"),
+    [
+        ("calibrate.c", "(box->end - box->begin)", "(box->end - box->begin) * 2U", "cycles (jobs)"),
+        ("calibrate.c", "note(kind, (state == DMA_IDLE) ? size : 0U,", "note(kind, 2U * size,", "bandwidth (ispm)"),
+    ],
+)
+def test_a_runtime_that_measures_something_else_is_found(mutant, file, what, instead, said):
+    target = mutant(file, what, instead, calibrate=True)
+    (tour,) = check.tours(target.schedule, 2)
+    found = list(wrong_measurements(target, check.simulate(target, tour).run))
+    assert {d.code for d in found} == {codes.NO_CALIBRATION.id}
+    assert said in " ".join(d.message for d in found)
