@@ -1,4 +1,4 @@
-"""Builds halpipe's libraries in C: ``python build_native.py`` puts them beside their sources, for a working copy.
+"""Builds halpipe's libraries in C and its JSON schemas: ``python build_native.py`` puts them into a working copy.
 
 The package does the same when it is installed or made into a wheel (`hatch_build.py`). The compiler is the machine's
 own, if it has one that works, else that of the Python package ziglang, which needs nothing of the system. For other
@@ -32,6 +32,8 @@ LIBRARIES = (
     "halpipe/deploy/riscv/board/native/block.c",
 )
 """The one file of each library that is compiled; it includes the others."""
+
+SCHEMAS = "halpipe/schemas"
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wpedantic")
 FLAGS = ("-std=c17", "-O2", "-fwrapv", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *WARNINGS)
@@ -107,16 +109,35 @@ def tag(target: str) -> str:
     return own.replace("-", "_").replace(".", "_")
 
 
+def write_schemas(folder: Path) -> dict[str, Path]:
+    """Write the JSON schemas into a folder, and return them by their place in the package.
+
+    The readers of halpipe make them, with the words of the reference pages (docs/editor_schemas.py).
+    """
+    docs = str(SOURCE.parent / "docs")
+    sys.path.insert(0, docs)
+    try:
+        from editor_schemas import texts
+    finally:
+        sys.path.remove(docs)
+    made = {}
+    for name, text in texts().items():
+        made[f"{SCHEMAS}/{name}"] = folder / name
+        (folder / name).write_bytes(text.encode())
+    return made
+
+
 def in_place() -> list[Path]:
-    """Build the libraries beside their sources."""
+    """Build the libraries beside their sources, and the schemas."""
     with tempfile.TemporaryDirectory() as folder:
-        return [_replace(made, SOURCE / place) for place, made in build(Path(folder)).items()]
+        built = build(Path(folder)) | write_schemas(Path(folder))
+        return [_replace(made, SOURCE / place) for place, made in built.items()]
 
 
 def _replace(made: Path, place: Path) -> Path:
     """Put a file in its place in one step, because a process may have the old one open."""
     staged = place.with_name(f"{place.name}.{os.getpid()}")
-    shutil.copy2(made, staged)
+    shutil.copyfile(made, staged)
     os.replace(staged, place)
     return place
 
@@ -142,13 +163,13 @@ def _works(compiler: str) -> bool:
 
 
 def is_stale() -> bool:
-    """Return whether a library is not there, or was built from other sources."""
+    """Return whether a library is not there or was built from other sources, or there are no schemas."""
     try:
         for place in LIBRARIES:
             library((SOURCE / place).parent, Path(place).stem)
     except HalpipeError:
         return True
-    return False
+    return not any((SOURCE / SCHEMAS).glob("*.json"))
 
 
 def _compile(source: Path, made: Path, target: str) -> None:
@@ -193,6 +214,7 @@ def main() -> int:
         print(*TARGETS, sep="\n")
         return 0
     if chosen.stale and not chosen.folder and not is_stale():
+        write_schemas(SOURCE / SCHEMAS)  # their sources are all readers
         return 0
     try:
         made = list(build(chosen.folder, chosen.target).values()) if chosen.folder else in_place()

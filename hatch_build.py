@@ -1,4 +1,4 @@
-"""Builds the libraries in C when halpipe is installed or made into a wheel: hatchling calls it.
+"""Builds the libraries in C and the JSON schemas when halpipe is installed or made into a wheel: hatchling calls it.
 
 For a wheel of another system, set HALPIPE_TARGET to a name in `build_native.TARGETS`, as ``make wheels`` does.
 """
@@ -48,8 +48,8 @@ class Libraries(BuildHookInterface[Any]):
             build_native.in_place()
             return
         self._made = Path(tempfile.mkdtemp())
-        libraries = build_native.build(self._made, _target())
-        build_data["force_include"].update({str(path): place for place, path in libraries.items()})
+        made = build_native.build(self._made, _target()) | build_native.write_schemas(self._made)
+        build_data["force_include"].update({str(path): place for place, path in made.items()})
         for name in SAFETY:
             build_data["force_include"][str(Path(self.root, "docs", "safety", name))] = f"halpipe/selftest/{name}"
         examples = Path(self.root, "examples")

@@ -6,7 +6,10 @@ So a schema has the keys that are read, and no others. What a key means is taken
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 REFERENCE = Path(__file__).parent / "reference"
+PROJECT = Path(__file__).parents[1] / "pyproject.toml"
 DIALECT = "http://json-schema.org/draft-07/schema#"
 """The one that the YAML language server reads."""
 
@@ -166,6 +170,12 @@ def _takes_durations(read: Callable[[str], Any]) -> bool:
 # ------------------------------------------------------------------------------------------------ the files
 
 
+def texts() -> dict[str, str]:
+    """Return the schemas of YAML files and of what commands print, as they are written, by the names of their files."""
+    made = schemas() | printed()
+    return {name: json.dumps(schema, indent=1, ensure_ascii=True) + "\n" for name, schema in made.items()}
+
+
 def schemas() -> dict[str, dict[str, Any]]:
     """Return the schema of each kind of YAML file by the name of its file."""
     return {
@@ -231,7 +241,7 @@ def _drivers() -> dict[str, Any]:
 
 
 def _pipeline() -> dict[str, Any]:
-    from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
+    from halpipe.flow.formats import EXPORTERS, IMPORTERS
     from halpipe.pipeline.solve.schedule import SearchOptions
 
     keys = ("import", "model", "schedule", "exports")
@@ -239,12 +249,19 @@ def _pipeline() -> dict[str, Any]:
     outline.required += ["model", "schedule"]
     outline.get("model", str)
     made = _finished("halpipe pipeline: sources, stages and exports", "halpipe-pipeline", outline)
-    sources = [_step(name, importer(name).options, ("format", "inputs")) for name in formats(IMPORTERS)]
-    exports = [_step(name, exporter(name).options, ("format", "output")) for name in formats(EXPORTERS)]
+    sources = [_step(name, each.options, ("format", "inputs")) for name, each in _formats(IMPORTERS)]
+    exports = [_step(name, each.options, ("format", "output")) for name, each in _formats(EXPORTERS)]
     made["properties"]["import"] |= {"oneOf": sources}
     made["properties"]["schedule"] |= _step("", SearchOptions, ("output",))
     made["properties"]["exports"] |= {"type": "array", "items": {"oneOf": exports}}
     return made
+
+
+def _formats(group: str) -> Iterator[tuple[str, Any]]:
+    """Yield the formats that come with halpipe by name: where a wheel is made, none is installed."""
+    points = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["entry-points"][group]
+    for name in sorted(points):
+        yield name, EntryPoint(name, points[name], group).load()
 
 
 def _step(format: str, kind: type, required: tuple[str, ...]) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import pkgutil
 import re
 from enum import Enum
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Code
 
 REFERENCE = Path(__file__).parent / "reference"
-SCHEMAS = Path(halpipe.__file__).parent / "schemas"
 
 GENERATED = "<!-- Made from the code by docs/generate.py; change it there and run `make docs`. -->"
 
@@ -503,16 +501,8 @@ def _form(type: etree._Element) -> str:
     return "; ".join([documented or ", ".join(words) or plain, *limits])
 
 
-def json_schemas() -> dict[str, str]:
-    """Return the JSON schemas, of YAML files and of what commands print, by their names in src/halpipe/schemas."""
-    import editor_schemas
-
-    made = editor_schemas.schemas() | editor_schemas.printed()
-    return {name: json.dumps(schema, indent=1, ensure_ascii=True) + "\n" for name, schema in made.items()}
-
-
 def main() -> None:
-    """Write the schemas, which the pages are made from, then the pages and the JSON schemas."""
+    """Write the XML schemas, which the pages are made from, then the pages."""
     from schema_files import ELEMENTS, schema_file
 
     for path, text in map(schema_file, ELEMENTS):
@@ -520,8 +510,6 @@ def main() -> None:
     REFERENCE.mkdir(exist_ok=True)
     for name, text in pages().items():
         (REFERENCE / name).write_text(text, encoding="utf-8")
-    for name, text in json_schemas().items():
-        (SCHEMAS / name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,19 @@
 """The JSON schemas that come with halpipe: made by its readers, and right about its own files and outputs."""
 
-import importlib.util
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
+import build_native
 import pytest
 import yaml
 from jsonschema import Draft7Validator
 
 import halpipe
 from command_line import run_here
+from halpipe import starters
 from halpipe.exporters.native import format_model
 from support import small_model
 
@@ -23,22 +25,6 @@ KINDS = {
     "halpipe-pipeline": "pipeline",
     "halpipe-profile": "profile",
 }
-
-
-def generator():
-    sys.path.insert(0, str(ROOT / "docs"))
-    try:
-        spec = importlib.util.spec_from_file_location("generate_docs", ROOT / "docs" / "generate.py")
-        script = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(script)
-        return script.json_schemas()
-    finally:
-        sys.path.remove(str(ROOT / "docs"))
-
-
-@pytest.fixture(scope="module")
-def made():
-    return generator()
 
 
 def validator(name):
@@ -59,9 +45,29 @@ OWN = sorted(
 )
 
 
-def test_the_schemas_on_disk_are_those_that_the_readers_make(made):
-    on_disk = {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.glob("*.json")}
-    assert on_disk == made, "run make docs"
+def test_the_schemas_on_disk_are_those_that_the_readers_make(tmp_path):
+    made = build_native.write_schemas(tmp_path)
+    assert {path: path.read_bytes() for path in SCHEMAS.glob("*.json")} == {
+        SCHEMAS.parents[1] / place: path.read_bytes() for place, path in made.items()
+    }, "run python build_native.py"
+
+
+def test_a_working_copy_without_schemas_is_built_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(starters, "HERE", tmp_path / "starters")
+    (tmp_path / "starters" / "first").mkdir(parents=True)
+    done = run_here(tmp_path, "new", "demo")
+    assert done.returncode == 1
+    assert "build_native.py" in done.stderr
+    assert "HAL0941" in done.stderr
+
+
+def test_schemas_are_made_where_no_package_is_installed(tmp_path):
+    """A wheel is made in such an environment; formats of others that are installed stay out."""
+    code = f"import build_native, pathlib; build_native.write_schemas(pathlib.Path({str(tmp_path)!r}))"
+    subprocess.run(
+        [sys.executable, "-I", "-S", "-c", f"import sys; sys.path[:0] = [{str(ROOT)!r}]; {code}"], check=True
+    )
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in SCHEMAS.glob("*.json")}
 
 
 @pytest.mark.parametrize("path", OWN, ids=lambda path: str(path.relative_to(ROOT)))

@@ -103,6 +103,7 @@ def test_a_wheel_is_what_its_name_says(wheel):
     }
     assert not needs & {"numba", "llvmlite", "ziglang", "cffi", "hatchling"}
     assert {"halpipe/starters/first/model.xml", "halpipe/examples/roboracer/overlay.yaml"} <= names
+    assert {"halpipe/schemas/pipeline-1.schema.json", "halpipe/schemas/task-model-1.xsd"} <= names
     safety = ("second_checker.py", evidence.WALK, evidence.FIGURES, *evidence.ARGUMENTS)
     assert {f"halpipe/selftest/{name}" for name in safety} <= names
     assert not any("/out/" in name or "__pycache__" in name for name in names)

@@ -38,6 +38,7 @@ def new(
 ) -> int:
     """Make a folder with a first model to read and change, overlay, pipeline and schemas for editors; or an example."""
     from halpipe.core.files import write_new_folder
+    from halpipe.core.libraries import not_built
     from halpipe.core.suggest import did_you_mean
     from halpipe.starters import EXAMPLES, first_model, first_table
     from halpipe.starters import example as files_of
@@ -47,7 +48,10 @@ def new(
         raise typer.BadParameter(f'there is no example "{example}"; {hint}', param_hint="--example")
     if example and table:
         raise typer.BadParameter("an example has its own files; omit --table or --example", param_hint="--table")
-    written = files_of(example) if example else first_table() if table else first_model()
+    try:
+        written = files_of(example) if example else first_table() if table else first_model()
+    except FileNotFoundError as missing:
+        raise not_built(f"{missing.filename} is missing") from None
     write_new_folder(folder, written)
     output.inform(f"{folder}: {len(written)} files; begin with {_first(folder, example, written)}")
     return Exit.OK

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 NOT_BUILT = error(
     "HAL0941",
-    "Native library is missing or out of date",
-    "halpipe brings a small library in C, which is built when halpipe is installed. In a working copy whose C sources "
-    "have changed it has to be built again.",
+    "Native library or schema is missing or out of date",
+    "halpipe brings small libraries in C and JSON schemas for editors, which are built when halpipe is installed. In a "
+    "working copy whose C sources have changed they have to be built again.",
 )
 
 INTEGER, POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -42,9 +42,9 @@ def library(folder: Path, name: str) -> ctypes.CDLL:
         loaded = ctypes.CDLL(str(place))
         built_from = ctypes.c_char.in_dll(loaded, "halpipe_fingerprint")
     except (OSError, ValueError) as failure:
-        raise _refusal(name, f"cannot be loaded ({failure})") from None
+        raise not_built(f'the library "{name}" cannot be loaded ({failure})') from None
     if ctypes.string_at(ctypes.addressof(built_from)) != fingerprint(folder).encode():
-        raise _refusal(name, "was built from other sources than those beside it")
+        raise not_built(f'the library "{name}" was built from other sources than those beside it')
     return loaded
 
 
@@ -76,6 +76,7 @@ def fingerprint(folder: Path) -> str:
     return sha256(content.replace(b"\r\n", b"\n")).hexdigest()[:32]
 
 
-def _refusal(name: str, what: str) -> HalpipeError:
+def not_built(what: str) -> HalpipeError:
+    """Return the refusal of what an installation builds."""
     help = f"run: python {BUILDER}" if BUILDER.is_file() else "install halpipe again"
-    return HalpipeError(NOT_BUILT(f'the library "{name}" {what}', help=help))
+    return HalpipeError(NOT_BUILT(what, help=help))
