@@ -141,9 +141,11 @@ def test_tasks_without_a_callback_are_named():
     assert refusal(bindings={"/source": BINDINGS["/source"]}) == {codes.UNBOUND.id}
 
 
-def test_names_that_are_none_of_ros_are_refused():
-    wrong = {**BINDINGS, "/sink": Binding(node='/si"nk', kind="subscription", topic="/a")}
-    assert refusal(bindings=wrong) == {BAD_TEXT.id}
+@pytest.mark.parametrize("name", ['/si"nk', "sink", "//sink", "/sink/", "/2sink", "/a-b", "/" + "x" * 250])
+def test_names_that_are_none_of_ros_are_refused(name):
+    """The container would wait for their callbacks for ever."""
+    for wrong in (Binding(node=name, kind="timer", period=1), Binding(node="/sink", kind="subscription", topic=name)):
+        assert refusal(bindings={**BINDINGS, "/sink": wrong}) == {BAD_TEXT.id}
 
 
 @pytest.mark.parametrize(

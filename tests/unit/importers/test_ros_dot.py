@@ -103,6 +103,8 @@ def test_lines_count_through_multi_line_values():
         ("strict a", 1, 'expected digraph, found "a"'),
         ("digraph " + "{" * 200, 1, "nests deeper than 100"),
         ('digraph { a -> "b" + ', 1, "expected a name"),
+        ("digraph { a -> b }\n\ndigraph { b -> c }", 3, "holds more than one graph"),
+        ("digraph { a -> b } }", 1, "holds more than one graph"),
     ],
 )
 def test_errors_name_the_line(text, line, part):

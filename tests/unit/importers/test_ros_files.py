@@ -35,9 +35,9 @@ def test_a_graph_named_yaml_and_a_key_named_graph_are_told_apart():
     assert refusal_of(b"graph: 3\nnodes: []\n").startswith("x.yaml:1: error[HAL0601]")
 
 
-def refusal_of(data):
+def refusal_of(data, name="x.yaml"):
     with pytest.raises(HalpipeError) as caught:
-        recognise("x.yaml", data)
+        recognise(name, data)
     (diagnostic,) = caught.value.diagnostics
     return render_text(diagnostic)
 
@@ -45,7 +45,11 @@ def refusal_of(data):
 @pytest.mark.parametrize(
     ("data", "part"),
     [
-        (b"<launch/>", "is XML"),
+        (b"<html/>", "is XML"),
+        (b'<?xml version="1.0"?>\n<launch><node pkg="a" exec="b"/></launch>', "is a launch file"),
+        (b"launch:\n- node: {pkg: a, exec: b}\n", "is a launch file"),
+        (b"/**:\n  ros__parameters: {rate: 10}\n", "parameter file"),
+        (b"car:\n  planner:\n    ros__parameters: {rate: 10}\n", "parameter file"),
         (b"", "is empty"),
         (b"- 1\n- 2\n", "is not a mapping"),
         (b"ros__parameters: {}\n", "ROS parameter file"),
@@ -54,6 +58,10 @@ def refusal_of(data):
 )
 def test_other_formats_are_named(data, part):
     assert part in refusal_of(data)
+
+
+def test_a_launch_file_in_python_has_no_graph():
+    assert "a launch file starts nodes" in refusal_of(b"from launch import LaunchDescription\n", "car.launch.py")
 
 
 def test_an_unrelated_architecture_file_is_recognised():

@@ -149,3 +149,17 @@ def test_statistics_that_say_nothing_are_no_rate(tmp_path):
 def test_a_recording_goes_before_statistics(tmp_path):
     graph = write(tmp_path, ROS1 % ("10.0 Hz // 1 ms", ""))
     assert set(periods(read(graph, write(tmp_path, bag(), "metadata.yaml"))).values()) == {"25ms"}
+
+
+@pytest.mark.parametrize(
+    ("change", "doubt"),
+    [
+        ({"version": 9}, None),
+        ({"version": 10}, 'version "10" is not known'),
+        ({"total": 40}, "message_count is 40, and the topics have 41 messages"),
+    ],
+)
+def test_metadata_that_contradicts_itself_or_its_format_is_doubted(imported, change, doubt):
+    total = change.pop("total", 41)
+    result = imported(bag(**change).replace("message_count: 41", f"message_count: {total}", 1))
+    assert [d.message for d in found(result.diagnostics, codes.ODD_BAG)] == ([doubt] if doubt else [])

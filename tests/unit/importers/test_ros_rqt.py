@@ -1,5 +1,6 @@
 """DOT graphs: rqt_graph's views, statistics and deadlines, and graphs drawn by hand."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from ros_case import found, periods, places, predecessors, read, reasons, refusal, rows, write
@@ -60,6 +61,12 @@ def test_nodes_only_view_with_statistics():
     (note,) = found(imported.diagnostics, codes.SNAPPED)
     assert (note.at.line, note.path) == (6, 'topic "/scan"')
     assert "25.062657ms of the topic statistics rounded to 25ms" in note.message
+
+
+@pytest.mark.parametrize("rate", ["1,5 Hz", "-5 Hz", "+5 Hz", "2.5.5 Hz", "1e2 Hz", "10 kHz", "0 Hz"])
+def test_what_is_no_plain_rate_is_none(tmp_path, rate):
+    graph = write(tmp_path, f'digraph {{ a -> b [label="{rate}"] }}')
+    assert {d.code for d in refusal(graph).diagnostics if d.is_error} == {codes.NO_TASKS.id}
 
 
 def test_a_task_graph_drawn_by_hand():

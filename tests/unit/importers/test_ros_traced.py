@@ -8,7 +8,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.options import RosImportOptions
 from halpipe.importers.ros.traced import callbacks_of
-from halpipe.importers.traces.codes import RESTARTED
+from halpipe.importers.traces.codes import RESTARTED, UNDESCRIBED
 
 GRAPH = """\
 named_paths:
@@ -223,3 +223,18 @@ def test_a_trace_beside_an_architecture_has_the_longest_job_of_each_callback(tra
 def test_an_overlay_may_drop_callbacks_of_a_trace(trace):
     imported = FORMAT.read([str(trace)], RosImportOptions(overlay=Overlay(drop=["/sink/callback_1"])))
     assert {task.name for task in imported.model.tasks} == {"/source", "/sink/callback_0"}
+
+
+@pytest.mark.parametrize("lost", ["ros2:rclcpp_subscription_init", "ros2:rclcpp_timer_link_node", ""])
+def test_jobs_of_callbacks_that_no_event_describes_are_reported(tmp_path, monkeypatch, lost):
+    """Tracing began after a node had created them, or the events of the creation were lost."""
+    plain = Trace.add
+    monkeypatch.setattr(Trace, "add", lambda self, name, *a, **k: None if name == lost else plain(self, name, *a, **k))
+    path = str(ros_trace(20).write(tmp_path / "session"))
+    try:
+        diagnostics = FORMAT.read([path], RosImportOptions()).diagnostics
+    except HalpipeError as failure:
+        diagnostics = failure.diagnostics
+    jobs = {"ros2:rclcpp_subscription_init": "20 jobs of 1 callbacks", "ros2:rclcpp_timer_link_node": "30 jobs of 2"}
+    reported = [d.message for d in found(diagnostics, UNDESCRIBED)]
+    assert [message.startswith(jobs.get(lost, "none")) for message in reported] == ([True] if lost else [])

@@ -37,7 +37,7 @@ _PLACES = {
     "README.md": "README.md",
 }
 _SHIM = ("table_executor.hpp", "container.cpp")
-_ROS_NAME = re.compile(r"/[A-Za-z0-9_/]{1,250}")
+_ROS_NAME = re.compile(r"(?=.{2,250}$)(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 @record(kw_only=True)

@@ -143,6 +143,12 @@ BAG_CONFLICT = warning(
     "Recordings disagree",
     "Two recordings give different periods for a topic; the shorter one is taken.",
 )
+ODD_BAG = warning(
+    "HAL1458",
+    "Metadata of a recording contradicts itself or its format",
+    "The total of messages is not the sum of those of the topics, so some counts, and periods from them, are wrong; "
+    "or the version of the format is not one of 1 to 9, and a newer one may mean something else by the same keys.",
+)
 NO_MEASUREMENTS = error(
     "HAL0640",
     "File has no measured durations",

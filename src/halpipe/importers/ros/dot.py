@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 _BOXES = ("box", "box3d", "rect", "rectangle")
-_RATE = re.compile(r"(?<![\w.])([0-9]{1,9}(?:\.[0-9]{1,9})?) ?Hz\b")
+_RATE = re.compile(r"(?<![\w.,+-])([0-9]{1,9}(?:\.[0-9]{1,9})?) ?Hz\b")
 _FRAMES = re.compile(r"\s*Broadcaster: .*Average rate: ", re.DOTALL)
 _DEADLINE = re.compile(r"deadline: ?([0-9]{1,19}) ?ns")
 NO_DEADLINE = seconds(365 * 24 * 3600)
@@ -223,7 +223,7 @@ class _Scope:
 
 
 def parse(text: str, file: str) -> Digraph:
-    """Parse the first graph of a DOT file; raise `HalpipeError` with the line where the grammar is left."""
+    """Parse a DOT file; raise `HalpipeError` with the line where the grammar is left, or a second graph begins."""
     return _Parser(tokenize(text.removeprefix("\ufeff"), file), file).parse()
 
 
@@ -293,6 +293,10 @@ class _Parser:
         if self._is_name():
             self._take()
         self._block(_Scope({}, {}), 0)
+        if self._peek().kind != "end":
+            raise _malformed(
+                self._file, self._peek().line, "holds more than one graph", "save each in a file of its own"
+            )
         return self._graph
 
     # ------------------------------------------------------------------------------------------ statements

@@ -1,4 +1,4 @@
-"""Periods from rosbag2 recordings: duration / (messages - 1) of every topic in metadata.yaml, versions 4 to 9.
+"""Periods from rosbag2 recordings: duration / (messages - 1) of every topic in metadata.yaml, versions 1 to 9.
 
 Where too few messages were recorded for a rate, a deadline that the publishers offered (QoS) stands in for it. The
 profiles are YAML within a text, or, in newer versions, plain lists.
@@ -26,20 +26,22 @@ FEWEST_MESSAGES = 10
 """A handful of messages is a latched or an aperiodic topic, not a rate."""
 
 _PARTS: dict[str, type] = {"duration": YamlMap, "topics_with_message_count": YamlList}
+_VERSIONS = tuple(map(str, range(1, 10)))
+_REINDEX = "run ros2 bag reindex on the bag"
 _WHOLE = re.compile(r"[0-9]{1,19}")
 
 
 def read_bag(document: YamlMap, file: str, findings: Findings, coverage: Coverage) -> list[Rate]:
     """Return the period of every topic that has enough messages; account for the others as ignored."""
     info: YamlMap = document["rosbag2_bagfile_information"]
-    reader = Reader(file, findings, "run ros2 bag reindex on the bag")
+    reader = Reader(file, findings, _REINDEX)
     lacking = [key for key, kind in _PARTS.items() if not isinstance(info.get(key), kind)]
     for key in lacking:
         reader.malformed(f"{key} is missing or has another form", info.line_of(key), "bag")
     if lacking:
         return []
     duration = _whole(reader, info["duration"], "nanoseconds", "bag")
-    rates = []
+    rates, counts = [], []
     for entry in reader.entries(info, "topics_with_message_count", "bag"):
         metadata = entry.get("topic_metadata")
         name = reader.optional(metadata, "name", "topic") if isinstance(metadata, YamlMap) else None
@@ -47,6 +49,7 @@ def read_bag(document: YamlMap, file: str, findings: Findings, coverage: Coverag
             reader.malformed("an entry has no topic_metadata with a name", entry.line, "topics_with_message_count")
             continue
         count = _whole(reader, entry, "message_count", f'topic "{name}"')
+        counts.append(count)
         if duration is None or count is None:
             continue
         at = Location(file, metadata.line_of("name"))
@@ -56,6 +59,15 @@ def read_bag(document: YamlMap, file: str, findings: Findings, coverage: Coverag
             rates.append(Rate(topic=name, period=deadline, source=DEADLINE, at=at))
         else:
             coverage.ignored("bag_topic", name, f"{count} messages in {Duration(duration)} make no rate", at)
+    doubts = [] if str(info.get("version")) in _VERSIONS else [f'version "{info.get("version")}" is not known']
+    if (
+        "message_count" in info
+        and None not in counts
+        and info["message_count"] != str(total := sum(filter(None, counts)))
+    ):
+        doubts.append(f"message_count is {info['message_count']}, and the topics have {total} messages")
+    for doubt in doubts:
+        findings.add(codes.ODD_BAG(doubt, at=reader.at(info), path="bag", help=_REINDEX))
     return rates
 
 
@@ -66,7 +78,7 @@ def _whole(reader: Reader, parent: YamlMap, key: str, path: str) -> int | None:
         return int(value)
     shown = f'"{value}" is no' if key in parent else "is missing; it must be a"
     text, at = f"{key} {shown} whole number of at most 19 digits", Location(reader.file, parent.line_of(key))
-    reader.findings.add(codes.BAD_PERIOD(text, at=at, path=path, help="run ros2 bag reindex on the bag"))
+    reader.findings.add(codes.BAD_PERIOD(text, at=at, path=path, help=_REINDEX))
     return None
 
 

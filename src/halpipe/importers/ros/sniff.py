@@ -23,9 +23,11 @@ _DOT_START = re.compile(rb"\xef\xbb\xbf|\s+|//[^\n]*|#[^\n]*|/\*.*?\*/", re.DOTA
 _DOT_WORD = re.compile(rb"(strict|graph|digraph)\b(?!\s*:)", re.IGNORECASE)
 _PATH_KEYS = ("named_paths", "path_name_aliases")
 _OTHER_FORMATS = {
-    "ros__parameters": "a ROS parameter file",
+    "launch": "a launch file",
     "services": "a compose file",
 }
+_PARAMETERS = "ros__parameters"
+"""Key of a parameter file, below the name of a node and its namespace."""
 _READS = "the importer reads CARET's architecture.yaml, DOT graphs, Autoware System Design and rosbag2's metadata.yaml"
 
 
@@ -118,8 +120,10 @@ def recognise(name: str, data: bytes) -> Input:
         return Input(name, FileKind.DOT, data.decode("utf-8", "replace"))
     if os.path.splitext(name)[1].lower() in (".dot", ".gv"):
         raise HalpipeError(_not_dot(name, data))
+    if name.lower().endswith(".py"):
+        raise _unrecognised(name, 1, "is a program of Python: a launch file starts nodes and has no graph of them")
     if data.lstrip()[:1] == b"<":
-        raise _unrecognised(name, 1, "is XML or HTML")
+        raise _unrecognised(name, 1, "is a launch file" if b"<launch" in data else "is XML or HTML")
     document = parse_yaml(data, name)
     if not isinstance(document, YamlMap):
         raise _unrecognised(name, 0, "is empty" if document is None else "is not a mapping of keys to values")
@@ -134,6 +138,10 @@ def recognise(name: str, data: bytes) -> Input:
     for key, what in _OTHER_FORMATS.items():
         if key in document:
             raise _unrecognised(name, document.line_of(key), f"is {what}")
+    below = [document, *(value for value in document.values() if isinstance(value, YamlMap))]
+    below += [value for outer in below[1:] for value in outer.values() if isinstance(value, YamlMap)]
+    if any(_PARAMETERS in value for value in below):
+        raise _unrecognised(name, document.line, "is a ROS parameter file")
     missing = [key for key in ("nodes", "executors", "named_paths") if key not in document]
     raise _unrecognised(name, document.line, f"has no {', '.join(missing)}: not the architecture.yaml of CARET")
 

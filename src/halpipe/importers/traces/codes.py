@@ -25,6 +25,12 @@ ODD_SEQUENCE = warning(
     "Events of a trace contradict each other",
     "A job ends that never began, or begins twice; most often the recorder lost events. These events are left out.",
 )
+UNDESCRIBED = warning(
+    "HAL1457",
+    "Trace has jobs of callbacks that it does not describe",
+    "A callback is known by the events in which its node creates it. Where tracing began later, or these events were "
+    "lost, its jobs belong to no task: they are neither in the model nor compared.",
+)
 UNFINISHED = note(
     "HAL1124",
     "Trace ends while a job runs",

@@ -130,6 +130,11 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
     if again := sorted(trace.restarts):
         text = f"{len(again)} nodes ended and started again: {', '.join(again[:5])}"
         findings.add(codes.RESTARTED(text, at=at, help="trace a single start if the runs are not alike"))
+    if trace.callbacks and join.undescribed:
+        jobs = sum(join.undescribed.values())
+        text = f"{jobs} jobs of {len(join.undescribed)} callbacks are left out: the trace lacks their node or trigger"
+        help = "trace from before the nodes start, with the events ros2:*"
+        findings.add(codes.UNDESCRIBED(text, at=at, help=help))
     if not trace.callbacks:
         help = "trace from before the nodes start, with the events ros2:*"
         text = "it describes no callback of a node"
@@ -175,6 +180,7 @@ class _Join:
         self._switched: set[int] = set()
         self.foreign: Counter[str] = Counter()
         self.unmatched = 0
+        self.undescribed: dict[Handle, int] = {}
         self._handlers: dict[str, Callable[[Event, int, dict[str, Any]], None]] = {
             **dict.fromkeys(_FACTS, self._fact),
             **dict.fromkeys(_ENTITIES, self._entity),
@@ -313,6 +319,8 @@ class _Join:
             if callback in keys:
                 trace.jobs.setdefault(keys[callback], []).extend(jobs)
                 trace.unswitched += sum(job.thread not in self._switched for job in jobs)
+            else:
+                self.undescribed[callback] = len(jobs)
         for handle, early in self._early.items():
             if handle in self._known.publisher:
                 self._published.setdefault(self._known.publisher[handle], Counter()).update(early)
