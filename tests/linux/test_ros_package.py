@@ -10,9 +10,11 @@ import pytest
 import yaml
 
 from ctf_writer import ros_trace
+from halpipe import api
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
+from halpipe.core.files import write_directory
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.packaging import Binding
@@ -21,6 +23,7 @@ from halpipe.models import Chain, Part, Split
 from support import job, model, ms, schedule, task, version
 
 STUBS = Path(__file__).with_name("ros_stubs")
+GRAPH = Path(__file__).parents[2] / "examples" / "roboracer" / "graph" / "architecture.yaml"
 HUMBLE, JAZZY, ROLLING = 16, 28, 29
 BINDINGS = {
     "/source": Binding(node="/source", kind="timer", period=10_000_000),
@@ -56,11 +59,15 @@ def refusal(**options):
     return {d.code for d in caught.value.diagnostics}
 
 
-def compiled(folder, files, distribution):
-    """Check the syntax and types of the container; return what the compiler says."""
+def write_all(folder, files):
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(content)
+
+
+def compiled(folder, files, distribution):
+    """Check the syntax and types of the container; return what the compiler says."""
+    write_all(folder, files)
     command = ["g++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-DSTUB_RCLCPP={distribution}"]
     command += [
         "-DPRIORITY=80",
@@ -72,10 +79,68 @@ def compiled(folder, files, distribution):
     return subprocess.run(command, capture_output=True, text=True, check=False).stderr
 
 
+@pytest.fixture(scope="module")
+def examples():
+    """The packages of every ROS graph that the project ships, by name."""
+    imported = api.import_model("ros", str(GRAPH), overlay=[str(GRAPH.parents[1] / "overlay.yaml")], name="roboracer")
+    tables = api.schedule(imported.model, seed=1)
+    cpus = dict(zip(("core1", "core2", "core3", "core4"), range(4), strict=True))
+    chosen = {"": {}, "race": {"mode": "race"}, "limp": {"missing": {"/local_planner": "safe-stop"}}}
+    return {
+        name: api.export("ros", imported.model, tables, package=True, graph=[str(GRAPH)], cpus=cpus, **options)
+        for name, options in chosen.items()
+    }
+
+
+def built_with_cmake(folder, files, distribution):
+    """Build a package as colcon does, with stand-ins for the packages that it finds; return what cmake says."""
+    write_directory(str(folder / "package"), files)
+    ament = "function(ament_package)\nendfunction()\n"
+    if distribution == HUMBLE:
+        ament += f"function(ament_target_dependencies target)\n{_include('${target}', 'PRIVATE')}endfunction()\n"
+    else:
+        for target in ("rclcpp::rclcpp", "rclcpp_components::component_manager"):
+            ament += f"add_library({target} INTERFACE IMPORTED)\n{_include(target, 'INTERFACE')}"
+    for name in ("ament_cmake", "rclcpp", "rclcpp_components", "std_srvs", "diagnostic_msgs"):
+        (folder / f"{name}Config.cmake").write_text(ament if name == "ament_cmake" else "")
+    flags = f"-O0 -Wall -Wextra -Werror -DSTUB_RCLCPP={distribution}"
+    stated = [f"-DCMAKE_PREFIX_PATH={folder}", *(f"-D{name}_DIR={folder}" for name in ("ament_cmake", "rclcpp"))]
+    stated += [f"-D{name}_DIR={folder}" for name in ("rclcpp_components", "std_srvs", "diagnostic_msgs")]
+    said = ""
+    for command in (
+        ["cmake", "-S", str(folder / "package"), "-B", str(folder / "b"), f"-DCMAKE_CXX_FLAGS={flags}", *stated],
+        ["cmake", "--build", str(folder / "b")],
+    ):
+        ran = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+        said += ran.stderr
+    assert (folder / "b" / "table_container").exists()
+    return said
+
+
+def _include(target, kind):
+    return f"target_include_directories({target} {kind} {STUBS})\n"
+
+
 @needs_compiler
-@pytest.mark.parametrize("distribution", [HUMBLE, JAZZY, ROLLING])
-def test_the_container_compiles(tmp_path, distribution):
-    assert compiled(tmp_path, package(), distribution) == ""
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("cmake"), reason="packages are built with cmake")
+@pytest.mark.parametrize("distribution", [HUMBLE, ROLLING])
+def test_the_package_of_an_example_is_built_by_its_own_cmake_files(tmp_path, examples, distribution):
+    """Of Rolling, ament has no ament_target_dependencies any more (ament/ament_cmake, pull request 583)."""
+    assert built_with_cmake(tmp_path, examples[""], distribution) == ""
+
+
+@needs_compiler
+def test_the_packages_of_the_examples_compile(tmp_path, examples):
+    """Their containers are one file; rows and tables differ."""
+    command = ["cc", "-std=gnu11", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", "-DPRIORITY=1"]
+    for name, contents in examples.items():
+        files = {place: content.decode() for place, content in contents.items()}
+        said = compiled(tmp_path / name, files, JAZZY) if name != "race" else write_all(tmp_path / name, files)
+        own = ["-Iruntime", "runtime/dispatch.c", "runtime/record.c", "tables.c"]
+        plain = subprocess.run([*command, *own], cwd=tmp_path / name, capture_output=True, text=True, check=False)
+        assert (said or "", plain.stderr) == ("", "")
 
 
 @needs_compiler
