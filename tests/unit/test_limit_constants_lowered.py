@@ -1,7 +1,8 @@
 """Limit constants that are too large to be reached in a test: lowered, then tried at the limit and one beyond."""
 
 import io
-from contextlib import redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
+from fractions import Fraction
 from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -408,6 +409,214 @@ WORK_OF_STEPS = {3: 57, 4: 58}
 def steps_of_a_check(count):
     service = named("pipeline.verify.ticks:Service")([(10, 5), (7, 2)])
     return "none" if service.length(WORK_OF_STEPS[count]) is None else ""
+
+
+@lowered("pipeline.verify.ticks:MAX_STEPS", 3, "none", FEW_STEPS=10)
+def steps_of_a_length(count):
+    service = named("pipeline.verify.ticks:Service")([(10, 5), (7, 2)])
+    return "none" if service.length(WORK_OF_STEPS[count]) is None else ""
+
+
+@lowered("pipeline.parts:MAX_STEPS", 3, "no length is found")
+def steps_of_a_reserved_length(count):
+    named("pipeline.parts:reserved_length")({3: 1, 4: 2}[count], [(10, 5), (7, 2)])
+
+
+# ------------------------------------------------------------------------- names that stand in several modules
+
+
+@contextmanager
+def patched(module, **members):
+    """Set members of a module until the end of a block."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in members.items():
+            patch.setattr(import_module(f"halpipe.{module}"), name, value)
+        yield
+
+
+@lowered("exporters.report.axis:MAX_TICKS", 4, "coarser")
+def ticks_of_an_axis(count):
+    return "" if named("exporters.report.axis:_coarse_step")(Duration(count)) == 1 else "coarser"
+
+
+@lowered("exporters.trace.events:MAX_CYCLES", 3, "left out", unroll=MagicMock(), Window=MagicMock())
+def cycles_of_a_drawn_mode(count):
+    """The cycles that a constraint reaches back, and its own."""
+    writer = MagicMock(left_out=0)
+    with patched("exporters.trace.events", links=lambda *_: [fake(cycles=count - 1)]):
+        named("exporters.trace.events:_TraceWriter").mode(writer, MagicMock())
+    return "left out" if writer.left_out else ""
+
+
+@lowered("importers.amalthea.chains:_MOST_LEVELS", 3, "ends only")
+def levels_of_chains(level):
+    item = fake(all=lambda tag: [fake(tag=tag)], get=lambda name: "parallel")
+    reader = fake(forest=fake(ref=lambda *_: None), _chain=lambda link: None)
+    return "ends only" if named("importers.amalthea.chains:_Reader")._ways(reader, item, level) else ""
+
+
+@lowered("importers.amalthea.graph:_MOST_LEVELS", 3, "more than 3 calls", steps=lambda runnable: ())
+def levels_of_calls(depth):
+    made = named("importers.amalthea.graph:Evaluator")
+    reader = MagicMock(_known={}, _calling={}, _depth=depth, _forest=fake(findings=Findings()))
+    reader._stop = lambda item: made._stop(reader, item)
+    runnable = MagicMock(at=Location(), path="r")
+    runnable.name = "r"
+    made._call(reader, runnable, MagicMock(), MagicMock())
+
+
+@lowered("importers.amalthea.stimuli:_MOST_LEVELS", 3, "none", call_count=lambda *_: 1)
+def levels_of_triggers(count):
+    known = MagicMock(__contains__=lambda *_: True, __getitem__=lambda *_: [])
+    triggers = MagicMock(_calling=set(range(count)), _wanted={"r"}, _of_runnable=known)
+    triggers.counter.return_value = fake(each=1, then=lambda count: count)
+    with patched("importers.amalthea.stimuli", Occurrence=lambda *_: fake(target="r", cause="s", count=0)):
+        found = named("importers.amalthea.stimuli:Triggers")._call(triggers, MagicMock(), "r", MagicMock())
+    return "" if found else "none"
+
+
+@lowered("importers.amalthea.stimuli:MOST", 3, "too much")
+def occurrences_of_one_runnable(count):
+    triggers = fake(_step=lambda step, _: [step], is_too_much=False)
+    found = named("importers.amalthea.stimuli:Triggers")._steps(triggers, range(count), None)
+    assert len(found) == min(count, 3)
+    return "too much" if triggers.is_too_much else ""
+
+
+@lowered("importers.arxml.system.instances:_MAX_DEPTH", 3, "none")
+def compositions_within_each_other(count):
+    composition = fake(prototypes=[fake(place=ELEMENT, type="t")])
+    unfold = named("importers.arxml.system.instances:_unfold")
+    return "" if list(unfold(composition, ("c",) * count, {}, {"t": ELEMENT})) else "none"
+
+
+@lowered("deploy.riscv.judge.qemu:MOST", 3, "1 faults were not injected", _run=lambda *_: 0, read_images=lambda *_: {})
+def runs_of_an_emulator(count):
+    target = fake(schedule=fake(modes=[fake(jobs=[1])]), bundle=None)
+    with patched("deploy.riscv.judge.qemu", CODES=range(count)):
+        found = named("deploy.riscv.judge.qemu:inject_faults")(target, None, "", everything=False)
+    return " ".join(each.message for each in found.findings)
+
+
+@lowered(
+    "pipeline.explain.conflict:MAX_JOBS",
+    3,
+    "UNKNOWN",
+    has_whole_jobs=lambda _: True,
+    is_installed=lambda: True,
+    is_small=lambda _: True,
+    _conflict=lambda *_: "searched",
+)
+def jobs_of_a_mode_whose_conflict_is_sought(count):
+    with patched("pipeline.explain.conflict", expand=lambda *_: fake(job_count=count)):
+        return repr(named("pipeline.explain.conflict:find_conflict")(None, None, bool)).upper()
+
+
+@lowered("pipeline.explain.meetings:MAX_UNITS", 3, "none", meet_in_groups=lambda *_: 1, _crowd=lambda *_: 1)
+def units_of_a_simultaneous_demand(count):
+    units = frozenset(map(str, range(count)))
+    facts = fake(tasks={"a": fake(period=1, units=units, sure_units=lambda: (), core=0, name="a")})
+    with patched("pipeline.explain.meetings", _parts=lambda *_: (None, [1])):
+        return "" if list(named("pipeline.explain.meetings:crowds")(facts)) else "none"
+
+
+@lowered("pipeline.solve.exact:MAX_JOBS", 3, "large")
+def jobs_of_the_exact_engine(count):
+    with patched("pipeline.solve.exactmodel", exact_tick=lambda _: Duration(1)):
+        small = named("pipeline.solve.exact:is_small")(fake(job_count=count, hyperperiod=Duration(1)))
+    return "" if small else "large"
+
+
+@lowered("pipeline.solve.exact:MAX_TICKS", 3, "large")
+def ticks_of_the_exact_engine(count):
+    with patched("pipeline.solve.exactmodel", exact_tick=lambda _: Duration(1)):
+        small = named("pipeline.solve.exact:is_small")(fake(job_count=1, hyperperiod=Duration(count)))
+    return "" if small else "large"
+
+
+def expansion_of(denominator):
+    access = fake(resource="r", bound=Fraction(1, denominator))
+    return fake(tasks=[fake(versions=[fake(accesses=[access])])])
+
+
+@lowered("pipeline.solve.exactmodel:MAX_QUANTA", 3, "TooLarge")
+def quanta_of_the_exact_engine(count):
+    module = import_module("halpipe.pipeline.solve.exactmodel")
+    access = expansion_of(count).tasks[0].versions[0].accesses[0]
+    access.start = access.end = 0
+    program = MagicMock(tasks={"a": [fake(versions=[(fake(accesses=[access]), None)])]})
+    program.ticks.return_value = 0
+    program.round_the_circle.return_value = []
+    try:
+        module.Program.state_resources(program)
+    except module.TooLarge:
+        return "TooLarge"
+    return ""
+
+
+@lowered("pipeline.solve.lanes:MAX_QUANTA", 3, "capped")
+def quanta_of_a_lane(count):
+    lanes = named("pipeline.solve.lanes:Lanes")
+    [found] = lanes._resource_quanta(fake(_of_resource=["r"]), expansion_of(count))
+    return "" if found == count else "capped"
+
+
+@lowered("pipeline.solve.edf.works:MAX_QUANTA", 3, "capped")
+def quanta_of_preemptive_jobs(count):
+    builder = fake(resource_index={"r": 0}, expansion=expansion_of(count))
+    [found] = named("pipeline.solve.edf.works:_Builder")._capacity(builder)
+    return "" if found == count else "capped"
+
+
+@lowered("pipeline.stable:MOST_NAMED", 3, "and 1 more", is_same=lambda *_: False, _jobs_of=lambda *_: {})
+def tasks_that_move(count):
+    jobs = [fake(task=f"t{number}") for number in range(count)]
+    found = fake(modes=[fake(name="m", jobs=jobs)])
+    return named("pipeline.stable:_told")(None, found, {}, {})[0].message
+
+
+@lowered("pipeline.transitions.change:MOST_CYCLES", 3, "fewer")
+def cycles_before_a_switch(count):
+    """The last of so many, and the one that is on its way."""
+    found = named("pipeline.transitions.change:_Instants")._cycles(
+        fake(_cycle=1, _first=None, _last=None), [0], 0, count
+    )
+    return "" if len(found) == count + 1 else "fewer"
+
+
+@lowered("pipeline.validate.accesses:MAX_BITS", 5, "more than 5 bits")
+def bits_of_a_common_denominator(count):
+    access = fake(resource="r", bound=Fraction(1, 2 ** (count - 1)), at=Location(), origin=None)
+    context = fake(accesses_of_versions=[(None, None, access)])
+    found = named("pipeline.validate.accesses:check_denominators")(context)
+    return " ".join(each.message for each in found)
+
+
+@lowered("pipeline.verify.tables:MAX_BITS", 5, "none")
+def bits_of_the_scale_of_verify(count):
+    return "" if named("pipeline.verify.tables:common_denominator")([2 ** (count - 1)]) else "none"
+
+
+@lowered("pipeline.validate.precedence:MAX_CYCLES", 3, "fewer", _cycle=lambda *_: "found")
+def cycles_that_are_reported(count):
+    graph = {f"{side}{number}": [f"{'ba'[side == 'b']}{number}"] for number in range(count) for side in "ab"}
+    return "" if len([*named("pipeline.validate.precedence:_cycles")(None, "", graph, None)]) == count else "fewer"
+
+
+@lowered("pipeline.validate.precedence:MAX_JOBS", 3, "none")
+def jobs_whose_window_is_checked(count):
+    """The last of so many jobs is the first that starts too late after its predecessor."""
+    from halpipe.models import Anchor
+
+    def active(name, period):
+        return fake(name=name, period=Duration(period), offset=Duration(0), slack=0, at=Location(), origin=None)
+
+    row = fake(task="b", min=Duration(0), max=Duration(count - 2), anchor=Anchor.RELEASE, at=Location(), origin=None)
+    mode = fake(hyperperiod=Duration(count), path="")
+    version = fake(name="v", at=Location(), origin=None)
+    with patched("pipeline.validate.precedence", _window=lambda _: "w"):
+        found = [*named("pipeline.validate.precedence:_apart")(mode, active("a", 1), version, row, active("b", count))]
+    return "" if found else "none"
 
 
 # ------------------------------------------------------------------------------------------------ the table

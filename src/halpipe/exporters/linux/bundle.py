@@ -17,7 +17,7 @@ from halpipe.core.options import refuse_unused
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
-from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, UNREALISED
+from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, NOT_ALONE, UNREALISED
 from halpipe.exporters.linux.copies import copies_of
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
@@ -145,7 +145,7 @@ def rendered_tables(
         "programs": programs,
         "buffers": [{"name": key, "size": size} for key, size in buffers.items()],
         "tables": tables.tables,
-        "copies": [*copies, *([()] * (len(tables.tables) - len(copies)))],
+        "copies": dict(enumerate(copies)),
         "switches": tables.switches,
         "workers": tables.workers,
         "all_parts": tables.all_parts,
@@ -246,6 +246,10 @@ def _program(
         return Program(name, target, (), (), (), (), ())
     ready = any(file.endswith(".so") for file in source.files)
     compiled = tree.add(version, path)
+    if ready and len(source.files) > 1:
+        help = "name the shared object alone, or sources to be compiled"
+        text = f"a shared object is played as it is, but {len(source.files)} files are named"
+        tree.findings.add(NOT_ALONE(text, at=source.at, path=path, help=help))
     places = {buffer: place for place, buffer in enumerate(buffers)}
     moves: Mapping[bool, list[Move]] = {True: [], False: []}
     copies: Mapping[bool, list[tuple[int, int, int]]] = {True: [], False: []}

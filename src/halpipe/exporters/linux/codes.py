@@ -43,6 +43,12 @@ TOO_LARGE = error(
     "Numbers of jobs, tables, programs and parts have 16 bits there, times in nanoseconds 64, and a Linux system has "
     "at most 1024 CPUs.",
 )
+NOT_ALONE = error(
+    "HAL1412",
+    "Shared object stands beside other sources",
+    "A version that names a shared object is loaded from it as it is; nothing is compiled or linked to it. Further "
+    "files of the version would be left out.",
+)
 NO_COPIES = error(
     "HAL1452",
     "Dispatcher cannot keep a logical execution time",

@@ -119,8 +119,8 @@ def _refuse_overlaps(
             written[job.task] = max(
                 written.get(job.task, (ZERO, job)), (release + let, job), key=lambda entry: entry[0]
             )
-            period = tasks[job.task].period
-            if period is not None and let > period:
+            period = tasks[job.task].period or let
+            if let > period:
                 text = f"its LET of {let} is longer than its period of {period}"
                 findings.add(NO_COPIES(text, at=job.at, path=about(task=job.task), help="shorten the LET"))
         for name, (end, job) in written.items():

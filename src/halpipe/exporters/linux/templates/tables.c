@@ -52,14 +52,14 @@ static const dispatch_worker workers[] = {
 {% endfor %}
 };
 
-{% for rows in copies %}
+{% for number, rows in copies.items() %}
 {% if rows %}
-static const dispatch_copy copies_{{ loop.index0 }}[] = { {% for c in rows %}{ {{- c.at }}, {{ c.source }}, {{ c.target }}, {{ c.size }}}, {% endfor %}};
+static const dispatch_copy copies_{{ number }}[] = { {% for c in rows %}{ {{- c.at }}, {{ c.source }}, {{ c.target }}, {{ c.size }}}, {% endfor %}};
 {% endif %}
 {% endfor %}
 static const dispatch_table tables[] = {
 {% for table in tables %}
-{% set rows = copies[loop.index0] %}
+{% set rows = copies.get(loop.index0) %}
   {.name = "{{ table.name }}", .length = {{ table.length }}, .rest = {{ table.rest }}, .from = {{ table.source }}, .to = {{ table.target }}{% if rows %}, .copies = copies_{{ loop.index0 }}, .n_copies = {{ rows | length }}{% endif %}},
 {% endfor %}
 };
