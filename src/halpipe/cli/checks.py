@@ -13,7 +13,7 @@ from halpipe.cli import output
 from halpipe.cli.options import ModelFile, ScheduleFile, codes, load_codes, takes
 from halpipe.core.diagnostics import REGISTER, Exit, sort_diagnostics
 from halpipe.core.options import Values, refuse_unused
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import counted, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,10 +34,8 @@ def validate(model: ModelFile, options: Values) -> int:
     if any(d.is_error for d in found):
         return Exit.FINDINGS
     if output.is_text():
-        output.result(
-            f"{model}: valid; {len(system.tasks)} tasks, {len(system.units)} units, "
-            f"{len(system.resources)} resources, {len(system.modes)} modes"
-        )
+        elements = {"task": system.tasks, "unit": system.units, "resource": system.resources, "mode": system.modes}
+        output.result(f"{model}: valid; {', '.join(counted(len(found), kind) for kind, found in elements.items())}")
     return Exit.OK
 
 
@@ -60,7 +58,7 @@ def verify(model: ModelFile, schedule: ScheduleFile) -> int:
         return Exit.FINDINGS
     if output.is_text():
         jobs = sum(len(mode.jobs) for mode in tables.modes)
-        output.result(f"{schedule}: valid; {len(tables.modes)} modes, {jobs} jobs, no violation")
+        output.result(f"{schedule}: valid; {counted(len(tables.modes), 'mode')}, {counted(jobs, 'job')}, no violation")
     return Exit.OK
 
 

@@ -12,6 +12,7 @@ from halpipe.cli import output
 from halpipe.cli.app import FormatGroup
 from halpipe.cli.options import Output, command, parameter
 from halpipe.core.diagnostics import Exit
+from halpipe.core.suggest import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -103,10 +104,8 @@ def _progress() -> Iterator[Callable[[int, int], None] | None]:
 def summarise(imported: Imported, written: str, *, every: bool) -> None:
     """Say what was read, mapped, ignored and defaulted."""
     model = imported.model
-    output.inform(
-        f"{written}: {len(model.tasks)} tasks, {len(model.units)} units, {len(model.modes)} modes, "
-        f"{len(model.chains)} chains"
-    )
+    elements = {"task": model.tasks, "unit": model.units, "mode": model.modes, "chain": model.chains}
+    output.inform(f"{written}: {', '.join(counted(len(found), kind) for kind, found in elements.items())}")
     for line in _account(imported.coverage, every):
         output.inform(line)
 

@@ -17,6 +17,7 @@ from halpipe import __version__
 from halpipe.cli import output
 from halpipe.core.diagnostics import Exit, HalpipeError, printable
 from halpipe.core.files import STDIO, is_input, read_own, refuse_inputs, refuse_name, write_output
+from halpipe.core.suggest import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -242,7 +243,7 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
     schedule = scheduled.schedule
     for mode in schedule.modes:
         margin = format_rational(Fraction(int(margin_of(mode) * 1000), 10))
-        text = f"{len(mode.jobs)} jobs in {mode.hyperperiod}, valid; least margin of a WCET {margin} %"
+        text = f"{counted(len(mode.jobs), 'job')} in {mode.hyperperiod}, valid; least margin of a WCET {margin} %"
         output.inform(f"mode {mode.name}: {text}")
     for told in scheduled.diagnostics:
         if told.code == NEAR and not output.Settings.verbose:
@@ -254,9 +255,8 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
             f"switch {table.source} to {table.target}: length {table.length}, worst latency {table.worst_latency}"
         )
     jobs = sum(len(mode.jobs) for mode in schedule.modes)
-    output.inform(
-        f"{target}: {len(schedule.modes)} modes, {jobs} jobs, verified; {scheduled.moves} moves in {seconds:.2f} s"
-    )
+    amount = f"{counted(len(schedule.modes), 'mode')}, {counted(jobs, 'job')}"
+    output.inform(f"{target}: {amount}, verified; {counted(scheduled.moves, 'move')} in {seconds:.2f} s")
 
 
 def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupted: bool) -> int:

@@ -13,6 +13,7 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.options import Quiet, ScheduleFile, Verbose, modes, print_json, takes
 from halpipe.core.diagnostics import Exit, HalpipeError, Location, printable
+from halpipe.core.suggest import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -136,7 +137,7 @@ def _show_chart(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str]
 
 
 def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> None:
-    output.result(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, claimed {mode.status}")
+    output.result(f"mode {mode.name}: {counted(len(mode.jobs), 'job')} in {mode.hyperperiod}, claimed {mode.status}")
     _show_chart(mode.jobs, mode.hyperperiod, letters, wraps=True)
     if every or len(mode.jobs) <= MOST_JOBS:
         _show_jobs(mode.jobs, letters)
@@ -253,7 +254,8 @@ def _report_schedules(found: ScheduleDiff) -> int:
 
 
 def _show_schedules(found: ScheduleDiff) -> None:
-    output.result("same" if found.is_same else f"{len(found.jobs)} jobs of {len(found.tasks)} tasks differ")
+    amount = f"{counted(len(found.jobs), 'job')} of {counted(len(found.tasks), 'task')}"
+    output.result("same" if found.is_same else f"different: {amount}")
     for table, summaries in groupby(found.tasks, key=lambda summary: summary.table):
         _show_tasks(table, list(summaries))
     if found.values:

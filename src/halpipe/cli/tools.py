@@ -214,8 +214,10 @@ def generate(
 
 
 def _summarise(target: str, made: Achieved, windows: int) -> None:
+    from halpipe.core.suggest import counted
+
     output.inform(
-        f"{target}: {made.jobs} jobs, units {_percent(made.utilisation)} busy, resources "
+        f"{target}: {counted(made.jobs, 'job')}, units {_percent(made.utilisation)} busy, resources "
         f"{_percent(made.resource_fill)} in use by {made.windows} windows"
     )
     if made.windows < windows:

@@ -92,11 +92,12 @@ def whole(least: int, most: int | None = None, what: str = "whole number") -> Ca
 
     def read(text: str) -> int:
         digits = text.strip()
-        if digits.isascii() and digits.isdigit() and len(digits) <= _DIGITS:
-            value = int(digits)
-            if least <= value and (most is None or value <= most):
-                return value
-        raise ValueError(f"{quoted(text)} is no {what}; write a number {bounds}")
+        if not (digits.isascii() and digits.isdigit() and len(digits) <= _DIGITS):
+            raise ValueError(f"{quoted(text)} is no {what}; write a number {bounds}")
+        value = int(digits)
+        if value < least or (most is not None and value > most):
+            raise ValueError(f"{quoted(text)} is too {'small' if value < least else 'large'}; write a number {bounds}")
+        return value
 
     return read
 

@@ -91,6 +91,11 @@ def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     return [by_small[each] for each in alike[:1] or difflib.get_close_matches(small, by_small, n=count, cutoff=0.5)]
 
 
+def counted(number: int, noun: str) -> str:
+    """Return ``1 mode`` or ``2 modes``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "") -> str:
     """Return ``did you mean "x" or "y"?``, or `otherwise` when nothing is near."""
     near = nearest(name, known)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Severity, about, error, warning
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.suggest import counted
 from halpipe.exporters.common.timeline import Window, shows_context, unroll, unroll_switch
 from halpipe.exporters.report.beside import Beside, Seen, Spread, Strip
 from halpipe.models.trace import NONE, Executions
@@ -54,7 +55,7 @@ def with_beside(
         other = read_schedule(options.against)
         beside, remarks = against(model, schedule, other, options.against, options.mode), []
     if beside.found:
-        message = f"{len(beside.found)} deviations from the schedule, first: {beside.found[0]}"
+        message = f"{counted(len(beside.found), 'deviation')} from the schedule, first: {beside.found[0]}"
         remarks.append(DEVIATES(message, path=beside.name, help="they are marked and listed in the report"))
     return replace(options, beside=beside), tuple(remarks)
 
@@ -148,9 +149,9 @@ class _Cycle:
         boxes += [box for row in rows if row in extra for box in self._extra(row)]
         boxes += [box for at in self.matching.missing for box in self._missing(*at)]
         many = f", the one of {played} with the most deviations" if played > 1 else ""
-        counted = f"{self.deviations} deviation{'' if self.deviations == 1 else 's'}"
         when = f"from {Duration(self.zero)} of the trace on"
-        return Strip(tuple(boxes), f"Cycle {lines.cycle[self.line]}{many}, {when}: {counted}.")
+        count = counted(self.deviations, "deviation")
+        return Strip(tuple(boxes), f"Cycle {lines.cycle[self.line]}{many}, {when}: {count}.")
 
     def _shows(self, start: Instant, end: Instant) -> bool:
         return start < self.high and (end == NONE or end > self.low or start >= self.low)

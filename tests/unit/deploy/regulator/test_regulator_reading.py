@@ -59,7 +59,7 @@ def test_what_is_no_table_object(content, part):
 @pytest.mark.parametrize(
     ("path", "value", "part"),
     [
-        (("platform", "window_cycles"), 0, "\"window_cycles\": '0' is no whole number; write a number from 1"),
+        (("platform", "window_cycles"), 0, "\"window_cycles\": '0' is too small; write a number from 1"),
         (("platform", "clock_hz"), 1.5, "\"clock_hz\": '1.5' is no whole number"),
         (("platform", "guaranteed"), "fast", "is not a number"),
         (("platform", "guaranteed"), float("inf"), "is not a number"),
