@@ -7,7 +7,7 @@ from arxml_reading import NS, all_of, by_path, q, write
 from halpipe.core import embedding
 from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.arxml.codes import BESIDE_MODEL, EDITED, SECOND_MODEL
+from halpipe.importers.arxml.codes import BESIDE_MODEL, EDITED, SECOND_MODEL, UNUSED_KIND
 from halpipe.importers.common.base import ImportOptions
 from support import access, after, chain, mode, model, ms, task, version
 
@@ -203,4 +203,7 @@ def test_components_beside_a_model_are_reported(edit):
     found, reports = edit(change)
     assert found == SYSTEM
     names = "/Other/Components/pump, /Other/Components/valve, /Other/Components/vent, /Other/System/Composition"
-    assert reports == [(BESIDE_MODEL.id, "", f"4 component types are not imported: {names}")]
+    assert reports[0] == (BESIDE_MODEL.id, "", f"4 component types are not imported: {names}")
+    kinds = ("PERIODIC-EVENT-TRIGGERING", "LATENCY-TIMING-CONSTRAINT", "OFFSET-TIMING-CONSTRAINT")
+    lost = {path.split()[0] for code, path, _ in reports[1:] if code == UNUSED_KIND.id and "/Other/" in path}
+    assert (lost, len(reports)) == ({*kinds, "EXECUTION-ORDER-CONSTRAINT"}, 5)

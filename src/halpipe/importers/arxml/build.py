@@ -216,7 +216,7 @@ def _tasks(
             Task(
                 name=draft.name,
                 period=draft.period,
-                slack=slack_of(draft.members[0], findings) or Fraction(0),
+                slack=min((s for m in draft.members if (s := slack_of(m, findings)) is not None), default=Fraction(0)),
                 offset=draft.offset,
                 deadline=required.deadlines.get(draft.name),
                 let=required.lets.get(draft.name),

@@ -12,7 +12,7 @@ from halpipe.core.diagnostics import named
 from halpipe.importers.arxml.codes import UNUSED_KIND
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.system.components import COMPOSITION, place_of
-from halpipe.importers.arxml.system.timing import CONSTRAINTS, KINDS, SYNCHRONISATION, is_guarantee
+from halpipe.importers.arxml.system.timing import CONSTRAINTS, KINDS, SYNCHRONISATION, is_guarantee, is_requirement
 from halpipe.importers.common.base import Coverage
 
 if TYPE_CHECKING:
@@ -195,12 +195,14 @@ class Ledger:
         ]
         mapped = _with_holders(node for node, kind in nodes if (node.path, kind) in self._mapped)
         unused: dict[str, list[Node]] = {}
+        told = {finding.path for finding in tree.findings.items}
         for node, kind in nodes:
             if node in mapped:
                 coverage.mapped(kind)
             else:
                 reason = self._reasons.get((node.path, kind)) or _default(kind)
-                if reason == _NO_INFLUENCE and not is_harmless(node, kind):
+                is_lost = _is_demand(node) and named(node.tag, node.path) not in told
+                if is_lost or (reason == _NO_INFLUENCE and not is_harmless(node, kind)):
                     unused.setdefault(kind, []).append(node)
                     reason = "not used, though it may decide timing"
                 coverage.ignored(kind, node.path, reason, node.at)
@@ -213,6 +215,11 @@ class Ledger:
                 help=_REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing"),
             )
         return coverage
+
+
+def _is_demand(node: Node) -> bool:
+    """Whether an element states what is required of tasks, of whatever kind it is."""
+    return node.parent is not None and node.parent.tag.endswith("-TIMING") and is_requirement(node)
 
 
 def _with_holders(nodes: Iterable[Node]) -> set[Node]:

@@ -76,16 +76,16 @@ def _execution_time(tree: Tree, node: Node) -> ExecutionTime | None:
 
 def cse_time(tree: Tree, node: Node, child: str, code: Code) -> Duration | None:
     """Return the MULTIDIMENSIONAL-TIME in a child element; report with `code` one that is there but is no time."""
-    unit = tree.text(node, f"{child}/CSE-CODE")
-    factor = tree.text(node, f"{child}/CSE-CODE-FACTOR")
-    if unit is None or factor is None:
+    if not node.elements(child):
         return None
-    time = parse_cse(unit.value, factor.value)
+    parts = [tree.text(node, f"{child}/{tag}") for tag in ("CSE-CODE", "CSE-CODE-FACTOR")]
+    unit, factor = (part.value if part else "" for part in parts)
+    time = parse_cse(unit, factor)
     if time is None or (not time and code is codes.BAD_EXECUTION_TIME):
         tree.findings.report(
             code,
-            f'{child} with CSE-CODE "{unit.value}" and factor "{factor.value}" is not read',
-            at=unit.at,
+            f'{child} with CSE-CODE "{unit}" and factor "{factor}" is not read',
+            at=parts[0].at if parts[0] else node.at,
             path=named(node.tag, node.path),
             help=CSE_HELP,
         )
@@ -101,14 +101,30 @@ _ELEMENTS = (_ENTITY, _EVENT, _GROUP)
 _SUCCESSORS = ("SUCCESSOR-REFS/SUCCESSOR-REF", "DIRECT-SUCCESSOR-REFS/DIRECT-SUCCESSOR-REF")
 # What a group states beyond an order and its LET interval: how data is exchanged, and slots of a cycle.
 _NOT_READ = ("LET-DATA-EXCHANGE-PARADIGM", "MAX-CYCLES", "MAX-SLOTS", "MAX-SLOTS-PER-CYCLE")
-GUARANTEES = "TIMING-GUARANTEES"
+GUARANTEES, REQUIREMENTS = "TIMING-GUARANTEES", "TIMING-REQUIREMENTS"
+_OF_NETWORK = ("TD-EVENT-FRAME", "TD-EVENT-I-PDU", "TD-EVENT-I-SIGNAL")
 PROTOTYPE = "COMPONENT-IREF/TARGET-COMPONENT-REF"
 
 
 def is_guarantee(node: Node) -> bool:
     """Whether a constraint states what is fulfilled already, rather than what is required."""
-    holder = node.parts[0].element.getparent() if node.parts else None
-    return holder is not None and local(holder) == GUARANTEES
+    return _holder(node) == GUARANTEES
+
+
+def is_requirement(node: Node) -> bool:
+    """Whether an element of the timing extension, of any kind, states what is required of tasks.
+
+    When frames, protocol data units and signals are sent is left to the network.
+    """
+    if _holder(node) != REQUIREMENTS or node.tag in KINDS:
+        return False
+    refs = [ref for tag in ("EVENT-REF", "SOURCE-REF", "TARGET-REF") for ref, _ in node.elements(tag)]
+    return not refs or not all((ref.get("DEST") or "").startswith(_OF_NETWORK) for ref in refs)
+
+
+def _holder(node: Node) -> str:
+    element = node.parts[0].element.getparent() if node.parts else None
+    return "" if element is None else local(element)
 
 
 def read_orders(tree: Tree) -> tuple[Order, ...]:
@@ -312,12 +328,12 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
     if node.tag == _PERIODIC:
         offsets = (ZERO,)
     elif node.tag == _CONCRETE:
-        offsets = tuple(_times(node, "OFFSETS/MULTIDIMENSIONAL-TIME"))
+        offsets = _times(node, "OFFSETS/MULTIDIMENSIONAL-TIME")
     elif node.tag == _ARBITRARY:
-        period = next(_times(node, "MINIMUM-DISTANCES/MULTIDIMENSIONAL-TIME"), None)
+        period = next(iter(_times(node, "MINIMUM-DISTANCES/MULTIDIMENSIONAL-TIME") or ()), None)
     if event is None:
         return None
-    if not period or offsets == ():
+    if not period or (node.tag == _CONCRETE and not offsets):
         node.report(
             tree.findings,
             codes.BAD_TIME,
@@ -335,12 +351,14 @@ def _period_tag(tag: str) -> str:
     return "PATTERN-PERIOD" if tag == _CONCRETE else "MINIMUM-INTER-ARRIVAL-TIME"
 
 
-def _times(node: Node, path: str) -> Iterator[Duration]:
+def _times(node: Node, path: str) -> tuple[Duration, ...] | None:
+    """Return the times at a path, None if one of them cannot be read."""
+    found = []
     for element, _ in node.elements(path):
         texts = {str(child.tag).rpartition("}")[2]: child.text or "" for child in element.iterchildren("*")}
-        time = parse_cse(texts.get("CSE-CODE", ""), texts.get("CSE-CODE-FACTOR", ""))
-        if time is not None:
-            yield time
+        found.append(parse_cse(texts.get("CSE-CODE", ""), texts.get("CSE-CODE-FACTOR", "")))
+    times = tuple(time for time in found if time is not None)
+    return times if len(times) == len(found) else None
 
 
 def _limit(tree: Tree, node: Node) -> Limit | None:
@@ -358,6 +376,8 @@ def _distance(tree: Tree, node: Node) -> Distance | None:
     if source is None or target is None:
         return None
     low, high = _time(tree, node, "MINIMUM"), _time(tree, node, "MAXIMUM")
+    if low is None and high is None:
+        return None
     return Distance(place=place_of(node), source=source, target=target, minimum=low, maximum=high)
 
 
@@ -386,7 +406,10 @@ def _report_lost_parts(tree: Tree, node: Node, intervals: Container[str]) -> Non
     scope = tree.ref(node, "SCOPE-REF")
     if scope is not None and scope.path in intervals and _time(tree, node, "MINIMUM") == _time(tree, node, "MAXIMUM"):
         lost = [tag for tag in lost if tag != "MINIMUM"]
-    lost += [tag for tag in ("TIMING-CONDITION-REF",) if any(True for _ in node.elements(tag))]
+    lost += [tag for tag in ("TIMING-CONDITION-REF",) if node.elements(tag)]
+    if node.tag == _PERIODIC and (least := _time(tree, node, "MINIMUM-INTER-ARRIVAL-TIME")):
+        period, jitter = _time(tree, node, "PERIOD") or ZERO, _time(tree, node, "JITTER") or ZERO
+        lost += ["MINIMUM-INTER-ARRIVAL-TIME"] if least + jitter > period else []
     if lost:
         node.report(
             tree.findings,

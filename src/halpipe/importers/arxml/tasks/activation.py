@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
+from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, unique_name
@@ -270,12 +271,13 @@ def slack_of(activation: Activation, findings: Findings) -> Fraction | None:
 
 
 def compare(activation: Activation, findings: Findings) -> None:
-    """Report a periodic triggering that contradicts the period which an activation has from elsewhere."""
+    """Report a triggering that contradicts the period which an activation has from elsewhere."""
     arrival = activation.arrival
-    if arrival is None or arrival.offsets is None or arrival.place in activation.used or activation.period is None:
+    if arrival is None or arrival.place in activation.used or activation.period is None:
         return
-    occurrences = len(arrival.offsets)
-    if arrival.period != activation.period * occurrences:
+    occurrences = len(arrival.offsets or (ZERO,))
+    period = activation.period * occurrences
+    if arrival.period != period if arrival.offsets is not None else arrival.period > period:
         arrival.place.report(
             findings,
             codes.TRIGGERING_DIFFERS,

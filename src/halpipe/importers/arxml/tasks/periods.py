@@ -121,7 +121,7 @@ class Periods:
         else:
             found = []
         return [
-            replace(activation, period=r.period, offset=self._offset(activation, r), used=r.used) for r in found
+            replace(activation, period=r.period, offset=self._offset(activation, r, found), used=r.used) for r in found
         ] or [activation]
 
     # -------------------------------------------------------------------------------------- timing events
@@ -283,17 +283,16 @@ class Periods:
 
     # ---------------------------------------------------------------------------------------------- offsets
 
-    def _offset(self, activation: Activation, recurrence: Recurrence) -> Duration | None:
-        """Return the first stated offset other than zero, within the period.
-
-        Tools write 0 where no offset was chosen, so that zero leaves the phase to the scheduler.
-        """
+    def _offset(
+        self, activation: Activation, recurrence: Recurrence, all_of_it: Sequence[Recurrence]
+    ) -> Duration | None:
+        """Return the first stated offset other than zero, within the period; else that of the recurrence."""
         event, mapping = activation.event, activation.mapping
         for stated in (mapping.offset if mapping else None, event.offset if event else None):
             offset = self._stated_offset(stated, activation) if stated else None
             if offset:
                 return offset % recurrence.period or None
-        return recurrence.offset % recurrence.period or None
+        return _phase(recurrence, all_of_it)
 
     def _stated_offset(self, stated: Stated, activation: Activation) -> Duration | None:
         offset = parse_seconds(stated.text)
@@ -364,6 +363,16 @@ def _from_overlay(activations: list[Activation], overlay: Supplement) -> list[Ac
     return result
 
 
+def _phase(recurrence: Recurrence, all_of_it: Sequence[Recurrence]) -> Duration | None:
+    """Return the offset of a recurrence; zero counts only beside others of the same period.
+
+    Tools write 0 where no offset was chosen, so that zero alone leaves the phase to the scheduler. In a pattern, the
+    distances between the occurrences are what it states.
+    """
+    is_alone = len({r.offset for r in all_of_it if r.period == recurrence.period}) == 1
+    return (recurrence.offset % recurrence.period or None) if is_alone else recurrence.offset % recurrence.period
+
+
 def of_arrival(activation: Activation) -> list[Recurrence]:
     """Return how an activation recurs by the timing extension, once for every offset of a concrete pattern."""
     arrival = activation.arrival
@@ -382,7 +391,7 @@ def _from_arrivals(activations: list[Activation]) -> list[Activation]:
             result.append(activation)
             continue
         periodic.add(activation.actor)
-        result += [replace(activation, period=r.period, offset=r.offset % r.period or None, used=r.used) for r in found]
+        result += [replace(activation, period=r.period, offset=_phase(r, found), used=r.used) for r in found]
     return result
 
 

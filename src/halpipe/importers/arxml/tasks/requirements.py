@@ -17,6 +17,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
+from halpipe.importers.arxml.tasks.activation import position_of
 from halpipe.importers.arxml.tasks.periods import senders_of
 from halpipe.models import Anchor, Chain, Match
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
         LetGroup,
         Limit,
         Observable,
+        Order,
         Ordered,
         Place,
         Synchronisation,
@@ -288,14 +290,16 @@ class _Finder:
         if any(target.observable.what not in _BEGINNINGS for target in targets):
             self._lost(distance.place, "it ends elsewhere than at the beginning of a runnable")
             return
-        for target in targets:
-            for source in [s for s in sources if s.context == target.context] or sources:
-                if source.task != target.task:
-                    is_start = source.observable.what in _BEGINNINGS
-                    anchor = Anchor.START if is_start else Anchor.END
-                    self._result.spacings.append(
-                        Spacing(source.task, target.task, distance.minimum, distance.maximum, anchor, distance.place)
-                    )
+        pairs = [(s, t) for t in targets for s in [s for s in sources if s.context == t.context] or sources]
+        for source, target in pairs:
+            if source.task == target.task:
+                self._lost(distance.place, f'both events are of the task "{source.task}"')
+            else:
+                is_start = source.observable.what in _BEGINNINGS
+                anchor = Anchor.START if is_start else Anchor.END
+                self._result.spacings.append(
+                    Spacing(source.task, target.task, distance.minimum, distance.maximum, anchor, distance.place)
+                )
         self._result.used += [self._observables[path].place for path in (distance.source, distance.target)]
 
     def _together(self, synchronisation: Synchronisation) -> None:
@@ -310,6 +314,9 @@ class _Finder:
             if found.setdefault(one.task, _BEGIN[one.observable.what]) is not _BEGIN[one.observable.what]:
                 self._lost(synchronisation.place, f'it names the start and the end of "{one.task}"')
                 return
+        if len(found) == 1:
+            self._lost(synchronisation.place, f'all its events are of the task "{next(iter(found))}"')
+            return
         if len({self._drafts[task].period for task in found}) > 1:
             self._lost(synchronisation.place, f"its tasks recur at different periods: {listed(sorted(found))}")
             return
@@ -372,7 +379,9 @@ def find_edges(
     ]
     alike: dict[tuple[str, str], list[Edge]] = {}
     for edge in edges:
-        if edge.first != edge.second:
+        if edge.first == edge.second:
+            required.used.append(edge.cause)
+        else:
             alike.setdefault((edge.first, edge.second), []).append(edge)
     kept = without_cycles([e for found in alike.values() for e in _joined(found)], findings)
     return [*kept, *_synchronised(required.together, kept, drafts, findings)]
@@ -427,27 +436,42 @@ def _joined(alike: list[Edge]) -> Iterator[Edge]:
 
 def _from_constraints(system: System, drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:
     """Execution order constraints; two runnables of one component type are ordered within each instance only."""
-    by_path: dict[str, list[tuple[Draft, tuple[str, ...]]]] = {}
+    by_path: dict[str, list[tuple[Draft, Activation]]] = {}
     for draft in drafts:
         for member in draft.members:
             for path in _paths(member):
-                by_path.setdefault(path, []).append((draft, member.context))
+                by_path.setdefault(path, []).append((draft, member))
     _report_lost(system, by_path.keys(), findings)
     for order in system.orders:
         same_type = order.first.path.rpartition("/")[0] == order.second.path.rpartition("/")[0]
-        for first, first_context in _in_context(by_path, order.first):
-            for second, second_context in _in_context(by_path, order.second):
-                if first_context == second_context or not same_type or order.first.prototype or order.second.prototype:
-                    yield Edge(first.name, second.name, order.place)
+        is_named = bool(order.first.prototype or order.second.prototype)
+        for draft, first in _in_context(by_path, order.first):
+            for other, second in _in_context(by_path, order.second):
+                is_meant = is_named or not same_type or first.context == second.context
+                if is_meant and (draft is not other or _is_kept_inside(order, draft, first, second, findings)):
+                    yield Edge(draft.name, other.name, order.place)
 
 
-def _in_context(
-    by_path: dict[str, list[tuple[Draft, tuple[str, ...]]]], end: Ordered
-) -> Iterator[tuple[Draft, tuple[str, ...]]]:
-    """Yield the tasks of what an order names, with their instances; those of the named prototype if it names one."""
-    for draft, context in by_path.get(end.path, ()):
-        if end.prototype is None or end.prototype in context:
-            yield draft, context
+def _is_kept_inside(order: Order, draft: Draft, first: Activation, second: Activation, findings: Findings) -> bool:
+    """Whether the positions in one OsTask state an order, too; report one that they contradict, or leave open."""
+    one, other = position_of(first), position_of(second)
+    if one is not None and other is not None and one < other:
+        return True
+    order.place.report(
+        findings,
+        codes.ORDER_LOST,
+        f'orders "{first.name}" before "{second.name}", which "{draft.name}" runs '
+        + ("in no stated order" if one is None or other is None or one == other else "the other way round"),
+        help="correct RtePositionInTask, or the constraint",
+    )
+    return False
+
+
+def _in_context(by_path: dict[str, list[tuple[Draft, Activation]]], end: Ordered) -> Iterator[tuple[Draft, Activation]]:
+    """Yield the tasks of what an order names, with the activations; those of the named prototype if it names one."""
+    for draft, member in by_path.get(end.path, ()):
+        if end.prototype is None or end.prototype in member.context:
+            yield draft, member
 
 
 def _report_lost(system: System, known: Collection[str], findings: Findings) -> None:
