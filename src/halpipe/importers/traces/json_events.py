@@ -7,7 +7,7 @@ largest event has to fit into memory.
 from __future__ import annotations
 
 import json
-from decimal import Decimal
+import re
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 
 LARGEST_VALUE = 2**28
 """Characters of one event, or of one value beside the list."""
-_BLANKS = " \t\r\n"
-_DELIMITERS = frozenset(",:]}" + _BLANKS)
-_decode = json_decoder(Decimal).raw_decode
+_DELIMITERS = frozenset(",:]} \t\r\n")
+_decode = json_decoder(str).raw_decode
+"""Numbers with a point stay texts, of which readers make exact numbers."""
+_blank = re.compile("[ \t\r\n]*").match
 
 
 def events(pieces: Iterable[str], file: str, findings: Findings) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -46,7 +47,7 @@ def events(pieces: Iterable[str], file: str, findings: Findings) -> Iterator[tup
                     text.value()
         if text.is_closed and text.next():
             raise ValueError(f"after its end comes {text.next()!r}")
-    except (ValueError, RecursionError, ArithmeticError) as failure:
+    except (ValueError, RecursionError) as failure:
         message = f"it is no JSON: {getattr(failure, 'msg', failure)}"
         help = "give a file in the Trace Event Format; record it again if its JSON is only cut off"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, text.line), help=help)) from None
@@ -93,8 +94,7 @@ class _Text:
     def next(self) -> str:
         """Return the next character that is not blank, without using it; empty at the end."""
         while True:
-            while self._at < len(self._text) and self._text[self._at] in _BLANKS:
-                self._at += 1
+            self._at = _blank(self._text, self._at).end()  # type: ignore[union-attr]
             if self._at < len(self._text):
                 return self._text[self._at]
             if not self._more():

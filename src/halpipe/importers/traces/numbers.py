@@ -16,18 +16,22 @@ SCALES_NS: dict[str, int | Fraction] = {"ps": Fraction(1, 1000), "ns": 1, "us": 
 
 def instant(text: str, scale_ns: int | Fraction) -> int | Fraction:
     """Return nanoseconds of an instant in units of `scale_ns`; raise ``ValueError`` if `text` is no exact number."""
-    if text.isdecimal() and text.isascii() and len(text) <= _SHORT:  # as most are
-        return int(text) if scale_ns == 1 else _plain(int(text) * scale_ns)
+    whole, _, part = text.partition(".")
+    digits = whole + part
+    if digits.isdecimal() and digits.isascii() and whole and len(text) <= _SHORT and text[-1] != ".":  # as most are
+        value, size = int(digits) * scale_ns, 10 ** len(part)
+        return plain(Fraction(value, size) if value % size else value // size)
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"{text[:40]!r} is no time")
     try:
         value = Fraction(text) if "." in text or "/" in text else int(text)
     except ZeroDivisionError:
         raise ValueError(f"{text[:40]!r} is no time") from None
-    return _plain(value * scale_ns)
+    return plain(value * scale_ns)
 
 
-def _plain(ns: int | Fraction) -> int | Fraction:
+def plain(ns: int | Fraction) -> int | Fraction:
+    """Return a whole number as an integer."""
     return ns.numerator if ns.denominator == 1 else ns
 
 
@@ -47,13 +51,13 @@ class DecimalSign:
     """Decimal sign of a table: a point or a comma, but not both, since one of them might separate thousands."""
 
     def __init__(self, separator: str) -> None:
-        self._signs = {".", ","} - {separator}
+        self._separator, self._sign = separator, ""
 
     def point(self, text: str) -> str:
         """Return a number with a decimal point; raise ``ValueError`` if it has another sign than one before."""
-        signs = {".", ","} & set(text)
-        if signs and (len(signs) > 1 or not signs <= self._signs):
-            raise ValueError(f"{text[:40]!r} has another decimal sign than the rows before")
-        if signs:
-            self._signs = signs
-        return text.replace(",", ".")
+        sign = ("." if "." in text else "") + ("," if "," in text else "")
+        if sign and sign != self._sign:
+            if self._sign or sign not in (".", ",") or sign == self._separator:
+                raise ValueError(f"{text[:40]!r} has another decimal sign than the rows before")
+            self._sign = sign
+        return text.replace(",", ".") if sign == "," else text

@@ -9,27 +9,31 @@ not decide; like Perfetto, the reader takes numbers that are written as texts.
 from __future__ import annotations
 
 import re
+from array import array
 from collections import Counter
 from decimal import Decimal
 from fractions import Fraction
-from itertools import pairwise
+from itertools import islice
+from operator import le
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import report_unused
 from halpipe.importers.traces.json_events import events
-from halpipe.importers.traces.numbers import SCALES_NS
+from halpipe.importers.traces.numbers import instant, plain
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Instant
 
 _MAX_EXPONENT = 30
 _ENDS = {"E": "B", "e": "b", "F": "S"}
+_PHASES = frozenset(("X", *_ENDS, *_ENDS.values()))
+_NONE: Mapping[str, Any] = {}
 _NUMBER = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?([eE][-+]?[0-9]{1,2})?")
 
 
@@ -42,15 +46,30 @@ def read(pieces: Iterable[str], file: str, findings: Findings) -> list[Trace]:
 
 
 class _Slice(NamedTuple):
-    """Start of a slice, or a whole one; `process` and `thread` are keys of the names."""
+    """Slice with the keys of its process and its thread; `end` is None if it has none."""
 
     at: Instant
+    end: Instant | None
     task: Any
     process: int | str
     thread: int | str
-    arguments: dict[str, Any]
-    number: int
+    arguments: Mapping[str, Any]
     line: int
+
+
+class _Marks:
+    """Begins and ends of the slices of one thread, or of one id, as columns."""
+
+    def __init__(self) -> None:
+        self.at: list[Instant] | array[int] = array("q")
+        self.begins, self.task, self.thread, self.line = array("b"), array("i"), array("i"), array("q")
+        self.arguments: dict[int, Mapping[str, Any]] = {}
+
+    def rows(self) -> Sequence[int]:
+        """Return the rows by time; in a text that is not in its order, ends come before begins of the same instant."""
+        if all(map(le, self.at, islice(self.at, 1, None))):
+            return range(len(self.at))
+        return sorted(range(len(self.at)), key=lambda row: (self.at[row], self.begins[row]))
 
 
 class _Reader:
@@ -63,9 +82,11 @@ class _Reader:
         self.threads: dict[tuple[int | str, str], str] = {}
         self.found: dict[int | str, Executions] = {}
         self.jobs: dict[tuple[Any, ...], int] = {}
-        self.parts: dict[tuple[Any, ...], list[tuple[_Slice, Instant]]] = {}
-        self.marks: dict[tuple[Any, ...], list[tuple[Instant, bool, _Slice]]] = {}
-        """Begins and ends of slices, and which it is, by what a begin and its end share."""
+        self.parts: dict[tuple[Any, ...], list[_Slice]] = {}
+        self.marks: dict[tuple[Any, ...], _Marks] = {}
+        """Begins and ends of slices by what a begin and its end share: their phase, their process and their pair."""
+        self.names: dict[Any, int] = {}
+        """Names of slices and keys of threads, with their number in the columns."""
         self.others: Counter[str] = Counter()
 
     def take(self, event: dict[str, Any], number: int, line: int) -> None:
@@ -75,27 +96,45 @@ class _Reader:
             self._name(event)
             return
         process = _key(event.get("pid"))
-        self.found.setdefault(process, Executions(self.file))
-        if phase not in ("X", *_ENDS, *_ENDS.values()):
+        if process not in self.found:
+            self.found[process] = Executions(self.file)
+        if phase not in _PHASES:
             self.others[f"phase {phase[:20]}"] += 1
             return
-        at, arguments = _instant(event.get("ts")), event.get("args")
-        thread = _key(event.get("tid", ""))
-        length = _instant(event.get("dur")) if phase == "X" else 0
-        if at is None or length is None or length < 0:
-            self._broken(number, line)
-            return
+        at, task, arguments = instant_of(event.get("ts")), event.get("name"), event.get("args") or {}
+        length = instant_of(event.get("dur")) if phase == "X" else 0
+        is_named = phase in _ENDS or (isinstance(task, str) and task)
         arguments = arguments if isinstance(arguments, dict) else {}
-        slice = _Slice(at, event.get("name"), process, thread, arguments, number, line)
+        if at is None or length is None or length < 0 or not (is_named or _is_partial(arguments)):
+            message = f"event {number} has no name, ts or dur that can be read"
+            self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file, line), help="record it again"))
+            return
+        thread = _key(event.get("tid", ""))
         if phase == "X":
-            self._slice(slice, at + length)
-        else:
-            begin = _ENDS.get(phase, phase)
-            self.marks.setdefault((begin, process, *_pair(event, begin)), []).append((at, begin == phase, slice))
+            self._slice(_Slice(at, at + length, task, process, thread, arguments, line))
+            return
+        begin = _ENDS.get(phase, phase)
+        marks = self.marks.setdefault((begin, process, *_pair(event, begin)), _Marks())
+        if arguments:
+            marks.arguments[len(marks.at)] = arguments
+        try:
+            marks.at.append(at)  # type: ignore[arg-type]
+        except (TypeError, OverflowError):
+            marks.at = [*marks.at, at]
+        marks.begins.append(begin == phase)
+        name = task if isinstance(task, str) else ""
+        for column, value in ((marks.task, name), (marks.thread, thread)):
+            column.append(self.names.setdefault(value, len(self.names)))
+        marks.line.append(line)
 
     def traces(self) -> list[Trace]:
         """Return the lines of all processes."""
-        self._match()
+        names, left = [*self.names], 0
+        while self.marks:
+            key = next(iter(self.marks))
+            left += self._match(key[1], self.marks.pop(key), names)
+        if left:
+            self.findings.add(codes.UNFINISHED(f"{left} slices have no end", at=Location(self.file)))
         for key, slices in self.parts.items():
             self._joined(key, slices)
         report_unused(self.others, self.file, self.findings)
@@ -116,71 +155,59 @@ class _Reader:
         elif isinstance(name, str) and event.get("name") == "thread_name":
             self.threads[_key(event.get("pid")), str(_key(event.get("tid", "")))] = name
 
-    def _match(self) -> None:
-        """Match the begins and ends of slices."""
-        left = [slice for marks in self.marks.values() for slice in self._open(marks)]
-        for slice in left:
-            self._slice(slice, None)
-        if left:
-            self.findings.add(codes.UNFINISHED(f"{len(left)} slices have no end", at=Location(self.file)))
+    def _match(self, process: int | str, marks: _Marks, names: Sequence[Any]) -> int:
+        """Take the slices between marks; return how many have no end."""
+        begun: list[int] = []
 
-    def _open(self, marks: list[tuple[Instant, bool, _Slice]]) -> list[_Slice]:
-        """Take the slices of one thread, or of one id, and return those without an end.
+        def take(row: int, end: Instant | None) -> None:
+            task, thread = names[marks.task[row]], names[marks.thread[row]]
+            arguments = marks.arguments.get(row, _NONE)
+            self._slice(_Slice(marks.at[row], end, task, process, thread, arguments, marks.line[row]))
 
-        Where the text is not in the order of time, ends come before begins of the same instant, as of jobs in a row.
-        """
-        if any(later[0] < before[0] for before, later in pairwise(marks)):
-            marks = sorted(marks, key=lambda mark: mark[:2])
-        begun: list[_Slice] = []
-        for at, is_begin, slice in marks:
-            if is_begin:
-                begun.append(slice)
+        for row in marks.rows():
+            if marks.begins[row]:
+                begun.append(row)
                 continue
             # A slice that ends by its name may have another one above it, which begins at this instant.
-            of_name = (place for place in range(len(begun) - 1, -1, -1) if slice.task == begun[place].task)
+            of_name = (place for place in reversed(range(len(begun))) if marks.task[row] == marks.task[begun[place]])
             if (place := next(of_name, len(begun) - 1)) < 0:
-                message = f"event {slice.number} ends a slice that did not begin"
-                where = Location(self.file, slice.line)
+                where = Location(self.file, marks.line[row])
+                message = f"a slice {names[marks.task[row]]!r} ends that did not begin"
                 self.findings.add(codes.ODD_SEQUENCE(message, at=where, help="check the recorder for lost events"))
             else:
-                self._slice(begun.pop(place), at)
-        return begun
+                take(begun.pop(place), marks.at[row])
+        for row in begun:
+            take(row, None)
+        return len(begun)
 
-    def _broken(self, number: int, line: int) -> None:
-        message = f"event {number} has no name, ts or dur that can be read"
-        self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file, line), help="record it again"))
-
-    def _slice(self, slice: _Slice, end: Instant | None) -> None:
+    def _slice(self, slice: _Slice) -> None:
         """Take one slice as a job, or as a further unit or part of one."""
-        task, arguments = slice.task, slice.arguments
-        if "began" in arguments or "ends" in arguments:
+        arguments = slice.arguments
+        if _is_partial(arguments):
             self.others["slices across the edge of the picture"] += 1
-            return
-        if not isinstance(task, str) or not task:
-            self._broken(slice.number, slice.line)
             return
         job = arguments.get("job")
         if job is None:
-            self._add(slice, slice.at, end, None, _units(slice))
+            self._add(slice, slice.at, slice.end, None, _units(slice))
             return
         cycle = _key(arguments.get("played", arguments.get("cycle")))
         if "part" in arguments:
-            key = (slice.process, task, arguments.get("table", ""), _key(job), cycle)
-            self.parts.setdefault(key, []).append((slice, slice.at if end is None else end))
+            key = (slice.process, slice.task, arguments.get("table", ""), _key(job), cycle)
+            self.parts.setdefault(key, []).append(slice)
             return
-        key = (slice.process, task, slice.at, _key(job), cycle)
+        key = (slice.process, slice.task, slice.at, _key(job), cycle)
         found = self.found[slice.process]
         if (row := self.jobs.get(key)) is None:
-            self.jobs[key] = self._add(slice, slice.at, end, None, _units(slice))
+            self.jobs[key] = self._add(slice, slice.at, slice.end, None, _units(slice))
         else:
             found.run_on(row, (*found.units[found.on[row]], *_units(slice)))
 
-    def _joined(self, key: tuple[Any, ...], slices: list[tuple[_Slice, Instant]]) -> None:
+    def _joined(self, key: tuple[Any, ...], slices: list[_Slice]) -> None:
         """Add a job with all the stretches, and on all the units, that its slices show."""
-        stretches = sorted({(slice.at, end) for slice, end in slices})
-        units = tuple(dict.fromkeys(unit for slice, _ in slices for unit in _units(slice)))
+        stretches = sorted({(each.at, each.at if each.end is None else each.end) for each in slices})
+        units = tuple(dict.fromkeys(unit for each in slices for unit in _units(each)))
         busy = sum(end - start for start, end in stretches)
-        row = self._add(slices[-1][0], stretches[0][0], max(end for _, end in stretches), busy, units)
+        row = self._add(slices[-1], stretches[0][0], max(end for _, end in stretches), busy, units)
         self.found[key[0]].stretches[row] = tuple(stretches)
 
     def _add(
@@ -223,15 +250,19 @@ def _key(value: Any) -> int | str:
     return int(text) if text.isdecimal() and text.isascii() and len(text) < _MAX_EXPONENT else text
 
 
-def _instant(value: Any) -> Instant | None:
-    """Return nanoseconds of a number of microseconds; None if it is none."""
-    if isinstance(value, bool):
-        return None
+def instant_of(value: Any) -> Instant | None:
+    """Return nanoseconds of a number of microseconds, which may be a text; None if it is none."""
     if isinstance(value, int):
-        return value * 1000
-    if isinstance(value, str) and _NUMBER.fullmatch(value):
-        value = Decimal(value)
-    if not isinstance(value, Decimal) or not value.is_finite() or abs(value.adjusted()) > _MAX_EXPONENT:
+        return None if isinstance(value, bool) else value * 1000
+    if not isinstance(value, str):
         return None
-    ns = Fraction(value) * SCALES_NS["us"]
-    return ns.numerator if ns.denominator == 1 else ns
+    try:
+        return instant(value, 1000)
+    except ValueError:
+        exact = _NUMBER.fullmatch(value) and abs(Decimal(value).adjusted()) <= _MAX_EXPONENT
+        return plain(Fraction(value) * 1000) if exact else None
+
+
+def _is_partial(arguments: Mapping[str, Any]) -> bool:
+    """Whether a slice of halpipe lies across the edge of its picture."""
+    return "began" in arguments or "ends" in arguments

@@ -13,21 +13,20 @@ from __future__ import annotations
 
 import csv
 import itertools
-from typing import TYPE_CHECKING, TypeVar
+from array import array
+from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
-from halpipe.core.durations import Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
-from halpipe.models.trace import NONE, Execution, Executions, Trace
+from halpipe.models.trace import NONE, Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
-
-T = TypeVar("T")
+    from halpipe.models.trace import Instant
 
 TIMES = ("start", "end", "busy")
 _ALIASES = {"unit": "units", "table": "mode", "callback": "task", "core": "units"}
@@ -89,8 +88,7 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
 def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
     executions = _executions(lines, file, findings)
-    executions.sort()
-    unfinished = executions.end.count(NONE)
+    unfinished = sum(executions.end[row] == NONE for row in executions.order)
     if unfinished:
         findings.add(codes.UNFINISHED(f"{unfinished} jobs have no end", at=Location(file)))
     return [Trace(name="", executions=executions)]
@@ -114,20 +112,19 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
     head = next((line for line in rest if line.strip()), "")
     separator = separator_of(head)
     rows = csv.reader(itertools.chain([head], rest), delimiter=separator)
-    names = [name.strip() for name in next(rows)]
-    scale, numbers = SCALES_NS[_clock(names[0]) or "s"], DecimalSign(separator)
-    jobs, others = Jobs(file, findings), set[str]()
+    clock, *names = (name.strip() for name in next(rows))
+    scale, numbers = SCALES_NS[_clock(clock) or "s"], DecimalSign(separator)
+    jobs, others, before = Jobs(file, findings), set[str](), [""] * len(names)
     for cells in rows:
         line = rows.line_num
         if not any(cells) or (line <= _UNITS_LINE and not any(c.isdigit() for c in cells[0])):
             continue
         try:
-            at = instant(numbers.point(cells[0].strip()), scale)
+            at = instant(numbers.point(cells.pop(0).strip()), scale)
         except ValueError as failure:
-            help = "correct the row; times are whole or decimal numbers"
-            findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, line), help=help))
+            _broken(str(failure), Location(file, line), findings)
             continue
-        for name, cell in zip(names[1:], cells[1:], strict=False):
+        for name, cell in [(n, c) for n, c, b in zip(names, cells, before, strict=False) if c != b]:
             state = _STATES.get(cell.strip())
             if state is None and cell.strip():
                 others.add(name)
@@ -135,9 +132,18 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
                 jobs.running[name] = Job(name, "", at, line)
             elif state is False:
                 jobs.end(name, at)
+        before = cells
     report_signals(others, file, findings)
-    found = [execution for execution in jobs.result() if execution.task not in others]
-    return [Trace(name="", executions=tuple(found), is_shared=True)]
+    for name in others:
+        jobs.running.pop(name, None)
+    found = jobs.result()
+    wrong = {found.number(name) for name in others}
+    found.order = array("q", (row for row in found.order if found.task[row] not in wrong))
+    return [Trace(name="", executions=found, is_shared=True)]
+
+
+def _broken(message: str, at: Location, findings: Findings) -> None:
+    findings.add(codes.BROKEN_ROW(message, at=at, help="correct the row; times are whole or decimal numbers"))
 
 
 def report_signals(others: Collection[str], file: str, findings: Findings) -> None:
@@ -153,30 +159,28 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
     separator = separator_of(before[-1] if before else "")
     rows = csv.reader(itertools.chain(before, rest), delimiter=separator)
     filled = (cells for cells in rows if any(cell.strip() for cell in cells))
-    executions, jobs, is_complete, absent = Executions(file), dict[Execution, None](), False, 0
+    table, absent, records = _Table(file, DecimalSign(separator)), 0, dict[str, tuple[int, int]]()
     try:
         header = next(filled, [])
-        columns, records = _columns(header), _records(header)
-        row, is_complete = _Row(columns, file, DecimalSign(separator)), _is_complete(columns)
+        columns = _columns(header)
+        records = {} if _is_complete(columns) else _records(header)
         for cells in filled:
             try:
-                if is_complete:
-                    executions.append(row.execution(cells, rows.line_num))
+                if records:
+                    absent += table.record(records, cells, rows.line_num)
                 else:
-                    found = _recorded(records, cells, row.numbers, Location(file, rows.line_num))
-                    jobs.update(dict.fromkeys(found))
-                    absent += len(records) - len(found)
+                    table.row(columns, cells, rows.line_num)
             except ValueError as failure:
-                help = "correct the row; times are whole or decimal numbers"
-                findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help=help))
+                _broken(str(failure), Location(file, rows.line_num), findings)
     except csv.Error as failure:
         findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help="write plain CSV"))
     if absent:
         message = f"{absent} cells of records have no start: the message did not come so far, or was not recorded"
         findings.add(codes.LEFT_OUT(message, at=Location(file)))
-    for job in jobs:
-        executions.append(job)
-    return executions
+    table.found.sort()
+    if records:
+        _remove_repeats(table.found)
+    return table.found
 
 
 def _up_to_header(lines: Iterator[str]) -> Iterator[str]:
@@ -187,21 +191,19 @@ def _up_to_header(lines: Iterator[str]) -> Iterator[str]:
             return
 
 
-def _recorded(
-    records: dict[str, tuple[int, int]], cells: list[str], numbers: DecimalSign, at: Location
-) -> list[Execution]:
-    """Return the jobs of a row of CARET's records; rows of a path repeat a job for each message that it made."""
-    found = []
-    for name, places in records.items():
-        start, end = (cells[place].strip() if place < len(cells) else "" for place in places)
-        if start.lower() in _ABSENT:
-            continue
-        began = Duration(instant(numbers.point(start), 1))
-        ended = None if end.lower() in _ABSENT else Duration(instant(numbers.point(end), 1))
-        if ended is not None and ended < began:
-            raise ValueError(f"{name} ends at {end}, before it starts")
-        found.append(Execution(task=name, start=began, end=ended, at=at))
-    return found
+def _remove_repeats(found: Executions) -> None:
+    """Keep each job of CARET's records once: rows of a path repeat a job for each message that it made."""
+    seen: set[tuple[int, Instant]] = set()
+    kept = array("q")
+    before: Instant | None = None
+    for row in found.order:
+        if found.start[row] != before:
+            before = found.start[row]
+            seen.clear()
+        if (key := (found.task[row], found.end[row])) not in seen:
+            seen.add(key)
+            kept.append(row)
+    found.order = kept
 
 
 def _flag(text: str) -> bool:
@@ -210,45 +212,46 @@ def _flag(text: str) -> bool:
     return text == "1"
 
 
-class _Row:
-    """Reads the cells of a row by the names of their columns."""
+class _Table:
+    """Reads the cells of rows by their columns."""
 
-    def __init__(self, columns: dict[str, tuple[int, str]], file: str, numbers: DecimalSign) -> None:
-        self.columns = columns
+    def __init__(self, file: str, numbers: DecimalSign) -> None:
         self.numbers = numbers
-        self.file = file
+        self.found = Executions(file)
 
-    def execution(self, cells: list[str], line: int) -> Execution:
-        task = self._cell(cells, "task")
-        start = self._time(cells, "start")
-        if not task or start is None:
+    def row(self, columns: Mapping[str, tuple[int, str]], cells: Sequence[str], line: int) -> None:
+        """Take a row that is a job."""
+        of = {name: cells[at].strip() if at < len(cells) else "" for name, (at, _) in columns.items()}
+        times = (self._time(of.get(name, ""), columns[name][1]) if name in of else None for name in TIMES)
+        start, end, busy = times
+        if not of["task"] or start is None:
             raise ValueError("the row has no task or no start")
-        end = self._time(cells, "end")
         if end is not None and end < start:
-            raise ValueError(f"ends at {cells[self.columns['end'][0]]}, before it starts")
-        return Execution(
-            task=task,
-            units=tuple(self._cell(cells, "units").split()),
-            start=start,
-            end=end,
-            busy=self._time(cells, "busy"),
-            table=self._cell(cells, "mode"),
-            cycle=self._optional(cells, "cycle", whole),
-            job=self._optional(cells, "job", whole),
-            has_data=self._optional(cells, "data", _flag),
-            at=Location(self.file, line),
-        )
+            raise ValueError(f"ends at {of['end']}, before it starts")
+        cycle, job = (whole(of[name]) if of.get(name) else None for name in ("cycle", "job"))
+        has_data = _flag(of["data"]) if of.get("data") else None
+        units = tuple(of.get("units", "").split())
+        row = self.found.add(of["task"], units, start, end, busy, line, of.get("mode", ""), cycle)
+        if job is not None:
+            self.found.job[row] = job
+        if has_data is not None:
+            self.found.has_data[row] = has_data
 
-    def _cell(self, cells: list[str], name: str) -> str:
-        position, _ = self.columns.get(name, (len(cells), ""))
-        return cells[position].strip() if position < len(cells) else ""
+    def record(self, records: Mapping[str, tuple[int, int]], cells: Sequence[str], line: int) -> int:
+        """Take the jobs of a row of CARET's records; return how many callbacks have none."""
+        found, absent = [], 0
+        for name, places in records.items():
+            texts = (cells[place].strip() if place < len(cells) else "" for place in places)
+            start, end = (self._time("" if text.lower() in _ABSENT else text, "ns") for text in texts)
+            if start is None:
+                absent += 1
+                continue
+            if end is not None and end < start:
+                raise ValueError(f"{name} ends at {end}, before it starts")
+            found.append((name, start, end))
+        for name, start, end in found:
+            self.found.add(name, (), start, end, None, line)
+        return absent
 
-    def _time(self, cells: list[str], name: str) -> Duration | None:
-        if name not in self.columns:
-            return None
-        scale = SCALES_NS[self.columns[name][1]]
-        return self._optional(cells, name, lambda text: Duration(instant(self.numbers.point(text), scale)))
-
-    def _optional(self, cells: list[str], name: str, read: Callable[[str], T]) -> T | None:
-        text = self._cell(cells, name)
-        return read(text) if text else None
+    def _time(self, text: str, unit: str) -> Instant | None:
+        return instant(self.numbers.point(text), SCALES_NS[unit]) if text else None
