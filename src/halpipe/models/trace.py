@@ -159,10 +159,12 @@ class Executions(Sequence[Execution]):
         self.cycle.append(NONE if cycle is None else cycle)
         times = (start, NONE if end is None else end, NONE if busy is None else busy)
         try:
-            for column, value in zip((self.start, self.end, self.busy), times, strict=True):
-                column.append(value)  # type: ignore[arg-type]
+            self.start.append(times[0])  # type: ignore[arg-type]
+            self.end.append(times[1])  # type: ignore[arg-type]
+            self.busy.append(times[2])  # type: ignore[arg-type]
         except (TypeError, OverflowError):
-            self.start, self.end, self.busy = ([*c[:row], v] for c, v in zip(self._times(), times, strict=True))
+            columns = self.start, self.end, self.busy
+            self.start, self.end, self.busy = ([*c[:row], v] for c, v in zip(columns, times, strict=True))
         return row
 
     def run_on(self, row: int, units: tuple[str, ...]) -> None:
@@ -172,9 +174,6 @@ class Executions(Sequence[Execution]):
             on = self._numbers[units] = len(self.units)
             self.units.append(units)
         self.on[row] = on
-
-    def _times(self) -> tuple[Times, Times, Times]:
-        return self.start, self.end, self.busy
 
     def append(self, each: Execution) -> None:
         """Add an execution with all that is known of it."""

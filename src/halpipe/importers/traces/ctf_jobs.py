@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.ros.traced import short_names_of
-from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
-from halpipe.importers.traces.ros2 import read_ros_trace, report_damage
+from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models.trace import Executions, Trace
+
+if TYPE_CHECKING:
+    from halpipe.importers.traces.ctf import Event
+
+_LOSSES = (codes.CUT_OFF.id, codes.LOST_EVENTS.id)
 
 
 def read_folder(root: str, findings: Findings) -> Trace:
@@ -15,14 +22,14 @@ def read_folder(root: str, findings: Findings) -> Trace:
 
     Raise `HalpipeError` if it is no trace of either.
     """
-    of_nodes = Findings()
+    of_nodes, threads = Findings(), _Threads(root, findings)
     try:
-        trace = read_ros_trace(root, of_nodes)
-    except HalpipeError:
-        threads = _threads(root, findings)
-        if threads is None:
+        trace = read_ros_trace(root, of_nodes, threads.take)
+    except HalpipeError as refused:
+        if not threads.is_any or refused.diagnostics[-1].code != codes.NO_EXECUTIONS.id:
             raise
-        return threads
+        findings.extend(found for found in of_nodes.items if found.code in _LOSSES)
+        return threads.trace()
     findings.extend(of_nodes.items)
     names, found = short_names_of(trace), Executions(root)
     for key, jobs in trace.jobs.items():
@@ -32,18 +39,17 @@ def read_folder(root: str, findings: Findings) -> Trace:
     return Trace(name="", executions=found)
 
 
-def _threads(root: str, findings: Findings) -> Trace | None:
-    """Return the jobs of threads by the switches of the kernel; None where there are none."""
-    switches, damage = Switches(root, findings), Damage()
-    try:
-        for event in events(folders(root), damage):
-            fields = event.fields
-            if event.name == "sched_switch" and {"prev_tid", "prev_state", "next_tid", "next_comm"} <= fields.keys():
-                name = str(fields["next_comm"])
-                goes_on = is_runnable(int(fields["prev_state"]))
-                switches.switch(event.cpu, event.time, fields["prev_tid"], goes_on, fields["next_tid"], name, 0)
-    except (CtfError, OSError, TypeError, ValueError):
-        return None
-    report_damage(damage, root, findings)
-    found = switches.trace()
-    return found if len(found.executions) else None
+class _Threads(Switches):
+    """Follows the threads by the switches of the kernel."""
+
+    is_any = False
+    """Whether a thread ran."""
+
+    def take(self, event: Event) -> None:
+        """Take an event, if it is a switch."""
+        if event.name != "sched_switch":
+            return
+        name, left, state, entered = map(event.fields.get, ("next_comm", "prev_tid", "prev_state", "next_tid"))
+        if name is not None and isinstance(left, int) and isinstance(state, int) and isinstance(entered, int):
+            self.switch(event.cpu, event.time, left, is_runnable(state), entered, str(name))
+            self.is_any = self.is_any or entered != 0

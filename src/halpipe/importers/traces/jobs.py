@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_right
-from typing import TYPE_CHECKING
+from itertools import islice
+from operator import le
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
 from halpipe.models.trace import Executions
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.models.trace import Instant
+    from halpipe.models.trace import Instant, Times
 
 
 def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> None:
@@ -21,6 +24,46 @@ def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> N
     if counts:
         kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(counts.items()))
         findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(file)))
+
+
+class Marks:
+    """Begins and ends of the slices of one thread, one track or one id, as columns; names are numbers of the reader."""
+
+    def __init__(self) -> None:
+        self.at: Times = array("q")
+        self.begins, self.task, self.thread, self.line = array("b"), array("i"), array("i"), array("q")
+        self.arguments: dict[int, Mapping[str, Any]] = {}
+
+    def add(self, at: Instant, is_begin: bool, task: int, thread: int = 0, line: int = 0) -> None:
+        """Append a begin or an end."""
+        try:
+            self.at.append(at)  # type: ignore[arg-type]
+        except (TypeError, OverflowError):
+            self.at = [*self.at, at]
+        self.begins.append(is_begin)
+        self.task.append(task)
+        self.thread.append(thread)
+        self.line.append(line)
+
+    def pairs(self) -> Iterator[tuple[int, int | None]]:
+        """Yield the rows of the begin, -1 where there is none, and of the end of each slice, None where there is none.
+
+        In a text that is not in the order of time, ends come before begins of the same instant.
+        """
+        at, begins, task = self.at, self.begins, self.task
+        rows: Iterable[int] = range(len(at))
+        if not all(map(le, at, islice(at, 1, None))):
+            rows = sorted(rows, key=lambda row: (at[row], begins[row]))
+        begun: list[int] = []
+        for row in rows:
+            if begins[row]:
+                begun.append(row)
+                continue
+            # A slice that ends by its name may have another one above it, which begins at this instant.
+            of_name = (place for place in reversed(range(len(begun))) if task[row] == task[begun[place]])
+            place = next(of_name, len(begun) - 1)
+            yield (-1 if place < 0 else begun.pop(place)), row
+        yield from ((row, None) for row in begun)
 
 
 class Job:

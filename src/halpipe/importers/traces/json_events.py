@@ -25,6 +25,7 @@ _DELIMITERS = frozenset(",:]} \t\r\n")
 _decode = json_decoder(str).raw_decode
 """Numbers with a point stay texts, of which readers make exact numbers."""
 _blank = re.compile("[ \t\r\n]*").match
+_comma = re.compile("[ \t\r\n]*,[ \t\r\n]*").match
 
 
 def events(pieces: Iterable[str], file: str, findings: Findings) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -128,9 +129,12 @@ class _Text:
         while self.next() not in ("]", ""):
             line = self.line
             value = self.value()
-            if isinstance(value, dict):
+            if type(value) is dict:
                 yield line, value
-            if self.next() == ",":
+            between = _comma(self._text, self._at)
+            if between and between.end() < len(self._text):  # as most often
+                self._at = between.end()
+            elif self.next() == ",":
                 self._take(",")
             elif self.next() != "]":
                 break

@@ -15,6 +15,8 @@ from halpipe.importers.traces.jobs import Job, Jobs
 from halpipe.models.trace import Trace
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.core.diagnostics import Findings
 
 _HEAD = 64
@@ -36,18 +38,24 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     try:
         opened: Any = stream
         with MDF(opened) as measured:
-            groups = [_group(measured, index) for index in range(len(measured.groups))]
+            return _read(measured, file, findings)
+    except HalpipeError:
+        raise
     except Exception as failure:  # noqa: BLE001 whatever the library raises on a damaged file
         message = f"the library asammdf cannot read it: {failure}"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="save it again")) from None
+
+
+def _read(measured: Any, file: str, findings: Findings) -> list[Trace]:
     found: list[Trace] = []
     jobs, others = Jobs(file, findings), list[str]()
-    for group in groups:
+    for index in range(len(measured.groups)):
+        group = _group(measured, index)
         names = [str(name) for name in group.columns]
         if table.is_header(",".join(names)):
             found += table.read(_rows(group, names), file, findings)
-            continue
-        others += [name for name in names if not _state(jobs, name, group[name])]
+        else:
+            others += [name for name in names if not _state(jobs, name, group[name])]
     table.report_signals(others, file, findings)
     return [*found, Trace(name="", executions=jobs.result(), is_shared=True)]
 
@@ -61,11 +69,10 @@ def _group(measured: Any, index: int) -> Any:
     return frame.rename(columns=lambda name: f"{name} [{units[name]}]" if table.is_time(name) and units[name] else name)
 
 
-def _rows(group: Any, names: list[str]) -> list[str]:
-    rows = [",".join(names)]
+def _rows(group: Any, names: list[str]) -> Iterator[str]:
+    yield ",".join(names) + "\n"
     for values in group.itertuples(index=False):
-        rows.append(",".join(map(_cell, values)))
-    return [row + "\n" for row in rows]
+        yield ",".join(map(_cell, values)) + "\n"
 
 
 def _cell(value: Any) -> str:

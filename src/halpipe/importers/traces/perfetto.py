@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import io
 import zlib
+from array import array
 from collections import Counter
 from dataclasses import dataclass
+from heapq import merge
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
-from halpipe.importers.traces.jobs import Job, Jobs, report_unused
-from halpipe.models.trace import Trace
+from halpipe.importers.traces.jobs import Marks, report_unused
+from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Findings
 
@@ -29,11 +31,12 @@ Fields = dict[int, list[Any]]
 """The values of a message by the number of their field: integers, and bytes of texts and messages."""
 
 _BEGIN, _END = 1, 2
+_UNKNOWN = -1
 _CHUNK = 2**20
 _LONGEST_HEAD = 20
 _NAMELESS = "(no name)"
 _CLEARED = 1
-_MALFORMED = (ValueError, IndexError, TypeError, AttributeError, zlib.error)
+_MALFORMED = (ValueError, IndexError, TypeError, AttributeError, OverflowError, zlib.error)
 _BOOTTIME = 6
 _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
 _LAST_BUILTIN = 63
@@ -76,22 +79,30 @@ def fields_of(data: bytes) -> Fields:
     found: Fields = {}
     at = 0
     while at < len(data):
-        key, at = _varint(data, at)
+        if (key := data[at]) < 0x80:  # as most are, and most lengths and numbers, too
+            at += 1
+        else:
+            key, at = _varint(data, at)
         kind = key & 7
         value: Any
-        if kind == 0:
-            value, at = _varint(data, at)
-        elif kind in (1, 5):
+        if kind in (1, 5):
             size = 8 if kind == 1 else 4
             value, at = int.from_bytes(data[at : at + size], "little"), at + size
-        elif kind == 2:
-            size, at = _varint(data, at)
-            value, at = data[at : at + size], at + size
+        elif kind in (0, 2):
+            if (value := data[at]) < 0x80:
+                at += 1
+            else:
+                value, at = _varint(data, at)
+            if kind == 2:
+                value, at = data[at : at + value], at + value
         else:
             raise ValueError(f"a field has the wire type {kind}")
         if at > len(data):
             raise ValueError("a field is longer than its message")
-        found.setdefault(key >> 3, []).append(value)
+        if (number := key >> 3) in found:
+            found[number].append(value)
+        else:
+            found[number] = [value]
     return found
 
 
@@ -180,9 +191,11 @@ class _Reader:
         """Process, parent and name of each track."""
         self.processes: dict[int, str] = {}
         self.threads: dict[int, str] = {}
-        self.events: list[tuple[int, int, str]] = []
-        """Time, track and name of each begin of a slice; ends have no name."""
-        self.switches: list[tuple[int, int, int, bool, int, str]] = []
+        self.marks: dict[int, Marks] = {}
+        """Begins and ends of slices by their track; ends have the name 0."""
+        self.names = {"": 0}
+        self.switches: dict[int, tuple[array[int], ...]] = {}
+        """Time, thread that leaves, whether it still wants to run, thread that enters and name of it, by CPU."""
         self.others: Counter[str] = Counter()
         self.has_lost = False
         self.taken: dict[int, Callable[[Fields, _Sequence], None]] = {
@@ -201,9 +214,9 @@ class _Reader:
         if _one(fields, 13, 0) & _CLEARED or 41 in fields:
             self.sequences[_one(fields, 10, 0)] = sequence = _Sequence()
         self.has_lost = self.has_lost or 42 in fields
-        for number, take in self.taken.items():
+        for number in () if self.taken.keys().isdisjoint(fields) else self.taken:
             for value in fields.get(number, ()):
-                take(fields_of(value), sequence)
+                self.taken[number](fields_of(value), sequence)
         at = sequence.time(fields)
         for event in _messages(fields, 11):
             self._event(event, sequence, at)
@@ -260,7 +273,10 @@ class _Reader:
         name = ""
         if kind == _BEGIN:
             name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or _NAMELESS
-        self.events.append((at, _one(event, 11, sequence.track), name))
+        track = _one(event, 11, sequence.track)
+        if (marks := self.marks.get(track)) is None:
+            marks = self.marks[track] = Marks()
+        marks.add(at, kind == _BEGIN, self.names.setdefault(name, len(self.names)))
 
     def _bundle(self, bundle: Fields, _: _Sequence) -> None:
         cpu = _one(bundle, 1, 0)
@@ -268,8 +284,9 @@ class _Reader:
         for event in _messages(bundle, 2):
             for switch in _messages(event, 4):
                 goes_on = is_runnable(_signed(_one(switch, 4, 0)))
-                place = (_one(event, 1, 0), cpu, _one(switch, 2, 0), goes_on, _one(switch, 6, 0), _text(switch, 5))
-                self.switches.append(place)
+                self._switched(
+                    cpu, _one(event, 1, 0), _one(switch, 2, 0), goes_on, _one(switch, 6, 0), _text(switch, 5)
+                )
         for compact in _messages(bundle, 4):
             self._compact(cpu, compact)
 
@@ -281,8 +298,25 @@ class _Reader:
         for delta, state, entered, name in zip(*columns, strict=True):
             at += delta
             goes_on = is_runnable(_signed(state))
-            self.switches.append((at, cpu, -1 - cpu if left is None else left, goes_on, entered, names[name]))
+            self._switched(cpu, at, _UNKNOWN if left is None else left, goes_on, entered, names[name])
             left = entered
+
+    def _switched(self, cpu: int, at: int, left: int, goes_on: bool, entered: int, name: str) -> None:
+        if cpu not in self.switches:
+            self.switches[cpu] = array("Q"), array("q"), array("b"), array("q"), array("i")
+        values = at, left, goes_on, entered, self.names.setdefault(name, len(self.names))
+        for column, value in zip(self.switches[cpu], values, strict=True):
+            column.append(value)
+
+    def _switches_of(self, cpu: int, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        """Yield the switches of a CPU by time; an unknown thread that leaves is the one that entered before."""
+        times, lefts, on, entries, named = self.switches[cpu]
+        before = 0
+        for row in sorted(range(len(times)), key=times.__getitem__):
+            left, entered = lefts[row], entries[row]
+            name = names[named[row]] or self.threads.get(entered, str(entered))
+            yield times[row], cpu, before if left == _UNKNOWN else left, bool(on[row]), entered, name
+            before = entered
 
     def _process_of(self, track: int) -> int:
         """Return the process of a track, or of the ones above it."""
@@ -295,54 +329,40 @@ class _Reader:
             track = parent
         return 0
 
-    def _in_order(self) -> list[tuple[int, int, str]]:
-        """Return the events by time; on tracks whose events were not so, ends come before begins of their instant."""
-        last: dict[int, int] = {}
-        mixed = set()
-        for at, track, _ in self.events:
-            if at < last.get(track, at):
-                mixed.add(track)
-            last[track] = at
-        return sorted(self.events, key=lambda event: (event[0], event[1] in mixed and event[2] != ""))
-
     def _slices(self) -> list[Trace]:
         """Return the lines of the processes; slices of a track are nested."""
-        lines: dict[int, Jobs] = {}
-        depth: Counter[int] = Counter()
-        process_of: dict[int, int] = {}
-        unbegun = 0
-        for at, track, name in self._in_order():
-            if track not in process_of:
-                process_of[track] = self._process_of(track)
-            jobs = lines.setdefault(process_of[track], Jobs(self.file, self.findings))
-            if name:
-                unit = self.tracks[track][2] if track in self.tracks else ""
-                jobs.running[track, depth[track]] = Job(name, unit or str(track), at, 0)
-                depth[track] += 1
-            elif depth[track]:
-                depth[track] -= 1
-                jobs.end((track, depth[track]), at)
-            else:
-                unbegun += 1
+        lines: dict[int, Executions] = {}
+        names, unbegun, left = [*self.names], 0, 0
+        for track in [*self.marks]:
+            marks = self.marks.pop(track)
+            found = lines.setdefault(self._process_of(track), Executions(self.file))
+            units = ((self.tracks[track][2] if track in self.tracks else "") or str(track),)
+            for row, last in marks.pairs():
+                if row < 0:
+                    unbegun += 1
+                    continue
+                start, end = marks.at[row], None if last is None else marks.at[last]
+                found.add(names[marks.task[row]], units, start, end, None if end is None else end - start)
+                left += end is None
         if unbegun:
             message = f"{unbegun} slices end that did not begin"
             help = "check the recorder for lost events"
             self.findings.add(codes.ODD_SEQUENCE(message, at=Location(self.file), help=help))
+        if left:
+            self.findings.add(codes.UNFINISHED(f"{left} slices have no end", at=Location(self.file)))
+        for found in lines.values():
+            found.sort()
         return [
-            Trace(name=self.processes.get(process, str(process)), executions=jobs.result())
-            for process, jobs in lines.items()
+            Trace(name=self.processes.get(process, str(process)), executions=each) for process, each in lines.items()
         ]
 
     def traces(self) -> list[Trace]:
         """Return the lines of all processes with slices, and of the kernel."""
         found = self._slices()
         if self.switches:
-            switches = Switches(self.file, self.findings)
-            last: dict[int, int] = {}
-            for at, cpu, left, goes_on, entered, name in sorted(self.switches, key=lambda switch: switch[:2]):
-                before = last.get(cpu, 0) if left < 0 else left
-                switches.switch(cpu, at, before, goes_on, entered, name or self.threads.get(entered, str(entered)), 0)
-                last[cpu] = entered
+            switches, names = Switches(self.file, self.findings), [*self.names]
+            for at, cpu, *rest in merge(*(self._switches_of(cpu, names) for cpu in self.switches)):
+                switches.switch(cpu, at, *rest)
             found.append(switches.trace())
         if self.has_lost:
             help = "record again with larger buffers"

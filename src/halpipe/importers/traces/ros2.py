@@ -82,8 +82,11 @@ class RosTrace:
     discarded: int = 0
 
 
-def read_ros_trace(root: str, findings: Findings) -> RosTrace:
-    """Read the trace in a directory; raise `HalpipeError` if there is none that can be read."""
+def read_ros_trace(root: str, findings: Findings, beside: Callable[[Event], None] | None = None) -> RosTrace:
+    """Read the trace in a directory; raise `HalpipeError` if there is none that can be read.
+
+    `beside` is called with each event, for readers that need others than those of ROS.
+    """
     damage = Damage()
     try:
         found = folders(root)
@@ -92,6 +95,8 @@ def read_ros_trace(root: str, findings: Findings) -> RosTrace:
         join, event = _Join(root), None
         for event in events(found, damage):
             join.take(event)
+            if beside is not None:
+                beside(event)
         if event is None and damage.broken:
             raise CtfError(f"no event of it can be read: {damage.broken[0]}")
     except (CtfError, OSError) as failure:

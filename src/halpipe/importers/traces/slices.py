@@ -9,17 +9,14 @@ not decide; like Perfetto, the reader takes numbers that are written as texts.
 from __future__ import annotations
 
 import re
-from array import array
 from collections import Counter
 from decimal import Decimal
 from fractions import Fraction
-from itertools import islice
-from operator import le
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import report_unused
+from halpipe.importers.traces.jobs import Marks, report_unused
 from halpipe.importers.traces.json_events import events
 from halpipe.importers.traces.numbers import instant, plain
 from halpipe.models.trace import Executions, Trace
@@ -57,21 +54,6 @@ class _Slice(NamedTuple):
     line: int
 
 
-class _Marks:
-    """Begins and ends of the slices of one thread, or of one id, as columns."""
-
-    def __init__(self) -> None:
-        self.at: list[Instant] | array[int] = array("q")
-        self.begins, self.task, self.thread, self.line = array("b"), array("i"), array("i"), array("q")
-        self.arguments: dict[int, Mapping[str, Any]] = {}
-
-    def rows(self) -> Sequence[int]:
-        """Return the rows by time; in a text that is not in its order, ends come before begins of the same instant."""
-        if all(map(le, self.at, islice(self.at, 1, None))):
-            return range(len(self.at))
-        return sorted(range(len(self.at)), key=lambda row: (self.at[row], self.begins[row]))
-
-
 class _Reader:
     """Collects slices by process; one job is one slice on each of its units."""
 
@@ -83,7 +65,7 @@ class _Reader:
         self.found: dict[int | str, Executions] = {}
         self.jobs: dict[tuple[Any, ...], int] = {}
         self.parts: dict[tuple[Any, ...], list[_Slice]] = {}
-        self.marks: dict[tuple[Any, ...], _Marks] = {}
+        self.marks: dict[tuple[Any, ...], Marks] = {}
         """Begins and ends of slices by what a begin and its end share: their phase, their process and their pair."""
         self.names: dict[Any, int] = {}
         """Names of slices and keys of threads, with their number in the columns."""
@@ -114,18 +96,15 @@ class _Reader:
             self._slice(_Slice(at, at + length, task, process, thread, arguments, line))
             return
         begin = _ENDS.get(phase, phase)
-        marks = self.marks.setdefault((begin, process, *_pair(event, begin)), _Marks())
+        key = (begin, process, thread) if begin == "B" else (begin, process, *_identity(event))
+        if (marks := self.marks.get(key)) is None:
+            marks = self.marks[key] = Marks()
         if arguments:
             marks.arguments[len(marks.at)] = arguments
-        try:
-            marks.at.append(at)  # type: ignore[arg-type]
-        except (TypeError, OverflowError):
-            marks.at = [*marks.at, at]
-        marks.begins.append(begin == phase)
-        name = task if isinstance(task, str) else ""
-        for column, value in ((marks.task, name), (marks.thread, thread)):
-            column.append(self.names.setdefault(value, len(self.names)))
-        marks.line.append(line)
+        name, unit = (
+            self.names.setdefault(each, len(self.names)) for each in (task if isinstance(task, str) else "", thread)
+        )
+        marks.add(at, begin == phase, name, unit, line)
 
     def traces(self) -> list[Trace]:
         """Return the lines of all processes."""
@@ -155,30 +134,21 @@ class _Reader:
         elif isinstance(name, str) and event.get("name") == "thread_name":
             self.threads[_key(event.get("pid")), str(_key(event.get("tid", "")))] = name
 
-    def _match(self, process: int | str, marks: _Marks, names: Sequence[Any]) -> int:
+    def _match(self, process: int | str, marks: Marks, names: Sequence[Any]) -> int:
         """Take the slices between marks; return how many have no end."""
-        begun: list[int] = []
-
-        def take(row: int, end: Instant | None) -> None:
+        left = 0
+        for row, last in marks.pairs():
+            if row < 0:
+                message = f"a slice {names[marks.task[last or 0]]!r} ends that did not begin"
+                where = Location(self.file, marks.line[last or 0])
+                self.findings.add(codes.ODD_SEQUENCE(message, at=where, help="check the recorder for lost events"))
+                continue
+            left += last is None
+            end = None if last is None else marks.at[last]
             task, thread = names[marks.task[row]], names[marks.thread[row]]
             arguments = marks.arguments.get(row, _NONE)
             self._slice(_Slice(marks.at[row], end, task, process, thread, arguments, marks.line[row]))
-
-        for row in marks.rows():
-            if marks.begins[row]:
-                begun.append(row)
-                continue
-            # A slice that ends by its name may have another one above it, which begins at this instant.
-            of_name = (place for place in reversed(range(len(begun))) if marks.task[row] == marks.task[begun[place]])
-            if (place := next(of_name, len(begun) - 1)) < 0:
-                where = Location(self.file, marks.line[row])
-                message = f"a slice {names[marks.task[row]]!r} ends that did not begin"
-                self.findings.add(codes.ODD_SEQUENCE(message, at=where, help="check the recorder for lost events"))
-            else:
-                take(begun.pop(place), marks.at[row])
-        for row in begun:
-            take(row, None)
-        return len(begun)
+        return left
 
     def _slice(self, slice: _Slice) -> None:
         """Take one slice as a job, or as a further unit or part of one."""
@@ -236,10 +206,9 @@ def _units(slice: _Slice) -> tuple[str, ...]:
     return () if slice.thread == "" else (str(slice.thread),)
 
 
-def _pair(event: dict[str, Any], begin: str) -> tuple[int | str, ...]:
-    """Return what the begin and the end of a slice share: their thread, or their category and id."""
-    pair = (event.get("tid"),) if begin == "B" else (event.get("cat"), event.get("id", str(event.get("id2"))))
-    return tuple(map(_key, pair))
+def _identity(event: dict[str, Any]) -> tuple[int | str, int | str]:
+    """Return what the begin and the end of a slice without a thread share: their category and id."""
+    return _key(event.get("cat")), _key(event.get("id", str(event.get("id2"))))
 
 
 def _key(value: Any) -> int | str:

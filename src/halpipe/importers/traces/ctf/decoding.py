@@ -166,6 +166,15 @@ def _structure(type: Struct) -> Decoder:
         run.append((name, flat))
     flush()
 
+    if len(steps) == 1 and steps[0][1] is not None:  # numbers only, as most are
+        ((plain, unpack_all, (whole, _)),) = steps
+
+        def read_numbers(data: bytes, at: int, scope: Scope) -> tuple[dict[str, Any], int]:
+            at = (at + mask) & ~mask
+            return dict(zip(plain, unpack_all(data, at), strict=True)), at + whole
+
+        return read_numbers
+
     def read(data: bytes, at: int, scope: Scope) -> tuple[dict[str, Any], int]:
         at = (at + mask) & ~mask
         found: dict[str, Any] = {}
