@@ -74,7 +74,7 @@ class Fields:
     """One mapping: `path` names it in messages, `keys` are the keys it may have.
 
     `written` is for files that people do not edit: the code and the help of all their faults. There, every value that
-    is read has to be present.
+    is read has to be present; with `unknown`, the code of keys that are not read, a value may be absent or empty.
     """
 
     def __init__(
@@ -86,8 +86,10 @@ class Fields:
         keys: tuple[str, ...] = (),
         inside: Mapping[str, tuple[str, ...]] | None = None,
         written: tuple[Code, str] | None = None,
+        unknown: Code | None = None,
     ) -> None:
         self.path = path
+        self._unknown = unknown
         self._file = file
         self._findings = findings
         self._data = data
@@ -107,6 +109,11 @@ class Fields:
             data = YamlMap(0)
         return cls(file, findings, data, "", written=(code, help))
 
+    @property
+    def data(self) -> YamlMap:
+        """The mapping as it was parsed."""
+        return self._data
+
     def is_mapping(self, key: str) -> bool:
         """Whether a mapping stands under a key that may also have one value."""
         return isinstance(self._data.get(key), YamlMap)
@@ -125,7 +132,11 @@ class Fields:
             word, _, rest = key.partition(" ")
             if self._data[key] is None and not owner:  # what is no key: a colon or brackets are missing
                 help = f'write "{word}: {rest}"' if rest and word in keys else "put lists in brackets: [a, b]"
-            self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=help)
+            text = f'has an unknown key "{key}"'
+            if self._unknown:
+                self._findings.add(self._unknown(text, at=self.at(key), path=self.path, help=help))
+            else:
+                self.complain(UNKNOWN_KEY, text, key, help=help)
         if len(unknown) > MAX_UNKNOWN:
             self.complain(UNKNOWN_KEY, f"has {len(unknown) - MAX_UNKNOWN} more unknown keys", help=otherwise)
 
@@ -157,6 +168,8 @@ class Fields:
 
     def _lacks(self, key: str) -> bool:
         """Return whether a key is absent; report it where every value has to be present."""
+        if self._unknown:
+            return self._data.get(key) is None
         return not self.require(key) if self._written else key not in self._data
 
     def get(self, key: str, read: Callable[[str], T]) -> Stated[T] | None:
@@ -267,7 +280,7 @@ class Fields:
         return None
 
     def _inner(self, data: YamlMap, path: str, keys: tuple[str, ...]) -> Fields:
-        return Fields(self._file, self._findings, data, path, keys, written=self._written)
+        return Fields(self._file, self._findings, data, path, keys, written=self._written, unknown=self._unknown)
 
     def _read(self, value: Any, key: str, line: int, read: Callable[[str], T]) -> Stated[T] | None:
         if not isinstance(value, str):

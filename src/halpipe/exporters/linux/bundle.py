@@ -40,7 +40,7 @@ _TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
 _ACCELERATORS = ("gpu", "fpga", "npu", "dla", "dsp", "tpu", "accelerator")
 RUNTIME = ("dispatch.c", "dispatch.h", "record.c")
 _PROGRAM = ("programs.c", "main.c")
-_DUMMY, _PIECES = "src/dummy.c", "src/dummy_pieces.c"
+_DUMMY = "src/dummy.c"
 
 
 @record
@@ -74,7 +74,7 @@ class Program:
     @property
     def is_made_up(self) -> bool:
         """Whether it stands for a program that does not exist yet."""
-        return self.files in ((_DUMMY,), (_PIECES,))
+        return self.files == (_DUMMY,)
 
     @property
     def library(self) -> str:
@@ -117,7 +117,7 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     files = {
         **paired(model, schedule),
         "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels, copies),
-        **_rendered(values, programs, options),
+        **_rendered(values, programs),
         **tree.files,
     }
     files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in (*RUNTIME, *_PROGRAM)}
@@ -170,15 +170,12 @@ def _environment() -> Any:
     )
 
 
-def _rendered(values: dict[str, Any], programs: list[Program], options: LinuxOptions) -> dict[str, bytes]:
+def _rendered(values: dict[str, Any], programs: list[Program]) -> dict[str, bytes]:
     environment = _environment()
     names = ["Makefile", "CMakeLists.txt", "dispatcher.service", "setup.sh", "README.md"]
     files = {name: environment.get_template(name).render(**values).encode() for name in names}
-    pieces = max((len(p.entries) for p in programs if p.files == (_PIECES,)), default=0)
-    if pieces:
-        files[_PIECES] = environment.get_template("dummy_pieces.c").render(pieces=pieces).encode()
-    if options.busy:
-        files[_DUMMY] = (FOLDER / "templates" / "dummy.c").read_bytes()
+    if pieces := max((len(p.entries) for p in programs if p.is_made_up), default=0):
+        files[_DUMMY] = environment.get_template("dummy.c").render(pieces=pieces).encode()
     return files
 
 
@@ -274,9 +271,9 @@ def _made_up(name: str, target: str, version: Version, percent: int) -> Program:
     assert version.wcet is not None, "a schedule needs WCETs"
     bounds = [ZERO, *version.split.points, version.wcet]
     times = [math.floor((end - begin).fraction * percent / 100) for begin, end in pairwise(bounds)]
-    entries = tuple(f"piece_{number}" for number in range(len(times))) if len(times) > 1 else ("dummy",)
+    entries = tuple(f"piece_{number}" for number in range(len(times)))
     listed = ",".join(map(str, times))
-    return Program(name, target, entries, (_PIECES if len(times) > 1 else _DUMMY,), (f"BUSY_NS={listed}",), (), ())
+    return Program(name, target, entries, (_DUMMY,), (f"BUSY_NS={listed}",), (), ())
 
 
 def check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], findings: Findings) -> None:

@@ -1,17 +1,19 @@
-"""Typed access to parsed YAML: every missing or wrong value becomes a finding with its line."""
+"""Reader of the YAML of other tools: names become printable, keys have older names, and unknown keys are warnings."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, Location
-from halpipe.core.files import YamlList, YamlMap
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.diagnostics import Location
+from halpipe.core.settings import Fields
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.files import YamlMap
 
 
 class Reader:
@@ -22,7 +24,11 @@ class Reader:
     ) -> None:
         self.file = file
         self.findings = findings
-        self._help = help
+        self._written = codes.MALFORMED, help
+
+    def _fields(self, element: YamlMap, path: str, known: Sequence[str] = ()) -> Fields:
+        keys = tuple(known)
+        return Fields(self.file, self.findings, element, path, keys, written=self._written, unknown=codes.UNKNOWN_KEY)
 
     def at(self, element: YamlMap) -> Location:
         """Return the place of a mapping."""
@@ -30,59 +36,28 @@ class Reader:
 
     def malformed(self, text: str, line: int, path: str) -> None:
         """Report a value of the wrong form."""
-        self.findings.add(codes.MALFORMED(text, at=Location(self.file, line), path=path, help=self._help))
+        self.findings.add(codes.MALFORMED(text, at=Location(self.file, line), path=path, help=self._written[1]))
 
     def check_keys(self, element: YamlMap, path: str, known: Sequence[str]) -> None:
         """Report keys that nothing reads."""
-        for key in element:
-            if key not in known:
-                help = did_you_mean(key, known, "remove it if it is a slip")
-                at = Location(self.file, element.line_of(key))
-                self.findings.add(codes.UNKNOWN_KEY(f'key "{key}" is not read', at=at, path=path, help=help))
+        self._fields(element, path, known)
 
     def optional(self, element: YamlMap, key: str, path: str) -> str | None:
         """Return text under `key`, or None when the key is absent or null."""
-        value = element.get(key)
-        if value is None or isinstance(value, str):
-            return printable(value or "") or None
-        self.malformed(f"{key} is not plain text", element.line_of(key), path)
-        return None
+        return self._fields(element, path).value(key, printable, None) or None
 
     def text(self, element: YamlMap, key: str, path: str, *aliases: str) -> str:
         """Return the text under `key` or the first alias present; report it when there is none."""
         found = next((name for name in (key, *aliases) if name in element), key)
-        value = self.optional(element, found, path)
-        if value is None and not isinstance(element.get(found), list | dict | bool):
+        value = self.optional(element, found, path) or ""
+        if not value and isinstance(element.get(found), str | None):
             self.malformed(f"{found} is missing or empty", element.line_of(found), path)
-        return value or ""
+        return value
 
     def entries(self, element: YamlMap, key: str, path: str) -> list[YamlMap]:
         """Return the mappings listed under `key`; an absent or null list is empty."""
-        return [item for item, line in self._items(element, key, path) if self._is_map(item, key, line, path)]
+        return [entry.data for entry in self._fields(element, path).items(key, path=path)]
 
     def names(self, element: YamlMap, key: str, path: str) -> list[tuple[str, int]]:
         """Return the texts listed under `key` with their lines; one text stands for a list of one."""
-        if isinstance(element.get(key), str):
-            return [(printable(element[key]), element.line_of(key))]
-        found = []
-        for item, line in self._items(element, key, path):
-            if isinstance(item, str):
-                found.append((printable(item), line))
-            else:
-                self.malformed(f"{key} lists something that is not plain text", line, path)
-        return found
-
-    def _items(self, element: YamlMap, key: str, path: str) -> list[tuple[Any, int]]:
-        value = element.get(key)
-        if value is None:
-            return []
-        if isinstance(value, YamlList):
-            return list(zip(value, value.lines, strict=True))
-        self.malformed(f"{key} is not a list", element.line_of(key), path)
-        return []
-
-    def _is_map(self, item: Any, key: str, line: int, path: str) -> bool:
-        if isinstance(item, YamlMap):
-            return True
-        self.malformed(f"{key} lists something that is not a mapping", line, path)
-        return False
+        return [(name.value, name.at.line) for name in self._fields(element, path).texts(key, printable)]

@@ -1,6 +1,8 @@
-/* Stands for a program that does not exist yet: it takes BUSY_NS of processor time. Written by halpipe. */
+/* Stands for programs that do not exist yet, in pieces: BUSY_NS lists the processor time of each. Written by halpipe. */
 #include <stdint.h>
 #include <time.h>
+
+static const int64_t times[{{ pieces }}] = {BUSY_NS};
 
 static int64_t used(void) {
   struct timespec t;
@@ -8,7 +10,11 @@ static int64_t used(void) {
   return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
-void dummy(void) {
-  const int64_t end = used() + BUSY_NS;
+static void take(int64_t time) {
+  const int64_t end = used() + time;
   while (used() < end) { }
 }
+
+{% for piece in range(pieces) %}
+void piece_{{ piece }}(void) { take(times[{{ piece }}]); }
+{% endfor %}
