@@ -3,8 +3,10 @@
 import random
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -200,6 +202,46 @@ def test_each_program_is_bound_to_one_callback():
     assert "a lane of its own" in files["README.md"]
     assert "takes_newest = true" in files["src/bindings.hpp"]
     assert seal("ros-package", {"a": b""}, {})
+
+
+def test_the_launch_file_takes_nodes_parameters_and_remappings(tmp_path, monkeypatch):
+    """Stand-ins for launch_ros/actions/composable_node_container.py and descriptions/composable_node.py."""
+    stated = {
+        "background_cpus": "0,1",
+        "container": {"record": "run.csv"},
+        "components": [
+            {
+                "node": "/ns/in/planner",
+                "package": "p",
+                "plugin": "p::Planner",
+                "parameters": {"rate": 10},
+                "parameter_files": ["car.yaml"],
+                "remappings": {"/a": "/b"},
+                "intra_process": True,
+            },
+            {"node": "/sink", "package": "q", "plugin": "q::Sink"},
+        ],
+    }
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "components.yaml").write_text(yaml.safe_dump(stated))
+    stand_ins = {
+        "ament_index_python.packages": {"get_package_share_directory": lambda package: str(tmp_path)},
+        "launch": {"LaunchDescription": list},
+        "launch_ros.actions": {"ComposableNodeContainer": dict},
+        "launch_ros.descriptions": {"ComposableNode": dict},
+    }
+    for name, members in stand_ins.items():
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**members))
+    space = {}
+    exec(package()["launch/tables.launch.py"], space)
+    [container] = space["generate_launch_description"]()
+    assert (container["executable"], container["parameters"]) == ("table_container", [{"record": "run.csv"}])
+    assert container["arguments"] == ["--background-cpus", "0,1"]
+    planner, sink = container["composable_node_descriptions"]
+    assert (planner["namespace"], planner["name"], planner["plugin"]) == ("/ns/in", "planner", "p::Planner")
+    assert (planner["parameters"], planner["remappings"]) == (["car.yaml", {"rate": 10}], [("/a", "/b")])
+    assert [one["extra_arguments"][0]["use_intra_process_comms"] for one in (planner, sink)] == [True, False]
+    assert (sink["namespace"], sink["name"], sink["parameters"], sink["remappings"]) == ("/", "sink", [{}], [])
 
 
 def test_tasks_without_a_callback_are_named():

@@ -178,7 +178,7 @@ def test_a_background_lane_on_no_cpu_is_refused(played):
 
 
 def test_equal_timers_run_their_own_rows_or_are_refused(played):
-    """A thousand nodes with up to four timers, equal or nearly so, in up to three groups."""
+    """A thousand nodes with up to four timers and subscriptions, equal or nearly so, in up to three groups."""
     assert numbers(played["random"].out) == {"wrong": 0, "needless": 0, "refused": 1, "right": 1}
 
 

@@ -235,7 +235,7 @@ int simulated() {
   return status;
 }
 
-// Nodes with equal timers in random groups: each row runs its own one, or is refused.
+// Nodes with equal timers and subscriptions in random groups: each row runs its own one, or is refused.
 int random_nodes() {
   std::mt19937 random(1);
   int wrong = 0, refused = 0, needless = 0, right = 0;
@@ -247,9 +247,20 @@ int random_nodes() {
     const size_t count = 1 + random() % 4;
     std::vector<table::Row> rows;
     std::vector<rclcpp::TimerBase::SharedPtr> timers;
+    std::vector<rclcpp::SubscriptionBase::SharedPtr> subscriptions;
     std::vector<size_t> in;
     int ran = -1;
     for (size_t i = 0; i < count; i++) {
+      if (random() % 3 == 0) {
+        const char * topic = random() % 2 ? "/a" : "/b";
+        size_t order = 0;
+        for (const auto & row : rows) {order += row.subject == std::string(topic);}
+        rows.push_back({"t", "/pair", "subscription", topic, 0, order, 0, -1});
+        in.push_back(random() % groups.size());
+        subscriptions.push_back(node->stub_subscribe(topic, 1, [&ran, i](int) {ran = int(i);}, random() % 2, groups[in[i]]));
+        subscriptions.back()->stub_put(1);
+        continue;
+      }
       const int64_t period = periods[random() % 4], rounded = period == 19999000 ? 20000000 : period;
       size_t order = 0;
       for (const auto & row : rows) {order += row.period == rounded;}
@@ -262,7 +273,10 @@ int random_nodes() {
     const bool is_refused = !tables.bind().empty();
     bool is_mixed = false;
     for (size_t i = 0; i < count; i++) {
-      for (size_t k = 0; k < count; k++) {is_mixed |= rows[i].period == rows[k].period && in[i] != in[k];}
+      for (size_t k = 0; k < count; k++) {
+        const bool is_equal = rows[i].period == rows[k].period && rows[i].subject == std::string(rows[k].subject);
+        is_mixed |= is_equal && in[i] != in[k];
+      }
       if (is_refused) {continue;}
       ran = -1;
       tables.run(i);

@@ -252,7 +252,3 @@ def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]
         "dynamic messages are taken one by one, the oldest first, and their jobs count as having had one",
         "keep a queue of one message for their subscriptions",
     )
-    yield (
-        "tables are played in real time, also where nodes use simulated time",
-        "let the simulation keep pace, or do without the tables",
-    )
