@@ -244,3 +244,14 @@ def test_the_sizes_of_pieces_are_those_of_the_program_with_most(tmp_path):
     owner = replace(owner, tasks=(short, owner.tasks[1]))
     _, files = write(tmp_path, owner, planned(owner), busy=50)
     assert "int64_t times[3]" in files["src/dummy_pieces.c"]
+
+
+def test_what_is_written_comes_first_whatever_the_order_of_the_jobs():
+    writer = replace(task("w", 40, version("v", "1ms", "u1")), let=ms(20))
+    reader = replace(task("r", 40, version("v", "1ms", "u2")), let=ms(20), offset=ms(20))
+    owner = model(writer, reader, units="u1 u2")
+    plain = Program("w/v", "p", ("step",), ("a.c",), (), (), (), written=((0, 1, 8),))
+    programs = [plain, replace(plain, written=(), read=((1, 2, 8),))]
+    tables = schedule(owner, 40, job(owner, "r", 0, 20, "u2"), job(owner, "w", 0, 0, "u1"))
+    [rows] = copies_of(owner, tables, programs, {("w", "v"): 0, ("r", "v"): 1}, Findings())
+    assert [(row.at, row.source) for row in rows] == [(20_000_000, 0), (20_000_000, 1)]

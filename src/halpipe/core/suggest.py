@@ -47,10 +47,10 @@ _WORDS = {
 _MOST_NAMES = 5
 
 
-def few(names: Sequence[str]) -> str:
-    """List names in quotes, the first five of them."""
+def few(names: Sequence[str], quote: str = '"') -> str:
+    """List names in quotes, the first five of them; `quote` is empty for texts that have quotes."""
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more
+    return ", ".join(f"{quote}{name}{quote}" for name in names[:_MOST_NAMES]) + more
 
 
 class _Budget:

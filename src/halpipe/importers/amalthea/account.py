@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.files import parse_yaml
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.xmi import few
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -219,4 +219,4 @@ def _times(count: int, kind: str) -> str:
 
 
 def _places(items: Sequence[Item]) -> str:
-    return few([f"{item.name or item.path} (line {item.at.line})" for item in items])
+    return few([f"{item.name or item.path} (line {item.at.line})" for item in items], "")

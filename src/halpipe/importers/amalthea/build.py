@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.core.suggest import few
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.account import account
 from halpipe.importers.amalthea.documents import load, read_embedded
@@ -18,7 +19,7 @@ from halpipe.importers.amalthea.parts import make_drafts
 from halpipe.importers.amalthea.tasks import TaskBuilder
 from halpipe.importers.amalthea.timing import Reactions, reactions_of, read_timing
 from halpipe.importers.amalthea.versions import UNIT, Locks, Splitter, VersionMaker
-from halpipe.importers.amalthea.xmi import Forest, Names, few, legal
+from halpipe.importers.amalthea.xmi import Forest, Names, legal
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.models import Mode, Origin, Resource, ResourceKind, Run, TaskModel, Unit
 
@@ -208,7 +209,7 @@ def _report(forest: Forest, model: TaskModel, evaluator: Evaluator, coverage: Co
     lacking = [task for task in model.tasks if any(version.wcet is None for version in task.versions)]
     if lacking:
         at = lacking[0].origin.location if lacking[0].origin else file
-        names = few([task.name for task in lacking])
+        names = few([task.name for task in lacking], "")
         message = f"{len(lacking)} of {len(model.tasks)} tasks have no execution time: {names}"
         forest.findings.add(codes.NO_WCET(message, at=at, help="give them in an overlay (tasks: wcet)"))
     if model.units == (Unit(name=UNIT),):

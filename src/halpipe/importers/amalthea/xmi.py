@@ -15,7 +15,7 @@ from urllib.parse import unquote_plus
 from halpipe.core.diagnostics import Location, Path, Severity, Subject, named
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import quoted
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.amalthea import codes
 from halpipe.schemas import line_of
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 _MAX_LENGTH = 1000  # as in the schema of task models
-_SHOWN = 5
 
 
 def legal(name: str) -> str:
@@ -64,12 +63,6 @@ class Names:
                 codes.RENAMED(f'is called "{result}" in the model', at=at, path=named(kind, name), help=help)
             )
         return result
-
-
-def few(names: Sequence[str]) -> str:
-    """Return the first few names for a message, and how many more there are."""
-    shown = ", ".join(names[:_SHOWN])
-    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
 
 
 _NUMBER = re.compile(
@@ -418,5 +411,5 @@ class Forest:
         """Collect one finding about several items: how many, which, and where the first stands."""
         if items:
             self._note(items, code)
-            names = few([item.name or item.path for item in items])
+            names = few([item.name or item.path for item in items], "")
             self.findings.add(code(f"{len(items)} {what}: {names}", at=items[0].at, help=help))
