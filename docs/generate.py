@@ -268,9 +268,9 @@ def cli_page() -> str:
         inside = group.typer_instance.registered_commands if group.typer_instance else []
         verbs += [(f"{group.name} {command.name}", command.callback) for command in inside if command.callback]
         if group.name == "export":
-            verbs += [(f"export {name}", export.command_of(exporter(name))) for name in formats(EXPORTERS)]
+            verbs += [(f"export {name}", export.ExportGroup.command_of(exporter(name))) for name in formats(EXPORTERS)]
         if group.name == "import":
-            verbs += [(f"import {name}", import_.command_of(importer(name))) for name in formats(IMPORTERS)]
+            verbs += [(f"import {name}", import_.ImportGroup.command_of(importer(name))) for name in formats(IMPORTERS)]
     rows = (f"| [`{name}`](#halpipe-{name.replace(' ', '-')}) | {_doc(function)[0]} |" for name, function in verbs)
     overview = "\n".join(("| verb | |", "|---|---|", *rows))
     common = (

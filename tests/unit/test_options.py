@@ -332,7 +332,7 @@ def test_an_importer_of_others_brings_its_own_options(monkeypatch, tmp_path):
     class Plugin:
         name, summary, options = "plugin", "a plug-in", PluginOptions
 
-    monkeypatch.setattr(formats, "_registered", lambda group, name: Plugin)
+    monkeypatch.setattr(formats, "registered", lambda group, name: Plugin)
     monkeypatch.setitem(KINDS, ("import", "plugin"), PluginOptions)
     plan = plan_with(tmp_path, "import", "plugin", {"dialect": "new"})
     assert plan.imports.options.dialect == "new"

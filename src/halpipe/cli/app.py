@@ -47,8 +47,9 @@ class FormatGroup(Group):
 
     registry = ""
 
+    @staticmethod
     @abstractmethod
-    def command_of(self, name: str) -> Callable[..., int]:
+    def command_of(format: Any) -> Callable[..., int]:
         """Return the function that typer makes the command of a format from."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -59,8 +60,10 @@ class FormatGroup(Group):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of a format; the error for an unknown one lists those that there are."""
+        from halpipe.flow.formats import registered
+
         single = typer.Typer(rich_markup_mode=None, add_completion=False)
-        single.command(cmd_name)(self.command_of(cmd_name))
+        single.command(cmd_name)(self.command_of(registered(self.registry, cmd_name)))
         return typer.main.get_command(single)
 
 

@@ -92,29 +92,23 @@ def _show_changes(exported: Exported) -> None:
 Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write, as a whole.")]
 
 
-def command_of(exporter: Exporter) -> Callable[..., int]:
-    """Return the function that typer makes the command of a format from."""
-
-    def export(model: str, schedule: str, output_file: str, options: Values) -> int:
-        return export_files(exporter, model, schedule, output_file, exporter.options(**options))
-
-    # Where a model alone is not enough, the exporter says why.
-    tables = parameter("schedule", ScheduleFile, "") if exporter.suffix else parameter("schedule", ScheduleFile)
-    before = [parameter("model", ModelFile), tables, parameter("output_file", Output if exporter.suffix else Folder)]
-    return command(export, before, exporter.options, help=exporter.help or f"Write: {exporter.summary}.")
-
-
 class ExportGroup(FormatGroup):
     """A command for each exporter."""
 
     registry = "halpipe.exporters"
 
-    def command_of(self, name: str) -> Callable[..., int]:
+    @staticmethod
+    def command_of(exporter: Exporter) -> Callable[..., int]:
         """Return the function that typer makes the command of a format from."""
-        from halpipe.cli.export import command_of
-        from halpipe.flow.formats import exporter
 
-        return command_of(exporter(name))
+        def export(model: str, schedule: str, output_file: str, options: Values) -> int:
+            return export_files(exporter, model, schedule, output_file, exporter.options(**options))
+
+        # Where a model alone is not enough, the exporter says why.
+        tables = parameter("schedule", ScheduleFile, "") if exporter.suffix else parameter("schedule", ScheduleFile)
+        target = parameter("output_file", Output if exporter.suffix else Folder)
+        before = [parameter("model", ModelFile), tables, target]
+        return command(export, before, exporter.options, help=exporter.help or f"Write: {exporter.summary}.")
 
 
 app = typer.Typer(

@@ -97,8 +97,6 @@ def _is_want_of_memory(failure: Exception) -> bool:
 
 
 def _tell_bug(failure: Exception) -> int:
-    from halpipe.cli.failures import save_report
-
     output.say(f"internal error: {type(failure).__name__}: {failure}")
     try:
         output.say(f"this is a bug; please report it with {save_report(failure)}")

@@ -33,11 +33,16 @@ class ImportGroup(FormatGroup):
 
     registry = "halpipe.importers"
 
-    def command_of(self, name: str) -> Callable[..., int]:
+    @staticmethod
+    def command_of(importer: Importer) -> Callable[..., int]:
         """Return the function that typer makes the command of a format from."""
-        from halpipe.flow.formats import importer
 
-        return command_of(importer(name))
+        def import_(paths: list[str], output_file: str, options: Values, coverage: bool, report: str) -> int:
+            return _read(importer, paths, options, output_file, report, every=coverage)
+
+        before = [parameter("paths", Paths), parameter("output_file", Output)]
+        after = [parameter("coverage", ListAll, False), parameter("report", Report, "")]
+        return command(import_, before, importer.options, after, help=f"Import {importer.summary}.")
 
 
 app = typer.Typer(
@@ -50,17 +55,6 @@ app = typer.Typer(
 
 @app.callback()
 def _import() -> None: ...
-
-
-def command_of(importer: Importer) -> Callable[..., int]:
-    """Return the function that typer makes the command of a format from."""
-
-    def import_(paths: list[str], output_file: str, options: Values, coverage: bool, report: str) -> int:
-        return _read(importer, paths, options, output_file, report, every=coverage)
-
-    before = [parameter("paths", Paths), parameter("output_file", Output)]
-    after = [parameter("coverage", ListAll, False), parameter("report", Report, "")]
-    return command(import_, before, importer.options, after, help=f"Import {importer.summary}.")
 
 
 def _read(importer: Importer, paths: list[str], options: Values, target: str, report: str, *, every: bool) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import asdict
 from enum import StrEnum
 from itertools import groupby
 from string import ascii_letters, digits
@@ -234,7 +235,7 @@ def _unlike(before: str, one: object, after: str, other: object) -> Any:
 
 def _report_models(changes: Sequence[Change]) -> int:
     if not output.is_text():
-        print_json({"kind": "task-model", "same": not changes, "changes": [_change(c) for c in changes]})
+        print_json({"kind": "task-model", "same": not changes, "changes": [asdict(c) for c in changes]})
     elif changes:
         _show_values(changes)
     else:
@@ -311,42 +312,22 @@ def _schedules_as_json(found: ScheduleDiff) -> dict[str, Any]:
     return {
         "kind": "schedule",
         "same": found.is_same,
-        "about": [_change(c) for c in found.about],
+        "about": [asdict(c) for c in found.about],
         "tasks": [
-            {
-                "table": s.table,
-                "task": s.task,
-                "jobs": s.jobs,
-                **dict(s.counts),
-                "shift": None if s.shift is None else str(s.shift),
-            }
-            for s in found.tasks
+            {"table": s.table, "task": s.task, "jobs": s.jobs, **dict(s.counts), "shift": s.shift} for s in found.tasks
         ],
-        "values": [_change(c) for c in found.values],
+        "values": [asdict(c) for c in found.values],
         "jobs": [
-            {
-                "table": c.table,
-                "task": c.job.task,
-                "index": c.job.index,
-                "changes": c.kinds,
-                "before": _job(c.before),
-                "after": _job(c.after),
-            }
+            {"table": c.table, "task": c.job.task, "index": c.job.index, "changes": c.kinds}
+            | {"before": _job(c.before), "after": _job(c.after)}
             for c in found.jobs
         ],
     }
 
 
-def _change(change: Change) -> dict[str, str]:
-    return {"element": change.element, "what": change.what, "before": change.before, "after": change.after}
-
-
 def _job(job: Job | None) -> dict[str, Any] | None:
     if job is None:
         return None
-    said = {"start": str(job.start), "end": str(job.end), "version": job.version, "units": list(job.units)}
-    parts = [
-        {"start": str(p.start), "end": str(p.end), "from": str(p.executed_from), "to": str(p.executed_to)}
-        for p in job.parts
-    ]
+    said = {"start": job.start, "end": job.end, "version": job.version, "units": list(job.units)}
+    parts = [{"start": p.start, "end": p.end, "from": p.executed_from, "to": p.executed_to} for p in job.parts]
     return said | ({"parts": parts} if parts else {})

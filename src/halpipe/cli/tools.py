@@ -92,37 +92,24 @@ def doctor(format: Answers = AnswerFormat.TEXT) -> int:
     """Say what is installed, what is missing, and how to get it."""
     from halpipe.flow.formats import DEPLOYMENTS, EXPORTERS, IMPORTERS, formats
 
+    python, system = platform.python_version(), f"{platform.system()} {platform.machine()}"
+    packages = {name: _version(name) or None for name in (*PACKAGES, *EXTRAS)}
+    programs = {name: shutil.which(name) is not None for name in PROGRAMS}
+    groups = {"importers": formats(IMPORTERS), "exporters": formats(EXPORTERS), "bundles": formats(DEPLOYMENTS)}
     if format is AnswerFormat.JSON:
-        packages = {name: _version(name) or None for name in (*PACKAGES, *EXTRAS)}
-        print_json(
-            {
-                "halpipe": __version__,
-                "python": platform.python_version(),
-                "system": f"{platform.system()} {platform.machine()}",
-                "packages": packages,
-                "programs": {name: shutil.which(name) is not None for name in PROGRAMS},
-                "importers": formats(IMPORTERS),
-                "exporters": formats(EXPORTERS),
-                "bundles": formats(DEPLOYMENTS),
-            }
-        )
-        return Exit.OK if all(packages[name] for name in PACKAGES) else Exit.FINDINGS
-    output.result(
-        f"halpipe {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    )
-    missing = False
-    for name in PACKAGES:
-        found = _version(name)
-        missing = missing or not found
-        output.result(f"  {name} {found or f'MISSING: pip install {name}'}")
-    for name, extra in EXTRAS.items():
-        output.result(f"  {name} {_version(name) or f'not installed (optional): pip install {extra}'}")
-    for name, install in PROGRAMS.items():
-        output.result(f"  {name}: {'found' if shutil.which(name) else f'not found (optional): {install}'}")
-    output.result(f"  importers: {', '.join(formats(IMPORTERS))}")
-    output.result(f"  exporters: {', '.join(formats(EXPORTERS))}")
-    output.result(f"  bundles: {', '.join(formats(DEPLOYMENTS))}")
-    return Exit.FINDINGS if missing else Exit.OK
+        found = {"halpipe": __version__, "python": python, "system": system, "packages": packages, "programs": programs}
+        print_json(found | groups)
+    else:
+        output.result(f"halpipe {__version__}, Python {python}, {system}")
+        for name, version in packages.items():
+            extra = EXTRAS.get(name)
+            lacks = f"not installed (optional): pip install {extra}" if extra else f"MISSING: pip install {name}"
+            output.result(f"  {name} {version or lacks}")
+        for name, is_there in programs.items():
+            output.result(f"  {name}: {'found' if is_there else f'not found (optional): {PROGRAMS[name]}'}")
+        for name, known in groups.items():
+            output.result(f"  {name}: {', '.join(known)}")
+    return Exit.OK if all(packages[name] for name in PACKAGES) else Exit.FINDINGS
 
 
 def _version(name: str) -> str:

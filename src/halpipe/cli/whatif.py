@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from fractions import Fraction
 
-    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.whatif.sensitivity import Searched, Sensitivity
     from halpipe.pipeline.whatif.size import Answer
@@ -130,22 +129,14 @@ def _sensitivity_json(row: Sensitivity) -> dict[str, Any]:
     result: dict[str, Any] = {
         "task": row.task,
         "version": row.version,
-        "wcet": str(row.wcet),
-        "growth": None if row.growth is None else str(row.growth),
+        "wcet": row.wcet,
+        "growth": row.growth,
         "limit": row.reason,
     }
     if row.searched is not None:
         found = row.searched
-        result["found"] = {
-            "wcet": _or_none(found.found),
-            "proven-at-most": _or_none(found.bound),
-            "failed": [str(wcet) for wcet in found.failed],
-        }
+        result["found"] = {"wcet": found.found, "proven-at-most": found.bound, "failed": found.failed}
     return result
-
-
-def _or_none(wcet: Duration | None) -> str | None:
-    return None if wcet is None else str(wcet)
 
 
 def _show_growth(rows: Sequence[Sensitivity], *, search: bool) -> None:

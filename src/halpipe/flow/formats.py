@@ -62,7 +62,8 @@ def _installed(group: str) -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=group)}
 
 
-def _registered(group: str, name: str) -> object:
+def registered(group: str, name: str) -> object:
+    """Return what is installed under a name in a group of entry points; raise `HalpipeError` if nothing is."""
     points = _installed(group)
     if name not in points:
         known = sorted(points)
@@ -77,17 +78,17 @@ def _registered(group: str, name: str) -> object:
 
 def importer(name: str) -> Importer:
     """Return the importer called `name`."""
-    return _registered(IMPORTERS, name)  # type: ignore[return-value]
+    return registered(IMPORTERS, name)  # type: ignore[return-value]
 
 
 def exporter(name: str) -> Exporter:
     """Return the exporter called `name`."""
-    return _registered(EXPORTERS, name)  # type: ignore[return-value]
+    return registered(EXPORTERS, name)  # type: ignore[return-value]
 
 
 def deployment(name: str) -> Deployment:
     """Return the check of the kind of bundles called `name`."""
-    return _registered(DEPLOYMENTS, name)  # type: ignore[return-value]
+    return registered(DEPLOYMENTS, name)  # type: ignore[return-value]
 
 
 def import_model(format: str, paths: Sequence[str], options: ImportOptions) -> Imported:

@@ -7,113 +7,54 @@ so that a failed or killed run leaves the old file whole. A command never writes
 
 from __future__ import annotations
 
-from halpipe.core.files.folders import (
-    FOREIGN_FOLDER,
-    MANIFEST,
-    MANIFEST_KEY,
-    make_folder,
-    write_directory,
-    write_new_folder,
-)
-from halpipe.core.files.protection import (
-    OUTPUT_IS_INPUT,
-    STDIO,
-    WRONG_ENDING,
-    is_input,
-    protecting_inputs,
-    refuse_inputs,
-    refuse_name,
-)
-from halpipe.core.files.reading import (
-    CANNOT_READ,
-    MAX_INPUT_BYTES,
-    TOO_LARGE,
-    TOO_MUCH,
-    SourceLines,
-    find_inputs,
-    input_size,
-    is_ended,
-    is_folder_without,
-    open_input,
-    read_bytes,
-    read_own,
-    read_plain,
-    refuse_more_than,
-    sha256,
-)
-from halpipe.core.files.recordings import folders_with, mapped, plain_files
-from halpipe.core.files.writing import (
-    CANNOT_WRITE,
-    FOREIGN_FILE,
-    refuse_foreign,
-    remove_output,
-    write_beside,
-    write_output,
-    write_outputs,
-)
-from halpipe.core.files.xml import BROKEN_XML, HAS_DOCTYPE, LargeXmlParser, parse_xml
-from halpipe.core.files.yaml import (
-    BROKEN_YAML,
-    Number,
-    YamlList,
-    YamlMap,
-    is_shaped,
-    json_decoder,
-    load_json,
-    parse_json,
-    parse_yaml,
-)
-
-__all__ = [
-    "BROKEN_XML",
-    "BROKEN_YAML",
-    "CANNOT_READ",
-    "CANNOT_WRITE",
-    "FOREIGN_FILE",
-    "FOREIGN_FOLDER",
-    "HAS_DOCTYPE",
-    "MANIFEST",
-    "MANIFEST_KEY",
-    "MAX_INPUT_BYTES",
-    "OUTPUT_IS_INPUT",
-    "STDIO",
-    "TOO_LARGE",
-    "TOO_MUCH",
-    "WRONG_ENDING",
-    "LargeXmlParser",
-    "Number",
-    "SourceLines",
-    "YamlList",
-    "YamlMap",
-    "find_inputs",
-    "folders_with",
-    "input_size",
-    "is_ended",
-    "is_folder_without",
-    "is_input",
-    "is_shaped",
-    "json_decoder",
-    "load_json",
-    "make_folder",
-    "mapped",
-    "open_input",
-    "parse_json",
-    "parse_xml",
-    "parse_yaml",
-    "plain_files",
-    "protecting_inputs",
-    "read_bytes",
-    "read_own",
-    "read_plain",
-    "refuse_foreign",
-    "refuse_inputs",
-    "refuse_more_than",
-    "refuse_name",
-    "remove_output",
-    "sha256",
-    "write_beside",
-    "write_directory",
-    "write_new_folder",
-    "write_output",
-    "write_outputs",
-]
+from halpipe.core.files.folders import FOREIGN_FOLDER as FOREIGN_FOLDER
+from halpipe.core.files.folders import MANIFEST as MANIFEST
+from halpipe.core.files.folders import MANIFEST_KEY as MANIFEST_KEY
+from halpipe.core.files.folders import make_folder as make_folder
+from halpipe.core.files.folders import write_directory as write_directory
+from halpipe.core.files.folders import write_new_folder as write_new_folder
+from halpipe.core.files.protection import OUTPUT_IS_INPUT as OUTPUT_IS_INPUT
+from halpipe.core.files.protection import STDIO as STDIO
+from halpipe.core.files.protection import WRONG_ENDING as WRONG_ENDING
+from halpipe.core.files.protection import is_input as is_input
+from halpipe.core.files.protection import protecting_inputs as protecting_inputs
+from halpipe.core.files.protection import refuse_inputs as refuse_inputs
+from halpipe.core.files.protection import refuse_name as refuse_name
+from halpipe.core.files.reading import CANNOT_READ as CANNOT_READ
+from halpipe.core.files.reading import MAX_INPUT_BYTES as MAX_INPUT_BYTES
+from halpipe.core.files.reading import TOO_LARGE as TOO_LARGE
+from halpipe.core.files.reading import TOO_MUCH as TOO_MUCH
+from halpipe.core.files.reading import SourceLines as SourceLines
+from halpipe.core.files.reading import find_inputs as find_inputs
+from halpipe.core.files.reading import input_size as input_size
+from halpipe.core.files.reading import is_ended as is_ended
+from halpipe.core.files.reading import is_folder_without as is_folder_without
+from halpipe.core.files.reading import open_input as open_input
+from halpipe.core.files.reading import read_bytes as read_bytes
+from halpipe.core.files.reading import read_own as read_own
+from halpipe.core.files.reading import read_plain as read_plain
+from halpipe.core.files.reading import refuse_more_than as refuse_more_than
+from halpipe.core.files.reading import sha256 as sha256
+from halpipe.core.files.recordings import folders_with as folders_with
+from halpipe.core.files.recordings import mapped as mapped
+from halpipe.core.files.recordings import plain_files as plain_files
+from halpipe.core.files.writing import CANNOT_WRITE as CANNOT_WRITE
+from halpipe.core.files.writing import FOREIGN_FILE as FOREIGN_FILE
+from halpipe.core.files.writing import refuse_foreign as refuse_foreign
+from halpipe.core.files.writing import remove_output as remove_output
+from halpipe.core.files.writing import write_beside as write_beside
+from halpipe.core.files.writing import write_output as write_output
+from halpipe.core.files.writing import write_outputs as write_outputs
+from halpipe.core.files.xml import BROKEN_XML as BROKEN_XML
+from halpipe.core.files.xml import HAS_DOCTYPE as HAS_DOCTYPE
+from halpipe.core.files.xml import LargeXmlParser as LargeXmlParser
+from halpipe.core.files.xml import parse_xml as parse_xml
+from halpipe.core.files.yaml import BROKEN_YAML as BROKEN_YAML
+from halpipe.core.files.yaml import Number as Number
+from halpipe.core.files.yaml import YamlList as YamlList
+from halpipe.core.files.yaml import YamlMap as YamlMap
+from halpipe.core.files.yaml import is_shaped as is_shaped
+from halpipe.core.files.yaml import json_decoder as json_decoder
+from halpipe.core.files.yaml import load_json as load_json
+from halpipe.core.files.yaml import parse_json as parse_json
+from halpipe.core.files.yaml import parse_yaml as parse_yaml
