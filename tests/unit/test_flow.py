@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.flow import fleet, formats
 from halpipe.flow.plan import read_plan
 from halpipe.models import Schedule
@@ -118,3 +118,38 @@ def test_a_fleet_keeps_the_numbers_of_a_finished_schedule(tmp_path):
     assert fleet.Ledger(tmp_path).kept(other) is None
     ledger.keep(other, fleet.Solved(fleet.Outcome.INCOMPLETE, b"partial", 1, 1))
     assert fleet.Ledger(tmp_path).kept(other) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "help"),
+    [
+        ("halpipe-overlay: 1\n", "this is an overlay; name it under import"),
+        ("halpipe-pipeline: 2\n", 'begin it with "halpipe-pipeline: 1"'),
+        ("- halpipe-overlay\n", 'begin it with "halpipe-pipeline: 1"'),
+    ],
+)
+def test_what_is_no_pipeline_is_told_from_an_overlay(tmp_path, text, help):
+    (tmp_path / "p.yaml").write_text(text)
+    with pytest.raises(HalpipeError) as refused:
+        read_plan(str(tmp_path / "p.yaml"))
+    assert [(found.help, found.at.line) for found in refused.value.diagnostics] == [(help, 1)]
+
+
+def test_a_project_takes_a_schedule_only():
+    options = formats.exporter("arxml").options(onto="p")
+    with pytest.raises(HalpipeError, match="a project gets a schedule, and none is given") as refused:
+        formats.export_with_remarks("arxml", model(task("a", 10, version("v", 3))), None, options)
+    assert refused.value.exit == Exit.USAGE
+
+
+def test_the_changes_of_a_project_are_listed_with_their_values(monkeypatch):
+    change = SimpleNamespace(file="f.arxml", path="/E/A", name="", old="", new="1")
+    onto = SimpleNamespace(
+        files={"x": b""},
+        findings=(),
+        summary=[change, SimpleNamespace(**vars(change) | {"old": "0", "name": "n", "new": ""})],
+    )
+    monkeypatch.setattr("halpipe.flow.onto.export_onto", lambda *_: onto)
+    system = model(task("a", 10, version("v", 3)))
+    found = formats._put_onto(system, schedule(system, 10), formats.exporter("arxml").options(onto="p"))
+    assert found.summary == ("f.arxml: /E/A: + 1", "f.arxml: /E/A n: 0 -> (nothing)")

@@ -129,7 +129,7 @@ def _listed(folder: str) -> set[str]:
         stated = load_json(read_own(manifest))
     except (HalpipeError, ValueError):
         return set()
-    if not isinstance(stated, dict) or not isinstance(stated.get(MANIFEST_KEY), int):
+    if not isinstance(stated, dict) or type(stated.get(MANIFEST_KEY)) is not int:
         return set()
     files = stated.get("files")
     return {MANIFEST, *files} if isinstance(files, dict) else set()
