@@ -85,13 +85,13 @@ def schedule_near(
         other = attempt(_without(earlier, free), min(BUDGET, FOR_EACH_FREE * max(1, len(free))))
         if other is not None and other.is_complete and (found is None or _is_nearer(earlier, other, found)):
             found = other
-            if is_least(found):
+            if is_least(found) or options.is_open:  # the exact engine takes less time than further sets
                 break
     if found is None:
         found = _freed(model, options, earlier, held | frozenset(changed), solve)
     if found.is_complete and not is_least(found):
         if options.is_open:
-            found, proven = _fewest(model, options, earlier, found, solve)
+            found, proven = _fewest(model, options, earlier, found, fewest, solve)
             fewest = {mode: max(count, proven.get(mode, 0)) for mode, count in fewest.items()}
         if not is_least(found):
             near = {task for sets in conflicts.values() for each in sets for task, _ in each}
@@ -187,6 +187,7 @@ def _fewest(
     options: SearchOptions,
     earlier: Schedule,
     found: Scheduled,
+    fewest: Mapping[str, int],
     solve: Callable[[SearchOptions], Scheduled],
 ) -> tuple[Scheduled, dict[str, int]]:
     """Ask the exact engine for fewer moves; return the better schedule, and what is proven to be the least of modes."""
@@ -201,7 +202,7 @@ def _fewest(
             expansion = expand(model, model.mode(mode.name))
             effort = Effort(work=MOVED_WORK, seed=options.seed % 2**31)
             before, held = _jobs_of(earlier, mode.name), _jobs_of(options.shipped, mode.name)
-            answer = fewest_moved(model, expansion, before, held, mode.jobs, effort)
+            answer = fewest_moved(model, expansion, before, held, mode.jobs, fewest.get(mode.name, 0), effort)
         least[mode.name] = answer.bound
         better.append(replace(mode, jobs=answer.jobs or mode.jobs))
     wanted = found.schedule.alone(tuple(better))

@@ -10,8 +10,11 @@ from halpipe.core.durations import milliseconds
 from halpipe.models import Split
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.shipped import excluded_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY
+from halpipe.pipeline.solve.exact import Effort
+from halpipe.pipeline.solve.exact_goals import fewest_moved, is_same
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.stable import COVERS, NEAR, _covers
 from halpipe.pipeline.verify import verify
@@ -230,3 +233,15 @@ def test_a_whole_job_of_a_preemptive_mode_stays_with_another_length():
     found = scheduled(with_longer(owner, "a", Fraction(2, 3)), near=first)
     assert moved(first, found.schedule) == 0
     assert not [d for d in found.diagnostics if d.code == CANNOT_STAY.id]
+
+
+def test_a_limit_on_the_moves_is_decided_where_an_objective_is_not():
+    """That one job moves is known, that two must took an objective more than the work here, and a limit less."""
+    owner = generate(SetParameters(tasks=100, utilisation=Fraction(7, 10)), 7118)
+    first = scheduled(owner).schedule
+    longer = with_longer(owner, "t085", Fraction(3, 2))
+    expansion = expand(longer, longer.modes[0])
+    earlier = {(each.task, each.index): each for each in first.modes[0].jobs}
+    near = scheduled(longer, near=first).schedule.modes[0].jobs
+    assert sum(not is_same(each, earlier) for each in near) == 2
+    assert fewest_moved(longer, expansion, earlier, {}, near, 1, Effort(work=0.05)).bound == 2
