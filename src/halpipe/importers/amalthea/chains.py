@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
@@ -12,7 +13,7 @@ from halpipe.importers.amalthea.graph import CALLS, everything
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.parts import Draft, Drafts
@@ -135,6 +136,19 @@ def _stimulus(draft: Draft) -> Item | None:
     return None if draft.activation is None else draft.activation.stimulus
 
 
+_MOST_COMBINATIONS = 20_000
+"""Choices of one activation of each task that constraints connect, besides one for each."""
+
+
+def combined(forest: Forest, item: Item, *choices: Sequence[Draft]) -> Iterator[tuple[Draft, ...]]:
+    """Yield every choice of one draft of each; refuse a model with too many."""
+    forest.combinations += max(1, prod(map(len, choices))) - 1
+    if forest.combinations > _MOST_COMBINATIONS:
+        message = f"connects activations of tasks in more than {_MOST_COMBINATIONS} combinations, with those before it"
+        forest.refuse(message, item, "state fewer activations, or the constraint in an overlay")
+    return itertools.product(*choices)
+
+
 _ITEM_TAGS = ("items", "segments", "strands")
 _MOST_LEVELS = 50
 _MOST_WAYS = 50
@@ -243,7 +257,7 @@ class _Reader:
         if len(path) == 1:
             return [(first,) for first in firsts]
         inner = [_one_in_each_mode(self._equal(item, draft)) for draft in path[1:-1]]
-        found = itertools.product(firsts, *inner, lasts)
+        found = combined(self.forest, item, firsts, *inner, lasts)
         return [way for way in found if frozenset.intersection(*(frozenset(draft.modes) for draft in way))] or [path]
 
     def _equal(self, item: Item, draft: Draft) -> list[Draft]:
@@ -449,7 +463,8 @@ class _Reader:
                 self.unread.append(item)
                 continue
             readers, writers = self.entities.callers(runnable), self.entities.writers(label)
-            pairs = [(writer, reader) for writer in writers for reader in readers if writer is not reader]
+            ways = combined(self.forest, item, writers, readers)
+            pairs = [(writer, reader) for writer, reader in ways if writer is not reader]
             if not pairs:
                 self.bad.append(item)
                 continue
@@ -465,11 +480,16 @@ def _is_stricter(chains: Sequence[Chained], entities: Entities) -> bool:
     Of the last task each job has an age, and of the first each has a response.
     """
     limited = [chain for chain in chains if _limited(chain)]
-    ages = [chain.drafts[0] for chain in limited if chain.age is not None]
-    others = [chain.drafts[-1] for chain in limited if chain.latency is not None or chain.reaction is not None]
-    pairs = [pair for found in (ages, others) for pair in itertools.combinations(found, 2)]
-    pairs += [(a, b) for chain in limited for a in chain.drafts[1:-1] for b in entities.of(a.task) if b.part is a.part]
-    return any(a is not b and a.modes & b.modes for a, b in pairs)
+    ages = {chain.drafts[0] for chain in limited if chain.age is not None}
+    others = {chain.drafts[-1] for chain in limited if chain.latency is not None or chain.reaction is not None}
+    inner = {draft for chain in limited for draft in chain.drafts[1:-1]}
+    pairs = ((a, b) for a in inner for b in entities.of(a.task) if a is not b and a.part is b.part)
+    return any(_share_a_mode(found) for found in (ages, others, *pairs))
+
+
+def _share_a_mode(drafts: Collection[Draft]) -> bool:
+    """Return whether two of some drafts are in one mode."""
+    return len({mode for draft in drafts for mode in draft.modes}) < sum(len(draft.modes) for draft in drafts)
 
 
 def _limited(chain: Chained) -> bool:

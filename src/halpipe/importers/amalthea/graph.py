@@ -10,7 +10,6 @@ from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, NoReturn
 
-from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.modes import Conditions
@@ -335,8 +334,7 @@ class Evaluator:
         names = " -> ".join(called.name for called in (*cycle, item))
         what = "calls itself" if item in self._calling else f"stands below more than {_MOST_LEVELS} calls and groups"
         help = "remove one of the calls"
-        found = codes.RECURSION(f"{what}: {names}", at=item.at, path=item.path, help=help)
-        raise HalpipeError(*self._forest.findings.items, found)
+        self._forest.refuse(f"{what}: {names}", item, help, codes.RECURSION)
 
     def _switch(self, switch: Item, mode: SystemMode, unit: Pu) -> Amount:
         switch.use()

@@ -7,10 +7,9 @@ its counters let pass.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import TYPE_CHECKING, NoReturn
 
-from halpipe.core.diagnostics import HalpipeError
-from halpipe.core.files import TOO_MUCH
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import GROUPS, everything, is_uninterrupted, steps
@@ -20,7 +19,7 @@ from halpipe.importers.amalthea.xmi import Names
 from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Evaluator
@@ -78,9 +77,12 @@ class Draft:
     trigger: Trigger | None = None
 
     @property
-    def lineage(self) -> list[Item]:
-        """The task with those that trigger it."""
-        return [self.task, *([] if self.trigger is None else self.trigger.source.lineage)]
+    def lineage(self) -> Iterator[Item]:
+        """The task with those that trigger it, the nearest first."""
+        draft: Draft | None = self
+        while draft is not None:
+            yield draft.task
+            draft = None if draft.trigger is None else draft.trigger.source
 
     @property
     def release(self) -> Activation | None:
@@ -275,11 +277,13 @@ class _Drafting:
                     waiting.setdefault(source.part, []).append((task, stimulus, source))
         rest = [draft for task in self.tasks for draft in self.by_task.get(task, ()) if draft.activation is not None]
         for draft in rest:
-            for task, stimulus, source in waiting.get(draft.part, ()):
-                if task in draft.lineage:
+            triggered = waiting.get(draft.part, ())
+            lineage = list(islice(draft.lineage, MOST)) if triggered else []
+            for task, stimulus, source in triggered:
+                if task in lineage:
                     self.lost.append(source.cause)
                     continue
-                if len(self.by_task.get(task, ())) >= MOST:
+                if max(len(self.by_task.get(task, ())), len(lineage)) >= MOST:
                     self._stop(task)
                 stimulus.use()
                 trigger = Trigger(
@@ -296,11 +300,8 @@ class _Drafting:
         self.forest.report_each(codes.NOT_READ, what, list(self.occurrences.counted), help)
 
     def _stop(self, task: Item) -> NoReturn:
-        message = f"makes, or is activated by, more than {MOST} triggers"
-        raise HalpipeError(
-            *self.forest.findings.items,
-            TOO_MUCH(message, at=task.at, path=task.path, help="state its period in an overlay"),
-        )
+        message = f"makes, is activated by, or stands behind more than {MOST} triggers"
+        self.forest.refuse(message, task, "state its period in an overlay")
 
     def _passing(self, draft: Draft, source: _Source) -> Count:
         """Return what the counters of a trigger let pass; every occurrence where the model cannot say which, but warn.

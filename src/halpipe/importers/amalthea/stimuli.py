@@ -109,6 +109,9 @@ def _burst(forest: Forest, stimulus: Item) -> list[Activation]:
         return []
     length = _time(forest, stimulus, "burstLength") or ZERO
     distance = _time(forest, stimulus, "occurrenceMinDistance") or (length / count)
+    if length > distance * (count - 1):
+        message = f"states a burst of {length}, in which occurrences may come later than at their least distance"
+        forest.report(codes.JITTER, message, stimulus, "state its activations in an overlay, or as sporadic ones")
     return _spread(period, [first + distance * index for index in range(count)], stimulus)
 
 
@@ -148,10 +151,10 @@ def _shortest(forest: Forest, deviation: Item | None) -> Duration | None:
 
 def _curve(forest: Forest, stimulus: Item) -> Duration | None:
     """Return the least distance of two occurrences."""
-    for entry in stimulus.all("entries", "arrivalCurveEntries"):
-        if forest.number(entry, "numberOfOccurrences") == 2:
-            return _time(forest, entry, "lowerTimeBorder")
-    return None
+    entries = stimulus.all("entries", "arrivalCurveEntries")
+    pairs = (entry for entry in entries if forest.number(entry, "numberOfOccurrences") == 2)
+    found = (_time(forest, entry, "lowerTimeBorder") for entry in pairs)
+    return min((time for time in found if time is not None), default=None)
 
 
 TRIGGERS = {"InterProcessTrigger": "stimulus", "InterProcessActivation": "stimulus", "CustomEventTrigger": "event"}

@@ -247,11 +247,13 @@ class TaskBuilder:
         The activation of a triggered task is that of its trigger. That of a polled task is no instant of the model: the
         start, which is later, serves for the order.
         """
-        source, kind = trigger.source, trigger.cause.get("eventType")
+        kind = trigger.cause.get("eventType")
+        while trigger.step is None and kind == "activate" and trigger.source.trigger is not None:
+            trigger = trigger.source.trigger
+            kind = trigger.cause.get("eventType")
+        source = trigger.source
         if trigger.step is not None:
             return source, *self._maker.instants(trigger)
-        if kind == "activate" and source.trigger is not None:
-            return self._instants(source.trigger)
         anchor = {"activate": Anchor.RELEASE, "terminate": Anchor.END}.get(kind, Anchor.START)
         if anchor is Anchor.RELEASE and source.release is None:
             anchor = Anchor.START

@@ -21,7 +21,7 @@ from halpipe.core.durations import ZERO, Duration, least_common_multiple
 from halpipe.core.quantities import quoted
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.chains import Chained, Entities, Place, read_chains
+from halpipe.importers.amalthea.chains import Chained, Entities, Place, combined, read_chains
 from halpipe.importers.amalthea.xmi import legal
 from halpipe.models import Anchor, Match, Origin, Precedence
 
@@ -276,7 +276,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
     for item in forest.kinds("DelayConstraint"):
         source, target = (entities.place(forest.ref(item, end)) for end in ("source", "target"))
         low, high = limit_of(forest, item, "lower"), limit_of(forest, item, "upper")
-        pairs = _pairs(source, target)
+        pairs = _pairs(forest, item, source, target)
         if source is None or target is None or not pairs or target.anchor is Anchor.RELEASE:
             bad.append(item)
             continue
@@ -336,10 +336,10 @@ def reactions_of(timing: Timing) -> list[Reaction]:
     return found
 
 
-def _pairs(source: Place | None, target: Place | None) -> list[tuple[Draft, Draft]]:
+def _pairs(forest: Forest, item: Item, source: Place | None, target: Place | None) -> list[tuple[Draft, ...]]:
     if source is None or target is None:
         return []
-    return [(a, b) for a in source.drafts for b in target.drafts if a is not b]
+    return [pair for pair in combined(forest, item, source.drafts, target.drafts) if pair[0] is not pair[1]]
 
 
 def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
@@ -351,7 +351,12 @@ def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
         if len(callers) < 2 or not all(callers):
             bad.append(item)
             continue
-        windows = [w for earlier, later in itertools.pairwise(callers) for w in _ordered(earlier, later, item)]
+        windows = [
+            Window(first, second, item)
+            for earlier, later in itertools.pairwise(callers)
+            for first, second in combined(forest, item, [*dict.fromkeys(earlier)], [*dict.fromkeys(later)])
+            if first.task is not second.task
+        ]
         item.use_all()
         for earlier, later in itertools.pairwise(groups):
             _report_order(forest, entities, earlier, later, item)
@@ -372,7 +377,3 @@ def _report_order(
                 help = "exchange the calls, or remove the constraint"
                 forest.report(codes.CALL_ORDER, text, item, help)
                 return
-
-
-def _ordered(earlier: Sequence[Draft], later: Sequence[Draft], item: Item) -> list[Window]:
-    return [Window(a, b, item) for a in dict.fromkeys(earlier) for b in dict.fromkeys(later) if a.task is not b.task]

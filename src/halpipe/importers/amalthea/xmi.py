@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 from urllib.parse import unquote_plus
 
-from halpipe.core.diagnostics import Location, Path, Severity, Subject, named
+from halpipe.core.diagnostics import HalpipeError, Location, Path, Severity, Subject, named
 from halpipe.core.durations import Duration
+from halpipe.core.files import TOO_MUCH
 from halpipe.core.quantities import quoted
 from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.amalthea import codes
@@ -245,6 +246,8 @@ class Forest:
         self._by_name: dict[tuple[str, str], Item] = {}
         self._names: dict[str, list[str]] = {}
         self._dangling: set[tuple[str, str]] = set()
+        self.combinations = 0
+        """Of activations, by the constraints that connect tasks with several."""
         self.reported: set[Item] = set()
         """The items that a warning of their own names."""
         for document in documents:
@@ -397,6 +400,10 @@ class Forest:
 
     def _bad(self, item: Item, message: str, help: str) -> None:
         self.findings.add(codes.BAD_VALUE(message, at=item.at, path=item.path, help=help))
+
+    def refuse(self, message: str, item: Item, help: str, code: Code = TOO_MUCH) -> NoReturn:
+        """Stop at what would take too long, with all that was found so far."""
+        raise HalpipeError(*self.findings.items, code(message, at=item.at, path=item.path, help=help))
 
     def report(self, code: Code, message: str, item: Item, help: str) -> None:
         """Collect a finding about one item."""

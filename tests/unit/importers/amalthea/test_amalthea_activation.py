@@ -61,6 +61,7 @@ def activations(imported):
             "ArrivalCurveStimulus",
             [
                 *('<entries numberOfOccurrences="3">', time("lowerTimeBorder", 40), "</entries>"),
+                *('<entries numberOfOccurrences="2">', time("lowerTimeBorder", 6), "</entries>"),
                 *('<entries numberOfOccurrences="2">', time("lowerTimeBorder", 5), "</entries>"),
             ],
             {},
@@ -89,6 +90,28 @@ def test_jitter_is_told(tmp_path):
     stimuli = stimulus("p10", "PeriodicStimulus", time("recurrence", 10), jitter)
     imported = read(tmp_path, sw=task("T", ticks(5)), stimuli=stimuli)
     assert [d.path for d in found(imported.diagnostics, codes.JITTER)] == ['PeriodicStimulus "p10"']
+
+
+@pytest.mark.parametrize(("length", "is_open"), [(4, False), (5, True)])
+def test_a_burst_with_room_between_its_occurrences_warns(tmp_path, length, is_open):
+    parts = (time("recurrence", 20), time("burstLength", length), time("occurrenceMinDistance", 2))
+    stimuli = stimulus("s", "PeriodicBurstStimulus", *parts, occurrenceCount=3)
+    imported = read(tmp_path, sw=task("T", ticks(5), stimuli="s?type=PeriodicBurstStimulus"), stimuli=stimuli)
+    assert bool(found(imported.diagnostics, codes.JITTER)) == is_open
+
+
+def test_a_row_of_triggers_is_followed_up_to_a_limit(tmp_path):
+    def row(count):
+        rest = (
+            task(f"T{i}", TRIGGER.replace("go", f"g{i + 1}"), stimuli=f"g{i}?type=InterProcessStimulus")
+            for i in range(1, count)
+        )
+        stimuli = "".join(stimulus(f"g{i}", "InterProcessStimulus") for i in range(count + 1))
+        return {"sw": task("T0", TRIGGER.replace("go", "g1")) + "".join(rest), "stimuli": PLAIN_STIMULI + stimuli}
+
+    assert len(read(tmp_path, **row(1000)).model.tasks) == 1000
+    [error] = refusal(read, tmp_path, **row(1001)).diagnostics
+    assert (error.code, error.path) == ("HAL0008", 'Task "T1000"')
 
 
 @pytest.mark.parametrize("kind", ["SingleStimulus", "VariableRateStimulus", "CustomStimulus", "ArrivalCurveStimulus"])
@@ -258,12 +281,12 @@ def test_too_many_triggers_are_an_error(tmp_path):
     sw = task("T0", TRIGGER.replace("go", "g0") * 4) + chain
     stimuli = PLAIN_STIMULI + "".join(stimulus(f"g{i}", "InterProcessStimulus") for i in range(8))
     [error] = refusal(read, tmp_path, sw=sw, stimuli=stimuli).diagnostics
-    assert "is activated by, more than 1000 triggers" in error.message
+    assert "is activated by, or stands behind more than 1000 triggers" in error.message
     often = '><statistic><statistic xsi:type="am:SingleValueStatistic" value="1001.0"/></statistic></items>'
     sw = task("T", call("R").replace("/>", often)) + runnable("R", TRIGGER)
     sw += task("U", ticks(5), stimuli="go?type=InterProcessStimulus")
     [error] = refusal(read, tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO).diagnostics
-    assert "makes, or is activated by, more than 1000" in error.message
+    assert "makes, is activated by, or stands behind more than 1000" in error.message
 
 
 def test_many_calls_hide_no_trigger(tmp_path):

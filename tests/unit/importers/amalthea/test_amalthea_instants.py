@@ -555,3 +555,23 @@ def test_jobs_of_a_task_with_several_activations_never_overlap(tmp_path):
     bound += '<taskAllocation task="T?type=Task" scheduler="S0?type=TaskScheduler"/>'
     os = '<operatingSystems name="O"><taskSchedulers name="S0"/></operatingSystems>'
     assert read(tmp_path, sw=sw, stimuli=both, mapping=bound, os=os).model.resources == ()
+
+
+def often(tmp_path, count):
+    """A limit between two tasks, each with as many activations at unlike distances."""
+    times = "".join(f'<occurrenceTimes value="{3 * k + k % 2}" unit="ms"/>' for k in range(count))
+    recurrence = '<recurrence value="1" unit="s"/>'
+    stimuli = "".join(stimulus(name, "PeriodicSyntheticStimulus", recurrence, times) for name in "st")
+    sw = "".join(
+        task(name, ticks(5), stimuli=f"{source}?type=PeriodicSyntheticStimulus")
+        for name, source in zip("TU", "st", strict=True)
+    )
+    return chained(tmp_path, "Tstart", "Uterminate", "Reaction", stimuli, sw=sw)
+
+
+def test_activations_of_both_ends_of_a_chain_multiply_up_to_a_limit(tmp_path):
+    imported = often(tmp_path, 30)
+    assert len(imported.model.chains) == 900
+    assert found(imported.diagnostics, codes.STRICTER)
+    [error] = refusal(often, tmp_path, 142).diagnostics
+    assert (error.code, error.path) == ("HAL0008", 'EventChain "c"')
