@@ -13,7 +13,7 @@ from regulator_proof import ProofError, prove
 
 PARTS = {
     part: "" if part == "frame" else f"_{part}"
-    for part in ("gate", "player", "unit", "frame", "axil", "ports", "store", "axi4")
+    for part in ("gate", "player", "unit", "frame", "axil", "ports", "store", "refusal", "axi4")
 }
 """Parts, as the proof calls them, and their files."""
 
@@ -59,7 +59,7 @@ MUTANTS = {
     # ------------------------------------------------------------------------------------------------ unit
     "a register is not what it should": ("unit", "32'h48425754", "32'h48425755"),
     "data goes ahead": ("unit", "(owed != 8'd0)", "1'b1"),
-    "too many writes are owed": ("unit", ".room((owed != 8'hff) & ~aw_long)", ".room(~aw_long)"),
+    "too many writes are owed": ("unit", ".room((owed != 8'hff) & ~aw_never)", ".room(~aw_never)"),
     "one beat of data settles a write": ("unit", "m_wvalid & m_wready & s_wlast", "m_wvalid & m_wready"),
     "writes are owed for ever": ("unit", " - {7'd0, last_passes}", ""),
     "data is taken before it passes": ("unit", "s_wready = m_wready & data_passes", "s_wready = m_wready"),
@@ -83,11 +83,11 @@ MUTANTS = {
     "beats of reads have a byte": ("unit", "({8'd0, arlen} + 16'd1) << SIZE", "({8'd0, arlen} + 16'd1) << 0"),
     "bursts of writes are a beat shorter": ("unit", "({8'd0, awlen} + 16'd1)", "({8'd0, awlen})"),
     "status bits are swapped": ("unit", "pending, running, table_now", "running, pending, table_now"),
-    "reads of any length pass": ("unit", ".room(~ar_long)", ".room(1'b1)"),
-    "writes of any length pass": ("unit", " & ~aw_long)", ")"),
+    "reads of any length pass": ("unit", ".room(~ar_never)", ".room(1'b1)"),
+    "writes of any length pass": ("unit", " & ~aw_never)", ")"),
     "what is held back is not counted": ("unit", "s_arvalid & ~m_arvalid", "s_arvalid & m_arvalid"),
     "bytes are counted before they pass": ("unit", "if (m_awvalid & m_awready) wr", "if (m_awvalid) wr"),
-    "long bursts are not shown": ("unit", "| (s_arvalid & ar_long)", ""),
+    "long bursts are not shown": ("unit", "| ar_long", ""),
     "long bursts are shown for ever": ("unit", "(long_wr & ~clears)", "long_wr"),
     # ------------------------------------------------------------------------------------------------ frame
     "go is ignored": ("frame", "go <= 1'b0;", "go <= 1'b1;"),
@@ -121,6 +121,16 @@ MUTANTS = {
     "one port goes first for ever": ("ports", "turn <= ~turn", "turn <= 1'b1"),
     "a full buffer shows an address": ("store", "(huge | (whole > 0))", "(huge | full | (whole > 0))"),
     "a beat is pushed into a full buffer": ("store", "s_wvalid & ~full", "s_wvalid"),
+    "a refusal overtakes an answer": ("refusal", "ar_long & (reads == 10'd0)", "ar_long"),
+    "a refusal of a write overtakes an answer": ("refusal", "aw_long & (writes == 10'd0)", "aw_long"),
+    "a refused read has a beat more": ("refusal", "fails & (beats != 8'd0)", "fails"),
+    "the data of a refused write passes": ("refusal", "m_wvalid = s_wvalid & ~drops", "m_wvalid = s_wvalid"),
+    "a write is refused before its data": ("refusal", "drops & s_wvalid & s_wlast", "drops & s_wvalid"),
+    "a refusal has the ID of another": ("refusal", "rid <= s_arid;", ""),
+    "bursts pass a refusal": ("refusal", "~fails & ~&reads", "~&reads"),
+    "an answer is taken with a refusal": ("refusal", "s_bready & ~denies", "s_bready"),
+    "a burst that is shown is refused": ("unit", "s_arvalid & ar_never & ~m_arvalid", "s_arvalid & ar_never"),
+    "a write longer than its buffer passes": ("unit", "(longest < HELD) ? longest : HELD", "longest"),
     "reads pass without their unit": ("axi4", "m_arvalid(m_arvalid)", "m_arvalid()"),
 }  # fmt: skip
 
@@ -134,6 +144,16 @@ UNSEEN = {
     "one port goes first for ever",
     "a full buffer shows an address",
     "a beat is pushed into a full buffer",
+    "a refusal overtakes an answer",
+    "a refusal of a write overtakes an answer",
+    "a refused read has a beat more",
+    "the data of a refused write passes",
+    "a write is refused before its data",
+    "a refusal has the ID of another",
+    "bursts pass a refusal",
+    "an answer is taken with a refusal",
+    "a burst that is shown is refused",
+    "a write longer than its buffer passes",
     "reads pass without their unit",
     "what was shown may cost more than there is",
     "tables are not stopped",

@@ -91,6 +91,8 @@ def _units(units: int) -> dict[str, tuple[str, ...]]:
         "u_running": "running",
         "u_upper": "plays_upper",
         "u_longest": "longest",
+        "u_ar_long": "ar_long",
+        "u_aw_long": "aw_long",
         "u_write": "reg_write",
         "u_addr": "reg_addr",
         "u_wdata": "reg_wdata",
@@ -103,6 +105,7 @@ def _units(units: int) -> dict[str, tuple[str, ...]]:
 
 
 _AXIL = "halpipe_regulator_axil.v"
+_ANSWERS = ("writes", "reads", "drops", "denies", "fails")
 _TURNS = ("valid", "left", "id", "first", "end")
 _DMA = ("halpipe_dma_channel.v", "halpipe_dma.v")
 _ALL = ("halpipe_regulator_gate.v", "halpipe_regulator_player.v", "halpipe_regulator_unit.v", "halpipe_regulator.v")
@@ -205,9 +208,16 @@ PARTS = (
         memories=("beats",),
     ),
     Part(
+        "refusal",
+        ("halpipe_regulator_refusal.v",),
+        {name: (f"dut.{name}",) for name in ("writes", "reads", "drops", "denies", "fails", "beats", "wid", "rid")},
+        2,
+    ),
+    Part(
         "axi4",
-        (*_ALL, _AXIL, *(f"halpipe_regulator_{name}.v" for name in ("ports", "slice", "store", "axi4"))),
-        {name: tuple(f"dut.manager[{n}].buffered.store.{name}" for n in (1, 0)) for name in ("head", "tail", "whole")},
+        (*_ALL, _AXIL, *(f"halpipe_regulator_{name}.v" for name in ("ports", "slice", "store", "refusal", "axi4"))),
+        {name: tuple(f"dut.manager[{n}].buffered.store.{name}" for n in (1, 0)) for name in ("head", "tail", "whole")}
+        | {name: tuple(f"dut.manager[{n}].refusal.{name}" for n in (1, 0)) for name in _ANSWERS},
         2,
     ),
 )

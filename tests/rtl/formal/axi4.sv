@@ -21,6 +21,7 @@ module formal_axi4 (
   wire tick, link_valid_o, link_barred_o;
   halpipe_regulator_axi4 #(.UNITS(2), .DEPTH(2), .TABLES(2), .BANKS(2), .PORTS(2), .SIZE(0), .ADDR(2), .ID(1), .BUFFER(2), .STAGE(@stage@)) dut (.*);
   (* keep *) wire [3:0] head, tail; (* keep *) wire [21:0] whole;   // of the two buffers
+  (* keep *) wire [19:0] writes, reads; (* keep *) wire [1:0] drops, denies, fails;          // of the two refusals
   reg first = 1, begun = 0;
   always @(posedge clk) begin first <= 0; begun <= first; end  // begun: the first cycle after reset
   always @* assume (rst_n == !first);
@@ -35,6 +36,9 @@ module formal_axi4 (
   wire [1:0] quiet_holds;
   wire [1:0] b_passes_holds;
   wire [1:0] r_passes_holds;
+  wire [1:0] b_stays_holds;
+  wire [1:0] r_stays_holds;
+  wire [1:0] ordered_holds;
   genvar i;
   generate for (i = 0; i < 2; i = i + 1) begin : unit
     wire [33:0] s_aw = {s_awid[i], s_awaddr[2*i +: 2], s_awlen[8*i +: 8], s_awsize[3*i +: 3], s_awburst[2*i +: 2], s_awlock[i], s_awcache[4*i +: 4], s_awprot[3*i +: 3], s_awqos[4*i +: 4]};
@@ -43,6 +47,8 @@ module formal_axi4 (
     wire [33:0] m_ar = {m_arid[i], m_araddr[2*i +: 2], m_arlen[8*i +: 8], m_arsize[3*i +: 3], m_arburst[2*i +: 2], m_arlock[i], m_arcache[4*i +: 4], m_arprot[3*i +: 3], m_arqos[4*i +: 4]};
     wire [9:0] s_w = {s_wdata[8*i +: 8], s_wstrb[i], s_wlast[i]}, m_w = {m_wdata[8*i +: 8], m_wstrb[i], m_wlast[i]};
     wire [2:0] m_b = {m_bid[i], m_bresp[2*i +: 2]}; wire [11:0] m_r = {m_rid[i], m_rdata[8*i +: 8], m_rresp[2*i +: 2], m_rlast[i]};
+    wire [2:0] s_b = {s_bid[i], s_bresp[2*i +: 2]}; wire [11:0] s_r = {s_rid[i], s_rdata[8*i +: 8], s_rresp[2*i +: 2], s_rlast[i]};
+    reg [2:0] s_b_ = 0; reg [11:0] s_r_ = 0; reg b_kept = 0, r_kept = 0;
     reg [33:0] s_aw_ = 0, m_aw_ = 0, s_ar_ = 0, m_ar_ = 0; reg [9:0] s_w_ = 0, m_w_ = 0; reg [2:0] m_b_ = 0; reg [11:0] m_r_ = 0;
     reg aw_in = 0, w_in = 0, ar_in = 0, b_in = 0, r_in = 0, aw_out = 0, w_out = 0, ar_out = 0, lb = 0, lr = 0; reg [1:0] lb_ = 0; reg [31:0] lr_ = 0;
     always @(posedge clk) begin
@@ -51,8 +57,10 @@ module formal_axi4 (
       b_in <= rst_n & m_bvalid[i] & !m_bready[i]; r_in <= rst_n & m_rvalid[i] & !m_rready[i];
       aw_out <= rst_n & m_awvalid[i] & !m_awready[i]; w_out <= rst_n & m_wvalid[i] & !m_wready[i]; ar_out <= rst_n & m_arvalid[i] & !m_arready[i];
       lb <= rst_n & l_bvalid[i] & !l_bready[i]; lr <= rst_n & l_rvalid[i] & !l_rready[i];
+      s_b_ <= s_b; s_r_ <= s_r; b_kept <= rst_n & s_bvalid[i] & !s_bready[i]; r_kept <= rst_n & s_rvalid[i] & !s_rready[i];
       lb_ <= l_bresp[2*i +: 2]; lr_ <= l_rdata[32*i +: 32];
     end
+    always @* assume ((!m_bvalid[i] | writes[10*i +: 10] != 0) & (!m_rvalid[i] | reads[10*i +: 10] != 0));   // see refusal.sv
     always @* assume ($signed(whole[11*i +: 11]) < 11'sd1000);       // see store.sv
     // managers and memory keep to AXI: what they show, they go on showing
     always @* if (!first) begin
@@ -69,8 +77,11 @@ module formal_axi4 (
     assign lb_stays_holds[i] = !lb | (l_bvalid[i] & l_bresp[2*i +: 2] == lb_);
     assign lr_stays_holds[i] = !lr | (l_rvalid[i] & l_rdata[32*i +: 32] == lr_);
     assign quiet_holds[i] = !begun | (m_awvalid == 0 & m_wvalid == 0 & m_arvalid == 0 & l_bvalid == 0 & l_rvalid == 0);
-    assign b_passes_holds[i] = s_bvalid[i] == m_bvalid[i] & m_bready[i] == s_bready[i] & {s_bid[i], s_bresp[2*i +: 2]} == m_b;
-    assign r_passes_holds[i] = s_rvalid[i] == m_rvalid[i] & m_rready[i] == s_rready[i] & {s_rid[i], s_rdata[8*i +: 8], s_rresp[2*i +: 2], s_rlast[i]} == m_r;
+    assign ordered_holds[i] = (!(drops[i] | denies[i]) | writes[10*i +: 10] == 0) & (!fails[i] | reads[10*i +: 10] == 0);
+    assign b_stays_holds[i] = !b_kept | (s_bvalid[i] & s_b == s_b_);
+    assign r_stays_holds[i] = !r_kept | (s_rvalid[i] & s_r == s_r_);
+    assign b_passes_holds[i] = denies[i] | (s_bvalid[i] == m_bvalid[i] & m_bready[i] == s_bready[i] & s_b == m_b);
+    assign r_passes_holds[i] = fails[i] | (s_rvalid[i] == m_rvalid[i] & m_rready[i] == s_rready[i] & s_r == m_r);
   end endgenerate
   always @* if (!first) begin
     filled: assert (&filled_holds);
@@ -82,6 +93,9 @@ module formal_axi4 (
     quiet: assert (&quiet_holds);
     b_passes: assert (&b_passes_holds);
     r_passes: assert (&r_passes_holds);
+    b_stays: assert (&b_stays_holds);
+    r_stays: assert (&r_stays_holds);
+    ordered: assert (&ordered_holds);
   end
 endmodule
 `default_nettype wire

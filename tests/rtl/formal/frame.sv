@@ -8,18 +8,18 @@ module formal_frame (
   input wire [8*@units@-1:0] awlen
 );
   wire [31:0] reg_rdata; wire tick, reg_refused, link_valid_o, link_barred_o; wire [7:0] link_table_o;
-  wire [@units@-1:0] s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid;
-  halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .BANKS(2), .PORTS(2), .SIZE(5), .CYCLES(32'd9)) dut (
+  wire [@units@-1:0] ar_long, aw_long, s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid;
+  halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .BANKS(2), .PORTS(2), .SIZE(5), .BUFFER(64), .CYCLES(32'd9)) dut (
     .clk(clk), .rst_n(rst_n), .now(now), .reg_port(reg_port), .reg_refused(reg_refused), .link_valid_i(link_valid_i), .link_valid_o(link_valid_o),
     .link_table_i(link_table_i), .link_table_o(link_table_o), .link_barred_i(link_barred_i), .link_barred_o(link_barred_o), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(tick), .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready), .s_wvalid(s_wvalid),
     .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast), .arlen(arlen),
-    .awlen(awlen));
+    .ar_long(ar_long), .awlen(awlen), .aw_long(aw_long));
   // ports of the units, as they are connected: unit 0 lowest
   (* keep *) wire [@units@-1:0] u_tick, u_go, u_req_valid, u_write, u_arvalid, u_arready, u_awvalid, u_awready, u_wvalid, u_wready, u_wlast;
   (* keep *) wire [@units@-1:0] u_holds, u_foreign, u_refused, u_running, u_upper; (* keep *) wire locked, holder;
-  (* keep *) wire [@units@-1:0] u_m_arvalid, u_m_arready, u_m_awvalid, u_m_awready, u_m_wvalid, u_m_wready;
+  (* keep *) wire [@units@-1:0] u_ar_long, u_aw_long, u_m_arvalid, u_m_arready, u_m_awvalid, u_m_awready, u_m_wvalid, u_m_wready;
   (* keep *) wire [8*@units@-1:0] u_req_table, u_arlen, u_awlen;
   (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number, rest, extra, of; (* keep *) wire go, armed; (* keep *) wire [63:0] start; (* keep *) wire [16*@units@-1:0] u_longest;
   reg first = 1;
@@ -87,7 +87,7 @@ module formal_frame (
     answers:  assert (reads_wrong == 0);
     if (here) case (reg_addr[19:0])
       20'h000: id:     assert (reg_rdata == 32'h48425746);
-      20'h004: params: assert (reg_rdata == {8'd3, 4'd2, 4'd2, 8'd5, 8'd@units@});
+      20'h004: params: assert (reg_rdata == {8'd4, 4'd2, 4'd2, 8'd5, 8'd@units@});
       20'h034: lock:   assert (reg_rdata == {23'd0, m_holder, 6'd0, mine, m_locked});
       20'h008: ctrl:   assert (reg_rdata == {30'd0, m_armed, m_go});
       20'h010: window: assert (reg_rdata == m_window);
@@ -97,26 +97,27 @@ module formal_frame (
       20'h02c: low:    assert (reg_rdata == m_start[31:0]);
       20'h030: high:   assert (reg_rdata == m_start[63:32]);
       20'h028: most:   assert (reg_rdata == {16'd0, m_longest});
+      20'h038: holds:  assert (reg_rdata == 32'd64);
       default: ;
     endcase
     ports_in:  assert ({u_arvalid, u_awvalid, u_wvalid, u_wlast, u_m_arready, u_m_awready, u_m_wready}
                        == {s_arvalid, s_awvalid, s_wvalid, s_wlast, m_arready, m_awready, m_wready});
-    ports_out: assert ({u_arready, u_awready, u_wready, u_m_arvalid, u_m_awvalid, u_m_wvalid}
-                       == {s_arready, s_awready, s_wready, m_arvalid, m_awvalid, m_wvalid});
+    ports_out: assert ({u_ar_long, u_aw_long, u_arready, u_awready, u_wready, u_m_arvalid, u_m_awvalid, u_m_wvalid}
+                       == {ar_long, aw_long, s_arready, s_awready, s_wready, m_arvalid, m_awvalid, m_wvalid});
     lengths:   assert ({u_arlen, u_awlen} == {arlen, awlen});
   end
 endmodule
 // In place of a unit, which is proven on its own: whatever it answers.
-module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter integer BANKS = 1, parameter integer SIZE = 3, parameter TABFILE = "", parameter HDRFILE = "")(
+module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter integer BANKS = 1, parameter integer SIZE = 3, parameter integer BUFFER = 0, parameter TABFILE = "", parameter HDRFILE = "")(
   (* keep *) input wire clk, (* keep *) input wire rst_n, (* keep *) input wire tick, (* keep *) input wire all_go, (* keep *) input wire all_req_valid, (* keep *) input wire [7:0] all_req_table, (* keep *) input wire [15:0] longest, (* keep *) input wire holds, (* keep *) input wire foreign,
   (* keep *) output wire refused, (* keep *) output wire running, (* keep *) output wire plays_upper,
   (* keep *) input wire reg_write, (* keep *) input wire [19:0] reg_addr, (* keep *) input wire [31:0] reg_wdata, (* keep *) output wire [31:0] reg_rdata,
   (* keep *) input wire s_arvalid, (* keep *) output wire s_arready, (* keep *) output wire m_arvalid, (* keep *) input wire m_arready,
   (* keep *) input wire s_awvalid, (* keep *) output wire s_awready, (* keep *) output wire m_awvalid, (* keep *) input wire m_awready,
   (* keep *) input wire s_wvalid, (* keep *) output wire s_wready, (* keep *) output wire m_wvalid, (* keep *) input wire m_wready, (* keep *) input wire s_wlast,
-  (* keep *) input wire [7:0] arlen, (* keep *) input wire [7:0] awlen
+  (* keep *) input wire [7:0] arlen, (* keep *) input wire [7:0] awlen, (* keep *) output wire ar_long, (* keep *) output wire aw_long
 );
-  (* anyseq *) wire [40:0] any;
-  assign {refused, running, plays_upper, reg_rdata, s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid} = any;
+  (* anyseq *) wire [42:0] any;
+  assign {ar_long, aw_long, refused, running, plays_upper, reg_rdata, s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid} = any;
 endmodule
 `default_nettype wire

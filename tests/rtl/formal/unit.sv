@@ -8,16 +8,16 @@ module formal_unit (
   input wire s_arvalid, input wire m_arready, input wire s_awvalid, input wire m_awready, input wire s_wvalid,
   input wire m_wready, input wire s_wlast, input wire [7:0] arlen, input wire [7:0] awlen
 );
-  wire [31:0] reg_rdata; wire refused, running, plays_upper;
+  wire [31:0] reg_rdata; wire ar_long, aw_long, refused, running, plays_upper;
   wire m_arvalid, s_arready, m_awvalid, s_awready, m_wvalid, s_wready;
-  halpipe_regulator_unit #(.DEPTH(4), .TABLES(4), .BANKS(2), .SIZE(5), .DEF_RD(32'd4096), .DEF_WR(32'd512)) dut (
+  halpipe_regulator_unit #(.DEPTH(4), .TABLES(4), .BANKS(2), .SIZE(5), .BUFFER(8), .DEF_RD(32'd4096), .DEF_WR(32'd512)) dut (
     .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(all_go), .all_req_valid(all_req_valid), .all_req_table(all_req_table), .holds(holds), .foreign(foreign), .refused(refused),
     .running(running), .plays_upper(plays_upper), .longest(longest),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .s_arvalid(s_arvalid), .m_arvalid(m_arvalid), .s_arready(s_arready), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .m_awvalid(m_awvalid), .s_awready(s_awready), .m_awready(m_awready),
     .s_wvalid(s_wvalid), .m_wvalid(m_wvalid), .s_wready(s_wready), .m_wready(m_wready), .s_wlast(s_wlast),
-    .arlen(arlen), .awlen(awlen));
+    .arlen(arlen), .ar_long(ar_long), .awlen(awlen), .aw_long(aw_long));
   // inputs of the parts, as they are connected
   (* keep *) wire go_here, long_rd, long_wr; (* keep *) wire [31:0] rd_bytes, wr_bytes, rd_waits, wr_waits; (* keep *) wire [31:0] held_rd, held_wr;
   (* keep *) wire p_tick, p_go, p_req_valid, r_refill, w_refill, r_room, w_room, r_valid, w_valid;
@@ -64,14 +64,16 @@ module formal_unit (
     end
   wire settles = reg_write & reg_addr == 20'h00c;
   always @(posedge clk) begin
-    m_long_rd <= rst_n & ((m_long_rd & !settles) | (s_arvalid & r_bytes > longest));
-    m_long_wr <= rst_n & ((m_long_wr & !settles) | (s_awvalid & w_bytes > longest));
+    m_long_rd <= rst_n & ((m_long_rd & !settles) | ar_long);
+    m_long_wr <= rst_n & ((m_long_wr & !settles) | aw_long);
   end
   always @* if (!first) begin
     started:  assert (p_go == plays & p_tick == tick);
     state:    assert (go_here == m_go & held_rd == m_held_rd & held_wr == m_held_wr);
     counters: assert ({rd_bytes, wr_bytes, rd_waits, wr_waits} == {m_rd_bytes, m_wr_bytes, m_rd_waits, m_wr_waits});
     long:     assert (long_rd == m_long_rd & long_wr == m_long_wr);
+    asks_rd:  assert (ar_long == (s_arvalid & r_bytes > longest & !m_arvalid) & !(ar_long & s_arready));
+    asks_wr:  assert (aw_long == (s_awvalid & (w_bytes > longest | awlen >= 8) & !m_awvalid) & !(aw_long & s_awready));
     defaults: assert (p_def_rd == m_rd & p_def_wr == m_wr);
     requests: assert (p_req_valid == asks & (!p_req_valid | p_req_table == asked));
     refuses:  assert (refused == (reg_write & !works));
@@ -87,7 +89,7 @@ module formal_unit (
     if (reg_write & may & headers & reg_addr < 20'h00820) headable: assert (p_header_write != 0);
     if (control) case (reg_addr)
       20'h000: id:      assert (reg_rdata == 32'h48425754);
-      20'h004: params:  assert (reg_rdata == {8'd3, 8'd4, 16'd4});
+      20'h004: params:  assert (reg_rdata == {8'd4, 8'd4, 16'd4});
       20'h008: ctrl:    assert (reg_rdata == {31'd0, m_go});
       20'h00c: status:  assert (reg_rdata == {8'd0, p_pending_table, 4'd0, m_long_wr, m_long_rd, p_pending, p_running, p_table});
       20'h010: window:  assert (reg_rdata == p_window);
@@ -121,7 +123,7 @@ module formal_unit (
     carries: assert (!(s_wvalid & open != 0) | m_wvalid);
     w_both:  assert ((s_wvalid & s_wready) == (m_wvalid & m_wready));
     bounded: assert (!(w_admit & open == 255));
-    room:    assert (w_room == (open < 255 & w_bytes <= longest));
+    room:    assert (w_room == (open < 255 & w_bytes <= longest & awlen < 8));
   end
 endmodule
 `default_nettype wire

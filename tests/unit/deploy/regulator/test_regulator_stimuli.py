@@ -1,6 +1,5 @@
 """The script of the software in a simulation, and which table must be played in every window because of it."""
 
-from fractions import Fraction
 from itertools import pairwise
 
 import pytest
@@ -135,23 +134,6 @@ def test_software_writes_the_tables_before_go(tables):
 
 def test_the_script_is_lines_of_text():
     assert stimuli.format_script([(3, "w", 0x100018, 255), (9, "r", 16, 0)]) == b"3 w 100018 ff\n9 r 10 0\n"
-
-
-def test_windows_of_a_real_clock_do_not_drift():
-    """The unit's sum of parts of a cycle ends each window at the exact instant, rounded down, after 24 hours, too."""
-    clock, window = 249_997_498, Fraction(8, 10**6)
-    exact = window * clock
-    cycles, extra = int(exact), exact - int(exact)
-    rest, end = 0, 0
-    for number in range(1, 100_001):
-        total = rest + extra.numerator
-        stretch = total >= extra.denominator
-        rest = total - extra.denominator if stretch else total
-        end += cycles + stretch
-        assert end == int(number * exact)
-    day = 24 * 3600 / window
-    assert 0 <= Fraction(day * exact - int(day * exact), clock) < Fraction(1, clock) < window
-    assert abs(24 * 3600 - Fraction(day * 2000, clock)) > 100_000 * window  # counted as 250 MHz
 
 
 def test_an_excerpt_has_every_budget_and_follows_the_table(tables):

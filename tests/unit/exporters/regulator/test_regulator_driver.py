@@ -49,10 +49,10 @@ class Device:
             file.truncate((units + 1) * UNIT)
             self.memory = mmap.mmap(file.fileno(), 0)
         self.put(0, 0x48425746)
-        self.put(4, 3 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | units)
+        self.put(4, 4 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | units)
         for n in range(units):
             self.put((n + 1) * UNIT, 0x48425754)
-            self.put((n + 1) * UNIT + 4, 3 << 24 | 16 << 16 | 1024)
+            self.put((n + 1) * UNIT + 4, 4 << 24 | 16 << 16 | 1024)
 
     def put(self, at, value):
         self.memory[at : at + 4] = struct.pack("<I", value)
@@ -95,11 +95,12 @@ def test_what_is_loaded_is_what_the_memory_images_have(driver, device, tables):
     [
         (0, 0, "no regulator"),
         (4, 1 << 24 | 3 << 8 | 3, "another version"),
-        (4, 3 << 24 | 3 << 8 | 2, "fewer units"),
-        (4, 3 << 24 | 4 << 8 | 3, "another width"),
-        (UNIT + 4, 3 << 24 | 16 << 16 | 2, "too few table entries"),
-        (2 * UNIT + 4, 3 << 24 | 2 << 16 | 1024, "too few tables"),
+        (4, 4 << 24 | 3 << 8 | 2, "fewer units"),
+        (4, 4 << 24 | 4 << 8 | 3, "another width"),
+        (UNIT + 4, 4 << 24 | 16 << 16 | 2, "too few table entries"),
+        (2 * UNIT + 4, 4 << 24 | 2 << 16 | 1024, "too few tables"),
         (3 * UNIT, 1, "does not answer"),
+        (0x38, 7, "shorter than the longest burst"),
         (8, 1, "stop first"),
     ],
 )
@@ -128,7 +129,7 @@ def test_orders_reach_their_registers(driver, device):
 def test_a_schedule_is_written_into_the_bank_that_is_not_played(driver, device, tables):
     """Headers, entries, bases and successors are those of the upper half; nothing of the lower one changes."""
     assert run(driver, device, "load").returncode == 0
-    device.put(4, 3 << 24 | 1 << 20 | 2 << 16 | 3 << 8 | len(tables.units))
+    device.put(4, 4 << 24 | 1 << 20 | 2 << 16 | 3 << 8 | len(tables.units))
     for unit in tables.units:
         device.put((unit.index + 1) * UNIT + 0x0C, 1 << 8 | 1)
     lower = {u.index: device.memory[(u.index + 1) * UNIT + 0x800 : (u.index + 1) * UNIT + 0x840] for u in tables.units}
@@ -152,17 +153,17 @@ def test_a_schedule_is_written_into_the_bank_that_is_not_played(driver, device, 
 @pytest.mark.parametrize(
     ("at", "value", "said"),
     [
-        (4, 3 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | 3, "one bank"),
+        (4, 4 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | 3, "one bank"),
         (0x18, 9, "other windows"),
         (2 * UNIT + 0x0C, 1 << 8 | 1 << 9, "is requested"),
         (2 * UNIT + 0x0C, 0, "none is played"),
         (3 * UNIT + 0x0C, 1 << 8 | 8, "try again"),
-        (4, 3 << 24 | 2 << 20 | 2 << 16 | 3 << 8 | 3, "the other port"),
+        (4, 4 << 24 | 2 << 20 | 2 << 16 | 3 << 8 | 3, "the other port"),
     ],
 )
 def test_nothing_is_replaced_where_it_would_be_played_half_written(driver, device, tables, at, value, said):
     assert run(driver, device, "load").returncode == 0
-    device.put(4, 3 << 24 | 1 << 20 | 2 << 16 | 3 << 8 | len(tables.units))
+    device.put(4, 4 << 24 | 1 << 20 | 2 << 16 | 3 << 8 | len(tables.units))
     for unit in tables.units:
         device.put((unit.index + 1) * UNIT + 0x0C, 1 << 8)
     device.put(at, value)

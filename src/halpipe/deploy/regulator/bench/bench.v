@@ -110,6 +110,9 @@ module bench #(
   wire [UNITS-1:0] s_wvalid, s_wready, s_wlast, m_wvalid, m_wready, r_beat;
   wire [8*UNITS-1:0] arlen, awlen;
   wire tick;
+  // verilator lint_off UNUSEDSIGNAL
+  wire [UNITS-1:0] ar_long, aw_long;   // of none here
+  // verilator lint_on UNUSEDSIGNAL
   reg gather = 0;                      // the figures of a window that just closed stand there
   halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE), .CYCLES(FIRST), .IMAGES("./")) dut (
     .clk(clk), .rst_n(rst_n), .now(64'd0), .reg_port(1'b0), .reg_refused(reg_refused), .link_valid_i(1'b0), .link_valid_o(link_valid), .link_table_i(8'd0),
@@ -119,7 +122,7 @@ module bench #(
     .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready),
     .s_wvalid(s_wvalid), .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast),
-    .arlen(arlen), .awlen(awlen));
+    .arlen(arlen), .ar_long(ar_long), .awlen(awlen), .aw_long(aw_long));
   memory #(.PORTS(UNITS)) memory (
     .clk(clk), .rst_n(rst_n), .depth(depth[9:0]), .latency(latency), .hold(hold),
     .ar_valid(m_arvalid), .ar_ready(m_arready), .ar_len(arlen), .aw_valid(m_awvalid), .aw_ready(m_awready),

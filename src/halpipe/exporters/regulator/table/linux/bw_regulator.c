@@ -19,9 +19,9 @@
 
 #include "bw_tables.h"
 
-enum { UNIT = 1 << 20, SPACE = (BW_UNITS + 1) * UNIT, INTERFACE = 3, RUNNING = 1 << 8, PENDING = 1 << 9 };
+enum { UNIT = 1 << 20, SPACE = (BW_UNITS + 1) * UNIT, INTERFACE = 4, RUNNING = 1 << 8, PENDING = 1 << 9 };
 enum { ID = 0x00, PARAMS = 0x04, CTRL = 0x08, STATUS = 0x0c, WINDOW = 0x10, DEF_RD = 0x14, DEF_WR = 0x18, REQUEST = 0x1c };
-enum { CYCLES = 0x18, EXTRA = 0x20, OF = 0x24, LONGEST = 0x28, START_LO = 0x2c, START_HI = 0x30, LOCK = 0x34, MINE = 2 };
+enum { CYCLES = 0x18, EXTRA = 0x20, OF = 0x24, LONGEST = 0x28, START_LO = 0x2c, START_HI = 0x30, LOCK = 0x34, MINE = 2, BUFFER = 0x38 };
 enum { RD_BYTES = 0x28, WR_BYTES = 0x2c, HEADERS = 0x800, ENTRIES = 0x1000, GO = 1, ARM = 2 };
 
 static volatile uint32_t *device;
@@ -45,6 +45,7 @@ static int refuse(void)
   if (params >> 24 != INTERFACE) return fail("the regulator has another version of its registers");
   if ((params & 0xff) < BW_UNITS) return fail("the regulator has fewer units than the tables");
   if ((params >> 8 & 0xff) != beat) return fail("the regulator is built for another width of the bus");
+  if (get(BUFFER) && get(BUFFER) << beat < BW_BURST_BYTES) return fail("the write buffers are shorter than the longest burst");
   for (uint32_t n = 0; n < BW_UNITS; n++) {
     uint32_t built = get(unit(n, PARAMS)), tables = built >> 16 & 0xff;
     if (get(unit(n, ID)) != 0x48425754u || built >> 24 != INTERFACE) return fail("a unit does not answer as one");

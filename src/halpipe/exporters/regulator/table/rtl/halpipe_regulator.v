@@ -2,17 +2,18 @@
 //
 // Register space: 1 MiB each. 0: the windows (below); 1 + i: unit i, see regulator.rdl.
 //   0x000 ID           ro  0x48425746 ("HBWF")
-//   0x004 PARAMS       ro  units[7:0], log2 of the bytes of a beat[15:8], banks[19:16], ports[23:20], version[31:24] = 3
+//   0x004 PARAMS       ro  units[7:0], log2 of the bytes of a beat[15:8], banks[19:16], ports[23:20], version[31:24] = 4
 //   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on; bit 1 ARM: while GO is 0, set it when `now` is START
 //   0x010 WINDOW       ro  windows since reset
 //   0x018 CYCLES       rw  cycles of a window, 4 at least; counts from the next window on
 //   0x020 EXTRA        rw  of OF windows so many have one cycle more, spread evenly; below OF
 //   0x024 OF           rw  at least 1; both count from the next window on
-//   0x028 LONGEST      rw  bytes of the longest burst that passes; a longer one waits for ever, and its unit's STATUS shows it
+//   0x028 LONGEST      rw  bytes of the longest burst that passes; its unit's STATUS shows a longer one, and `long` asks for a refusal
 //   0x02c START_LO     rw  see ARM: the window in force ends at START, one without budgets follows, then the first table;
 //   0x030 START_HI     rw  windows are counted from there, whatever the phase before
 //   0x034 LOCK         rw  bit 0: 1 takes it for the port that writes, 0 gives it back; bit 1, by port 0: takes it from another.
 //                          Reads: bit 0 held, bit 1 held by the port that reads, bit 8 its holder
+//   0x038 BUFFER       ro  beats of the write buffers, which a longer write does not pass; 0: none
 //   0x01c REQ_TABLE    wo  table[7:0]: the request of every unit, in the same cycle
 // Modes are switched here and not unit by unit: a table that ended between two writes would leave the units in two modes.
 // Blocks of several memories are switched in one cycle by one request: link_o of one block leads to link_i of all others, and
@@ -25,6 +26,7 @@ module halpipe_regulator #(
   parameter integer BANKS  = 1,          // 2: a bank of tables may be written while the other is played
   parameter integer PORTS  = 1,          // 2: tables and set-up are written by the port that holds LOCK
   parameter integer SIZE   = 3,          // log2 of the bytes of a beat of the bus, 0 to 7
+  parameter integer BUFFER = 0,          // beats of the write buffers in front of the units, 0: none
   parameter [31:0]  CYCLES = 32'd4096,   // of a window, until software states others
   parameter         IMAGES = ""          // folder of unitN.tab.memh and unitN.hdr.memh, with its slash
 )(
@@ -48,7 +50,8 @@ module halpipe_regulator #(
   input  wire [UNITS-1:0]    s_wvalid,  output wire [UNITS-1:0] s_wready,
   output wire [UNITS-1:0]    m_wvalid,  input  wire [UNITS-1:0] m_wready,
   input  wire [UNITS-1:0]    s_wlast,
-  input  wire [8*UNITS-1:0]  arlen, input wire [8*UNITS-1:0] awlen
+  input  wire [8*UNITS-1:0]  arlen, output wire [UNITS-1:0] ar_long,   // a burst is shown that never passes
+  input  wire [8*UNITS-1:0]  awlen, output wire [UNITS-1:0] aw_long
 );
   wire        here = (reg_addr[25:20] == 6'd0);
   reg         go, armed;
@@ -104,7 +107,7 @@ module halpipe_regulator #(
   reg         known;                     // a register that can be written
   always @* case (reg_addr[19:0])
     20'h00000: word = 32'h48425746;
-    20'h00004: word = {8'd3, PORTS[3:0], BANKS[3:0], SIZE[7:0], UNITS[7:0]};
+    20'h00004: word = {8'd4, PORTS[3:0], BANKS[3:0], SIZE[7:0], UNITS[7:0]};
     20'h00008: word = {30'd0, armed, go};
     20'h00010: word = window;
     20'h00018: word = cycles;
@@ -114,6 +117,7 @@ module halpipe_regulator #(
     20'h0002c: word = start[31:0];
     20'h00030: word = start[63:32];
     20'h00034: word = {23'd0, holder, 6'd0, mine, locked};
+    20'h00038: word = BUFFER;
     default:   word = 32'd0;
   endcase
   assign data[0] = word;
@@ -133,7 +137,7 @@ module halpipe_regulator #(
     localparam [7:0] ONES = 8'h30 + i % 10;
     // verilator lint_off WIDTH
     halpipe_regulator_unit #(   // names of unlike length
-      .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .SIZE(SIZE),
+      .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .SIZE(SIZE), .BUFFER(BUFFER),
       .TABFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".tab.memh"} : {IMAGES, "unit", TENS, ONES, ".tab.memh"}),
       .HDRFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".hdr.memh"} : {IMAGES, "unit", TENS, ONES, ".hdr.memh"})
     // verilator lint_on WIDTH
@@ -145,7 +149,7 @@ module halpipe_regulator #(
       .s_awvalid(s_awvalid[i]), .s_awready(s_awready[i]), .m_awvalid(m_awvalid[i]), .m_awready(m_awready[i]),
       .s_wvalid(s_wvalid[i]), .s_wready(s_wready[i]), .m_wvalid(m_wvalid[i]), .m_wready(m_wready[i]),
       .s_wlast(s_wlast[i]),
-      .arlen(arlen[8*i +: 8]), .awlen(awlen[8*i +: 8]));
+      .arlen(arlen[8*i +: 8]), .ar_long(ar_long[i]), .awlen(awlen[8*i +: 8]), .aw_long(aw_long[i]));
   end endgenerate
 endmodule
 `default_nettype wire

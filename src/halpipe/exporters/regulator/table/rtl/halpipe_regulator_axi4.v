@@ -1,5 +1,5 @@
 // The regulators with whole AXI4 ports, manager's side (s_) and memory's side (m_), unit 0 lowest; registers behind AXI4-Lite.
-// Answers pass through. With BUFFER, data of writes is held back until a burst is whole (halpipe_regulator_store). With STAGE,
+// A burst that never passes is refused with SLVERR (halpipe_regulator_refusal); other answers pass. With BUFFER, data of writes is held back until a burst is whole (halpipe_regulator_store). With STAGE,
 // a register stage takes what the managers send: READY then depends on no comparison of a budget, and a burst comes a cycle
 // later. With PORTS = 2 there are two AXI4-Lite ports for registers, and LOCK says whose writes count.
 `default_nettype none
@@ -77,13 +77,10 @@ module halpipe_regulator_axi4 #(
   output wire [2*UNITS-1:0]      s_rresp,   input  wire [2*UNITS-1:0]      m_rresp,
   output wire [UNITS-1:0]        s_rlast,   input  wire [UNITS-1:0]        m_rlast
 );
-  assign {s_rvalid, m_rready, s_rid, s_rdata, s_rresp, s_rlast} = {m_rvalid, s_rready, m_rid, m_rdata, m_rresp, m_rlast};
-  assign {s_bvalid, m_bready, s_bid, s_bresp} = {m_bvalid, s_bready, m_bid, m_bresp};
-
-  // ---------------------------------------------------------------------------------------------- stages and write buffers
+  // ---------------------------------------------------------------------------------------------- stages, write buffers and refusals
   localparam integer INFO = ID + ADDR + 25;   // of an address: length highest, so that the buffer finds it
   localparam integer BEAT = DATA + DATA / 8 + 1;
-  wire [UNITS-1:0] arvalid, arready, awvalid, awready, wvalid, wready;
+  wire [UNITS-1:0] arvalid, arready, awvalid, awready, wvalid, wready, ar_long, aw_long;   // in front of the units
   genvar i;
   generate for (i = 0; i < UNITS; i = i + 1) begin : manager
     wire [INFO-1:0] ar_in = {s_arlen[8*i +: 8], s_arid[ID*i +: ID], s_araddr[ADDR*i +: ADDR], s_arsize[3*i +: 3],
@@ -91,7 +88,8 @@ module halpipe_regulator_axi4 #(
     wire [INFO-1:0] aw_in = {s_awlen[8*i +: 8], s_awid[ID*i +: ID], s_awaddr[ADDR*i +: ADDR], s_awsize[3*i +: 3],
                              s_awburst[2*i +: 2], s_awlock[i], s_awcache[4*i +: 4], s_awprot[3*i +: 3], s_awqos[4*i +: 4]};
     wire [BEAT-1:0] w_in = {s_wlast[i], s_wstrb[DATA/8*i +: DATA/8], s_wdata[DATA*i +: DATA]};
-    wire [INFO-1:0] ar, aw, aw_out; wire [BEAT-1:0] w, w_out; wire aw_valid, aw_ready, w_valid, w_ready;
+    wire [INFO-1:0] ar, aw, aw_out; wire [BEAT-1:0] w, w_out;
+    wire ar_valid, ar_ready, aw_valid, aw_ready, w_valid, w_ready, whole_valid, whole_ready, beat_valid, beat_ready;
     assign {m_arlen[8*i +: 8], m_arid[ID*i +: ID], m_araddr[ADDR*i +: ADDR], m_arsize[3*i +: 3],
             m_arburst[2*i +: 2], m_arlock[i], m_arcache[4*i +: 4], m_arprot[3*i +: 3], m_arqos[4*i +: 4]} = ar;
     assign {m_awlen[8*i +: 8], m_awid[ID*i +: ID], m_awaddr[ADDR*i +: ADDR], m_awsize[3*i +: 3],
@@ -100,7 +98,7 @@ module halpipe_regulator_axi4 #(
     if (STAGE != 0) begin : staged
       halpipe_regulator_slice #(.WIDTH(INFO)) reads (
         .clk(clk), .rst_n(rst_n), .s_valid(s_arvalid[i]), .s_ready(s_arready[i]), .s_data(ar_in),
-        .m_valid(arvalid[i]), .m_ready(arready[i]), .m_data(ar));
+        .m_valid(ar_valid), .m_ready(ar_ready), .m_data(ar));
       halpipe_regulator_slice #(.WIDTH(INFO)) writes (
         .clk(clk), .rst_n(rst_n), .s_valid(s_awvalid[i]), .s_ready(s_awready[i]), .s_data(aw_in),
         .m_valid(aw_valid), .m_ready(aw_ready), .m_data(aw));
@@ -108,7 +106,7 @@ module halpipe_regulator_axi4 #(
         .clk(clk), .rst_n(rst_n), .s_valid(s_wvalid[i]), .s_ready(s_wready[i]), .s_data(w_in),
         .m_valid(w_valid), .m_ready(w_ready), .m_data(w));
     end else begin : direct
-      assign {arvalid[i], s_arready[i], ar} = {s_arvalid[i], arready[i], ar_in};
+      assign {ar_valid, s_arready[i], ar} = {s_arvalid[i], ar_ready, ar_in};
       assign {aw_valid, s_awready[i], aw} = {s_awvalid[i], aw_ready, aw_in};
       assign {w_valid, s_wready[i], w} = {s_wvalid[i], w_ready, w_in};
     end
@@ -116,12 +114,23 @@ module halpipe_regulator_axi4 #(
       halpipe_regulator_store #(.BEATS(BUFFER), .BEAT(BEAT), .INFO(INFO)) store (
         .clk(clk), .rst_n(rst_n), .s_awvalid(aw_valid), .s_awready(aw_ready), .s_aw(aw),
         .s_wvalid(w_valid), .s_wready(w_ready), .s_w(w),
-        .m_awvalid(awvalid[i]), .m_awready(awready[i]), .m_aw(aw_out),
-        .m_wvalid(wvalid[i]), .m_wready(wready[i]), .m_w(w_out));
+        .m_awvalid(whole_valid), .m_awready(whole_ready), .m_aw(aw_out),
+        .m_wvalid(beat_valid), .m_wready(beat_ready), .m_w(w_out));
     end else begin : plain
-      assign {awvalid[i], aw_ready, aw_out} = {aw_valid, awready[i], aw};
-      assign {wvalid[i], w_ready, w_out} = {w_valid, wready[i], w};
+      assign {whole_valid, aw_ready, aw_out} = {aw_valid, whole_ready, aw};
+      assign {beat_valid, w_ready, w_out} = {w_valid, beat_ready, w};
     end
+    halpipe_regulator_refusal #(.ID(ID), .DATA(DATA)) refusal (
+      .clk(clk), .rst_n(rst_n), .s_awvalid(whole_valid), .s_awready(whole_ready), .s_awid(m_awid[ID*i +: ID]),
+      .m_awvalid(awvalid[i]), .m_awready(awready[i]), .aw_long(aw_long[i]), .s_wvalid(beat_valid), .s_wready(beat_ready),
+      .s_wlast(m_wlast[i]), .m_wvalid(wvalid[i]), .m_wready(wready[i]), .s_bvalid(s_bvalid[i]), .s_bready(s_bready[i]),
+      .s_bid(s_bid[ID*i +: ID]), .s_bresp(s_bresp[2*i +: 2]), .m_bvalid(m_bvalid[i]), .m_bready(m_bready[i]),
+      .m_bid(m_bid[ID*i +: ID]), .m_bresp(m_bresp[2*i +: 2]), .s_arvalid(ar_valid), .s_arready(ar_ready),
+      .s_arid(m_arid[ID*i +: ID]), .s_arlen(m_arlen[8*i +: 8]), .m_arvalid(arvalid[i]), .m_arready(arready[i]),
+      .ar_long(ar_long[i]), .s_rvalid(s_rvalid[i]), .s_rready(s_rready[i]), .s_rid(s_rid[ID*i +: ID]),
+      .s_rresp(s_rresp[2*i +: 2]), .s_rdata(s_rdata[DATA*i +: DATA]), .s_rlast(s_rlast[i]), .m_rvalid(m_rvalid[i]),
+      .m_rready(m_rready[i]), .m_rid(m_rid[ID*i +: ID]), .m_rresp(m_rresp[2*i +: 2]), .m_rdata(m_rdata[DATA*i +: DATA]),
+      .m_rlast(m_rlast[i]));
   end endgenerate
 
   // ---------------------------------------------------------------------------------------------- regulators
@@ -133,7 +142,7 @@ module halpipe_regulator_axi4 #(
     .s_rdata(l_rdata), .s_rresp(l_rresp), .reg_port(reg_port), .reg_refused(reg_refused),
     .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata));
   halpipe_regulator #(
-    .UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .PORTS(PORTS), .SIZE(SIZE), .CYCLES(CYCLES), .IMAGES(IMAGES)
+    .UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .BANKS(BANKS), .PORTS(PORTS), .SIZE(SIZE), .BUFFER(BUFFER), .CYCLES(CYCLES), .IMAGES(IMAGES)
   ) regulators (
     .clk(clk), .rst_n(rst_n), .now(now), .reg_port(reg_port), .reg_refused(reg_refused),
     .link_valid_i(link_valid_i), .link_valid_o(link_valid_o), .link_table_i(link_table_i), .link_table_o(link_table_o),
@@ -142,6 +151,6 @@ module halpipe_regulator_axi4 #(
     .s_arvalid(arvalid), .s_arready(arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(awvalid), .s_awready(awready), .m_awvalid(m_awvalid), .m_awready(m_awready),
     .s_wvalid(wvalid), .s_wready(wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(m_wlast),
-    .arlen(m_arlen), .awlen(m_awlen));
+    .arlen(m_arlen), .ar_long(ar_long), .awlen(m_awlen), .aw_long(aw_long));
 endmodule
 `default_nettype wire

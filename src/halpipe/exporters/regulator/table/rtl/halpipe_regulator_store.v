@@ -1,9 +1,8 @@
 // Holds the data of writes back until a burst is there as a whole, and its address until then: a manager that withholds
 // data stalls itself, and no other behind it in the memory. The address is taken at once, one at a time.
 //
-// A burst longer than BEATS can never be there as a whole. It is shown to the regulator at once, so that nothing is stuck
-// unseen; state a LONGEST of at most BEATS, and it goes no further. That the buffer is full shows nothing: it may be full
-// of data of the burst before, whose address has passed.
+// A burst longer than BEATS can never be there as a whole. It is shown to the regulator at once, which refuses it. That the
+// buffer is full shows nothing: it may be full of data of the burst before, whose address has passed.
 `default_nettype none
 module halpipe_regulator_store #(
   parameter integer BEATS = 16,   // of the buffer, a power of two from 2 on

@@ -2,7 +2,8 @@
 // It adds no cycle to a burst that passes. All units share `tick`, and the window is 4 cycles at least.
 //
 // A burst costs its beats times the bytes of a beat of the bus, whatever its AxSIZE: a memory of one beat in a cycle
-// loses a whole beat to a narrow transfer, too. A burst that costs more than `longest` never passes, and STATUS shows it.
+// loses a whole beat to a narrow transfer, too. A burst that costs more than `longest`, or a write that the write buffer
+// cannot hold, never passes: STATUS shows it, and `ar_long` or `aw_long` asks whoever stands in front to answer it.
 //
 // A write's data passes as soon as its address is shown to the memory: a memory may wait for data before it takes an
 // address (AXI4 A3.3.1), and data without an admitted address must not reach it.
@@ -12,6 +13,7 @@ module halpipe_regulator_unit #(
   parameter integer   TABLES  = 16,
   parameter integer   BANKS   = 1,       // 2: while a table of one half is played, those of the other may be written
   parameter integer   SIZE    = 3,       // log2 of the bytes of a beat of the bus, 0 to 7
+  parameter integer   BUFFER  = 0,       // beats of the write buffer in front, 0: none
   parameter           TABFILE = "",
   parameter           HDRFILE = "",
   parameter [31:0]    DEF_RD  = 32'd0,   // default budgets in bytes per window, until software states others
@@ -43,12 +45,12 @@ module halpipe_regulator_unit #(
   output wire        s_wready,           input  wire        m_wready,
   input  wire        s_wlast,
   // lengths of the bursts, on their way past the unit
-  input  wire [7:0]  arlen,
-  input  wire [7:0]  awlen
+  input  wire [7:0]  arlen,              output wire        ar_long,   // a burst is shown that never passes
+  input  wire [7:0]  awlen,              output wire        aw_long
 );
   // ---------------------------------------------------------------------------------------------- registers
   localparam [31:0] ID = 32'h48425754;
-  wire [31:0] params = {8'd3, TABLES[7:0], DEPTH[15:0]};
+  wire [31:0] params = {8'd4, TABLES[7:0], DEPTH[15:0]};
   reg         go_here;
   reg  [31:0] def_rd, def_wr, held_wr, held_rd;
   wire        go = go_here | all_go;
@@ -95,7 +97,7 @@ module halpipe_regulator_unit #(
     end
 
   reg  [31:0] rd_bytes, wr_bytes, rd_waits, wr_waits;
-  reg         long_rd, long_wr;                      // a burst longer than `longest` was shown
+  reg         long_rd, long_wr;                      // a burst that never passes was shown
   wire [31:0] window_now, next_rd, next_wr, rd_left, wr_left;
   always @* begin
     reg_rdata = 32'd0;
@@ -127,10 +129,13 @@ module halpipe_regulator_unit #(
     .pending(pending), .pending_table(pending_table), .entry_table(entry_table), .next_rd(next_rd), .next_wr(next_wr));
 
   // ---------------------------------------------------------------------------------------------- gates
+  localparam [15:0] HELD = (BUFFER == 0 || BUFFER > 256) ? 16'hffff : {7'd0, BUFFER[8:0]} << SIZE;   // by a write buffer, as a whole
   wire [15:0] ar_bytes = ({8'd0, arlen} + 16'd1) << SIZE;
   wire [15:0] aw_bytes = ({8'd0, awlen} + 16'd1) << SIZE;
-  wire ar_long = (ar_bytes > longest);
-  wire aw_long = (aw_bytes > longest);
+  wire ar_never = (ar_bytes > longest);
+  wire aw_never = (aw_bytes > ((longest < HELD) ? longest : HELD));
+  assign ar_long = s_arvalid & ar_never & ~m_arvalid;   // what was shown before `longest` fell passes
+  assign aw_long = s_awvalid & aw_never & ~m_awvalid;
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       long_rd <= 1'b0; long_wr <= 1'b0;
@@ -140,8 +145,8 @@ module halpipe_regulator_unit #(
       if (m_awvalid & m_awready) wr_bytes <= wr_bytes + {16'd0, aw_bytes};
       if (s_arvalid & ~m_arvalid) rd_waits <= rd_waits + 32'd1;
       if (s_awvalid & ~m_awvalid) wr_waits <= wr_waits + 32'd1;
-      long_rd <= (long_rd & ~clears) | (s_arvalid & ar_long);
-      long_wr <= (long_wr & ~clears) | (s_awvalid & aw_long);
+      long_rd <= (long_rd & ~clears) | ar_long;
+      long_wr <= (long_wr & ~clears) | aw_long;
     end
   wire aw_admit;
   // verilator lint_off UNUSEDSIGNAL
@@ -149,11 +154,11 @@ module halpipe_regulator_unit #(
   // verilator lint_on UNUSEDSIGNAL
   reg  [7:0] owed;                                   // writes shown to the memory whose data has not passed wholly
   halpipe_regulator_gate read (
-    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_rd), .room(~ar_long),
+    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_rd), .room(~ar_never),
     .valid_i(s_arvalid), .ready_o(s_arready), .bytes(ar_bytes), .valid_o(m_arvalid), .ready_i(m_arready),
     .admit(ar_admit), .left(rd_left));
   halpipe_regulator_gate write (
-    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_wr), .room((owed != 8'hff) & ~aw_long),
+    .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_wr), .room((owed != 8'hff) & ~aw_never),
     .valid_i(s_awvalid), .ready_o(s_awready), .bytes(aw_bytes), .valid_o(m_awvalid), .ready_i(m_awready),
     .admit(aw_admit), .left(wr_left));
 
