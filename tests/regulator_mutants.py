@@ -130,6 +130,7 @@ MUTANTS = {
     "bursts pass a refusal": ("refusal", "~fails & ~&reads", "~&reads"),
     "an answer is taken with a refusal": ("refusal", "s_bready & ~denies", "s_bready"),
     "a burst that is shown is refused": ("unit", "s_arvalid & ar_never & ~m_arvalid", "s_arvalid & ar_never"),
+    "a refusal drops the data of another": ("unit", "aw_seen & (owed == 8'd0)", "aw_seen"),
     "a write longer than its buffer passes": ("unit", "(longest < HELD) ? longest : HELD", "longest"),
     "reads pass without their unit": ("axi4", "m_arvalid(m_arvalid)", "m_arvalid()"),
 }  # fmt: skip
@@ -153,6 +154,7 @@ UNSEEN = {
     "bursts pass a refusal",
     "an answer is taken with a refusal",
     "a burst that is shown is refused",
+    "a refusal drops the data of another",
     "a write longer than its buffer passes",
     "reads pass without their unit",
     "what was shown may cost more than there is",

@@ -65,7 +65,7 @@ module formal_unit (
   wire settles = reg_write & reg_addr == 20'h00c;
   always @(posedge clk) begin
     m_long_rd <= rst_n & ((m_long_rd & !settles) | ar_long);
-    m_long_wr <= rst_n & ((m_long_wr & !settles) | aw_long);
+    m_long_wr <= rst_n & ((m_long_wr & !settles) | (s_awvalid & (w_bytes > longest | awlen >= 8) & !m_awvalid));
   end
   always @* if (!first) begin
     started:  assert (p_go == plays & p_tick == tick);
@@ -73,7 +73,7 @@ module formal_unit (
     counters: assert ({rd_bytes, wr_bytes, rd_waits, wr_waits} == {m_rd_bytes, m_wr_bytes, m_rd_waits, m_wr_waits});
     long:     assert (long_rd == m_long_rd & long_wr == m_long_wr);
     asks_rd:  assert (ar_long == (s_arvalid & r_bytes > longest & !m_arvalid) & !(ar_long & s_arready));
-    asks_wr:  assert (aw_long == (s_awvalid & (w_bytes > longest | awlen >= 8) & !m_awvalid) & !(aw_long & s_awready));
+    asks_wr:  assert (aw_long == (s_awvalid & (w_bytes > longest | awlen >= 8) & !m_awvalid & owed == 0) & !(aw_long & s_awready));
     defaults: assert (p_def_rd == m_rd & p_def_wr == m_wr);
     requests: assert (p_req_valid == asks & (!p_req_valid | p_req_table == asked));
     refuses:  assert (refused == (reg_write & !works));

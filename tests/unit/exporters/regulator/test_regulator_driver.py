@@ -242,6 +242,25 @@ def test_manual_driver_bench_and_verilog_have_the_registers_of_the_description()
         assert read == {at for at, kind in registers.values() if kind != "wo" and at < 0x800}
 
 
+def test_the_core_descriptions_have_the_keys_of_their_form():
+    """A comma in a text without quotes is a key of its own, and the file is ignored as a whole."""
+    known = {"datatype", "paramtype", "default", "description"}
+    for path in TABLE.glob("*/*.core"):
+        core = yaml.safe_load(path.read_text().partition("\n")[2])
+        assert core["parameters"]
+        assert all(set(parameter) == known for parameter in core["parameters"].values())
+
+
+@pytest.mark.skipif(shutil.which("fusesoc") is None, reason="pip install fusesoc")
+@pytest.mark.skipif(shutil.which("verilator") is None, reason="verilator is not installed")
+@pytest.mark.parametrize(("folder", "core"), [("rtl", "halpipe:memory:regulator"), ("dma", "halpipe:memory:dma")])
+def test_fusesoc_reads_the_core_descriptions_and_lints_the_design(tmp_path, folder, core):
+    shutil.copytree(TABLE / folder, tmp_path / "cores")
+    command = ["fusesoc", "--cores-root", "cores", "run", "--target", "lint", core]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert (done.returncode, "WARNING" in done.stdout + done.stderr) == (0, False), done.stderr
+
+
 def test_the_core_description_lists_all_sources():
     core = yaml.safe_load((TABLE / "rtl" / "halpipe_regulator.core").read_text().partition("\n")[2])
     listed = [name for files in core["filesets"].values() for name in files["files"]]

@@ -129,13 +129,15 @@ module halpipe_regulator_unit #(
     .pending(pending), .pending_table(pending_table), .entry_table(entry_table), .next_rd(next_rd), .next_wr(next_wr));
 
   // ---------------------------------------------------------------------------------------------- gates
+  reg  [7:0] owed;                                   // writes shown to the memory whose data has not passed wholly
   localparam [15:0] HELD = (BUFFER == 0 || BUFFER > 256) ? 16'hffff : {7'd0, BUFFER[8:0]} << SIZE;   // by a write buffer, as a whole
   wire [15:0] ar_bytes = ({8'd0, arlen} + 16'd1) << SIZE;
   wire [15:0] aw_bytes = ({8'd0, awlen} + 16'd1) << SIZE;
   wire ar_never = (ar_bytes > longest);
   wire aw_never = (aw_bytes > ((longest < HELD) ? longest : HELD));
   assign ar_long = s_arvalid & ar_never & ~m_arvalid;   // what was shown before `longest` fell passes
-  assign aw_long = s_awvalid & aw_never & ~m_awvalid;
+  wire aw_seen = s_awvalid & aw_never & ~m_awvalid;
+  assign aw_long = aw_seen & (owed == 8'd0);            // its data is next
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       long_rd <= 1'b0; long_wr <= 1'b0;
@@ -146,13 +148,12 @@ module halpipe_regulator_unit #(
       if (s_arvalid & ~m_arvalid) rd_waits <= rd_waits + 32'd1;
       if (s_awvalid & ~m_awvalid) wr_waits <= wr_waits + 32'd1;
       long_rd <= (long_rd & ~clears) | ar_long;
-      long_wr <= (long_wr & ~clears) | aw_long;
+      long_wr <= (long_wr & ~clears) | aw_seen;
     end
   wire aw_admit;
   // verilator lint_off UNUSEDSIGNAL
   wire ar_admit;                                     // reads have no data to hold back
   // verilator lint_on UNUSEDSIGNAL
-  reg  [7:0] owed;                                   // writes shown to the memory whose data has not passed wholly
   halpipe_regulator_gate read (
     .clk(clk), .rst_n(rst_n), .refill(tick), .budget(next_rd), .room(~ar_never),
     .valid_i(s_arvalid), .ready_o(s_arready), .bytes(ar_bytes), .valid_o(m_arvalid), .ready_i(m_arready),
