@@ -3,7 +3,7 @@
 //
 // A burst costs its beats times the bytes of a beat of the bus, whatever its AxSIZE: a memory of one beat in a cycle
 // loses a whole beat to a narrow transfer, too. A burst that costs more than `longest`, or a write that the write buffer
-// cannot hold, never passes: STATUS shows it, and `ar_long` or `aw_long` asks whoever stands in front to answer it.
+// cannot hold, never passes: STATUS shows it, and `ar_long` or `aw_long` asks the module in front for a refusal.
 //
 // A write's data passes as soon as its address is shown to the memory: a memory may wait for data before it takes an
 // address (AXI4 A3.3.1), and data without an admitted address must not reach it.
