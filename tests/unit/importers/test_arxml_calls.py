@@ -2,11 +2,13 @@
 
 import pytest
 from arxml_case import (
+    alarm,
     assembly,
     component,
     composition,
     configuration,
     container,
+    counter,
     el,
     event,
     every,
@@ -180,3 +182,13 @@ def test_the_time_of_a_function_may_be_stated_by_either_name(tmp_path, stated, w
     imported = FORMAT.read([str(folder)], ArxmlImportOptions(overlay=used, granularity="ostask"))
     (owner,) = imported.model.tasks
     assert owner.versions[0].wcet == Duration.parse(wcet)
+
+
+@pytest.mark.parametrize(("cycle", "told"), [("10", 0), ("5", 0), ("25", 1), ("20", 1)])
+def test_an_alarm_that_activates_an_os_task_between_its_calls_is_reported(tmp_path, cycle, told):
+    pump = component("Pump", every("0.01", "A", "Pump/Step"), runnables="Step")
+    alarms = alarm("Al", "10", activates="Main"), alarm("Other", cycle, activates="Main")
+    maps = configuration("Rte", rte(mapped("Pump/B/A", "Main", "1")))
+    ecu = package("E", configuration("Os", counter(), os_task("Main"), *alarms), maps)
+    messages = [d.message for d in found(read(write(tmp_path, package("T", pump), ecu)), codes.TRIGGERING_DIFFERS)]
+    assert messages == [f"activates /E/Os/Main every {cycle}ms, whose calls are due every 10ms"] * told

@@ -1,17 +1,22 @@
 """Execution modes from the modes in which events are disabled."""
 
+import pytest
 from arxml_case import (
+    assembly,
     component,
+    composition,
     configuration,
     disabled,
     el,
     event,
     every,
     found,
+    in_port,
     mapped,
     mode_group,
     module,
     os_task,
+    out_port,
     package,
     read,
     ref,
@@ -115,3 +120,18 @@ def test_the_order_of_an_os_task_passes_through_what_a_mode_disables(tmp_path):
     used = {mode.name: run.versions for mode in model.modes for run in mode.runs if run.task == "Pump/D"}
     assert used == {"Run": ("default",), "Sleep": ("default.Sleep",)}
     assert [version.name for version in model.task("Pump/A").versions] == ["default"]
+
+
+@pytest.mark.parametrize(("second", "told"), [("one M/out", 0), ("two M/out", 1)])
+def test_providers_that_switch_one_group_independently_are_reported(tmp_path, second, told):
+    def user(name, mode):
+        target = ref("CONTEXT-PORT-REF", f"/T/{name}/in"), ref("TARGET-MODE-DECLARATION-REF", f"/T/Power/{mode}")
+        irefs = el("DISABLED-MODE-IREFS", el("DISABLED-MODE-IREF", *target))
+        return component(name, every("0.01", "E", f"{name}/R", irefs), runnables="R", ports=[in_port("in")])
+
+    links = assembly("a", "Top/one M/out", "Top/x X/in"), assembly("b", f"Top/{second}", "Top/y Y/in")
+    top = composition("Top", "one:M two:M x:X y:Y", *links)
+    users = user("X", "Run"), user("Y", "Sleep")
+    imported = read(write(tmp_path, package("T", POWER, component("M", ports=[out_port("out")]), *users, top)))
+    messages = [d.message for d in found(imported, codes.SEVERAL_MACHINES)]
+    assert [("2 providers" in m, "/T/M/out" in m) for m in messages] == [(True, True)] * told

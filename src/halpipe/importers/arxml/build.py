@@ -27,7 +27,7 @@ from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations, group, slack_of
-from halpipe.importers.arxml.tasks.calls import join_calls, with_one_rate
+from halpipe.importers.arxml.tasks.calls import join_calls, report_other_rates, with_one_rate
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED, decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
@@ -103,6 +103,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)
     activations = join_calls(activations, findings)
+    report_other_rates(activations, system.configuration.triggers, findings)
     if options.granularity == "ostask":
         activations = with_one_rate(activations, findings)
     drafts = _kept(group(activations, options.granularity), options)

@@ -176,6 +176,13 @@ CYCLE = warning(
     "Precedence must be free of cycles. The order of the weakest source that closes the cycle is left out: execution "
     "order constraints are stronger than positions in OS tasks, those stronger than data-received chains.",
 )
+SEVERAL_MACHINES = warning(
+    "HAL1493",
+    "Several providers switch the modes of one mode group",
+    "Components that require one MODE-DECLARATION-GROUP at ports of different providers are switched independently, so "
+    "that each combination of modes can occur. The model has one mode for each declaration, in which all are disabled "
+    "that any of the providers disables.",
+)
 SEVERAL_GROUPS = note(
     "HAL0545",
     "Several mode groups switch tasks off",

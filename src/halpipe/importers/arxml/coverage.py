@@ -65,9 +65,9 @@ _REASONS = {
         SWC-TO-IMPL-MAPPING SYSTEM SYSTEM-MAPPING TD-EVENT-BSW-* TD-EVENT-COM* TD-EVENT-CYCLE-START
         TD-EVENT-FRAME* TD-EVENT-I-* TD-EVENT-MODE-* TD-EVENT-OPERATION TD-EVENT-SERVICE-* TD-EVENT-SWC-*
         TD-EVENT-TRIGGER TD-EVENT-VARIABLE-* TIMING-EXTENSION* SWC-TIMING BSW-MODULE-TIMING
-        BSW-MODULE-DEPENDENCY BSW-DEBUG-INFO VFB-TIMING SYSTEM-TIMING ECU-TIMING EOC-EXECUTABLE-ENTITY-REF*
-        EOC-EVENT-REF TIMING-CLOCK* ECU-INSTANCE ROOT-SW-COMPOSITION-PROTOTYPE VIEW-MAP-SET HW-*
-        ECUC-MODULE-CONFIGURATION-VALUES
+        BSW-MODULE-DEPENDENCY BSW-DEBUG-INFO BSW-SCHEDULER-NAME-PREFIX VFB-TIMING SYSTEM-TIMING ECU-TIMING
+        EOC-EXECUTABLE-ENTITY-REF* EOC-EVENT-REF TIMING-CLOCK* ECU-INSTANCE ROOT-SW-COMPOSITION-PROTOTYPE
+        VIEW-MAP-SET HW-* ECUC-MODULE-CONFIGURATION-VALUES
     """,
     "configures another module than Os, Rte and EcuC": "ECUC-CONTAINER-VALUE",
     "part of an alarm, table or OsTask: counted with it": """
@@ -80,8 +80,8 @@ _REASONS = {
         ArcOs* OsAppMode OsApplicationHooks OsApplicationTrustedFunction OsCore OsCoreStacks
         OsDerivativeInformation OsDriver OsHardwareTimer* OsHooks OsImplementationInformation
         OsInterruptSupportedType OsIoc* OsMemoryRegion* OsOS OsOS* OsPeripheralArea OsPhysicalCore*
-        OsPublishedInformation OsStack* OsSystemIntCtrl OsTimeConstant OsCounterTimeConstant ALL AUTO Automatic
-        FALSE Standard TRUE
+        OsPublishedInformation OsStack* OsSystemIntCtrl* OsSystemMpu OsModeEntryModule OsDSMCModule OsTimeConstant
+        OsCounterTimeConstant ALL AUTO Automatic FALSE Standard TRUE
     """,
     "general settings of Rte and EcuC": """
         BswInitialization Ecuc* InitFunction Pdu* PostbuildLoadable RteBswExclusiveAreaImpl RteBswGeneral

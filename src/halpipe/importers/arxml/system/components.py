@@ -44,6 +44,7 @@ _AREA_REFS = (
     "RUNS-INSIDES/EXCLUSIVE-AREA-REF-CONDITIONAL/EXCLUSIVE-AREA-REF",
     "CAN-ENTERS/EXCLUSIVE-AREA-REF-CONDITIONAL/EXCLUSIVE-AREA-REF",
 )
+_DISABLED = "DISABLED-MODE-IREFS/DISABLED-MODE-IREF"
 # How releases before 4 name the variables between runnables, by the list that they stand in since.
 _VARIABLE_REFS = {
     "WRITTEN-LOCAL-VARIABLES": "WRITTEN-VARIABLE-REFS/WRITTEN-VARIABLE-REF",
@@ -140,6 +141,9 @@ def _event(tree: Tree, node: Node) -> Event:
         offset=stated(tree.text(node, "OFFSET")) if is_timing else None,
         data=_received_data(tree, node),
         disabled_in=tuple(_disabled_in(tree, node)),
+        mode_ports=tuple(
+            ref.path for ref in tree.refs(node, "DISABLED-MODE-IREFS/DISABLED-MODE-IREF/CONTEXT-PORT-REF")
+        ),
     )
 
 
@@ -154,7 +158,7 @@ def _received_data(tree: Tree, node: Node) -> DataItem | None:
 def _disabled_in(tree: Tree, node: Node) -> Iterator[str]:
     """Yield the paths of the mode declarations in which the event does not occur (SWC, BSW, release 3)."""
     for path in (
-        "DISABLED-MODE-IREFS/DISABLED-MODE-IREF/TARGET-MODE-DECLARATION-REF",
+        f"{_DISABLED}/TARGET-MODE-DECLARATION-REF",
         "DISABLED-IN-MODE-IREFS/DISABLED-IN-MODE-IREF/TARGET-MODE-REF",
         "MODE-DEPENDENCY/DEPENDENT-ON-MODE-IREFS/DEPENDENT-ON-MODE-IREF/MODE-DECLARATION-REF",
     ):

@@ -77,7 +77,10 @@ class Runnable:
 
 @record(kw_only=True)
 class Event:
-    """An RTE or BSW event: the runnable it starts (path, None if unresolved or none), and its stated times."""
+    """An RTE or BSW event: the runnable it starts (path, None if unresolved or none), and its stated times.
+
+    `mode_ports` are the ports (paths) at which the modes arrive that it is disabled in.
+    """
 
     place: Place
     runnable: str | None
@@ -85,6 +88,7 @@ class Event:
     offset: Stated | None = None
     data: DataItem | None = None
     disabled_in: tuple[str, ...] = ()
+    mode_ports: tuple[str, ...] = ()
 
     @property
     def is_timing(self) -> bool:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
+    from halpipe.importers.arxml.system.values import Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
 
 _RUNNABLE, _ENTITY = "RUNNABLE-ENTITY", "BSW-SCHEDULABLE-ENTITY"
@@ -125,6 +126,33 @@ def with_one_rate(activations: Sequence[Activation], findings: Findings) -> list
             result[index] = replace(call, period=period, offset=offset or None, called_every=slower)
         _report(calls, period, findings)
     return result
+
+
+def report_other_rates(activations: Iterable[Activation], triggers: Iterable[Trigger], findings: Findings) -> None:
+    """Report alarms and tables that activate an OsTask at another rate than that at which its calls are due."""
+    hosted: dict[str, list[Activation]] = {}
+    for activation in activations:
+        task = activation.os_task
+        if task is not None and task.is_basic and activation.period is not None and activation.event is not None:
+            hosted.setdefault(task.place.path, []).append(activation)
+    comes: dict[tuple[str, str], list[Trigger]] = {}
+    for trigger in triggers:
+        for path in trigger.tasks:
+            comes.setdefault((path, trigger.table or trigger.place.path), []).append(trigger)
+    for (path, starter), found in comes.items():
+        calls = [call for call in hosted.get(path, ()) if call.event and call.event.is_timing]
+        named_by = {name for call in calls if call.mapping for name in call.mapping.triggers}
+        is_compared = starter in named_by or any(trigger.place.path in named_by for trigger in found)
+        if not calls or is_compared or any(call.distance for call in calls):
+            continue
+        rate, due = found[0].period / len(found), _rate(calls)[0]
+        if due % rate:  # generated code may count the activations of one that comes more often
+            found[0].place.report(
+                findings,
+                codes.TRIGGERING_DIFFERS,
+                f"activates {path} every {rate}, whose calls are due every {due}",
+                help="make them agree; the period of the calls counts",
+            )
 
 
 def _rate(calls: Iterable[Activation]) -> tuple[Duration, Duration]:

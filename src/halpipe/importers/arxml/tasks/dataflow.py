@@ -87,6 +87,18 @@ def _port_graph(system: System) -> dict[Port, list[tuple[Port, str]]]:
     return graph
 
 
+def find_providers(system: System) -> dict[Port, Port]:
+    """Return, for each port that connectors lead to, the port at which what arrives there is provided."""
+    before = {target: source for source, ends in _port_graph(system).items() for target, _ in ends}
+    found = {}
+    for port in before:
+        way = [port]
+        while way[-1] in before and before[way[-1]] not in way:
+            way.append(before[way[-1]])
+        found[port] = way[-1]
+    return found
+
+
 def _uses(system: System) -> Iterator[tuple[tuple[str, ...], Composition]]:
     """Yield every use of a composition with its context."""
     by_path = {composition.place.path: composition for composition in system.compositions}

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.words import legal_name, unique_name
+from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
+from halpipe.importers.arxml.tasks.dataflow import find_providers
 from halpipe.models import Interrupt, Mode, Run, Transition, Unit
 
 if TYPE_CHECKING:
@@ -185,6 +186,7 @@ def make_modes(
     names = _mode_names(groups)
     modes = [] if len(groups) == 1 else [Mode(name=DEFAULT_MODE, runs=_runs(drafts, "", versions))]
     for group in groups:
+        _report_machines(system, group, drafts, findings)
         ledger.mapped(group.place, *group.modes, *group.parts)
         for mode in group.modes:
             runs = _runs(drafts, mode.path, versions)
@@ -222,6 +224,22 @@ def _runs(drafts: Sequence[Draft], mode: str, versions: Mapping[str, tuple[str, 
     return tuple(
         Run(task=draft.name, versions=versions[draft.name]) for draft in drafts if mode not in draft.disabled_in
     )
+
+
+def _report_machines(system: System, group: ModeGroup, drafts: Sequence[Draft], findings: Findings) -> None:
+    """Report a group whose modes are switched at several places: each combination of them is a state of its own."""
+    modes = {mode.path for mode in group.modes}
+    events = [(m.context, m.event) for draft in drafts for m in draft.members if m.event]
+    ports = {(c, port): None for c, e in events for port in e.mode_ports if not modes.isdisjoint(e.disabled_in)}
+    providers = find_providers(system) if len(ports) > 1 else {}
+    machines = dict.fromkeys(providers[port] for port in ports if port in providers)
+    if len(machines) > 1:
+        group.place.report(
+            findings,
+            codes.SEVERAL_MACHINES,
+            f"is switched by {len(machines)} providers, but imported as one: {listed([port for _, port in machines])}",
+            help="state the modes that occur together in the overlay (modes)",
+        )
 
 
 def _report_empty(group: ModeGroup, mode: Place, findings: Findings) -> None:
