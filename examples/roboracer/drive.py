@@ -23,7 +23,7 @@ from halpipe.core.durations import seconds
 from halpipe.deploy.riscv import Board, CoSimulation, Plant
 from halpipe.deploy.riscv.judge.check import Outcome, judge, tolerance_of
 from halpipe.deploy.riscv.judge.containment import Course, course_of
-from halpipe.deploy.riscv.judge.figures import summary_lines, trace_csv
+from halpipe.deploy.riscv.judge.figures import csv_of, rows_of, summary_lines
 from halpipe.deploy.riscv.run.cosimulation import read_images
 from halpipe.deploy.riscv.run.expectation import Expectation, PlannedJob
 from halpipe.deploy.riscv.run.injection import Injection, Kind, Saboteur, code_of
@@ -231,7 +231,7 @@ def drive_by_bundle(chosen: argparse.Namespace, drive: Drive) -> tuple[bool, dic
     lines.append(f"{len(found)} deviations from the schedule")
     lines.append("on this computer the tasks drive " + ("the same course" if same else "ANOTHER course"))
     sys.stdout.write("\n".join(lines) + "\n")
-    trace = trace_csv(outcome).decode()
+    trace = csv_of(rows_of(outcome)).decode()
     return drive.succeeded and same and not found, {**written(drive), "trace.csv": trace}
 
 
@@ -250,7 +250,7 @@ def drive_with_an_overrun(chosen: argparse.Namespace, drive: Drive) -> tuple[boo
         lines.append(f"pure pursuit overran from {at} on; safe-stop began {took} after that was found, at most {most}")
     sys.stdout.write("\n".join(lines) + "\n")
     succeeded = drive.finished and not drive.collisions and not found and in_time
-    return succeeded, {**written(drive), "trace.csv": trace_csv(outcome).decode()}
+    return succeeded, {**written(drive), "trace.csv": csv_of(rows_of(outcome)).decode()}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,7 +4,8 @@ import shutil
 
 import pytest
 
-from halpipe.deploy.riscv import codes
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.riscv import DEPLOYMENT, codes
 from halpipe.deploy.riscv.board.machine import Budget
 from halpipe.deploy.riscv.judge import check
 from halpipe.deploy.riscv.judge.calibration import wrong_measurements
@@ -45,6 +46,28 @@ def test_a_console_that_prints_something_else_is_found(mutant, what, instead, pa
     found = list(wrong_reports(mutant("console.c", what, instead), Budget(calls=10**6)))
     assert {d.code for d in found} == {codes.TRACE_DISAGREES.id if path else codes.SPENT.id}
     assert all(d.path == path for d in found)
+
+
+def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):
+    target = mutant("runtime.c", "    calibrate();\n", "", calibrate=True)
+    found = {d.code for d in DEPLOYMENT.check(target, CheckOptions(inject="none")).diagnostics if d.is_error}
+    assert found == {codes.NO_CALIBRATION.id}
+
+
+@pytest.mark.parametrize(
+    ("what", "instead", "said"),
+    [
+        ("    traced++;", "    traced--;", "records"),
+        ("boxes[o->unit]->restart = 1U;\n            fence();", "boxes[o->unit]->restart = 1U;", "without a fence"),
+        pytest.param("box->request + 1U;\n        fence();", "box->request + 1U;", "without", marks=pytest.mark.slow),
+        pytest.param("((now + 1U) << 2U)", "((now + 3U) << 2U)", "sleeps", marks=pytest.mark.slow),
+    ],
+)
+def test_a_runtime_that_only_other_machines_or_rings_would_show_is_found(mutant, what, instead, said):
+    rules = '    <rule task="act" on="fault" count="1" cycles="1" action="restart"/>'
+    change = lambda text: text.replace("</task-model>", f"  <health>\n{rules}\n  </health>\n</task-model>")  # noqa: E731
+    found = DEPLOYMENT.check(mutant("runtime.c", what, instead, change=change), CheckOptions()).diagnostics
+    assert any(said in d.message for d in found if d.is_error)
 
 
 @pytest.mark.parametrize(

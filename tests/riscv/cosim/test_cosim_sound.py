@@ -12,8 +12,13 @@ from halpipe.core.durations import Duration
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, CoSimulation, Plant
 from halpipe.deploy.riscv.codes import ENGINE_ABSENT
+from halpipe.deploy.riscv.judge.conditions import tick_of
 from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.exporters.riscv.profile import read_profile
+from halpipe.exporters.riscv.render import margin
 from support import ms
+
+VCU118 = read_profile("vcu118")
 
 
 @pytest.mark.parametrize("execution", ["real", "modelled"])
@@ -74,6 +79,8 @@ def test_modelled_executions_take_the_time_of_the_schedule(sound, play):
         for outcome in (real, modelled)
     ]
     assert lengths[0] < ms("1ms") < ms("3.7ms") < lengths[1] <= ms("3.75ms")
+    pairs = [(p, e) for job in modelled.jobs for p, e in zip(job.planned.executions, job.executions, strict=True)]
+    assert {planned.end - tick_of(modelled.run, execution.end) for planned, execution in pairs} == {margin(VCU118)}
 
 
 class Ramp(Plant):

@@ -214,7 +214,8 @@ class DmaPort:
 
     def store(self, hart: Hart, offset: int, size: int, value: int) -> None:
         """Take what software writes; it may start a transfer."""
-        channel = offset // self._stride
+        channel, is_order = offset // self._stride, offset % self._stride == CONTROL
+        hart.is_ordered = hart.is_ordered and is_order
         if channel < len(self.channels) and self.channels[channel].write(offset % self._stride, size, value):
             self._work.start_transfer(self.channels[channel], hart)
 

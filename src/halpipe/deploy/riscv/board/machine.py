@@ -275,6 +275,8 @@ class Machine:
         if other is not hart and number != MANAGEMENT:
             self._copies.finish(hart.now, number)
             other.run(hart.now)
+            if value and not hart.is_ordered:
+                self.observer.unordered.add(f"wakes {self.site.unit_of(number).name}")
         if value and not other.software:
             other.software_at = hart.now
             if number and number not in self._begun:  # its monitor has been put there
@@ -297,6 +299,10 @@ class Machine:
             self._loads(address, size, now)
         else:
             self._copies.stores(address, size, now)
+            unit = self.site.unit_of(other.number)
+            if address == unit.mailbox and other.number in self._begun and not self.management.is_ordered:
+                self.observer.unordered.add(f"requests a job of {unit.name}")
+            self.management.is_ordered = False
 
     def _touched_main(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
         """The management core touches a buffer, or an image that is to be loaded."""
@@ -325,6 +331,8 @@ class Machine:
         """Read the source now, and have the bytes arrive after set-up and the time that bandwidth and gate ask for."""
         source, target, size = channel.next()
         now = hart.now
+        if not hart.is_ordered:
+            self.observer.unordered.add(f"starts a transfer on channel {channel.number}")
         transfer = Transfer(channel.number, source, target, size, now, now)
         self._bring_up(source, size, now)
         self.observer.starts(transfer)

@@ -133,7 +133,7 @@ _SYSTEM = 0x73
 MRET = 0x30200073
 WFI = 0x10500073
 EBREAK = 0x00100073
-FENCE_I = 0x0000100F
+FENCE_I, FENCE = 0x0000100F, 0x0FF0000F
 C_EBREAK = 0x9002
 ATOMIC, LOAD_RESERVED = 0x2F, 2  # the opcode of atomic operations, and the function of lr
 
@@ -180,5 +180,5 @@ def of_interest(code: bytes, base: int) -> Iterator[int]:
             continue
         word = int.from_bytes(code[at : at + 4], "little")
         access = decode(word)
-        if word in (MRET, FENCE_I) or (access is not None and access.csr in OURS | INTERRUPTS):
+        if word in (MRET, FENCE_I, FENCE) or (access is not None and access.csr in OURS | INTERRUPTS):
             yield base + at

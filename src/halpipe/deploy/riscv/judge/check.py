@@ -122,7 +122,7 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         outcomes.append(simulate(target, asking, execution=options.execution, hears=True))
     site = outcomes[0].run.site
     findings += cold_findings(target, site)
-    if MEASURING in load_program(target.bundle, site).symbols:
+    if MEASURING in target.bundle.files:
         findings += wrong_measurements(target, outcomes[0].run)
     lines = list(summary_lines(target, outcomes, tolerance_of(site)))
     held = hold_transfers(target, outcomes)

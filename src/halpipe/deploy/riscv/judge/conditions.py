@@ -121,10 +121,13 @@ def decides(run: Run, played: Sequence[Played], tolerance: Duration) -> Iterator
 
 
 def starts_afresh(run: Run) -> Iterator[Diagnostic]:
-    """Yield the cores whose monitors began with what the instruction cache held before they were put there."""
+    """Yield where fences are missing: of monitors before their first instruction, of the management core's stores."""
     for hart in sorted(run.recorder.unfenced):
         message = "begins its monitor without a fence.i since it was put there"
         yield codes.WRONG_CALL(message, path=about(unit=run.site.unit_of(hart).name), help=REPORT)
+    for what in sorted(run.recorder.unordered):
+        message = f"{what} without a fence since it stored what that needs"
+        yield codes.WRONG_CALL(message, path="the management core", help=REPORT)
 
 
 def calls_drivers(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,12 @@ if TYPE_CHECKING:
 
 def tells_the_truth(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
     """Yield where records and observations differ: a recorded instant lies between two that were seen."""
-    if run.recording.lost or run.zero is None:
+    if run.zero is None:
+        return
+    if run.word(Word.TRACED) != len(run.recorder.traced):
+        yield _differs(f"it counts {run.word(Word.TRACED)} records, {len(run.recorder.traced)} were written")
+        return
+    if run.recording.lost:
         return  # what was overwritten cannot be compared
     unknown = [*strangers(run, tables)]
     if unknown:
@@ -87,9 +93,6 @@ def _differing(what: str, seen: Sequence[object], recorded: Sequence[object]) ->
 def _instants(run: Run) -> Iterator[Diagnostic]:
     """Yield the first record whose instant is not between those at which the one before and itself were written."""
     seen, records = run.recorder.traced, run.recording.records
-    if len(seen) != len(records):
-        yield _differs(f"it counts {len(seen)} records, {len(records)} are there")
-        return
     before = seen[0][0] if seen else 0
     for (now, woken), entry in zip(seen, records, strict=True):
         low, high = tick_of(run, max(before, woken)), tick_of(run, now)
@@ -101,13 +104,18 @@ def _instants(run: Run) -> Iterator[Diagnostic]:
 
 
 def _slept(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
-    """Yield the first operation at whose instant the management core slept; transfers may have to wait."""
+    """Yield the first operation at whose instant the management core slept; a transfer may have waited for others."""
     starts = [int(table.start / run.site.tick) for table in played]
+    ends = sorted(-(-(t.end - (run.zero or 0)) // run.tick) for t in run.recorder.transfers)
     for (_, woken), entry in [*zip(run.recorder.traced, run.recording.records, strict=False)][1:]:
-        waits = entry.kind in (Kind.COPY, Kind.HEALTH) or entry.flags & Flag.REFUSED or entry.cycle >= len(starts)
-        wake = tick_of(run, woken)
-        if not waits and due_of(tables, entry, starts)[0] < wake:
-            due = run.site.tick * due_of(tables, entry, starts)[0]
+        is_none = entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts)
+        if is_none or (entry.kind == Kind.COPY and (entry.flags or run.site.dma.kind == "copy")):
+            continue
+        tick, wake = due_of(tables, entry, starts)[0], tick_of(run, woken)
+        if entry.kind == Kind.COPY:
+            tick = max([tick, *ends[: bisect_right(ends, wake + 1)][-1:]])  # it may end in the very tick
+        if tick < wake:
+            due = run.site.tick * tick
             message = f"the management core sleeps from before {due}, when it has something to do, until "
             yield codes.SLOW_DISPATCH(f"{message}{run.site.tick * wake}", path="the management core", help=REPORT)
             return

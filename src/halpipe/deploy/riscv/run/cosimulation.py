@@ -50,8 +50,8 @@ RUNNING, FINISHED = 1, 2
 PRINTED = 50
 """Records of a report that the simulation has the runtime print."""
 
-MEASURING = "calibrate"
-"""The function of runtimes that measure their target before the run, for up to a second."""
+MEASURING = "runtime/calibrate.c"
+"""The source of runtimes that measure their target before the run, for up to a second."""
 
 
 @record
@@ -231,7 +231,7 @@ class CoSimulation:
     @property
     def calibrates(self) -> bool:
         """Whether the runtime measures its target before the run."""
-        return MEASURING in self.program.symbols
+        return MEASURING in self._target.bundle.files
 
     def run(self, limit: Duration | None = None, *, is_cold: bool = False, leaves: int = 0) -> Run:
         """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case.

@@ -98,6 +98,9 @@ class Observations:
     traced: list[tuple[int, int]] = field(default_factory=list)  # of every record: now, and when hart 0 woke up last
     restarts: Counter[int] = field(default_factory=Counter)
     unfenced: set[int] = field(default_factory=set)  # cores whose monitors began without fence.i
+    unordered: set[str] = field(
+        default_factory=set
+    )  # what the management core did before a fence made its stores visible
     decisions: list[int] = field(default_factory=list)  # when the management core took the requests
     stale: list[tuple[Transfer, str]] = field(default_factory=list)
 
