@@ -229,7 +229,7 @@ def inject(target: Target, outcomes: Sequence[Outcome], *, everything: bool) -> 
         sabotage(target, tour, kinds, 0, found)
     if site.dma.kind == "pdma":
         for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
-            delay(target, tour, min(affordable, DELAYS * SPACE), found, turns=TURNS if everything else 1)
+            delay(target, tour, min(affordable, DELAYS * SPACE), found, turns=range(TURNS if everything else 1))
     for trial in list(containment.trials(target))[: None if everything else TRIALS]:
         try_rule(target, trial, found)
     if lacking:
@@ -239,7 +239,7 @@ def inject(target: Target, outcomes: Sequence[Outcome], *, everything: bool) -> 
     return found
 
 
-def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: int) -> None:
+def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: Iterable[int]) -> None:
     """Play tours in which transfers are late by up to a hyperperiod, and add what differs from what has to follow."""
     site = read_site(target.bundle)
     tour = replace(tour, tables=max(tables, SPACE) + 1)
@@ -247,7 +247,7 @@ def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: int) 
     jobs = plan(target, site, expected)
     length = math.floor(expected[0].length / site.tick)
     margin = math.ceil(tolerance_of(site) / site.tick) + 1
-    for turn in range(turns):
+    for turn in turns:
         injections = delays([job for job in jobs if job.table.cycle < tour.tables - 1], length, margin, turn)
         if injections:
             outcome = simulate(target, tour, injections=injections)
