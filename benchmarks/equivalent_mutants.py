@@ -1,4 +1,4 @@
-"""Mutants of verify that change no verdict and no text, with the reason: see mutation_score.py.
+"""Mutants that change no verdict, no text and no export, with the reason: see mutation_score.py.
 
 Each is the file and the line of its statement, as `ast.unparse` prints it with the fault in it.
 """
@@ -26,6 +26,11 @@ EQUIVALENT = {
     ("ticks.py", "_TURNS = 5"): MORE,
     ("transitions.py", "for placed in (*switch.before(3), *switch.jobs, *switch.after(2)):"): MORE,
     ("transitions.py", "for placed in (*switch.before(2), *switch.jobs, *switch.after(3)):"): MORE,
+    ("copies.py", "if begin <= end and (number, begin) not in seen:"): "what is released at `end` or later needs no buffer before",
+    ("copies.py", "for moves, at, order in ((program.written, release + (tasks[job.task].let or ZERO), 0), (program.read, release, 2)):"): "the order of 0 and 2 is that of 0 and 1",
+    ("tables.py", "longest = max((table.length for table in result.tables), default=1)"): "without a table, 1 is as small as 0",
+    ("bundle.py", "cpus.setdefault(unit.name, 1)"): "only where the export has been refused",
+    ("bundle.py", "sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 1))"): "a transfer has at least one byte",
     (
         "precedence.py",
         "before = min(cycles, max(1, -((switch.length + cyclic.start - least) // cycle)))",

@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_linux_bundle import planned, sourced, system, two_modes, with_phase, without_programs, write
+from test_linux_bundle import planned, refused, sourced, system, two_modes, with_phase, without_programs, write
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
 from halpipe.exporters.linux.bundle import Program, _rendered, check_texts, rendered_tables, sentences
 from halpipe.exporters.linux.copies import copies_of
-from halpipe.exporters.linux.tables import MOST, Table, Tables, _refuge, _refuse_large, thread_levels
+from halpipe.exporters.linux.tables import MOST, Part, Table, Tables, _refuge, _refuse_large, thread_levels
 from halpipe.models import HealthEvent, HealthRule, Interrupt, Source, Split, Transfer
 from stated_options import stated
 from support import access, job, model, ms, schedule, task, version
@@ -43,7 +43,7 @@ def test_a_made_up_program_of_two_pieces_has_two_functions(tmp_path):
     assert '"piece_0", "piece_1", }' in files["tables.c"]
     assert '"piece_2"' not in files["tables.c"]
     assert "BUSY_NS=1000000,2000000 " in files["Makefile"]
-    assert "int64_t times[2]" in files["src/dummy_pieces.c"]
+    assert "int64_t times[2]" in files["src/dummy.c"]
 
 
 def test_data_are_moved_into_readers_and_out_of_writers(tmp_path):
@@ -180,8 +180,8 @@ def test_the_first_of_several_releases_in_the_next_table_counts(tmp_path):
 def test_programs_that_stand_in_are_written_where_they_are_used():
     plain = Program("a", "p", ("step",), ("a.c",), (), (), ())
     values = {"name": "n", "compiled": [], "ready": [], "priority": 50, "cpus": [0], "places": [], "unrealised": []}
-    assert not {"src/dummy.c", "src/dummy_pieces.c"} & _rendered(values, [plain], LinuxOptions()).keys()
-    assert "src/dummy.c" in _rendered(values, [plain], LinuxOptions(busy=1))
+    assert "src/dummy.c" not in _rendered(values, [plain])
+    assert "src/dummy.c" in _rendered(values, [plain, replace(plain, files=("src/dummy.c",))])
 
 
 def test_the_length_of_a_switch_stands_beside_those_of_the_modes(tmp_path):
@@ -243,7 +243,7 @@ def test_the_sizes_of_pieces_are_those_of_the_program_with_most(tmp_path):
     short = replace(short, versions=(replace(short.versions[0], split=Split(points=(ms("0.5ms"),))),))
     owner = replace(owner, tasks=(short, owner.tasks[1]))
     _, files = write(tmp_path, owner, planned(owner), busy=50)
-    assert "int64_t times[3]" in files["src/dummy_pieces.c"]
+    assert "int64_t times[3]" in files["src/dummy.c"]
 
 
 def test_what_is_written_comes_first_whatever_the_order_of_the_jobs():
@@ -255,3 +255,48 @@ def test_what_is_written_comes_first_whatever_the_order_of_the_jobs():
     tables = schedule(owner, 40, job(owner, "r", 0, 20, "u2"), job(owner, "w", 0, 0, "u1"))
     [rows] = copies_of(owner, tables, programs, {("w", "v"): 0, ("r", "v"): 1}, Findings())
     assert [(row.at, row.source) for row in rows] == [(20_000_000, 0), (20_000_000, 1)]
+
+
+def test_only_units_with_jobs_and_only_gangs_are_named(tmp_path):
+    owner = model(task("a", 10, version("v", 1, "u1")), units="u1 u2")
+    _, files = write(tmp_path, owner, schedule(owner, 10, job(owner, "a", 0, 0, "u1")), busy=1, cpus={"u1": 3, "u2": 4})
+    assert "| u1 | 3 |" in files["README.md"]
+    assert "u2" not in files["README.md"]
+    assert "occupy several units" not in files["README.md"]
+
+
+def test_the_longest_of_several_tables_counts():
+    owner, findings = model(units="u1"), Findings()
+    _refuse_large(Tables(1, [Table("m", 2**62 + 1, 0, 0, 0), Table("n", 1, 0, 1, 1)], []), {}, {}, owner, findings)
+    assert ["nanoseconds of a table" in found.message for found in findings.items] == [True]
+
+
+@pytest.mark.parametrize(("count", "fits"), [(MOST, True), (MOST + 1, False)])
+def test_the_job_with_most_parts_counts(count, fits):
+    owner, findings, part = model(units="u1"), Findings(), Part(0, 0, 1)
+    _refuse_large(Tables(1, [], [], [], [(part,), (part,) * count]), {}, {}, owner, findings)
+    assert ["parts of a job" in found.message for found in findings.items] == [True] * (not fits)
+
+
+@pytest.mark.parametrize(("highest", "help"), [(97, "state --priority 1 or lower"), (98, "let fewer tasks preempt")])
+def test_levels_that_fit_nowhere_have_another_remedy(highest, help, monkeypatch):
+    monkeypatch.setattr("halpipe.exporters.linux.tables.levels_of", lambda _: {"": {"a": highest}})
+    owner = model(task("a", 10, version("v", 1, "u1")))
+    with pytest.raises(HalpipeError) as caught:
+        thread_levels(owner, schedule(owner, 10), 50)
+    assert caught.value.diagnostics[0].help.startswith(help)
+
+
+def test_phases_are_held_where_one_of_the_units_serves_interrupts(tmp_path):
+    load = Interrupt(name="i", wcet=ms("0.1ms"), distance=ms(5))
+    phased = sourced(task("a", 20, version("v", 6, "u1", access("memory", 2, 3, "1/2"))), "both")
+    owner = model(phased, units="u1 u2", resources="memory")
+    tables = schedule(owner, 20, job(owner, "a", 0, 0, "u1"))
+    assert write(tmp_path, owner, tables, cpus={"u1": 0, "u2": 1})
+    owner = replace(owner, units=(owner.units[0], replace(owner.units[1], interrupts=(load,))))
+    assert refused(tmp_path, owner, tables, cpus={"u1": 0, "u2": 1}) == [codes.EARLY_PHASE.id]
+    split = sourced(task("b", 20, version("v", 1, "u2")), "both")
+    split = replace(split, versions=(replace(split.versions[0], split=Split(anywhere=True, max_gaps=1)),))
+    other = model(phased, split, units="u1 u2", resources="memory")
+    said = [text for text, _ in sentences(other, tables, LinuxOptions())]
+    assert "bounds of access phases are not enforced" in said

@@ -142,11 +142,11 @@ def _reader(stated: str, namespace: dict[str, Any]) -> tuple[tuple[type, ...], C
         types, read = _reader(stated[6:].removesuffix(", ...]"), namespace)
         return (tuple,), lambda given: _tuple(given, types, read)
     plain: dict[str, tuple[type, Callable[[Any], Any]]] = {
-        "Duration": (Duration, _duration),
+        "Duration": (Duration, lambda given: Duration.parse(_same(given, str))),
         "Fraction": (Fraction, _fraction),
         "str": (str, lambda given: _same(given, str)),
         "bool": (bool, lambda given: _same(given, bool)),
-        "int": (int, _whole),
+        "int": (int, lambda given: _same(given, int)),
     }
     if stated in plain:
         kind, read = plain[stated]
@@ -163,25 +163,12 @@ def _tuple(given: Any, types: tuple[type, ...], read: Callable[[Any], Any]) -> t
     return tuple(read(item) for item in given)
 
 
-def _same(given: Any, kind: type) -> Any:
-    if not isinstance(given, kind):
+def _same(given: Any, *kinds: type) -> Any:
+    """Return a value of one of some types; for Python, True is a number, too."""
+    if not isinstance(given, kinds) or (isinstance(given, bool) and bool not in kinds):
         raise TypeError(f"{given!r} is a {type(given).__name__}")
     return given
-
-
-def _duration(given: Any) -> Duration:
-    if not isinstance(given, str):
-        raise TypeError(f"{given!r} is a {type(given).__name__}")
-    return Duration.parse(given)
 
 
 def _fraction(given: Any) -> Fraction:
-    if isinstance(given, bool) or not isinstance(given, int | str):
-        raise TypeError(f"{given!r} is a {type(given).__name__}")
-    return Fraction(given) if isinstance(given, int) else parse_rational(given)
-
-
-def _whole(given: Any) -> int:
-    if isinstance(given, bool) or not isinstance(given, int):
-        raise TypeError(f"{given!r} is a {type(given).__name__}")
-    return given
+    return parse_rational(given) if isinstance(_same(given, int, str), str) else Fraction(given)

@@ -1,8 +1,8 @@
 /* The tables of a schedule of model m, written by halpipe. Times are nanoseconds. */
 #include "dispatch.h"
 
-static const char *const entries_0[] = { "dummy", };
-static const char *const entries_1[] = { "dummy", };
+static const char *const entries_0[] = { "piece_0", };
+static const char *const entries_1[] = { "piece_0", };
 static const dispatch_program programs[] = {
   { .name = "a/v", .library = "program_0.so", .entries = entries_0, .n_entries = 1,
     .in = 0, .n_in = 0, .out = 0, .n_out = 0 },

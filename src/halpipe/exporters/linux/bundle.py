@@ -166,7 +166,6 @@ def _environment() -> Any:
         autoescape=False,  # C and make: names are checked before they get here
         keep_trailing_newline=True,
         trim_blocks=True,
-        lstrip_blocks=True,
     )
 
 
