@@ -251,7 +251,7 @@ def test_learning_from_a_recording_is_that_of_the_command(tmp_path):
     learned = halpipe.learn(planned, str(file), system, quantile="0.5", margin="50%")
     (found,) = learned.versions
     assert (str(found.longest), str(found.wcet)) == ("4.000004ms", "6.000003ms")  # 1.5 times the third
-    assert str(learned.corrected(system).task("a").versions[0].wcet) == "6.001ms"
+    assert str(learned.corrected(system).task("a").versions[0].wcet) == "6.000003ms"
     with pytest.raises(TypeError, match="has no option"):
         halpipe.learn(planned, str(file), system, quantil="0.5")
 
