@@ -153,28 +153,29 @@ def rendered_tables(
         "modes": len(schedule.modes),
         "levels": max(levels.values(), default=0) + 1,
     }
-    text: str = _environment().get_template("tables.c").render(**values)
-    return text.encode()
+    return filled("tables.c", values)
 
 
-def _environment() -> Any:
+def filled(name: str, values: Mapping[str, Any], folder: Path = FOLDER / "templates") -> bytes:
+    """Return a template with its values; only XML is escaped: names are checked before they get into C or CMake."""
     import jinja2
 
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER / "templates"),
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
-        autoescape=False,  # C and make: names are checked before they get here
+        autoescape=".xml" in name,
         keep_trailing_newline=True,
         trim_blocks=True,
     )
+    text: str = environment.get_template(name).render(**values)
+    return text.encode()
 
 
 def _rendered(values: dict[str, Any], programs: list[Program]) -> dict[str, bytes]:
-    environment = _environment()
     names = ["Makefile", "CMakeLists.txt", "dispatcher.service", "setup.sh", "README.md"]
-    files = {name: environment.get_template(name).render(**values).encode() for name in names}
+    files = {name: filled(name, values) for name in names}
     if pieces := max((len(p.entries) for p in programs if p.is_made_up), default=0):
-        files[_DUMMY] = environment.get_template("dummy.c").render(pieces=pieces).encode()
+        files[_DUMMY] = filled("dummy.c", {"pieces": pieces})
     return files
 
 

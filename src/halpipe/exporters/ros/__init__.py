@@ -130,10 +130,10 @@ class RosExporter(PlainExporter):
 
         own, played = specific(RosOptions, options), select(model, schedule, options.mode, self.name)
         if own.package:
-            from halpipe.exporters.ros.packaging import specific_sentences
+            from halpipe.exporters.ros.packaging import sentences as of_package
             from halpipe.exporters.ros.waits import wait_remarks
 
-            sentences, more = specific_sentences(model, played), wait_remarks(model, own)
+            sentences, more = of_package(model, played), wait_remarks(model, own)
         else:
             from halpipe.exporters.ros.document import sentences as of_document
 

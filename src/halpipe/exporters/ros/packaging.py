@@ -13,7 +13,7 @@ from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.exporters.linux import LinuxOptions
-from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
+from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, filled, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
@@ -108,27 +108,12 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
         "nodes": sorted({row.node for row in rows}),
         "unrealised": [text for text, _ in sentences(model, schedule)],
     }
-    files = {place: _filled(name, values) for name, place in _PLACES.items()}
+    files = {place: filled(name, values, FOLDER) for name, place in _PLACES.items()}
     files |= {f"src/{name}": (FOLDER / name).read_bytes() for name in _SHIM}
     files |= {f"runtime/{name}": (_RUNTIME / name).read_bytes() for name in RUNTIME}
     files["tables.c"] = rendered_tables(model, schedule, tables, programs, {}, levels)
     files |= paired(model, schedule)
     return seal("ros-package", files, {"model": model.name, "generator": f"halpipe {__version__}"})
-
-
-def _filled(name: str, values: dict[str, Any]) -> bytes:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER),
-        undefined=jinja2.StrictUndefined,
-        autoescape=".xml" in name,  # the others are C++ and CMake: names are checked before they get here
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text: str = environment.get_template(name).render(**values)
-    return text.encode()
 
 
 def _row(task: str, model: TaskModel, modes: Sequence[str], options: RosOptions, findings: Findings) -> Row | None:
@@ -211,8 +196,8 @@ def _refuse_old_messages(model: TaskModel, options: RosOptions, findings: Findin
             findings.add(OLD_MESSAGES(text, at=chain.at, path=about(chain=chain.name), help=help))
 
 
-def specific_sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
-    """Yield what the package leaves open of this very schedule."""
+def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
+    """Yield what the package leaves open of this very schedule, and what to do about it."""
     jobs = list(jobs_of(schedule))
     if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, catches_faults=True)):
         names = ", ".join(f'"{name}"' for name in left)
@@ -227,28 +212,3 @@ def specific_sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[s
         )
     if len({(job.task, job.version) for job in jobs}) > len({job.task for job in jobs}):
         yield ("all versions of a task are its one callback", "choose the version by a parameter of the node")
-
-
-def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
-    """Yield what every package leaves open, and what this one does, with what to do about it."""
-    yield from specific_sentences(model, schedule)
-    yield (
-        "what no row runs (services, parameters, other callbacks) runs at normal priority in a lane of its own",
-        "state its CPUs with background_cpus in config/components.yaml",
-    )
-    yield (
-        "a handler in the background lane delays a job of its mutually exclusive callback group until it returns",
-        "keep long handlers in callback groups of their own",
-    )
-    yield (
-        "callback groups that are not added to executors automatically are left to their nodes",
-        "nothing to do: the listener of tf2 and polled subscriptions spin or take for themselves",
-    )
-    yield (
-        "threads of the middleware run at normal priority on the CPUs of the background lane",
-        "keep a CPU free for them that no unit has",
-    )
-    yield (
-        "dynamic messages are taken one by one, the oldest first, and their jobs count as having had one",
-        "keep a queue of one message for their subscriptions",
-    )

@@ -541,11 +541,6 @@ void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at), void (*copy)
   hook_copy = copy;
 }
 
-uint64_t dispatch_copied(int64_t *latest) {
-  *latest = atomic_load(&latest_copy);
-  return atomic_load(&n_copied);
-}
-
 void dispatch_request(int mode) {
   if (atomic_load(&wanted) != mode) atomic_store(&requested, time_now());
   atomic_store(&wanted, mode);
@@ -557,7 +552,6 @@ int dispatch_table_now(void) { return atomic_load(&playing); }
 int dispatch_worker_here(void) { return here; }
 int64_t dispatch_origin(void) { return origin; }
 uint64_t dispatch_left_out(void) { return atomic_load(&left_out); }
-uint64_t dispatch_refused(void) { return atomic_load(&refused); }
 
 dispatch_switches dispatch_switched(void) { return switched; }
 
@@ -606,5 +600,6 @@ dispatch_counts dispatch_total(void) {
     all.is_running += c.is_running, all.is_stuck += c.is_stuck;
   }
   all.lost_tables += atomic_load(&left_out);
+  all.refused = atomic_load(&refused), all.copied = atomic_load(&n_copied), all.latest_copy = atomic_load(&latest_copy);
   return all;
 }

@@ -107,6 +107,8 @@ typedef struct {          /* counts of a thread, or the sums over all */
   uint64_t late_ends, overran;                /* of jobs that were late, and of jobs that took longer than their slots */
   int is_running, is_stuck;                   /* stuck: a job runs whose slot is over */
   int64_t over;                               /* ns since the end of the slot of the job that is stuck */
+  uint64_t refused, copied;                   /* of all: requests without a table between the modes; copies of a LET */
+  int64_t latest_copy;                        /* ns that one was late by */
 } dispatch_counts;
 
 typedef struct {          /* the requests for modes that were taken */
@@ -129,8 +131,6 @@ int dispatch_table_now(void);
 int64_t dispatch_origin(void);                /* on CLOCK_MONOTONIC */
 int64_t dispatch_stepped(unsigned *times);    /* ns by which the clock of the origin was set since */
 uint64_t dispatch_left_out(void);             /* tables, since the machine was away for longer than one */
-uint64_t dispatch_refused(void);              /* requests without a table between the modes */
-uint64_t dispatch_copied(int64_t *latest);    /* copies at releases and releases + LET, and the most that one was late by */
 uint64_t dispatch_torn(void);                 /* copies out of a buffer during which its writers never paused */
 dispatch_switches dispatch_switched(void);
 dispatch_counts dispatch_counted(int worker);

@@ -105,8 +105,9 @@ static double seconds(const char *text, const char *option) {
   return value;
 }
 
-static const char *units[1024];
-static int n_units;
+#define MOST_UNITS 1024
+static const char *units[MOST_UNITS];
+static int n_units, cpu_of[MOST_UNITS], *cpus;   /* CPUs by unit, and by worker */
 
 static int unit_of(const char *name) {
   for (int i = 0; i < n_units; i++)
@@ -115,28 +116,26 @@ static int unit_of(const char *name) {
 }
 
 static void find_units(void) {
-  for (int i = 0; i < plan.n_workers && n_units < 1024; i++)
-    if (unit_of(plan.workers[i].unit) < 0) units[n_units++] = plan.workers[i].unit;
+  for (int i = 0; i < plan.n_workers && n_units < MOST_UNITS; i++)
+    if (unit_of(plan.workers[i].unit) < 0) {
+      cpu_of[n_units] = plan.workers[i].cpu;
+      units[n_units++] = plan.workers[i].unit;
+    }
 }
 
-static int *cpus;
-
 static void take_cpus(char *text) {
-  int given[1024], n = 0;
-  for (char *piece = strtok(text, ","); piece && n < 1024; piece = strtok(NULL, ","))
-    given[n++] = (int)number(piece, 0, CPU_SETSIZE - 1, "--cpus");
+  int n = 0;
+  for (char *piece = strtok(text, ","); piece; piece = strtok(NULL, ",")) {
+    const int cpu = (int)number(piece, 0, CPU_SETSIZE - 1, "--cpus");
+    if (n < n_units) cpu_of[n] = cpu;
+    n++;
+  }
   if (n != n_units) die(2, "--cpus wants one number for each unit of --list", NULL);
-  for (int i = 0; i < plan.n_workers; i++) cpus[i] = given[unit_of(plan.workers[i].unit)];
 }
 
 static void list(void) {
   for (int i = 0; i < plan.n_modes; i++) printf("mode %s: a table of %lld ns\n", plan.tables[i].name, (long long)plan.tables[i].length);
-  for (int i = 0; i < n_units; i++)
-    for (int w = 0; w < plan.n_workers; w++)
-      if (strcmp(plan.workers[w].unit, units[i]) == 0) {
-        printf("unit %s: CPU %d\n", units[i], plan.workers[w].cpu);
-        break;
-      }
+  for (int i = 0; i < n_units; i++) printf("unit %s: CPU %d\n", units[i], cpu_of[i]);
   exit(0);
 }
 
@@ -224,16 +223,13 @@ static int check_cpus(void) {
   for (int cpu = 0; cpu < CPU_SETSIZE; cpu++)
     if (CPU_ISSET((size_t)cpu, &usable)) found[n++] = cpu;
   for (int i = 0; i < n_units; i++) {
-    int cpu = -1;
-    for (int w = 0; w < plan.n_workers; w++)
-      if (strcmp(plan.workers[w].unit, units[i]) == 0) cpu = cpus[w];
-    if (CPU_ISSET((size_t)cpu, &usable)) continue;
+    if (CPU_ISSET((size_t)cpu_of[i], &usable)) continue;
     char text[256];
-    snprintf(text, sizeof text, "unit %.100s wants CPU %d, which this process may not use; it has %d of them", units[i], cpu, n);
+    snprintf(text, sizeof text, "unit %.100s wants CPU %d, which this process may not use; it has %d of them", units[i], cpu_of[i], n);
     errors += missing(cfg.degrade_cpus, text, "name other CPUs with --cpus, widen the cpuset, or share CPUs with --degrade cpus");
-    for (int w = 0; cfg.degrade_cpus && w < plan.n_workers; w++)
-      if (strcmp(plan.workers[w].unit, units[i]) == 0) cpus[w] = found[i % n];
+    if (cfg.degrade_cpus) cpu_of[i] = found[i % n];
   }
+  for (int w = 0; w < plan.n_workers; w++) cpus[w] = cpu_of[unit_of(plan.workers[w].unit)];
   return errors;
 }
 
@@ -347,15 +343,14 @@ static void summarise(void) {
   printf("%llu skipped, %llu ended late, %llu not recorded, %llu tables lost, %llu requests refused, %llu torn copies\n",
          (unsigned long long)all.skipped, (unsigned long long)(all.late_ends + all.overran + (uint64_t)all.is_stuck),
          (unsigned long long)(all.unrecorded + dispatch_unwritten()),
-         (unsigned long long)all.lost_tables, (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
+         (unsigned long long)all.lost_tables, (unsigned long long)all.refused, (unsigned long long)dispatch_torn());
   const dispatch_switches switched = dispatch_switched();
   if (switched.taken)
     printf("%llu mode switches; from request to next table at most %.3f ms, which is %.3f ms %s than a table and a dispatch\n",
            (unsigned long long)switched.taken, switched.longest / 1e6, llabs(switched.excess) / 1e6,
            switched.excess <= 0 ? "less" : "more");
-  int64_t latest;
-  const uint64_t copied = dispatch_copied(&latest);
-  if (copied) printf("%llu copies at releases and at releases + LET, at most %.1f us late\n", (unsigned long long)copied, latest / 1e3);
+  if (all.copied)
+    printf("%llu copies at releases and at releases + LET, at most %.1f us late\n", (unsigned long long)all.copied, all.latest_copy / 1e3);
   const int64_t step = dispatch_stepped(&steps);
   if (steps) printf("the clock was set %u times, by %.3f ms in all\n", steps, step / 1e6);
 }
@@ -364,7 +359,6 @@ int main(int argc, char **argv) {
   find_units();
   cpus = calloc((size_t)plan.n_workers + 1, sizeof *cpus);
   if (!cpus) die(1, "no memory", NULL);
-  for (int i = 0; i < plan.n_workers; i++) cpus[i] = plan.workers[i].cpu;
   take_options(argc, argv);
   cfg.run.cpus = cpus;
   char own[4096];
