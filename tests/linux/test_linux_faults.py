@@ -256,6 +256,14 @@ def test_the_exit_status_of_a_run_without_a_fault_is_0(calm):
     assert 0 in (run(calm, "--degrade", "all", "--cycles", "2").returncode for _ in range(20))
 
 
+def test_a_first_instant_that_is_past_is_a_coming_one_of_its_phase(calm):
+    """As after a restart: no table is late, so that no health rule answers."""
+    ran = run(calm, "--degrade", "all", "--clock", "realtime", "--cycles", "5", "--origin", "1003")
+    assert "0 tables lost" in ran.stdout
+    assert {r.cycle for r in recorded(calm)} == set(range(5))
+    assert max(r.start - r.planned for r in recorded(calm)) < ms(1000)
+
+
 def test_without_a_step_the_clock_is_left_alone(calm):
     bundle = calm
     ran = run(bundle, "--degrade", "all", "--clock", "realtime", "--cycles", "20")

@@ -496,6 +496,14 @@ static int make_worker(int index) {
   return 0;
 }
 
+/* The first instant, or, where it is past as after a restart, a coming one of its phase: no table is played late. */
+static int64_t next_of_phase(int64_t at, int64_t now) {
+  const dispatch_table *t = &plan.tables[now_.mode];
+  const __int128 length = (__int128)t->length * plan.parts + t->rest;
+  if (at > now) return at;
+  return at + (int64_t)(((__int128)(now + SECOND / 10 - at) * plan.parts / length + 1) * length / plan.parts);
+}
+
 int dispatch_start(const dispatch_options *options) {
   now_ = *options;
   int error = check_cpus();
@@ -516,7 +524,7 @@ int dispatch_start(const dispatch_options *options) {
   if (error) return error;
   offset = offset_of(now_.clock);
   const int64_t ahead = middle(offset);
-  origin = now_.origin ? now_.origin - ahead : ((time_now() + ahead) / SECOND + 2) * SECOND - ahead;
+  origin = now_.origin ? next_of_phase(now_.origin - ahead, time_now()) : ((time_now() + ahead) / SECOND + 2) * SECOND - ahead;
   error = create(&conductor, conduct, NULL, "conductor", -1, now_.priority ? now_.priority + plan.levels : 0);
   if (!error) atexit(dispatch_left);
   return error ? dispatch_fail(error, "the conductor cannot be started", NULL) : 0;

@@ -125,7 +125,7 @@ static void find_units(void) {
 
 static void take_cpus(char *text) {
   int n = 0;
-  for (char *piece = strtok(text, ","); piece; piece = strtok(NULL, ",")) {
+  for (char *piece; (piece = strsep(&text, ",")) != NULL;) {
     const int cpu = (int)number(piece, 0, CPU_SETSIZE - 1, "--cpus");
     if (n < n_units) cpu_of[n] = cpu;
     n++;
