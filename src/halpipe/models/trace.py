@@ -189,6 +189,15 @@ class Executions(Sequence[Execution]):
         if each.stretches:
             self.stretches[row] = tuple((a.ns, b.ns) for a, b in each.stretches)
 
+    def extend(self, others: Executions) -> None:
+        """Add the executions of another recording, as far as columns tell of them."""
+        for at in others.order:
+            end, busy = (None if c[at] == NONE else c[at] for c in (others.end, others.busy))
+            units = others.units[others.on[at]]
+            row = self.add(others.names[others.task[at]], units, others.start[at], end, busy, others.line[at])
+            if at in others.stretches:
+                self.stretches[row] = others.stretches[at]
+
     def length(self, row: int) -> Instant | None:
         """Return the time in which an execution really ran; None if it has no end."""
         end, busy = self.end[row], self.busy[row]

@@ -498,3 +498,44 @@ def test_a_text_that_only_begins_like_json_is_not_to_be_recorded_again(text, tmp
     *_, found = refused.value.diagnostics
     assert found.code == "HAL1120"
     assert "in the Trace Event Format" in found.help
+
+
+def two_processes(second, *, tables=False):
+    """Slices A and another one of two processes at 1 and 4 us, on threads of equal name."""
+    args = {"table": "run", "played": 0, "job": 0} if tables else {}
+    events = [{"ph": "M", "name": "thread_name", "pid": p, "tid": 1, "args": {"name": "c0"}} for p in (1, 2)]
+    for process, name, at in ((1, "A", 1), (2, second, 4)):
+        events.append({"ph": "X", "name": name, "pid": process, "tid": 1, "ts": at, "dur": 2, "args": args})
+    return parse_traces(json.dumps(events).encode(), "t").traces
+
+
+def test_processes_without_a_task_in_common_are_one_line_of_time():
+    (found,) = two_processes("B")
+    assert [(e.task, e.units, e.start.ns) for e in found.executions] == [("A", ("c0",), 1000), ("B", ("c0",), 4000)]
+    assert len(two_processes("A")) == 2  # two computers that run the same
+    assert len(two_processes("B", tables=True)) == 2  # pictures of halpipe begin at 0 each
+
+
+def test_contradictions_of_one_kind_are_reported_once():
+    lost = "".join(f"{n},Core_u,0,T,TASK_a,{n},terminate\n" for n in range(10, 110))
+    whole = "#version 2.1.5\n0,Core_u,0,T,TASK_b,0,start\n5,Core_u,0,T,TASK_b,0,terminate\n"
+    found = parse_traces((whole + lost).encode(), "t")
+    odd = [d for d in found.diagnostics if d.code == codes.ODD_SEQUENCE.id]
+    assert [(d.message, d.at.line) for d in odd] == [("terminate without start; 100 times, this is the first", 4)]
+
+
+def test_a_counter_that_wraps_is_reported():
+    """Of BTF, in which events stand in the order of time; those of another core may come later."""
+    text = "#version 2.1.5\n4294967290,Core_u,0,T,TASK_a,0,start\n4294967295,Core_u,0,T,TASK_a,0,terminate\n"
+    other = "9,Core_v,0,T,TASK_b,0,start\n12,Core_v,0,T,TASK_b,0,terminate\n"
+    again = "3,Core_u,0,T,TASK_a,1,start\n7,Core_u,0,T,TASK_a,1,terminate\n"
+    assert parse_traces((text + other).encode(), "t").diagnostics == ()
+    (found,) = parse_traces((text + other + again).encode(), "t").diagnostics
+    assert (found.code, found.at.line) == (codes.ODD_SEQUENCE.id, 6)
+    assert "wrap" in found.help
+
+
+def test_a_text_in_another_encoding_has_advice_that_helps():
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces("task,start,end\nM\xfcll,1,2\n".encode("latin-1"), "t")
+    assert refused.value.diagnostics[0].help == "save it as UTF-8"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Job, Jobs, report_unused
+from halpipe.importers.traces.jobs import Job, Jobs, Oddities, report_unused
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
 from halpipe.models.trace import Executions, Trace
 
@@ -68,6 +68,9 @@ class _Reader(Jobs):
         self.scale: int | Fraction = 1
         self.marks: list[tuple[int | Fraction, str, int]] = []
         self.others: Counter[str] = Counter()
+        self.odd, self.late = Oddities(), Oddities()
+        self.last: dict[str, int | Fraction] = {}
+        """Instant of the last event on each core."""
         self.table = ""
         self.is_of_runnables = True
         """Whether no event of a task has come yet; runnables start after their tasks."""
@@ -111,6 +114,9 @@ class _Reader(Jobs):
                 return
         event = event.lower()
         if kind in _JOBS:
+            if at < self.last.get(source, at):
+                self.late.add(f"its instant precedes that of the event before on {source[:60]}", number)
+            self.last[source] = at
             if self.is_of_runnables:
                 self.is_of_runnables = False
                 self.running, self.executions = {}, Executions(self.file)
@@ -145,6 +151,9 @@ class _Reader(Jobs):
     def result(self, marks: Sequence[tuple[int | Fraction, str, int]] = ()) -> Executions:
         """Return what ran, by start, with the table it belongs to where marks tell."""
         report_unused(self.others, self.file, self.findings)
+        self.odd.report(self.file, self.findings)
+        help = "sort the events by time; counters of 32 bits that wrap need their overflows added"
+        self.late.report(self.file, self.findings, help)
         in_order = sorted(self.marks, key=lambda mark: (mark[0], mark[2]))
         self.marks.sort(key=lambda mark: mark[0])
         if all(earlier[2] < later[2] for earlier, later in pairwise(in_order)):
@@ -155,8 +164,7 @@ class _Reader(Jobs):
         return super().result(self.marks)
 
     def _odd(self, task: str, instance: str, what: str, line: int) -> None:
-        at, path = Location(self.file, line), f'job {instance} of task "{task}"'
-        self.findings.add(codes.ODD_SEQUENCE(what, at=at, path=path, help="check the recorder for lost events"))
+        self.odd.add(what, line, f'job {instance} of task "{task}"')
 
     def _broken(self, line: int, message: str, help: str) -> None:
         self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file, line), help=help))

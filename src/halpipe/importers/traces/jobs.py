@@ -26,6 +26,23 @@ def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> N
         findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(file)))
 
 
+class Oddities:
+    """Events that contradict each other, by what they are: how many, and where the first is."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, list[Any]] = {}
+
+    def add(self, what: str, line: int, path: str = "") -> None:
+        """Count an event."""
+        self._found.setdefault(what, [0, line, path])[0] += 1
+
+    def report(self, file: str, findings: Findings, help: str = "check the recorder for lost events") -> None:
+        """Report each kind once."""
+        for what, (count, line, path) in self._found.items():
+            message = what + (f"; {count} times, this is the first" if count > 1 else "")
+            findings.add(codes.ODD_SEQUENCE(message, at=Location(file, line), path=path, help=help))
+
+
 class Marks:
     """Begins and ends of the slices of one thread, one track or one id, as columns; names are numbers of the reader."""
 

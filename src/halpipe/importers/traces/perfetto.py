@@ -19,7 +19,7 @@ from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
-from halpipe.importers.traces.jobs import Marks, report_unused
+from halpipe.importers.traces.jobs import Marks, Oddities, report_unused
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
@@ -332,22 +332,19 @@ class _Reader:
     def _slices(self) -> list[Trace]:
         """Return the lines of the processes; slices of a track are nested."""
         lines: dict[int, Executions] = {}
-        names, unbegun, left = [*self.names], 0, 0
+        names, odd, left = [*self.names], Oddities(), 0
         for track in [*self.marks]:
             marks = self.marks.pop(track)
             found = lines.setdefault(self._process_of(track), Executions(self.file))
             units = ((self.tracks[track][2] if track in self.tracks else "") or str(track),)
             for row, last in marks.pairs():
                 if row < 0:
-                    unbegun += 1
+                    odd.add("a slice ends that did not begin", 0)
                     continue
                 start, end = marks.at[row], None if last is None else marks.at[last]
                 found.add(names[marks.task[row]], units, start, end, None if end is None else end - start)
                 left += end is None
-        if unbegun:
-            message = f"{unbegun} slices end that did not begin"
-            help = "check the recorder for lost events"
-            self.findings.add(codes.ODD_SEQUENCE(message, at=Location(self.file), help=help))
+        odd.report(self.file, self.findings)
         if left:
             self.findings.add(codes.UNFINISHED(f"{left} slices have no end", at=Location(self.file)))
         for found in lines.values():

@@ -19,12 +19,12 @@ from halpipe.core.files import STDIO, TOO_LARGE, open_input, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import folders
+from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models.trace import Trace
 
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
 _HEAD = 4096
@@ -85,7 +85,24 @@ def _read(stream: BinaryIO, file: str) -> Recording:
     if not any(len(trace.executions) for trace in traces):
         help = "record the start and the end of every job"
         raise HalpipeError(*findings.items, codes.NO_EXECUTIONS("no task runs in it", at=Location(file), help=help))
-    return Recording(tuple(trace for trace in traces if len(trace.executions)), tuple(findings.items))
+    return Recording(_joined([trace for trace in traces if len(trace.executions)]), tuple(findings.items))
+
+
+def _joined(traces: Sequence[Trace]) -> tuple[Trace, ...]:
+    """Return processes that have no task in common as one line of time, since one clock stamps them all.
+
+    Those that name tables are pictures of halpipe, each with a time of its own; equal tasks are those of two computers.
+    """
+    columns = [trace.executions for trace in traces if trace.name and isinstance(trace.executions, Executions)]
+    names = [{each.names[number] for number in each.task} for each in columns]
+    is_stated = any(any(each.names[number] for number in {*each.table}) for each in columns)
+    if len(columns) < 2 or len(columns) < len(traces) or is_stated or sum(map(len, names)) > len(set().union(*names)):
+        return tuple(traces)
+    found = columns[0]
+    for each in columns[1:]:
+        found.extend(each)
+    found.sort()
+    return (Trace(name="", executions=found),)
 
 
 def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
@@ -129,7 +146,9 @@ def _pieces(stream: BinaryIO, file: str, encoding: str) -> Iterator[str]:
             piece = decoder.decode(data, final=not data)
         except UnicodeDecodeError:
             message = f"after line {number} it is no text in UTF-8"
-            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, number + 1), help=FORMS)) from None
+            raise HalpipeError(
+                codes.UNKNOWN_TRACE(message, at=Location(file, number + 1), help="save it as UTF-8")
+            ) from None
         number += piece.count("\n")
         if piece:
             yield piece

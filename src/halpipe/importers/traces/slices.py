@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Marks, report_unused
+from halpipe.importers.traces.jobs import Marks, Oddities, report_unused
 from halpipe.importers.traces.json_events import events
 from halpipe.importers.traces.numbers import instant, plain
 from halpipe.models.trace import Executions, Trace
@@ -70,6 +70,7 @@ class _Reader:
         self.names: dict[Any, int] = {}
         """Names of slices and keys of threads, with their number in the columns."""
         self.others: Counter[str] = Counter()
+        self.odd = Oddities()
 
     def take(self, event: dict[str, Any], number: int, line: int) -> None:
         """Take one event."""
@@ -112,6 +113,7 @@ class _Reader:
         while self.marks:
             key = next(iter(self.marks))
             left += self._match(key[1], self.marks.pop(key), names)
+        self.odd.report(self.file, self.findings)
         if left:
             self.findings.add(codes.UNFINISHED(f"{left} slices have no end", at=Location(self.file)))
         for key, slices in self.parts.items():
@@ -139,9 +141,7 @@ class _Reader:
         left = 0
         for row, last in marks.pairs():
             if row < 0:
-                message = f"a slice {names[marks.task[last or 0]]!r} ends that did not begin"
-                where = Location(self.file, marks.line[last or 0])
-                self.findings.add(codes.ODD_SEQUENCE(message, at=where, help="check the recorder for lost events"))
+                self.odd.add("a slice ends that did not begin", marks.line[last or 0], names[marks.task[last or 0]])
                 continue
             left += last is None
             end = None if last is None else marks.at[last]
