@@ -183,3 +183,15 @@ def test_no_format_takes_a_schedule_of_an_invalid_model():
     with pytest.raises(HalpipeError) as refused:
         formats.export("report", wrong, tables(owner), ExportOptions())
     assert "HAL0206" in {d.code for d in refused.value.diagnostics}
+
+
+@pytest.mark.parametrize("format", ["amalthea", "arxml", "ros", "table"])
+@pytest.mark.parametrize("kind", ["task-model", "schedule"])
+def test_files_of_halpipe_are_no_sources_of_an_import(format, kind, tmp_path):
+    source = tmp_path / "m.xml"
+    source.write_text(f"<?xml version='1.0'?>\n<{kind} xmlns='urn:halpipe:{kind}:1' name='m'/>\n")
+    with pytest.raises(HalpipeError) as refused:
+        formats.import_model(format, [str(source)], formats.importer(format).options())
+    (found,) = refused.value.diagnostics
+    assert found.code == formats.OWN_SOURCE.id
+    assert "halpipe schedule" in found.help

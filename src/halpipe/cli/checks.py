@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import defaultdict
 from dataclasses import replace
@@ -108,9 +109,9 @@ def explain(
     """
     from halpipe.pipeline.explain.explanation import ExplainOptions
 
-    if re.fullmatch(r"(?i)HAL\d{4}", subject):
+    if (code := re.fullmatch(r"(?i)(?:HAL)?(\d{1,4})", subject)) and not os.path.exists(subject):
         refuse_unused(ExplainOptions(**options), "explain of a code", options)
-        return _explain_code(subject.upper())
+        return _explain_code(f"HAL{int(code[1]):04}")
     from halpipe.cli.searching import Stop
     from halpipe.flow.searching import explain_options
     from halpipe.importers.native import read_model

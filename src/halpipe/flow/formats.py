@@ -7,6 +7,8 @@ The one place where formats and pipeline meet. Nothing is exported that does not
 
 from __future__ import annotations
 
+import os
+import re
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
@@ -14,7 +16,8 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
+from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, about, error, warning
+from halpipe.core.files import open_input
 from halpipe.core.options import options_of, refuse_unused, specific
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
@@ -35,6 +38,12 @@ if TYPE_CHECKING:
 UNKNOWN_FORMAT = error(
     "HAL0901", "Unknown format", "No importer or exporter, or no check of bundles, of that name is installed."
 )
+OWN_SOURCE = error(
+    "HAL1471",
+    "Source of an import is a file of halpipe",
+    "The file is a task model or a schedule already, so there is nothing to import. Importers read the files of other "
+    "tools.",
+)
 LOST_UNDER_STRICT = error(
     "HAL0902",
     "Loss under --strict",
@@ -47,6 +56,7 @@ UNSCHEDULABLE_YET = warning(
     "format states. Give them in an overlay.",
 )
 IMPORTERS = "halpipe.importers"
+_OWN = re.compile(rb"xmlns=[\"']urn:halpipe:(task-model|schedule):")
 EXPORTERS = "halpipe.exporters"
 DEPLOYMENTS = "halpipe.deployments"
 
@@ -97,6 +107,7 @@ def import_model(format: str, paths: Sequence[str], options: ImportOptions) -> I
 
     reader = importer(format)
     refuse_unused(options, f"import {format}")
+    _refuse_own(paths)
     overlay = OverlayUse(read_overlays(options.overlays))
     imported = reader.read(paths, replace(options, overlay=overlay))
     model, changes = overlay.apply(imported.model, imported.coverage)
@@ -107,6 +118,17 @@ def import_model(format: str, paths: Sequence[str], options: ImportOptions) -> I
     findings.stop_on_errors()
     findings.extend(_readiness(model))
     return replace(imported, diagnostics=tuple(findings.items))
+
+
+def _refuse_own(paths: Sequence[str]) -> None:
+    for path in paths:
+        if os.path.isfile(path):
+            with open_input(path) as stream:
+                head = stream.read(4096)
+            if found := _OWN.search(head):
+                kind = found[1].decode().replace("-", " ")
+                help = "give it to `halpipe schedule`; `halpipe export` writes it in other formats"
+                raise HalpipeError(OWN_SOURCE(f"is a {kind} of halpipe", at=Location(path, 1), help=help))
 
 
 def _refuse_losses(findings: Findings) -> None:
