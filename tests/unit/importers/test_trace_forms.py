@@ -303,3 +303,9 @@ def test_signals_that_are_no_states_are_left_out():
     found = parse_traces(b"time_us,A,speed\n1,1,1\n2,1,7\n3,0,0\n", "t")
     assert seen(found.traces[0]) == [("A", 1000, 3000, 2000, ())]
     assert any("speed" in d.message for d in found.diagnostics if d.code == codes.LEFT_OUT.id)
+
+
+def test_rows_of_signals_may_be_short():
+    """What a row leaves out is as in the row before, and is compared with what stood last in its column."""
+    (found,) = parse_traces(b"time_us,A,B\n1,0,0\n2,1\n3,1,1\n4,0\n5,0,0\n", "t").traces
+    assert seen(found) == [("A", 2000, 4000, 2000, ()), ("B", 3000, 5000, 2000, ())]

@@ -132,7 +132,7 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
                 jobs.running[name] = Job(name, "", at, line)
             elif state is False:
                 jobs.end(name, at)
-        before = cells
+        before[: len(cells)] = cells  # a row may be short
     report_signals(others, file, findings)
     for name in others:
         jobs.running.pop(name, None)
