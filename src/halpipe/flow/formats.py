@@ -7,7 +7,6 @@ The one place where formats and pipeline meet. Nothing is exported that does not
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from dataclasses import replace
@@ -17,7 +16,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, about, error, warning
-from halpipe.core.files import open_input
+from halpipe.core.files import beginning_of
 from halpipe.core.options import options_of, refuse_unused, specific
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
@@ -56,6 +55,7 @@ UNSCHEDULABLE_YET = warning(
     "format states. Give them in an overlay.",
 )
 IMPORTERS = "halpipe.importers"
+_HEAD = 4096
 _OWN = re.compile(rb"xmlns=[\"']urn:halpipe:(task-model|schedule):")
 EXPORTERS = "halpipe.exporters"
 DEPLOYMENTS = "halpipe.deployments"
@@ -122,13 +122,10 @@ def import_model(format: str, paths: Sequence[str], options: ImportOptions) -> I
 
 def _refuse_own(paths: Sequence[str]) -> None:
     for path in paths:
-        if os.path.isfile(path):
-            with open_input(path) as stream:
-                head = stream.read(4096)
-            if found := _OWN.search(head):
-                kind = found[1].decode().replace("-", " ")
-                help = "give it to `halpipe schedule`; `halpipe export` writes it in other formats"
-                raise HalpipeError(OWN_SOURCE(f"is a {kind} of halpipe", at=Location(path, 1), help=help))
+        if path.endswith(".xml") and (found := _OWN.search(beginning_of(path)[:_HEAD])):
+            kind = found[1].decode().replace("-", " ")
+            help = "give it to `halpipe schedule`; `halpipe export` writes it in other formats"
+            raise HalpipeError(OWN_SOURCE(f"is a {kind} of halpipe", at=Location(path, 1), help=help))
 
 
 def _refuse_losses(findings: Findings) -> None:

@@ -25,6 +25,7 @@ from halpipe.core.files.reading import MAX_INPUT_BYTES as MAX_INPUT_BYTES
 from halpipe.core.files.reading import TOO_LARGE as TOO_LARGE
 from halpipe.core.files.reading import TOO_MUCH as TOO_MUCH
 from halpipe.core.files.reading import SourceLines as SourceLines
+from halpipe.core.files.reading import beginning_of as beginning_of
 from halpipe.core.files.reading import find_inputs as find_inputs
 from halpipe.core.files.reading import input_size as input_size
 from halpipe.core.files.reading import is_ended as is_ended
