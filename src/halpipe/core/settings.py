@@ -284,7 +284,13 @@ class Fields:
 
     def _read(self, value: Any, key: str, line: int, read: Callable[[str], T]) -> Stated[T] | None:
         if not isinstance(value, str):
-            help = f'quote it: "{str(value).lower()}"' if isinstance(value, bool) else "write a single value"
+            help = "write a single value"
+            if isinstance(value, bool):
+                try:
+                    read(word := str(value).lower())
+                    help = f'quote it: "{word}"'
+                except ValueError as failure:
+                    help = str(failure).partition("; ")[2] or help
             self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a text', line=line, help=help)
             return None
         found = self.checked(key, lambda: read(value), None, line=line)

@@ -255,3 +255,9 @@ def test_tasks_whose_jobs_overlap_have_no_runnables(start, overlap):
     assert {row[4] for row in rows(text) if row[3] == "R"} == ({"RUN_b.v"} if overlap else {"RUN_a.v", "RUN_b.v"})
     assert ("# without runnables, since jobs of it overlap: TASK_a" in text) == overlap
     assert ("#-R RUN_a.v" in text) != overlap
+
+
+@pytest.mark.parametrize(("text", "help"), [("{cycles: yes}", "number"), ("{title: yes}", 'quote it: "true"')])
+def test_truth_values_of_yaml_have_the_advice_of_their_option(text, help):
+    (found,) = settings(text)[1]
+    assert (found.code, help in found.help, "quote" in found.help) == ("HAL0022", True, "title" in text)

@@ -15,10 +15,10 @@ from itertools import chain
 from typing import TYPE_CHECKING, BinaryIO, cast
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.core.files import STDIO, TOO_LARGE, open_input, read_bytes
+from halpipe.core.files import STDIO, TOO_LARGE, is_folder_without, open_input, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.ctf import folders
+from halpipe.importers.traces.ctf import METADATA, folders
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
@@ -55,6 +55,9 @@ def read_traces(path: str) -> Recording:
 
         findings = Findings()
         return Recording((read_folder(path, findings),), tuple(findings.items))
+    if is_folder_without(path, METADATA):
+        help = "name a file, or the directory that lttng or `ros2 trace` wrote"
+        raise HalpipeError(codes.NO_CTF("there is no file called metadata in it", at=Location(path), help=help))
     if path == STDIO:
         return parse_traces(read_bytes(path), path)
     with open_input(path) as stream:
