@@ -545,3 +545,15 @@ def test_a_folder_without_a_trace_is_told_from_a_file(tmp_path):
     with pytest.raises(HalpipeError) as refused:
         read_traces(str(tmp_path))
     assert [d.code for d in refused.value.diagnostics] == [codes.NO_CTF.id]
+
+
+def test_the_separator_that_a_spreadsheet_states_is_no_header():
+    (found,) = parse_traces(b"sep=;\ntask;start;end\na;1;2\n", "t").traces
+    assert [(e.task, e.start.ns, e.at.line) for e in found.executions] == [("a", 1, 3)]
+
+
+@pytest.mark.parametrize("header", ["task,start,start_us,end", "task,name,start,end", "task,start,end,end"])
+def test_two_columns_of_one_meaning_are_refused(header):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(f"{header}\na,1,2,3\n".encode(), "t")
+    assert "two columns have one meaning" in [d.message for d in refused.value.diagnostics]

@@ -35,6 +35,8 @@ _PERFETTO = re.compile(rb"\n[^\0-\x08\x0e-\x1f]*[\0-\x08\x0e-\x1f]")
 """A packet; texts have no control characters but those of lines."""
 _TRACE_DAT = b"\x17\x08Dtracing"
 _MDF = (b"MDF     ", b"UnFinMF ")
+_SEPARATOR = re.compile("sep=.$", re.IGNORECASE)
+"""First line by which spreadsheets state the separator of a CSV; the header shows it, too."""
 _GZIP = b"\x1f\x8b"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _CTF = (b"CTF 1", b"\xc1\x1f\xfc\xc1", b"\xc1\xfc\x1f\xc1")
@@ -134,6 +136,7 @@ def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> li
     lines = _lines(_pieces(stream, file, encoding), file, findings)
     begin: list[str] = []
     for line in lines:
+        line = "\n" if _SEPARATOR.match(line) else line
         begin.append(line)
         if line.strip():
             break

@@ -67,21 +67,26 @@ def _plain(name: str) -> str:
     return plain.rstrip(")]")
 
 
+def _role(name: str) -> tuple[str, str]:
+    """Return what a column holds, and its unit if these are times; nothing of times in an unknown unit."""
+    full = _plain(name)
+    plain, _, unit = _LONG.get(full, full).partition("_")
+    if plain in TIMES and (unit or "ns") in SCALES_NS:
+        return plain, unit or "ns"
+    return ("" if unit else _ALIASES.get(plain, plain)), ""
+
+
 def is_time(name: str) -> bool:
     """Whether a column without a unit in its name is one of instants or durations of jobs."""
     return _LONG.get(_plain(name), _plain(name)) in TIMES
 
 
 def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
-    """Return position and unit of time of each column, by its plain name."""
+    """Return position and unit of time of each column, by what it holds."""
     found: dict[str, tuple[int, str]] = {}
-    for position, name in enumerate(names):
-        full = _plain(name)
-        plain, _, unit = _LONG.get(full, full).partition("_")
-        if plain in TIMES and (unit or "ns") in SCALES_NS:
-            found.setdefault(plain, (position, unit or "ns"))
-        elif not unit:
-            found.setdefault(_ALIASES.get(plain, plain), (position, ""))
+    for position, (role, unit) in enumerate(map(_role, names)):
+        if role:
+            found.setdefault(role, (position, unit))
     return found
 
 
@@ -163,6 +168,10 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
     try:
         header = next(filled, [])
         columns = _columns(header)
+        if len(stated := [role for role, _ in map(_role, header) if role in ("task", *TIMES)]) > len({*stated}):
+            findings.add(
+                codes.BROKEN_ROW("two columns have one meaning", at=Location(file, 1), help="leave one of them")
+            )
         records = {} if _is_complete(columns) else _records(header)
         for cells in filled:
             try:
