@@ -154,7 +154,7 @@ class Tables:
     @property
     def rows(self) -> list[Row]:
         """Every row that has a budget somewhere, units in order."""
-        used = {row for table in self.tables for row in table.bursts}
+        used = {row for table in self.tables for row, bursts in table.bursts.items() if any(bursts)}
         return [row for unit in self.units for d in DIRECTIONS if (row := Row(unit.name, d)) in used]
 
 
@@ -183,8 +183,8 @@ class TableBuilder:
         framer = Framer(self.model, self.schedule, self.resource, grid, self.platform.unspecified, every=every)
         frames = framer.frames()
         self._check_limits(frames)
-        used = {phase.row for frame in frames for phase in frame.phases}
-        units = self._units(used)
+        used = {phase.row for frame in frames for phase in frame.phases if phase.bound}
+        units = self._units({phase.row.unit for frame in frames for phase in frame.phases}, used)
         self.findings.stop_on_errors()
         carrying = len(used) if self.backend.device.carries else 0
         tables = self._tables(frames, units, grid, rule, carrying)
@@ -217,7 +217,7 @@ class TableBuilder:
 
     # ---- units
 
-    def _units(self, used: set[Row]) -> tuple[RegulatedUnit, ...]:
+    def _units(self, named: set[str], used: set[Row]) -> tuple[RegulatedUnit, ...]:
         platform, names = self.platform, [unit.name for unit in self.model.units]
         for name, port in platform.units.items():
             if name not in names:
@@ -225,7 +225,7 @@ class TableBuilder:
                 message = f'model "{self.model.name}" has no such unit'
                 self.findings.add(UNKNOWN_UNIT(message, at=port.at, path=about(unit=name), help=help))
         for name in names:
-            if name not in platform.units and any(row.unit == name for row in used):
+            if name not in platform.units and name in named:
                 message = (
                     f'the schedule lets it use "{self.resource}", but platform "{platform.name}" has no manager for it'
                 )

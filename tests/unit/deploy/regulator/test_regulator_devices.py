@@ -42,6 +42,22 @@ SETTINGS = {
 }
 
 
+@pytest.mark.parametrize("name", ["table", *SETTINGS])
+def test_a_phase_with_a_bound_of_0_is_promised_nothing(tmp_path, name):
+    """Exporter and check agree on what is kept for its unit."""
+    backend = name.removesuffix("-phase").removesuffix("-mpam")
+    path = tmp_path / "platform.yaml"
+    path.write_text(PLATFORM + SETTINGS.get(name, ""))
+    phases = (access("mem", 0, 5, "0", "read"), access("mem", 0, 5, "0", "write"))
+    a = task("a", 10, version("v", 5, "u1", *phases))
+    b = task("b", 10, version("v", 5, "u2", access("mem", 0, 5, "0.3", "read")))
+    m = model(a, b, units="u1 u2 u3", resources="mem", modes=[mode("m", [a, b])])
+    s = schedule(m, 10, job(m, "a", 0, 0, "u1"), job(m, "b", 0, 0, "u2"), mode_name="m")
+    files = RegulatorExporter().write(m, s, RegulatorOptions(platform=str(path), backend=backend))
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="arithmetic"))
+    assert [str(d) for d in checked.diagnostics if d.is_error] == []
+
+
 def system():
     """Two modes and their switches; u3 never uses the memory."""
     a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
