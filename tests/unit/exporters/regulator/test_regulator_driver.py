@@ -251,6 +251,20 @@ def test_the_core_descriptions_have_the_keys_of_their_form():
         assert all(set(parameter) == known for parameter in core["parameters"].values())
 
 
+@pytest.mark.skipif(shutil.which("peakrdl") is None, reason="pip install peakrdl peakrdl-ipxact")
+@pytest.mark.parametrize(
+    ("top", "registers"),
+    [("halpipe_regulator_windows", {"BUFFER": 0x38, "LOCK": 0x34}), ("halpipe_regulator", {"STATUS": 0x0C})],
+)
+def test_peakrdl_makes_ip_xact_of_the_registers(tmp_path, top, registers):
+    command = ["peakrdl", "ip-xact", str(TABLE / "regulator.rdl"), "--top", top, "-o", "made.xml"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=300)
+    text = (tmp_path / "made.xml").read_text()
+    found = re.findall(r"<ipxact:name>(\w+)</ipxact:name>(?:\s*<ipxact:description>[^<]*</ipxact:description>)?"
+                       r"\s*<ipxact:addressOffset>'h(\w+)<", text)  # fmt: skip
+    assert registers.items() <= {name: int(offset, 16) for name, offset in found}.items()
+
+
 @pytest.mark.skipif(shutil.which("fusesoc") is None, reason="pip install fusesoc")
 @pytest.mark.skipif(shutil.which("verilator") is None, reason="verilator is not installed")
 @pytest.mark.parametrize(("folder", "core"), [("rtl", "halpipe:memory:regulator"), ("dma", "halpipe:memory:dma")])
