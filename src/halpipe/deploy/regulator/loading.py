@@ -9,13 +9,13 @@ import re
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD, OTHER_SCHEDULE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.diagnostics import Code, Diagnostic
@@ -50,21 +50,13 @@ class Case:
         self.findings.append(code(text, at=at, path=path, help=help))
 
 
-class Device(Protocol):
-    """A model of a device: executes what is loaded and notes what is wrong in the case."""
-
-    def __call__(self, case: Case) -> None:
-        """Execute everything that the folder of the back-end has."""
-        ...
-
-
-def device(backend: str) -> Device | None:
-    """Return the model of what a back-end writes for, None if its Verilog is simulated instead."""
+def device(backend: str) -> Callable[[Case], None] | None:
+    """Return the model that executes what a back-end writes, None if its Verilog is simulated instead."""
     from halpipe.devices import DEVICES
 
     if backend not in DEVICES or find_spec(f"{__package__}.{DEVICES[backend].folder}") is None:
         return None
-    return cast("Device", import_module(f"{__package__}.{DEVICES[backend].folder}").execute)
+    return cast("Callable[[Case], None]", import_module(f"{__package__}.{DEVICES[backend].folder}").execute)
 
 
 WORD = 2**32

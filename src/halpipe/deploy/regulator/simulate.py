@@ -44,18 +44,15 @@ RUN_SECONDS = 1800
 
 @record(kw_only=True)
 class Design:
-    """Sources of an engine: Verilog files by name, those for Verilator or Icarus alone, and parameters."""
+    """Sources by name, with a clock for each engine, and parameters."""
 
     sources: Mapping[str, bytes]
-    for_verilator: Mapping[str, bytes]
-    for_icarus: Mapping[str, bytes]
     parameters: Mapping[str, int]
 
     def digest(self, engine: str, *tools: str) -> str:
         """Return a name for what `engine` makes of this design with `tools`."""
-        extra = self.for_verilator if engine == "verilator" else self.for_icarus
         parts = [engine, os.uname().machine, *tools, *(f"{name}={self.parameters[name]}" for name in self.parameters)]
-        for name, content in sorted({**self.sources, **extra}.items()):
+        for name, content in sorted(self.sources.items()):
             parts += [name, sha256(content)]
         return sha256("\n".join(parts).encode())
 
@@ -111,8 +108,7 @@ class Icarus:
 
     def build(self, design: Design, folder: str) -> Player:
         """Compile to the interpreter's form."""
-        names = _write(folder, {**design.sources, **design.for_icarus})
-        sources = [name for name in names if name.endswith(".v")]
+        sources = [name for name in _write(folder, design.sources) if name.endswith(".v")]
         parameters = [f"-P{_ICARUS_TOP}.{name}={value}" for name, value in design.parameters.items()]
         command = ["iverilog", "-g2005-sv", "-s", _ICARUS_TOP, *parameters, "-o", "bench.vvp", *sources]
         _call(command, folder, BUILD_SECONDS)
@@ -131,7 +127,7 @@ _FLAGS = (
 
 
 def _verilate(design: Design, folder: str) -> Path:
-    names = _write(folder, {**design.sources, **design.for_verilator})
+    names = [name for name in _write(folder, design.sources) if name != f"{_ICARUS_TOP}.v"]
     parameters = [f"-G{name}={value}" for name, value in design.parameters.items()]
     quiet = ["-Wno-fatal", "-Wno-lint", "-Wno-style", "--top-module", TOP, "--Mdir", "made", "-o", TOP]
     _call(["verilator", *_FLAGS, *quiet, *parameters, *names], folder, BUILD_SECONDS)
@@ -203,13 +199,10 @@ def design_of(bundle: Bundle, tables: Tables) -> Design:
     sources = {name.removeprefix(prefix): data for name, data in bundle.files.items() if name.startswith(prefix)}
     sources = {name.replace("/", "_"): data for name, data in sources.items() if name.endswith((".v", ".sv"))}
     bench = {path.name: path.read_bytes() for path in BENCH.iterdir() if path.name.endswith((".v", ".cpp"))}
-    clocks = {"clocked.v", "clocked.cpp"}
     units = len(tables.units)
     depth, headers = stimuli.sizes(tables)
     return Design(
-        sources={**sources, **{name: data for name, data in bench.items() if name not in clocks}},
-        for_verilator={"clocked.cpp": bench["clocked.cpp"]},
-        for_icarus={"clocked.v": bench["clocked.v"]},
+        sources={**sources, **bench},
         parameters={
             "UNITS": units,
             "DEPTH": depth,

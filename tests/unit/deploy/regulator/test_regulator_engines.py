@@ -14,9 +14,11 @@ from halpipe.deploy.regulator.simulate import Design, Icarus, Player, Verilator
 
 def design(**changes):
     facts = {
-        "sources": {"a.v": b"module bench; endmodule\n"},
-        "for_verilator": {"clocked.cpp": b"// clock\n"},
-        "for_icarus": {"clocked.v": b"module clocked; endmodule\n"},
+        "sources": {
+            "a.v": b"module bench; endmodule\n",
+            "clocked.cpp": b"// clock\n",
+            "clocked.v": b"module clocked; endmodule\n",
+        },
         "parameters": {"UNITS": 2},
     }
     return Design(**{**facts, **changes})
@@ -143,7 +145,7 @@ def test_the_same_design_is_compiled_once(builds, tmp_path):
         {"sources": {"a.v": b"module bench; wire a; endmodule\n"}},
         {"sources": {"b.v": b"module bench; endmodule\n"}},
         {"parameters": {"UNITS": 3}},
-        {"for_verilator": {"clocked.cpp": b"// other\n"}},
+        {"sources": {"a.v": b"module bench; endmodule\n", "clocked.cpp": b"// other\n"}},
     ],
 )
 def test_another_design_is_compiled_again(builds, changes):
