@@ -28,7 +28,7 @@ EQUIVALENT = {
     ("transitions.py", "for placed in (*switch.before(2), *switch.jobs, *switch.after(3)):"): MORE,
     ("copies.py", "if begin <= end and (number, begin) not in seen:"): "what is released at `end` or later needs no buffer before",
     ("copies.py", "for moves, at, order in ((program.written, release + (tasks[job.task].let or ZERO), 0), (program.read, release, 2)):"): "the order of 0 and 2 is that of 0 and 1",
-    ("tables.py", "longest = max((table.length for table in result.tables), default=1)"): "without a table, 1 is as small as 0",
+    ("tables.py", "count = max(counts, default=1)"): "of nothing, 1 is as far below each limit as 0",
     ("bundle.py", "cpus.setdefault(unit.name, 1)"): "only where the export has been refused",
     ("bundle.py", "sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 1))"): "a transfer has at least one byte",
     (

@@ -45,7 +45,8 @@ class Journal:
             return None
         try:
             stated = load_json(read_own(self.path))
-            if not is_shaped(stated, {"base": str, "pins": list, "model": str}):
+            is_journal = is_shaped(stated, {"base": str, "pins": list, "model": str})
+            if not is_journal or any([*map(type, pin)] != [str, str, int, str, str] for pin in stated["pins"]):
                 raise ValueError("other members than those of a journal")
             model = parse_model(stated["model"].encode(), self.path)
             pins = tuple(

@@ -304,16 +304,22 @@ def test_the_command_that_read_them_writes_model_and_journal_again(session):
     assert Session(session.path).opened == again.state.model
 
 
-@pytest.mark.parametrize("spoil", ["another model", "another journal", "repeated", "more"])
+SPOILT = {
+    "another journal": ('"model"', '}"model"'),
+    "repeated": ('"pins"', '"pins": [], "pins"'),
+    "more": ('"pins"', '"edits": [], "pins"'),
+    "pin": ('"pins": []', '"pins": [["all", "fusion", 0.5, "1ms", ""]]'),
+}
+
+
+@pytest.mark.parametrize("spoil", ["another model", *SPOILT])
 def test_a_journal_of_another_model_is_neither_used_nor_lost(session, spoil):
     session.edit(wcet("7ms"))
     journal = f"{session.path}.edits"
     if spoil == "another model":
         Path(session.path).write_bytes(Path(session.path).read_bytes() + b"<!-- changed -->")
     else:
-        text = Path(journal).read_text()
-        extra = {"repeated": '"pins": [], "pins"', "more": '"edits": [], "pins"'}
-        Path(journal).write_text(text.replace('"pins"', extra[spoil]) if spoil in extra else f"{text}}}")
+        Path(journal).write_text(Path(journal).read_text().replace(*SPOILT[spoil]))
     kept = Path(journal).read_bytes()
     with pytest.raises(HalpipeError) as refused:
         Session(session.path)

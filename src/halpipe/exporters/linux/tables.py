@@ -16,7 +16,7 @@ from halpipe.exporters.linux.codes import EARLY_PHASE, NO_ORDER, NO_PIECES, TOO_
 from halpipe.models import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -128,20 +128,20 @@ def _refuse_large(
     findings: Findings,
 ) -> None:
     """Report numbers that the types of the C tables do not hold, which a compiler would cut without a word."""
-    indices = [row.index for worker in result.workers for rows in worker.tables for row in rows]
     units = {worker.unit for worker in result.workers}
-    longest = max((table.length for table in result.tables), default=0)
-    sizes = {
-        "jobs of a table": (max(indices, default=-1) + 1, MOST),
-        "tables": (len(result.tables), MOST),
-        "programs": (len(programs), MOST),
-        "parts of a job": (max(map(len, result.all_parts), default=0), MOST),
-        "units": (len(units), MOST_CPUS),
-        "CPUs": (max((cpus[unit] for unit in units), default=0) + 1, MOST_CPUS),
-        "nanoseconds of a table": (longest, MOST_NS),
-        "parts of a nanosecond": (result.parts, MOST_NS),
+    jobs = (row.index + 1 for worker in result.workers for rows in worker.tables for row in rows)
+    sizes: dict[str, tuple[Iterable[int], int]] = {
+        "jobs of a table": (jobs, MOST),
+        "tables": ([len(result.tables)], MOST),
+        "programs": ([len(programs)], MOST),
+        "parts of a job": (map(len, result.all_parts), MOST),
+        "units": ([len(units)], MOST_CPUS),
+        "CPUs": ((cpus[unit] + 1 for unit in units), MOST_CPUS),
+        "nanoseconds of a table": ((table.length for table in result.tables), MOST_NS),
+        "parts of a nanosecond": ([result.parts], MOST_NS),
     }
-    for what, (count, most) in sizes.items():
+    for what, (counts, most) in sizes.items():
+        count = max(counts, default=0)
         if count > most:
             text = f"{count} {what}, there is room for {most}"
             help = "split the model, choose periods with a shorter hyperperiod, or state other CPUs"

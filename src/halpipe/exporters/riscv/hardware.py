@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
-from halpipe.core.files import load_json
+from halpipe.core.files import parse_json
 from halpipe.exporters.riscv.codes import BAD_HARDWARE
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def profile_of(content: bytes, file: str) -> bytes:
     """Return the text of a profile; raise `HalpipeError` where the description lacks what a profile needs."""
     text = content.decode("utf-8", "replace")
     try:
-        facts = _of_litex(load_json(text)) if file.endswith(".json") else _of_tree(_nodes(text))
+        facts = _of_litex(parse_json(content)) if file.endswith(".json") else _of_tree(_nodes(text))
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as failure:
         message = f"no profile can be made of it: {failure}"
         help = "name the .dts that Rocket's generator writes or the csr.json of LiteX, or write a profile in YAML"

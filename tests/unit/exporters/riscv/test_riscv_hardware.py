@@ -113,6 +113,9 @@ def test_a_litex_system_that_makes_no_profile(tmp_path, key, value, said):
     spoilt = LITEX | {"constants": LITEX["constants"] | {key: value}}
     assert said in refusal(tmp_path, "csr.json", json.dumps(spoilt))
     assert refusal(tmp_path, "csr.json", "[1")
+    for size in ("2147e83648", "1.5", "NaN"):
+        text = json.dumps(LITEX).replace('"config_cpu_count": 4', f'"config_cpu_count": {size}')
+        assert "invalid literal for int()" in refusal(tmp_path, "csr.json", text)
     twice = json.dumps(LITEX).replace('"constants"', '"constants": {}, "constants"', 1)
     assert 'the key "constants" is repeated' in refusal(tmp_path, "csr.json", twice)
 
