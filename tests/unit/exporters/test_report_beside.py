@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from exporter_samples import roboracer
@@ -13,7 +14,10 @@ from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_schedule
 from halpipe.exporters.report import ReportOptions
 from halpipe.exporters.report.beside import MARKS
+from halpipe.flow import beside
 from halpipe.flow.formats import export_with_remarks
+from halpipe.models.trace import NONE
+from support import job as placed
 from support import mode, model, ms, task, version
 
 CYCLE = 25_000_000
@@ -180,3 +184,41 @@ def test_a_switch_of_length_zero_has_the_cycles_around_it(tmp_path):
     assert len([box for box in boxes if box[1] == "delay"]) == 2  # in the mode, and after the switch to it
     assert "Cycle 1, from 10ms of the trace on" in page
     assert page[: page.index("</main>")].count("The trace has no cycle of this table.") == 1  # the switch back
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "shows"),
+    [(0, 9, False), (0, 10, False), (0, 11, True), (10, 10, True), (19, 30, True), (20, 30, False), (5, NONE, True)],
+)
+def test_what_overlaps_a_window_or_begins_in_it_is_drawn(start, end, shows):
+    """The window lies from 10 to 20; a job of no length belongs to the window that it begins."""
+    assert beside._Cycle._shows(SimpleNamespace(low=10, high=20), start, end) == shows
+
+
+def test_titles_name_job_and_span():
+    assert beside._title("a", 0, ms(2), ms(5), ["x", "y"]) == "a #0\n2ms – 5ms (3ms)\nx\ny"
+    assert beside._title("a", None, ms(0), ms(5), []) == "a\n0ms – 5ms (5ms)"
+
+
+def test_each_difference_of_a_job_has_its_words():
+    system = model(task("a", 10, version("v", 2, "u1 u2"), version("w", 2)), units="u1 u2")
+    own = placed(system, "a", 0, 4, "u1", "v")
+    assert beside._difference(own, own) == []
+    assert beside._difference(None, own) == ["the schedule does not have it"]
+    assert beside._difference(own, None) == ["the other schedule does not have it"]
+    early = replace(own, start=ms(3), end=ms(5), units=("u2",), version="w")
+    words = ["starts 1ms earlier", "runs on u2 instead of u1", "is version w instead of v"]
+    assert beside._difference(own, early) == words
+    assert beside._difference(early, own)[0] == "starts 1ms later"
+    assert beside._difference(own, replace(own, end=ms(7))) == ["runs for another time, or in other parts"]
+
+
+def test_another_schedule_may_have_one_of_several_modes_and_one_is_chosen():
+    a = task("a", 10, version("v", 2))
+    system = model(a, modes=[mode("m", (a,)), mode("n", (a,))])
+    planned = halpipe.schedule(system)
+    fewer = planned.alone((planned.mode("n"),))
+    assert list(beside.against(system, planned, fewer, "o.xml").strips) == ["n"]
+    more = replace(planned, modes=(*planned.modes, replace(planned.modes[0], name="o")))
+    assert list(beside.against(system, planned, more, "o.xml", "m").strips) == ["m"]
+    assert set(beside.against(system, planned, more, "o.xml").strips) >= {"m", "n"}
