@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import CALLS, everything
+from halpipe.importers.amalthea.graph import CALLS, everything, steps
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
@@ -153,6 +153,8 @@ _ITEM_TAGS = ("items", "segments", "strands")
 _MOST_LEVELS = 50
 _MOST_WAYS = 50
 _BEGINS = ("activate", "start")
+_RANKS = {"StimulusEvent": {"": 0}, "ProcessEvent": {"activate": 0, "start": 1, "terminate": 3}}
+"""Order of the events of a job; what happens within it has 2."""
 
 
 @record
@@ -233,6 +235,12 @@ class _Reader:
             help = "let the parts begin, follow on each other and end as the chain does"
             self.forest.report(codes.CONTRADICTION, f"is not imported: {broken}", item, help)
             return []
+        back = next((pair for way in found if (pair := self._return(way.events))), None)
+        if back is not None:
+            first, second = back
+            message = f'leads from "{first.name}" to "{second.name}", which is earlier in the jobs of its task'
+            self.forest.report(codes.RETURNS, message, item, "let it end before, or state the limit in an overlay")
+            return []
         known = [(way, self._tasks(way.events)) for way in found]
         if any(path is None for _, path in known):
             self.bad.append(item)
@@ -247,6 +255,35 @@ class _Reader:
             replace(_begun(Chained(name, path, item), self._begin(way)), to=self._end(way))
             for name, (way, path) in zip(names, paths, strict=True)
         ]
+
+    def _return(self, events: Sequence[Item]) -> tuple[Item, Item] | None:
+        """Return two events that follow on each other, of which the second is in the next job of their task."""
+        kept = [event for event, _ in itertools.groupby(events)]
+        if len(kept) < len(events) == 2:
+            return events[0], events[1]
+        return next((pair for pair in itertools.pairwise(kept) if self._is_back(*pair)), None)
+
+    def _is_back(self, one: Item, other: Item) -> bool:
+        """Return whether an event is earlier than another in the jobs of one task, as far as its calls say."""
+        places = self.entities.place(one), self.entities.place(other)
+        both = [{draft.task for draft in place.drafts} if place else set() for place in places]
+        if len(both[0]) != 1 or both[0] != both[1]:
+            return False
+        first, second = (self.forest.ref(event, "entity") for event in (one, other))
+        task = both[0].pop()
+        calls = [c for d in self.entities.path(task) if d.task is task for c in self.entities.calls(d)]
+        ranks = [_RANKS[e.kind].get(e.get("eventType"), 2) if e.kind in _RANKS else 2 for e in (one, other)]
+        if one.get("eventType") in _BEGINS and calls[:1] == [first]:
+            ranks[0] = 1  # the first runnable starts with its task
+        if ranks[0] != ranks[1] or {one.kind, other.kind} != {"RunnableEvent"}:
+            return ranks[0] > ranks[1]
+        if first is None or second is None or calls.count(first) != 1 or calls.count(second) != 1:
+            return False
+        if first is second:
+            return one.get("eventType") in _ENDS and other.get("eventType") not in _ENDS
+        inner = [step for outer in (first, second) for step in everything(self.forest, steps(outer))]
+        called = {self.forest.ref(step, CALLS[step.kind]) for step in inner if step.kind in CALLS}
+        return called.isdisjoint((first, second)) and calls.index(second) < calls.index(first)
 
     def _activated(self, item: Item, path: tuple[Draft, ...]) -> list[tuple[Draft, ...]]:
         """Return a path for each activation of its first and of its last task.

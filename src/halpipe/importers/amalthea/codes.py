@@ -1,4 +1,4 @@
-"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420 and HAL1421."""
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420, HAL1421 and HAL1423."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -124,8 +124,8 @@ WAITING = note(
 UNUSED_WAIT = warning(
     "HAL1228",
     "Wait has no effect",
-    "No task sets the event that is waited for, or the wait stands inside of a branch or a runnable, so the task "
-    "is not cut there.",
+    "No task sets an event that is waited for, or the wait stands inside of a branch or a runnable. The task is cut "
+    "there for the other events at most.",
 )
 NO_WCET = warning(
     "HAL1230",
@@ -240,6 +240,12 @@ STRICTER = warning(
     "Each activation of a task is a task of the model. An age then counts from the data of each activation or writer "
     "alone, and a reaction to each activation of the last task, where AMALTHEA takes the newest or the next of all. "
     "Jobs start within a period of their activation, however long the limit of the response time is.",
+)
+RETURNS = warning(
+    "HAL1423",
+    "Event chain returns to an earlier event of its task",
+    "From an event of a task the chain leads to one that is earlier in the jobs of that task, and so to the next job. "
+    "Chains of the model pass each job from its begin to its end, so this one is not imported.",
 )
 NOT_READ = warning(
     "HAL1252",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 from fractions import Fraction
+from math import ceil
 from typing import TYPE_CHECKING, NoReturn
 
 from halpipe.core.records import record
@@ -158,7 +159,10 @@ def call_count(forest: Forest, step: Item) -> Fraction:
 
 
 def _count(forest: Forest, step: Item, *spellings: str) -> Fraction:
-    """Return how often a step is made at most: once, unless it states a number or its bounds."""
+    """Return how often a step is made at most: once, unless it states a number or its bounds.
+
+    A single number is an average, so that one between two whole numbers is the next.
+    """
     found = step.one("statistic")
     stated = None if found is None else found.one(*spellings)
     if stated is None:
@@ -166,7 +170,7 @@ def _count(forest: Forest, step: Item, *spellings: str) -> Fraction:
     number = forest.number(stated, "value")
     if number is None:
         number = forest.number(stated, "max")
-    return Fraction(1) if number is None else number
+    return Fraction(1 if number is None else ceil(number))
 
 
 def _sum(amounts: Sequence[Amount]) -> Amount:

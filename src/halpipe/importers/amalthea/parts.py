@@ -174,7 +174,7 @@ class _Drafting:
         unused = [
             wait
             for wait in self.forest.kinds("WaitEvent")
-            if wait not in top or not any(event in settable for event in _events(self.forest, wait))
+            if wait not in top or not all(event in settable for event in _events(self.forest, wait))
         ]
         active = [
             wait

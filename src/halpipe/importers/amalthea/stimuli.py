@@ -6,7 +6,6 @@ triggers and at the calls of runnables that trigger.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
@@ -269,7 +268,7 @@ class Triggers:
             self.counted[step] = None
         own_event = [Occurrence(called, step, step)] if called in self._wanted else []
         inner = [*own_event, *self._of_runnable[called, conditions]]
-        times = min(MOST + 1, math.ceil(call_count(self._forest, step)))
+        times = min(MOST + 1, int(call_count(self._forest, step)))
         return [Occurrence(o.target, o.cause, step, own.then(o.count)) for _ in range(times) for o in inner]
 
     def _densest(self, ways: Sequence[Sequence[Occurrence]], step: Item) -> list[Occurrence]:

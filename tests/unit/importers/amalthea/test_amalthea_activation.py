@@ -372,6 +372,11 @@ def test_a_wait_for_what_nobody_sets_or_inside_of_a_runnable_cuts_nothing(tmp_pa
     imported = read(tmp_path, sw=alone + '<events name="done"/>')
     assert len(imported.model.tasks) == 1
     assert len(found(imported.diagnostics, codes.UNUSED_WAIT)) == 1
+    both = event("WaitEvent").replace("done?type=OsEvent", "done?type=OsEvent never?type=OsEvent")
+    sw = OFFLOAD.replace(event("WaitEvent"), both) + '<events name="never"/>'
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO)
+    assert len(imported.model.tasks) == 3
+    assert len(found(imported.diagnostics, codes.UNUSED_WAIT)) == 1
     inside = OFFLOAD.replace(event("WaitEvent"), "").replace(ticks(200_000), event("WaitEvent") + ticks(200_000))
     imported = read(tmp_path, sw=inside, stimuli=PLAIN_STIMULI + GO)
     assert len(imported.model.tasks) == 2

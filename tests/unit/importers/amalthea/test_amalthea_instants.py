@@ -575,3 +575,47 @@ def test_activations_of_both_ends_of_a_chain_multiply_up_to_a_limit(tmp_path):
     assert found(imported.diagnostics, codes.STRICTER)
     *_, error = refusal(often, tmp_path, 142).diagnostics
     assert (error.code, error.path) == ("HAL0008", 'EventChain "c"')
+
+
+RUNS = "".join(
+    f'<events xsi:type="am:RunnableEvent" name="{name}{kind}" eventType="{kind}" entity="{name}?type=Runnable"/>'
+    for name in "QRI"
+    for kind in ("start", "terminate")
+)
+CAME = '<events xsi:type="am:StimulusEvent" name="came" entity="p10?type=PeriodicStimulus"/>'
+OWN = CAME + "".join(f"<events{text}" for text in EVENTS.split("<events") if 'entity="T?' in text)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "is_back"),
+    [
+        ("Tterminate", "Tstart", True),
+        ("Tstart", "Tactivate", True),
+        ("Tstart", "Tstart", True),
+        ("Tactivate", "Tterminate", False),
+        ("Rterminate", "Qstart", True),
+        ("Qterminate", "Rstart", False),
+        ("Rterminate", "Rstart", True),
+        ("Rstart", "Rterminate", False),
+        ("Iterminate", "Rterminate", False),  # R calls I
+        ("Tterminate", "Rstart", True),
+        ("Qstart", "Tterminate", False),
+        ("Qstart", "Tstart", False),  # Q is what T begins with
+        ("came", "Tstart", False),
+    ],
+)
+def test_chains_that_return_to_an_earlier_event_of_a_job_are_not_read_as_one_job(tmp_path, first, last, is_back):
+    def kind(name):
+        kinds = {"T": "ProcessEvent", "c": "StimulusEvent"}
+        return kinds.get(name[0], "RunnableEvent")
+
+    constraints = (
+        f'<eventChains name="c" stimulus="{first}?type={kind(first)}" response="{last}?type={kind(last)}"/>'
+        '<timingConstraints xsi:type="am:EventChainLatencyConstraint" name="l" scope="c?type=EventChain" '
+        'type="Reaction"><maximum value="20" unit="ms"/></timingConstraints>'
+    )
+    sw = task("T", call("Q"), call("R")) + runnable("Q", ticks(5)) + runnable("R", call("I")) + runnable("I", ticks(5))
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI, events=OWN + RUNS, constraints=constraints)
+    assert bool(found(imported.diagnostics, codes.RETURNS)) == is_back
+    assert bool(found(imported.diagnostics, codes.NOT_IMPORTED)) == is_back
+    assert len(imported.model.chains) == (not is_back)

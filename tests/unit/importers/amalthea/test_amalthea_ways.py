@@ -56,6 +56,7 @@ OLD = '<statistic><read xsi:type="am:{}" {}/></statistic>'
     [
         ("", "110us"),
         (counted("SingleValueStatistic", value="4.0"), "140us"),
+        (counted("SingleValueStatistic", value="3.1"), "140us"),  # an average: some job makes four
         (counted("MinAvgMaxStatistic", min=1, avg="2.0", max=3), "130us"),
         (OLD.format("SingleValueStatistic", 'value="4"'), "140us"),
         (OLD.format("MinAvgMaxStatistic", 'min="1" avg="2.0" max="3"'), "130us"),
