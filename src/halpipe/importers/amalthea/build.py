@@ -137,11 +137,8 @@ def _name(paths: Sequence[str]) -> str:
 
 
 def _locks(locks: Locks) -> tuple[Resource, ...]:
-    found = []
-    for item, name in locks.names.items():
-        at = item.at
-        found.append(Resource(name=name, kind=ResourceKind.LOCK, origin=Origin(at.file, at.line, item.name)))
-    return tuple(found)
+    kind = ResourceKind.LOCK
+    return tuple(Resource(name=name, kind=kind, origin=item.origin) for item, name in locks.names.items())
 
 
 def _unit_names(forest: Forest, hardware: Hardware) -> dict[Item, str]:
@@ -159,10 +156,8 @@ def _units(
         if unit.type is not None:
             unit.type.use()
             kind = legal(unit.type.name)
-        at = unit.item.at
-        origin = Origin(at.file, at.line, unit.item.name)
         served = interrupts.get(unit.item, ())
-        found.append(Unit(name=names[unit.item], type=kind, interrupts=served, origin=origin))
+        found.append(Unit(name=names[unit.item], type=kind, interrupts=served, origin=unit.item.origin))
     return tuple(found) or (Unit(name=UNIT),)
 
 
@@ -184,9 +179,7 @@ def _modes(modes: Sequence[SystemMode], built: Built) -> tuple[Mode, ...]:
         runs = [
             Run(task=name, versions=tuple(by[mode.name])) for name, by in built.by_mode.items() if by.get(mode.name)
         ]
-        at = mode.origin.at if mode.origin else None
-        origin = None if at is None or mode.origin is None else Origin(at.file, at.line, mode.origin.name)
-        found.append(Mode(name=mode.name, runs=tuple(runs), origin=origin))
+        found.append(Mode(name=mode.name, runs=tuple(runs), origin=mode.origin.origin if mode.origin else None))
     if all(mode.runs == found[0].runs for mode in found):
         return (Mode(name=DEFAULT, runs=found[0].runs),)
     for mode in modes:

@@ -8,7 +8,7 @@ from halpipe.core.durations import seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, everything, steps
 from halpipe.importers.amalthea.xmi import Names, legal
-from halpipe.models import Interrupt, Origin
+from halpipe.models import Interrupt
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -191,12 +191,11 @@ def interrupts_of(
             lacking.append(routine)
             continue
         routine.use()
-        origin = Origin(routine.at.file, routine.at.line, routine.name)
         for distance in distances:
             name = names.unique(routine.name, "interrupt", routine.at)
             for unit, time in times.items():
                 if time is not None:
-                    interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=origin)
+                    interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=routine.origin)
                     found[unit] = (*found.get(unit, ()), interrupt)
     if lacking:
         listed = ", ".join(routine.name for routine in lacking)

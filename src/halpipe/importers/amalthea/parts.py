@@ -39,13 +39,13 @@ class Part:
 
 
 @record
-class Trigger:
-    """Trigger of a draft: `step` within the step `top` of the jobs of `source`, in the modes in which it occurs.
+class _Source:
+    """A part whose jobs trigger a task in some modes, by `step` within their step `top`.
 
-    `cause` is the step, or an event of it; without a step, an event of the source itself. `count` says which pass.
+    `cause` is the step, or an event of it; without a step, an event of the part itself. `count` says which pass.
     """
 
-    source: Draft
+    part: Part
     cause: Item
     step: Item | None
     top: Item | None
@@ -54,15 +54,10 @@ class Trigger:
 
 
 @record
-class _Source:
-    """A part whose jobs trigger a task in some modes."""
+class Trigger(_Source):
+    """Trigger of a draft by the jobs of another one, its `source`."""
 
-    part: Part
-    cause: Item
-    step: Item | None
-    top: Item | None
-    count: Count
-    modes: frozenset[str]
+    source: Draft
 
 
 @dataclass(eq=False, slots=True)
@@ -286,9 +281,8 @@ class _Drafting:
                 if max(len(self.by_task.get(task, ())), len(lineage)) >= MOST:
                     self._stop(task)
                 stimulus.use()
-                trigger = Trigger(
-                    draft, source.cause, source.step, source.top, self._passing(draft, source), source.modes
-                )
+                passing = self._passing(draft, source)
+                trigger = Trigger(draft.part, source.cause, source.step, source.top, passing, source.modes, draft)
                 new = self._add(task, _triggered(draft, trigger.count, stimulus), set())
                 new[0].trigger = trigger
                 rest += new

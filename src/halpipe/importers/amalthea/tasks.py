@@ -205,8 +205,7 @@ class TaskBuilder:
         return spare / draft.activation.period, None
 
     def _chain(self, name: str, drafts: Sequence[Draft], item: Item, **limits: Any) -> Chain:
-        origin = Origin(item.at.file, item.at.line, item.name)
-        return Chain(name=name, tasks=tuple(d.name for d in drafts), origin=origin, **limits)
+        return Chain(name=name, tasks=tuple(d.name for d in drafts), origin=item.origin, **limits)
 
     # -------------------------------------------------------------------------------------- precedence
 

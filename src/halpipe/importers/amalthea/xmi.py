@@ -18,6 +18,7 @@ from halpipe.core.files import TOO_MUCH
 from halpipe.core.quantities import quoted
 from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.amalthea import codes
+from halpipe.models import Origin
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
@@ -183,6 +184,11 @@ class Item:
     def at(self) -> Location:
         """Place of the element."""
         return Location(self.file, line_of(self.element))
+
+    @property
+    def origin(self) -> Origin:
+        """Place of the element, with its name."""
+        return Origin(self.file, self.at.line, self.name)
 
     @property
     def path(self) -> str:
