@@ -6,7 +6,7 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.suggest import few
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.account import account
@@ -20,13 +20,12 @@ from halpipe.importers.amalthea.tasks import TaskBuilder
 from halpipe.importers.amalthea.timing import Reactions, reactions_of, read_timing
 from halpipe.importers.amalthea.versions import UNIT, Locks, Splitter, VersionMaker
 from halpipe.importers.amalthea.xmi import Forest, Names, legal
-from halpipe.importers.common.base import Coverage, Imported
+from halpipe.importers.common.base import Coverage, Imported, imported
 from halpipe.models import Mode, Origin, Resource, ResourceKind, Run, TaskModel, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.importers.amalthea import AmaltheaImportOptions
     from halpipe.importers.amalthea.hardware import Hardware
     from halpipe.importers.amalthea.modes import SystemMode
@@ -42,24 +41,7 @@ def import_amalthea(paths: Sequence[str], options: AmaltheaImportOptions) -> Imp
     Raise `HalpipeError` with every finding if any is an error: unusable files, values of a wrong form, no task with a
     period; under `options.strict` also every loss (warning), with the exit code for unsupported input.
     """
-    findings = Findings()
-    try:
-        imported = _import(paths, options, findings)
-        if options.overlay is None:
-            imported = imported.completed()
-            findings.extend(imported.diagnostics)
-        findings.stop_on_errors()
-    except HalpipeError as failure:
-        found = sort_diagnostics((*findings.items, *failure.diagnostics))
-        raise HalpipeError(*(map(_as_error, found) if options.strict else found), exit=failure.exit) from None
-    found = sort_diagnostics(findings.items)
-    if options.strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
-        raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
-    return replace(imported, diagnostics=tuple(found))
-
-
-def _as_error(found: Diagnostic) -> Diagnostic:
-    return replace(found, severity=Severity.ERROR) if found.severity is Severity.WARNING else found
+    return imported(lambda findings: _import(paths, options, findings), options)
 
 
 def _import(paths: Sequence[str], options: AmaltheaImportOptions, findings: Findings) -> Imported:

@@ -7,14 +7,10 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import (
-    Diagnostic,
-    Exit,
     Findings,
     HalpipeError,
     Location,
-    Severity,
     about,
-    sort_diagnostics,
 )
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
@@ -33,7 +29,7 @@ from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SC
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
 from halpipe.importers.arxml.tasks.requirements import find_edges, find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
-from halpipe.importers.common.base import Imported
+from halpipe.importers.common.base import Imported, imported
 from halpipe.models import Anchor, Binding, Match, Precedence, Task, TaskModel, Version
 
 if TYPE_CHECKING:
@@ -56,20 +52,7 @@ def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
     Raise `HalpipeError` with every finding if any is an error: unusable files, parts that contradict each other, no
     periodic task; under `options.strict` also every loss (warning), with the exit code for unsupported input.
     """
-    findings = Findings()
-    try:
-        imported = _import(paths, options, findings)
-        if options.overlay is None:
-            imported = imported.completed()
-            findings.extend(imported.diagnostics)
-        findings.stop_on_errors()
-    except HalpipeError as failure:
-        found = sort_diagnostics((*findings.items, *failure.diagnostics))
-        raise HalpipeError(*(map(_as_error, found) if options.strict else found), exit=failure.exit) from None
-    found = sort_diagnostics(findings.items)
-    if options.strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
-        raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
-    return replace(imported, diagnostics=tuple(found))
+    return imported(lambda findings: _import(paths, options, findings), options)
 
 
 def _import(paths: Sequence[str], options: ArxmlImportOptions, findings: Findings) -> Imported:
@@ -153,12 +136,6 @@ def _kept(drafts: list[Draft], options: ArxmlImportOptions) -> list[Draft]:
         return drafts
     overlay = options.overlay
     return [draft for draft in drafts if not overlay.drops(draft.name)]
-
-
-def _as_error(found: Diagnostic) -> Diagnostic:
-    if found.severity is not Severity.WARNING:
-        return found
-    return replace(found, severity=Severity.ERROR)
 
 
 # ------------------------------------------------------------------------------------------------- tasks

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
-from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.diagnostics import NOWHERE, Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.core.options import Form, option
 from halpipe.core.records import record
@@ -159,6 +159,31 @@ class Imported:
             return self
         model, found = self.completion(self.model)
         return replace(self, model=model, diagnostics=(*self.diagnostics, *found), completion=None)
+
+
+def imported(read: Callable[[Findings], Imported], options: ImportOptions) -> Imported:
+    """Return what `read` makes of a source; raise every finding if one is an error.
+
+    Under `options.strict` every loss (warning) is one, with the exit code for unsupported input.
+    """
+    findings = Findings()
+    try:
+        result = read(findings)
+        if options.overlay is None:
+            result = result.completed()
+            findings.extend(result.diagnostics)
+        findings.stop_on_errors()
+    except HalpipeError as failure:
+        found = sort_diagnostics((*findings.items, *failure.diagnostics))
+        raise HalpipeError(*(map(_as_error, found) if options.strict else found), exit=failure.exit) from None
+    found = sort_diagnostics(findings.items)
+    if options.strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
+        raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
+    return replace(result, diagnostics=tuple(found))
+
+
+def _as_error(found: Diagnostic) -> Diagnostic:
+    return replace(found, severity=Severity.ERROR) if found.severity is Severity.WARNING else found
 
 
 class Importer(Protocol):
