@@ -458,7 +458,8 @@ def levels_of_chains(level):
 @lowered("importers.amalthea.graph:_MOST_LEVELS", 3, "more than 3 calls", steps=lambda runnable: ())
 def levels_of_calls(depth):
     made = named("importers.amalthea.graph:Evaluator")
-    reader = MagicMock(_known={}, _calling={}, _depth=depth, _forest=fake(findings=Findings()))
+    forest = named("importers.amalthea.xmi:Forest")((), Findings())
+    reader = MagicMock(_known={}, _calling={}, _depth=depth, _forest=forest)
     reader._stop = lambda item: made._stop(reader, item)
     runnable = MagicMock(at=Location(), path="r")
     runnable.name = "r"
