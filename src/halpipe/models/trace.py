@@ -150,12 +150,11 @@ class Executions(Sequence[Execution]):
         cycle: int | None = None,
     ) -> int:
         """Add an execution, with `end` and `busy` of None if it still runs; return its row."""
-        row = len(self.task)
-        self.task.append(self.number(task))
-        self.on.append(0)
-        self.run_on(row, units)
+        row, known = len(self.task), self._numbers
+        self.task.append(known[task] if task in known else self.number(task))
+        self.on.append(known[units] if units in known else self._on(units))
         self.line.append(line)
-        self.table.append(self.number(table))
+        self.table.append(known[table] if table in known else self.number(table))
         self.cycle.append(NONE if cycle is None else cycle)
         times = (start, NONE if end is None else end, NONE if busy is None else busy)
         try:
@@ -169,11 +168,14 @@ class Executions(Sequence[Execution]):
 
     def run_on(self, row: int, units: tuple[str, ...]) -> None:
         """Let an execution be on some units."""
+        self.on[row] = self._on(units)
+
+    def _on(self, units: tuple[str, ...]) -> int:
         on = self._numbers.get(units)
         if on is None:
             on = self._numbers[units] = len(self.units)
             self.units.append(units)
-        self.on[row] = on
+        return on
 
     def append(self, each: Execution) -> None:
         """Add an execution with all that is known of it."""

@@ -124,10 +124,11 @@ class Jobs:
         job = self.running.pop(key, None)
         if job is None:
             return False
-        job.pause(at)
-        stretches = job.stretches
-        busy = stretches[0][1] - job.start if len(stretches) == 1 else sum(end - start for start, end in stretches)
-        self._add(job, at, busy)
+        if job.stretches or job.since is None:
+            job.pause(at)
+            self._add(job, at, sum(end - start for start, end in job.stretches))
+        else:  # as most did, it ran in one piece
+            self.executions.add(job.task, job.units, job.start, at, at - job.start, job.line)
         return True
 
     def _add(self, job: Job, end: Instant | None, busy: Instant | None) -> None:

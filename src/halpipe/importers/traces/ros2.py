@@ -210,8 +210,9 @@ class _Join:
     def take(self, event: Event) -> None:
         """Take one event."""
         if event.name == "sched_switch":
-            if {"prev_tid", "next_tid"} <= event.fields.keys():
-                self._switch(event)
+            left, entered = event.fields.get("prev_tid"), event.fields.get("next_tid")
+            if left is not None and entered is not None:
+                self._switch(event.time, left, entered)
             return
         provider, _, name = event.name.rpartition(":")
         handler = self._handlers.get(name) if provider in _PROVIDERS else None
@@ -296,15 +297,14 @@ class _Join:
         counts = self._early.setdefault(handle, Counter()) if of is None else self._published.setdefault(of, Counter())
         counts[callback] += 1
 
-    def _switch(self, event: Event) -> None:
+    def _switch(self, now: int, left: int, entered: int) -> None:
         """Add up the time that each thread has the CPU; what runs now counts up to now."""
         self._has_switches = True
-        left, entered = event.fields["prev_tid"], event.fields["next_tid"]
-        self._switched |= {left, entered}
+        self._switched.update((left, entered))
         since = self._switched_in.pop(left, None)
         if since is not None:
-            self._cpu_time[left] = self._cpu_time.get(left, 0) + event.time - since
-        self._switched_in[entered] = event.time
+            self._cpu_time[left] = self._cpu_time.get(left, 0) + now - since
+        self._switched_in[entered] = now
 
     def _used(self, thread: int, now: int) -> int:
         since = self._switched_in.get(thread)

@@ -144,7 +144,7 @@ def field_name(name: str) -> str:
 
 def _structure(type: Struct) -> Decoder:
     mask = max(alignment(type), 8) // 8 - 1
-    steps: list[tuple[tuple[str, ...], Any, Any]] = []
+    steps: list[tuple[Any, Any, Any]] = []
     run: list[tuple[str, Int | Float]] = []
 
     def flush() -> None:
@@ -159,7 +159,7 @@ def _structure(type: Struct) -> Decoder:
         if not isinstance(flat, Int | Float):
             flush()
             read_it = _variant(field, type) if isinstance(field, Variant) else decoder(field)
-            steps.append(((field_name(name),), None, read_it))
+            steps.append((field_name(name), None, read_it))
             continue
         if run and (run[0][1].order != flat.order or max(8, flat.align) > max(8, run[0][1].align)):
             flush()
@@ -180,7 +180,7 @@ def _structure(type: Struct) -> Decoder:
         found: dict[str, Any] = {}
         for names, unpack, rest in steps:
             if unpack is None:
-                found[names[0]], at = rest(data, at, {**scope, **found} if scope else found)
+                found[names], at = rest(data, at, {**scope, **found} if scope else found)
             else:
                 size, pad = rest
                 at = (at + pad) & ~pad

@@ -10,6 +10,7 @@ import heapq
 import os
 import struct
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from halpipe.core.files import folders_with, mapped, plain_files, read_bytes
@@ -80,7 +81,7 @@ def _begins(path: str) -> bool:
 def events(folders: list[str], damage: Damage) -> Iterator[Event]:
     """Yield the events of all streams of all traces by time; note in `damage` what they lack."""
     streams = [stream for folder in folders for stream in _Trace(folder, damage).streams()]
-    yield from heapq.merge(*streams, key=lambda event: event.time)
+    yield from heapq.merge(*streams, key=itemgetter(0))
 
 
 class _Stream:
@@ -91,21 +92,21 @@ class _Stream:
         self.context = decoder(stated.get("packet.context", Struct(())))
         self._event_context = stated.get("event.context")
         self._classes = {int(e.get("id", 0)): e for e in meta.events if int(e.get("stream_id", 0)) == number}
-        self._decoders: dict[int, tuple[str, Decoder | None, Decoder | None, Decoder | None]] = {}
+        self.decoders: dict[int, tuple[str, Decoder | None, Decoder | None, Decoder | None]] = {}
         header = stated.get("event.header", Struct(()))
         self.align = max(8, alignment(header)) // 8
         self.head = _lttng(header) or _general(header)
 
     def of(self, id: int) -> tuple[str, Decoder | None, Decoder | None, Decoder | None]:
         """Return name and decoders of a class of events, made when the first one occurs: most never do."""
-        if id not in self._decoders:
+        if id not in self.decoders:
             if id not in self._classes:
                 raise CtfError(f"an event has the id {id}, which is not declared")
             stated = self._classes[id]
             types = (self._event_context, stated.get("context"), stated.get("fields"))
             first, second, third = (None if type is None else decoder(type) for type in types)
-            self._decoders[id] = (str(stated["name"]), first, second, third)
-        return self._decoders[id]
+            self.decoders[id] = (str(stated["name"]), first, second, third)
+        return self.decoders[id]
 
 
 def _lttng(header: Struct) -> Head | None:
@@ -280,14 +281,16 @@ class _Trace:
 
     def _events(self, stream: _Stream, packet: dict[str, Any], data: bytes, at: int, end: int) -> Iterator[Event]:
         now, cpu = int(packet.get("timestamp_begin", 0)), int(packet.get("cpu_id", -1))
+        head, align, known = stream.head, stream.align, stream.decoders
+        plain = self._offset if self._frequency == 10**9 else None
         data = data[:end]
         while at < end:
-            at = -(-at // stream.align) * stream.align
+            at = -(-at // align) * align
             if at >= end:
                 break
             begin = at
-            id, now, at = stream.head(data, at, now)
-            name, common, own, fields = stream.of(id)
+            id, now, at = head(data, at, now)
+            name, common, own, fields = known.get(id) or stream.of(id)
             context: dict[str, Any] = {}
             if common is not None:
                 context, at = common(data, at, {})
@@ -299,7 +302,7 @@ class _Trace:
                 values, at = fields(data, at, {})
             if at == begin:
                 raise CtfError("an event has no bytes")
-            yield Event(self._ns(now), name, cpu, context, values)
+            yield Event(self._ns(now) if plain is None else plain + now, name, cpu, context, values)
 
     def _ns(self, cycles: int) -> int:
         return self._offset + (cycles if self._frequency == 10**9 else cycles * 10**9 // self._frequency)
