@@ -471,3 +471,15 @@ def test_types_that_double_with_each_level_are_refused(kind):
         text += f"{kind} s{level} {{ {kind} s{level - 1} {tag} a; {kind} s{level - 1} {tag} b[2]; }};\n"
     with pytest.raises(CtfError, match="more than 10000 fields"):
         parse(text)
+
+
+@pytest.mark.parametrize("tag", ["<>", "<other>", "<id,>", "<.id>", "<id.>", "<3>"])
+def test_a_variant_names_a_field_beside_it(tag, tmp_path):
+    """babeltrace2 refuses these; the header of LTTng was recognised by its choices alone."""
+    folder = Trace("le", "small").write(tmp_path)
+    metadata = folder / "metadata"
+    text = metadata.read_text()
+    assert text.count("variant <id>") == 2
+    metadata.write_text(text.replace("variant <id>", f"variant {tag}"))
+    with pytest.raises(CtfError):
+        all_events(folder)

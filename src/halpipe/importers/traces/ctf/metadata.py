@@ -349,13 +349,12 @@ class _Parser:
     def _reference(self, start: str, end: str) -> str:
         """Return the last name of a reference such as ``<stream.event.header.id>``."""
         self._want(start)
-        last = ""
-        while self._peek() != end:
-            last = str(self._next())
-            if last.isdecimal():
-                raise CtfError(f"line {self.line} of the metadata has {last[:40]!r} for a name")
+        name = self._word()
+        while self._peek() == ".":
+            self._next()
+            name = self._word()
         self._want(end)
-        return last
+        return name
 
     def _enumeration(self, base: Type | None) -> Enum:
         if not isinstance(base, Int):

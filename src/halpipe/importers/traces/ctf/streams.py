@@ -115,7 +115,7 @@ def _lttng(header: Struct) -> Head | None:
     They have a way of their own since most traces have them, and the compact one has bit fields.
     """
     id, choice = (dict(header.fields).get(name) for name in ("id", "v"))
-    if not isinstance(id, Enum) or not isinstance(choice, Variant) or id.base.size not in (5, 16):
+    if not isinstance(id, Enum) or not isinstance(choice, Variant) or id.base.size not in (5, 16) or choice.tag != "id":
         return None
     is_compact = id.base.size == 5
     last, width = (31, 27) if is_compact else (65535, 32)
