@@ -483,3 +483,15 @@ def test_a_variant_names_a_field_beside_it(tag, tmp_path):
     metadata.write_text(text.replace("variant <id>", f"variant {tag}"))
     with pytest.raises(CtfError):
         all_events(folder)
+
+
+@pytest.mark.parametrize("clock", ["freq = 0;", "freq = -1;"])
+def test_a_clock_has_a_frequency(clock):
+    with pytest.raises(CtfError, match="frequency"):
+        parse(f"{HEAD} clock {{ name = c; {clock} }};")
+
+
+@pytest.mark.parametrize("map", ["0.c.value", "clock.c", "clock.c.name", "clock"])
+def test_integers_map_the_value_of_a_clock(map):
+    with pytest.raises(CtfError, match="maps an integer"):
+        parse(f"{HEAD} clock {{ name = c; }}; typealias integer {{ size = 8; map = {map}; }} := t;")

@@ -155,6 +155,8 @@ class _Parser:
             self.found.env = body
         elif kind == "clock":
             self._once(kind, body["name"])
+            if int(body.get("freq", 1)) < 1:
+                raise CtfError(f"line {self.line} of the metadata has a clock without a frequency")
             self.found.clocks.append(body)
         elif kind == "stream":
             self._once("stream", number := int(body.get("id", 0)))
@@ -285,7 +287,10 @@ class _Parser:
         size, clock = int(stated["size"]), str(stated.get("map", "")).split(".")
         if not 1 <= size <= _MOST_BITS:
             raise CtfError(f"line {self.line} of the metadata has an integer of {size} bits")
-        if clock[0] == "clock":
+        is_time = "map" in stated
+        if is_time and (len(clock) != 3 or clock[0] != "clock" or clock[2] != "value"):
+            raise CtfError(f"line {self.line} of the metadata maps an integer to no value of a clock")
+        if is_time:
             self._mapped.add(clock[1])
         return Int(
             size,
@@ -293,7 +298,7 @@ class _Parser:
             self._flag(stated.get("signed", 0)),
             self._order(stated),
             str(stated.get("encoding", "none")).lower() in ("utf8", "ascii"),
-            clock[0] == "clock",
+            is_time,
         )
 
     def _flag(self, stated: Any) -> bool:
