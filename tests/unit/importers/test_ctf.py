@@ -495,3 +495,15 @@ def test_a_clock_has_a_frequency(clock):
 def test_integers_map_the_value_of_a_clock(map):
     with pytest.raises(CtfError, match="maps an integer"):
         parse(f"{HEAD} clock {{ name = c; }}; typealias integer {{ size = 8; map = {map}; }} := t;")
+
+
+@pytest.mark.parametrize("header", ["large", "small"])
+@pytest.mark.parametrize("name", ["timestamp;", "uint32_t id;", "stream_id;"])
+def test_numbers_of_headers_have_a_meaning(name, header, tmp_path):
+    """A field whose name is damaged would be skipped, and ids or times be those of other events."""
+    metadata = Trace("le", header).write(tmp_path) / "metadata"
+    text = metadata.read_text()
+    assert name in text
+    metadata.write_text(text.replace(name, name.rpartition(" ")[0] + " other;"))
+    with pytest.raises(CtfError, match='"other"'):
+        all_events(tmp_path)

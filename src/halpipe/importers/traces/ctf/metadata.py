@@ -11,10 +11,21 @@ import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from halpipe.importers.traces.ctf.decoding import Array, CtfError, Enum, Float, Int, String, Struct, Type, Variant
+from halpipe.importers.traces.ctf.decoding import (
+    Array,
+    CtfError,
+    Enum,
+    Float,
+    Int,
+    String,
+    Struct,
+    Type,
+    Variant,
+    field_name,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Iterator
 
 MAGIC = 0x75D11D57
 _HEADER = 37
@@ -43,6 +54,7 @@ _ATTRIBUTES = {
     "floating_point": ("exp_dig", "mant_dig", "align", "byte_order"),
     "string": ("encoding",),
 }
+_HEADERS = {"packet.header": {"magic", "uuid", "stream_id", "stream_instance_id"}, "event.header": {"id", "timestamp"}}
 _ORDERS = {"be": ">", "network": ">", "le": "<"}
 
 
@@ -145,6 +157,7 @@ class _Parser:
             raise CtfError(f'the metadata declares no clock "{min(unknown)[:40]}"')
 
     def _keep(self, kind: str, body: dict[str, Any]) -> None:
+        self._refuse_meaningless(body)
         if kind == "trace":
             self._once(kind, "")
             if (body.get("major"), body.get("minor")) != (1, 8):
@@ -164,6 +177,12 @@ class _Parser:
         elif kind == "event":
             self._once("event", (body.get("stream_id", 0), body.get("id", 0)))
             self.found.events.append(body)
+
+    def _refuse_meaningless(self, body: dict[str, Any]) -> None:
+        """Refuse numbers of headers that have no meaning: where a name is damaged, ids or times would be misread."""
+        for key, known in _HEADERS.items():
+            if unknown := sorted({*_numbers(body.get(key), "")} - known):
+                raise CtfError(f'the metadata has the field "{unknown[0][:40]}" in {key}, which has no meaning')
 
     def _once(self, kind: str, name: Hashable) -> None:
         """Refuse a second declaration: it is open which one holds."""
@@ -409,6 +428,15 @@ class _Parser:
             found.append((name, type))
         self._want("}")
         return tuple(found)
+
+
+def _numbers(type: Type | None, name: str) -> Iterator[str]:
+    """Yield the names of all numbers of a type but those that map a clock."""
+    if isinstance(type, Struct | Variant):
+        for inner, field in type.fields if isinstance(type, Struct) else type.choices:
+            yield from _numbers(field, inner)
+    elif type is not None and not (isinstance(type, Int) and type.is_time):
+        yield field_name(name)
 
 
 def power_of_two(align: int) -> int:
