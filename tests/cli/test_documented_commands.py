@@ -143,7 +143,9 @@ def test_commands_do_what_the_page_shows(page, workplace, capfd):
 
 
 def copy_sources(folder):
-    shutil.copy(ROOT / "build_native.py", folder)
+    for name in ("build_native.py", "pyproject.toml"):
+        shutil.copy(ROOT / name, folder)
+    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns("__pycache__", "pictures", "safety"))
     nothing_made = shutil.ignore_patterns("__pycache__", "*.so", "out")
     shutil.copytree(ROOT / "src" / "halpipe", folder / "src" / "halpipe", ignore=nothing_made)
 
