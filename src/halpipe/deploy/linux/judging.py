@@ -15,6 +15,7 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
 from halpipe.models.trace import Execution, Trace
@@ -133,7 +134,6 @@ def judge(model: TaskModel, schedule: Schedule, recording: Sequence[Execution], 
 FAULTS = 3
 """Exit status of a dispatcher that noticed a fault and kept the recording, which is judged like any other."""
 
-_MOST_WORDS = 5
 _BUILD_SECONDS = 300
 _SPARE_SECONDS = 30
 _MOST_SWITCHES = 64
@@ -158,7 +158,7 @@ def check(target: Target, options: CheckOptions) -> Checked:
         found.insert(0, codes.NOT_REAL_TIME("; ".join(degraded), at=target.bundle.at("manifest.json"), help=help))
     if status == FAULTS and not any(d.is_error for d in found):
         noticed = [word for word in words if not word.startswith("degraded: ")]
-        text = "; ".join(noticed[:_MOST_WORDS]) or "jobs were late or left out"
+        text = few(noticed, quote="") or "jobs were late or left out"
         help = "raise the WCET of the tasks that are named, or give the machine real-time rights"
         found.append(codes.FAULTS_NOTICED(text, at=target.bundle.at("manifest.json"), help=help))
     return Checked(
