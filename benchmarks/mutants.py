@@ -259,8 +259,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--share", default="0/1", help="of the mutants: K/N takes every N-th from the K-th on")
+    parser.add_argument("--after", type=int, default=0, help="leave out so many of the drawn faults of the runtime")
     parser.add_argument("--only", default="", help="a part of the name: check these alone")
     chosen = parser.parse_args()
+    check.SPARE_CALLS = 100_000  # a loop over devices has no end anyway
     first, step = map(int, chosen.share.split("/"))
     begin, caught, same = time.process_time(), dict[str, list[str]](), 0
     with tempfile.TemporaryDirectory() as name:
@@ -285,9 +287,9 @@ def main() -> int:
         runtime, contents = runtime_faults(Random(chosen.seed)), bundle_faults(Random(chosen.seed), sound)
         number = 0
         wanted = len(range(first, OF_RUNTIME, step))
-        while len(caught) < wanted:
+        while len(caught) + chosen.after // step < wanted:
             file, title, text = next(runtime)
-            if number % step == first and chosen.only in title:
+            if number % step == first and number >= chosen.after and chosen.only in title:
                 same += not note(title, lambda at, file=file, text=text: check_runtime(file, text, at, sound))
             number += 1
         for number, (each, title, files) in zip(range(OF_BUNDLE), contents, strict=False):

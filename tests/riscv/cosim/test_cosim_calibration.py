@@ -1,6 +1,7 @@
 """Calibrating bundles: what they measure is what the simulated board has, and the profile made of it is usable."""
 
 import shutil
+import struct
 import subprocess
 import sys
 from fractions import Fraction
@@ -69,6 +70,19 @@ def test_what_is_printed_says_the_same(measured):
     site = read_site(target.bundle)
     text = printed(Dump("dump.bin", memory, site.main.base), site, calibrates=True)
     assert calibrate(target, text.encode(), "dump.bin") == calibrate(target, memory, "dump.bin")
+
+
+def test_a_set_up_below_the_clock_is_a_tick(measured):
+    """Bandwidths are written lower than measured, which leaves large transfers less than no time before they flow."""
+    target, memory = measured
+    site = read_site(target.bundle)
+    spoilt, at = bytearray(memory), site.control + CALIBRATION - site.main.base + 8
+    for row in range(27):
+        kind, size, _ = struct.unpack_from("<3Q", memory, at + 24 * row)
+        assert kind <= 3
+        struct.pack_into("<Q", spoilt, at + 24 * row + 16, size // 6)
+    profile, _ = calibrate(target, bytes(spoilt), "dump.bin")
+    assert b"setup: 1.1us" in profile
 
 
 def refusal(target, memory):

@@ -60,6 +60,8 @@ def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):
         ("    traced++;", "    traced--;", "records"),
         ("boxes[o->unit]->restart = 1U;\n            fence();", "boxes[o->unit]->restart = 1U;", "without a fence"),
         pytest.param("box->request + 1U;\n        fence();", "box->request + 1U;", "without", marks=pytest.mark.slow),
+        ("uint32_t is_trap = 0U;", "uint32_t is_trap = 1U;", "did not trap"),
+        pytest.param("        fence();\n        at->begin", "        at->begin", "without", marks=pytest.mark.slow),
         pytest.param("((now + 1U) << 2U)", "((now + 3U) << 2U)", "sleeps", marks=pytest.mark.slow),
     ],
 )
@@ -73,6 +75,7 @@ def test_a_runtime_that_only_other_machines_or_rings_would_show_is_found(mutant,
 @pytest.mark.parametrize(
     ("file", "what", "instead", "said"),
     [
+        ("calibrate.c", "    CALIBRATION->count = 0U;\n", "", "are missing"),
         ("calibrate.c", "(box->end - box->begin)", "(box->end - box->begin) * 2U", "cycles (jobs)"),
         ("calibrate.c", "note(kind, (state == DMA_IDLE) ? size : 0U,", "note(kind, 2U * size,", "bandwidth (ispm)"),
     ],

@@ -74,6 +74,7 @@ class Hart:
         self._left_open = (0, 0)  # at the last mret: mcounteren and mstatus.FS, which user mode does not let us read
         self.is_fenced = True  # the instruction cache has seen what was loaded
         self.is_ordered = True  # others see what it has stored for them
+        self.has_looked = False  # at the answer of another one, without a fence since then
         self._excepted = -1  # where the emulator took an exception of its own
         self._mapped: dict[
             tuple[int, int], tuple[Right, int]
@@ -349,7 +350,7 @@ class Hart:
         if word == registers.FENCE_I:
             self.is_fenced = True
         elif word == registers.FENCE:
-            self.is_ordered = True
+            self.is_ordered, self.has_looked = True, False
         elif self.level is Level.USER and access is not None and access.csr in registers.OURS:
             self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
             self.pc = address

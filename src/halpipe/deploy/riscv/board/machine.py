@@ -20,6 +20,7 @@ from halpipe.deploy.riscv.board.bus import Bus
 from halpipe.deploy.riscv.board.devices import TRANSACTION, Clint, CopyWatcher, DmaPort, Finisher, Transfer, Uart
 from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
+from halpipe.deploy.riscv.target import CONTROL_SIZE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,6 +36,7 @@ RUBBISH = b"\xa5"
 """What memories hold when the power comes: anything, so not zero."""
 
 _EXIT, _EXIT_STATUS = 0x20, 0x20026
+_DONE, _BEGIN = 8, 64  # in a mailbox
 
 
 @record
@@ -139,6 +141,7 @@ class Machine:
         for region in self.memory.regions:
             size = region.size if region.hart else self.site.control - region.base
             self.memory.write(region.base, RUBBISH * size)
+        self.memory.write(self.site.control + CONTROL_SIZE, RUBBISH * (PAGE - CONTROL_SIZE))
 
     def _load(self, program: Program) -> None:
         for segment in program.segments:
@@ -297,6 +300,10 @@ class Machine:
         other.run(now)
         if access == UC_MEM_READ:
             self._loads(address, size, now)
+            at = address - self.site.unit_of(other.number).mailbox
+            if at == _BEGIN and self.management.has_looked:
+                self.observer.unordered.add("reads when a job began")
+            self.management.has_looked = at == _DONE or (self.management.has_looked and at != _BEGIN)
         else:
             self._copies.stores(address, size, now)
             unit = self.site.unit_of(other.number)

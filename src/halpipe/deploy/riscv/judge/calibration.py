@@ -147,7 +147,7 @@ def constants_of(
     }
     return Constants(
         into,
-        _rounded(max(waits) * LONGER),
+        _rounded(max(Fraction(1, second), *waits) * LONGER),  # no clock tells less than a tick
         _rounded(max(_service(target, site, recording), WORST * cycles["management"] / site.clock) * LONGER),
         {name: max(Fraction(math.ceil(number * 100), 100), Fraction(1)) for name, number in cycles.items()},
     )

@@ -157,6 +157,9 @@ def _judge(
     if not record.flags & injection.flags or record.flags & ~injection.flags:
         message = f"{injection.kind} was injected; the runtime recorded: {meaning(record.flags) or record.flags}"
         yield codes.NOT_CONTAINED(message, at=job.job.at, path=job.path, help=FROM_RUNTIME)
+    if not record.flags & (Flag.FAULT | Flag.OVERRUN) and (record.cause or record.epc or record.tval):
+        message = f"the runtime recorded cause {record.cause}, pc {record.epc:#x} of a job that did not trap"
+        yield codes.NOT_CONTAINED(message, at=job.job.at, path=job.path, help=FROM_RUNTIME)
     traps = [t for t in run.faults if t.hart == found.hart and tick_of(run, t.now) in range(found.begin, found.end + 1)]
     if record.flags & Flag.FAULT and traps:
         trap = traps[0]
