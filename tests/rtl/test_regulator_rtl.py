@@ -7,10 +7,12 @@ import random
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -556,6 +558,24 @@ def test_bursts_of_all_sizes_pass_whole_or_are_refused(tmp_path, build):
     ]
     assert (said[3] == "victim: at most 0 B of 7040 B missed in a window, late by 0 B") == (buffer > 0)
     assert said[4] == f"stalled {int(buffer == 0)}"
+
+
+@icarus
+@pytest.mark.slow
+@pytest.mark.skipif(not (find_spec("cocotb") and find_spec("cocotbext")), reason="pip install cocotb cocotbext-axi")
+def test_cocotbext_axi_is_answered_as_it_expects(tmp_path):
+    """The AXI4 manager and memory of cocotbext-axi, with pauses, and bursts above LONGEST: `regulator_cocotb.py`."""
+    sources, top = [str(path) for path in sorted(RTL.glob("*.v"))], "halpipe_regulator_axi4"
+    runner = (
+        "from cocotb_tools.runner import get_runner; r = get_runner('icarus'); "
+        f"r.build(sources={sources!r}, hdl_toplevel={top!r}, build_dir='built', build_args=['-g2005-sv'], "
+        "parameters={'UNITS': 1, 'DEPTH': 4, 'TABLES': 2, 'CYCLES': 1000, 'ADDR': 16}); "
+        f"r.test(hdl_toplevel={top!r}, test_module='regulator_cocotb', build_dir='built', results_xml='results.xml')"
+    )
+    paths = {"PYTHONPATH": str(Path(__file__).parent), "PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin"}
+    subprocess.run([sys.executable, "-c", runner], cwd=tmp_path, env=paths, check=True, timeout=300)
+    (results,) = tmp_path.rglob("results.xml")
+    assert "<failure" not in results.read_text()
 
 
 @icarus
