@@ -39,7 +39,16 @@ def circular(count=TASKS):
     return replace(system, tasks=(closed, *system.tasks[1:]))
 
 
-@pytest.mark.parametrize("build", [chained, misspelt, circular])
+def starred(count=TASKS):
+    """Tasks on demand that one version names, and as many versions that each name another one."""
+    names = [f"t{i}" for i in range(count)]
+    served = [task(name, None, version("v", "1ns", "u0")) for name in names]
+    one = task("all", 100, version("v", "1ms", "u0", *(after(name, 0, 100) for name in names)))
+    each = [version(f"v{i}", "1ms", "u0", after(name, 0, 100)) for i, name in enumerate(names)]
+    return model(*served, one, task("any", 100, *each), units="u0")
+
+
+@pytest.mark.parametrize("build", [chained, misspelt, circular, starred])
 @pytest.mark.slow
 def test_work_grows_with_the_model_and_not_with_its_square(build):
     def prepare(count):
