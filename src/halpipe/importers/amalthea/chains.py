@@ -425,9 +425,8 @@ class _Reader:
         limits: dict[Item, dict[str, Duration]] = {}
         for item in self.forest.kinds("EventChainLatencyConstraint", "AgeConstraint", "ReactionConstraint"):
             scope, kind = self.forest.ref(item, "scope"), item.get("type") or item.kind.removesuffix("Constraint")
-            time = self._maximum(item)
-            minimum = item.one("minimum")
-            least = None if minimum is None else self.forest.time(minimum)
+            time = self.forest.time(item.one("maximum"))
+            least = self.forest.time(item.one("minimum"))
             known = [chain for chain in chains if chain.item is scope]
             is_read = kind in ("Age", "Reaction") and not any(
                 chain.is_triggered or (kind == "Age" and chain.is_polled) for chain in known
@@ -446,10 +445,6 @@ class _Reader:
         """Return a chain with its limits; a reaction counts from each stimulus event, as a latency does."""
         return replace(_within(chain, limits.get("Reaction")), age=limits.get("Age"))
 
-    def _maximum(self, item: Item) -> Duration | None:
-        stated = item.one("maximum")
-        return None if stated is None else self.forest.time(stated)
-
     # ------------------------------------------------------------------------- processes and data ages
 
     def processes(self) -> list[Chained]:
@@ -465,8 +460,7 @@ class _Reader:
                 self.bad.append(item)
         for item in self.forest.kinds("ProcessChainRequirement"):
             chain, limit = self.forest.ref(item, "processChain"), item.one("limit")
-            stated = None if limit is None else limit.one("limitValue")
-            time = None if stated is None else self.forest.time(stated)
+            time = self.forest.time(limit and limit.one("limitValue"))
             upper = limit is not None and limit.get("limitType") in ("UpperLimit", "")
             known = found.get(chain) if chain is not None else None
             if (
@@ -494,8 +488,7 @@ class _Reader:
         for item in self.forest.kinds("DataAgeConstraint"):
             runnable, label = self.forest.ref(item, "runnable"), self.forest.ref(item, "label")
             age = item.one("dataAge")
-            stated = None if age is None else age.one("maximumTime")
-            time = None if stated is None else self.forest.time(stated)
+            time = self.forest.time(age and age.one("maximumTime"))
             if runnable is None or label is None or time is None:
                 self.unread.append(item)
                 continue

@@ -108,8 +108,7 @@ def _unit(forest: Forest, item: Item, memories: Iterable[Item]) -> Pu:
 
 def _frequency(forest: Forest, item: Item) -> Fraction | None:
     domain = forest.ref(item, "frequencyDomain")
-    stated = None if domain is None else domain.one("defaultValue")
-    value = None if stated is None else forest.hertz(stated)
+    value = forest.hertz(domain and domain.one("defaultValue"))
     if domain is not None and value:
         domain.use_all()
     return value or None
@@ -118,8 +117,7 @@ def _frequency(forest: Forest, item: Item) -> Fraction | None:
 def _path(forest: Forest, unit: Item, access: Item, memory: Item) -> Path | None:
     """Return the path that an access element states by latencies or a rate, its own or those along its access path."""
     cycles = [latency_of(forest, access.one(kind)) for kind in _LATENCY_KINDS]
-    stated = access.one("dataRate")
-    rate = None if stated is None else forest.rate(stated)
+    rate = forest.rate(access.one("dataRate"))
     if rate is None and not any(cycles):
         cycles, rate = _along(forest, unit, access, memory)
     if rate is None and not any(cycles):
@@ -146,8 +144,7 @@ def _along(forest: Forest, unit: Item, access: Item, memory: Item) -> tuple[list
         for index, kind in enumerate(_LATENCY_KINDS):
             latency = latency_of(forest, holder.one(kind, "accessLatency"))
             cycles[index] = (cycles[index] or 0) + (latency or 0) * scale
-        stated = holder.one("dataRate")
-        if (rate := None if stated is None else forest.rate(stated)) is not None:
+        if (rate := forest.rate(holder.one("dataRate"))) is not None:
             rates.append(rate)
     return cycles, min(rates, default=None)
 
@@ -165,8 +162,7 @@ def _width(forest: Forest, unit: Item, memory: Item) -> Fraction:
     caches = [*unit.all("caches"), *((c for c in structure.children if c.kind == "Cache") if structure else ())]
     for cache in caches:
         definition = forest.ref(cache, "definition")
-        line = None if definition is None else definition.one("lineSize")
-        size = None if line is None else forest.size(line)
+        size = forest.size(definition and definition.one("lineSize"))
         if definition is not None and size:
             cache.use()
             definition.use_all()
@@ -186,8 +182,7 @@ def _port_width(forest: Forest, item: Item) -> Fraction | None:
 
 def _memory(forest: Forest, item: Item) -> Memory:
     definition = forest.ref(item, "definition")
-    stated = None if definition is None else definition.one("dataRate")
-    rate = None if stated is None else forest.rate(stated)
+    rate = forest.rate(definition and definition.one("dataRate"))
     if rate and definition is not None:
         definition.use_all()
         return Memory(item, rate)
@@ -317,8 +312,7 @@ class Memories:
 
     def _size(self, label: Item) -> Fraction:
         if label not in self._sizes:
-            stated = label.one("size")
-            self._sizes[label] = (None if stated is None else self._forest.size(stated)) or Fraction(0)
+            self._sizes[label] = self._forest.size(label.one("size")) or Fraction(0)
         return self._sizes[label]
 
     def _bound(self, memory: Item, path: Path, writes: bool, frequency: Fraction) -> Fraction:

@@ -66,13 +66,8 @@ def activations_of(forest: Forest, stimulus: Item) -> list[Activation]:
     return found
 
 
-def _time(forest: Forest, item: Item, *tags: str) -> Duration | None:
-    child = item.one(*tags)
-    return None if child is None else forest.time(child)
-
-
 def _recurrence(forest: Forest, stimulus: Item) -> Duration | None:
-    return _time(forest, stimulus, "recurrence", "period") or None  # until 0.8.3 a synthetic stimulus has a period
+    return forest.time(stimulus.one("recurrence", "period")) or None  # until 0.8.3 a synthetic stimulus has a period
 
 
 def _report_jitter(forest: Forest, stimulus: Item) -> None:
@@ -85,7 +80,7 @@ def _report_jitter(forest: Forest, stimulus: Item) -> None:
 
 def _periodic(forest: Forest, stimulus: Item) -> list[Activation]:
     period = _recurrence(forest, stimulus)
-    return [Activation(period, _time(forest, stimulus, "offset"), stimulus)] if period else []
+    return [Activation(period, forest.time(stimulus.one("offset")), stimulus)] if period else []
 
 
 def _synthetic(forest: Forest, stimulus: Item) -> list[Activation]:
@@ -95,19 +90,19 @@ def _synthetic(forest: Forest, stimulus: Item) -> list[Activation]:
     times = [forest.time(item) for item in (*stimulus.all("occurrenceTimes"), *listed)]
     if not period or not times or len(times) > _MOST_OCCURRENCES:
         return []
-    first = _time(forest, stimulus, "offset") or ZERO
+    first = forest.time(stimulus.one("offset")) or ZERO
     return _spread(period, [first + time for time in times if time is not None], stimulus)
 
 
 def _burst(forest: Forest, stimulus: Item) -> list[Activation]:
     """A burst is so many occurrences at their least distance, at the start of every recurrence."""
-    period, first = _recurrence(forest, stimulus), _time(forest, stimulus, "offset") or ZERO
+    period, first = _recurrence(forest, stimulus), forest.time(stimulus.one("offset")) or ZERO
     stated = forest.number(stimulus, "occurrenceCount")
     count = 1 if stated is None else int(stated)
     if not period or not 0 < count <= _MOST_OCCURRENCES:
         return []
-    length = _time(forest, stimulus, "burstLength") or ZERO
-    distance = _time(forest, stimulus, "occurrenceMinDistance") or (length / count)
+    length = forest.time(stimulus.one("burstLength")) or ZERO
+    distance = forest.time(stimulus.one("occurrenceMinDistance")) or (length / count)
     if length > distance * (count - 1):
         message = f"states a burst of {length}, in which occurrences may come later than at their least distance"
         forest.report(codes.JITTER, message, stimulus, "state its activations in an overlay, or as sporadic ones")
@@ -131,7 +126,7 @@ def _densest(stimulus: Item, distance: Duration | None) -> list[Activation]:
 
 def _step(forest: Forest, stimulus: Item) -> Duration | None:
     """Return the least distance of the occurrences of a rate that no scenario changes; None where one does."""
-    step, count = _time(forest, stimulus, "step"), stimulus.one("occurrencesPerStep")
+    step, count = forest.time(stimulus.one("step")), stimulus.one("occurrencesPerStep")
     stated = most(forest, count) if count else forest.number(stimulus, "occurrencesPerStep")
     return step / stated if step and stated and stimulus.one("scenario") is None else None
 
@@ -140,9 +135,8 @@ def _shortest(forest: Forest, deviation: Item | None) -> Duration | None:
     """Return the least time of a constant or a distribution of times."""
     if deviation is None:
         return None
-    for tag in ("lowerBound", "value"):
-        if (found := deviation.one(tag)) is not None:
-            return forest.time(found)
+    if (found := deviation.one("lowerBound") or deviation.one("value")) is not None:
+        return forest.time(found)
     entries = [_shortest(forest, entry) for entry in deviation.all("entries")]
     known = [entry for entry in entries if entry is not None]
     return min(known) if known else None
@@ -152,7 +146,7 @@ def _curve(forest: Forest, stimulus: Item) -> Duration | None:
     """Return the least distance of two occurrences."""
     entries = stimulus.all("entries", "arrivalCurveEntries")
     pairs = (entry for entry in entries if forest.number(entry, "numberOfOccurrences") == 2)
-    found = (_time(forest, entry, "lowerTimeBorder") for entry in pairs)
+    found = (forest.time(entry.one("lowerTimeBorder")) for entry in pairs)
     return min((time for time in found if time is not None), default=None)
 
 

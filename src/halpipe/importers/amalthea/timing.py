@@ -218,12 +218,6 @@ def read_timing(forest: Forest, drafts: Drafts) -> Timing:
     return timing
 
 
-def limit_of(forest: Forest, item: Item, tag: str) -> Duration | None:
-    """Return a time in a child element."""
-    child = item.one(tag)
-    return None if child is None else forest.time(child)
-
-
 # ---------------------------------------------------------------------------------------- requirements
 
 
@@ -240,7 +234,7 @@ def _deadlines(forest: Forest, entities: Entities, timing: Timing) -> None:
             item.use_all()
     for task in forest.within("SWModel", "tasks", "isrs"):  # ITEA
         stated = task.one("deadline")
-        time = None if stated is None else forest.time(stated)
+        time = forest.time(stated)
         if time and stated is not None:
             stated.use()
             _least(timing.deadlines, task, time)
@@ -252,7 +246,7 @@ def _deadline(forest: Forest, item: Item, task: Item, timing: Timing) -> bool:
     """Take a limit of a process; return whether there is something for it."""
     limit = item.one("limit")
     assert limit is not None
-    time = limit_of(forest, limit, "limitValue")
+    time = forest.time(limit.one("limitValue"))
     if time is None or limit.get("limitType") not in ("UpperLimit", ""):
         return False
     if limit.get("metric") == "ResponseTime":
@@ -275,7 +269,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
     bad = []
     for item in forest.kinds("DelayConstraint"):
         source, target = (entities.place(forest.ref(item, end)) for end in ("source", "target"))
-        low, high = limit_of(forest, item, "lower"), limit_of(forest, item, "upper")
+        low, high = forest.time(item.one("lower")), forest.time(item.one("upper"))
         pairs = _pairs(forest, item, source, target)
         if source is None or target is None or not pairs or target.anchor is Anchor.RELEASE:
             bad.append(item)

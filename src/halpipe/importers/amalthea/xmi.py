@@ -371,8 +371,10 @@ class Forest:
             return None
         return value
 
-    def _quantity(self, item: Item, units: Mapping[str, Fraction | int], default: str) -> Fraction | None:
+    def _quantity(self, item: Item | None, units: Mapping[str, Fraction | int], default: str) -> Fraction | None:
         """Return ``value`` times ``unit``: an absent value is 0, as APP4MC omits it, an absent unit the `default`."""
+        if item is None:
+            return None
         value = self.number(item, "value") if item.element.get("value") is not None else Fraction(0)
         unit = item.get("unit") or default
         if unit not in units:
@@ -381,26 +383,26 @@ class Forest:
             return None
         return None if value is None else value * units[unit]
 
-    def time(self, item: Item) -> Duration | None:
+    def time(self, item: Item | None) -> Duration | None:
         """Return a time."""
-        value = self._quantity(item, TIME_NS, "" if item.element.get("value", "0") != "0" else "ns")
-        if value is not None and value >= _TOO_LONG_NS:
+        value = self._quantity(item, TIME_NS, "" if item and item.element.get("value", "0") != "0" else "ns")
+        if item is not None and value is not None and value >= _TOO_LONG_NS:
             self._bad(item, "is longer than a task model can state", "state a time below 1E30 s")
             return None
         return None if value is None else Duration(value)
 
-    def hertz(self, item: Item) -> Fraction | None:
+    def hertz(self, item: Item | None) -> Fraction | None:
         """Return a frequency; Hz where older versions state no unit."""
         return self._quantity(item, HERTZ, "Hz")
 
-    def size(self, item: Item) -> Fraction | None:
+    def size(self, item: Item | None) -> Fraction | None:
         """Return a size in bytes; until 0.7.0 sizes are ``numberBits``."""
-        if item.element.get("numberBits") is not None:
+        if item is not None and item.element.get("numberBits") is not None:
             bits = self.number(item, "numberBits")
             return None if bits is None else bits / 8
         return self._quantity(item, BYTES, "bit")
 
-    def rate(self, item: Item) -> Fraction | None:
+    def rate(self, item: Item | None) -> Fraction | None:
         """Return a data rate in bytes per second."""
         return self._quantity(item, RATES, "")
 
