@@ -272,6 +272,22 @@ def test_what_no_definition_proposes_is_refused_unless_a_configuration_states_it
     assert about_silicon == []
 
 
+def test_what_is_added_takes_no_name_of_another_container(tmp_path):
+    vendor(tmp_path)
+    state(tmp_path, "a.arxml", silicon())
+    systems = {name: model(task(name, 10, version("v", 1, "u")), units="u") for name in ("Debug", "Chip")}
+    plans = {name: schedule(system, 10, job(system, name, 0, 0, "u")) for name, system in systems.items()}
+    options = ArxmlOptions(ecuc_definitions=(str(tmp_path),))
+    text = FORMAT.write(systems["Debug"], plans["Debug"], options)[""].decode()
+    assert [text.count(f"/V/Os/{kind}</DEFINITION-REF>") for kind in ("OsTask", "Debug")] == [1, 1]
+    assert "<SHORT-NAME>Debug_2</SHORT-NAME>" in text
+    ((code, message),) = told_of(systems["Chip"], plans["Chip"], tmp_path)
+    assert (code, message) == (
+        NO_VALUE.id,
+        'nothing states /V/Os/Silicon under a name that is free, unlike "Chip"',
+    )
+
+
 def test_configurations_that_contradict_each_other_are_refused(tmp_path):
     system, plan = vendor(tmp_path)
     state(tmp_path, "a.arxml", silicon())

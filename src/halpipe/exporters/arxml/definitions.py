@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, named, warning
 from halpipe.core.files import find_inputs, parse_xml, read_bytes
 from halpipe.exporters.arxml.document import CONTAINER, Reference
+from halpipe.exporters.arxml.software import ShortNames
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -152,7 +153,10 @@ class _Completion:
         if part.tag != _CONTAINER_DEFS[0]:
             return [f"{box.definition}/{part.name}"]
         lacking = []
-        for name, alike in (_containers(stated, part.name) or {part.name: []}).items():
+        for name, alike in (_containers(stated, part.name) or {ShortNames(*box.inside)(part.name): []}).items():
+            if name in box.inside:
+                lacking.append(f'{box.definition}/{part.name} under a name that is free, unlike "{name}"')
+                continue
             missing = self.run(box.new(name, part.name), part, alike)
             if missing:
                 del box.inside[name]
