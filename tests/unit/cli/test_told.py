@@ -213,3 +213,27 @@ def test_closed_streams_do_not_take_the_place_of_files(monkeypatch):
     monkeypatch.setattr(output.sys, "stderr", io.StringIO())
     output.prepare()
     assert (asked, len(opened)) == ([0, 1, 2], 3)
+
+
+@pytest.mark.parametrize(("encoding", "printed"), [("utf-8", True), ("ascii", False), (None, True)])
+def test_characters_that_the_terminal_lacks_are_known(encoding, printed, monkeypatch):
+    monkeypatch.setattr(output.sys, "stdout", SimpleNamespace(encoding=encoding))
+    assert output.can_print("·") is printed
+
+
+@pytest.mark.parametrize("form", [None, output.Format.JSON])
+@pytest.mark.parametrize("changes", ["", "changes.json"])
+def test_changes_of_a_project_are_shown_as_lines_or_as_their_file(changes, form, capsys):
+    from halpipe.flow.formats import Exported
+
+    output.choose(form, quiet=False, verbose=False)
+    export._show_changes(Exported({"changes.json": b"[7]\n"}, (), changes, ("f.arxml: one",)))
+    told = capsys.readouterr()
+    assert ("[7]" in told.out, "f.arxml: one" in told.err) == (bool(changes) and form is not None, bool(changes))
+
+
+def test_without_a_terminal_charts_have_a_width_of_their_own(monkeypatch):
+    asked = []
+    size = SimpleNamespace(columns=77)
+    monkeypatch.setattr(show.shutil, "get_terminal_size", lambda otherwise: asked.append(otherwise) or size)
+    assert (show._width(), asked[0][0]) == (77, 100)
