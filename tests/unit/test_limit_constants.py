@@ -274,6 +274,18 @@ def jobs_of_a_generated_set(count):
     named("pipeline.generate.parameters:SetParameters")(periods=periods).check()
 
 
+@limit("pipeline.validate.structure:MOST", 255, "write numbers from 1 to 255")
+def events_of_a_health_rule(count):
+    from halpipe.models import HealthRule
+
+    found = []
+    for counts in ({"count": count}, {"count": count, "cycles": count}):
+        rule = HealthRule(task="a", mode="m", **counts)
+        context = SimpleNamespace(model=SimpleNamespace(health=(rule,)))
+        found += named("pipeline.validate.structure:check_rules")(context)
+    return " ".join(each.help for each in found)
+
+
 @limit("pipeline.explain.meetings:MAX_STEPS", 4_000, "spent")
 def steps_of_a_search_for_meetings(count):
     budget = named("pipeline.explain.meetings:Budget")()
