@@ -85,12 +85,12 @@ def schedule_near(
         other = attempt(_without(earlier, free), min(BUDGET, FOR_EACH_FREE * max(1, len(free))))
         if other is not None and other.is_complete and (found is None or _is_nearer(earlier, other, found)):
             found = other
-            if is_least(found) or options.is_open:  # the exact engine takes less time than further sets
+            if is_least(found) or _is_exact(model, options, found):  # takes less time than further sets
                 break
     if found is None:
         found = _freed(model, options, earlier, held | frozenset(changed), solve)
     if found.is_complete and not is_least(found):
-        if options.is_open:
+        if _is_exact(model, options, found):
             found, proven = _fewest(model, options, earlier, found, fewest, solve)
             fewest = {mode: max(count, proven.get(mode, 0)) for mode, count in fewest.items()}
         if not is_least(found):
@@ -98,6 +98,14 @@ def schedule_near(
             found = _with_few_free(earlier, found, held, near.union(changed), attempt)
             found = _put_back(earlier, found, attempt)
     return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
+
+
+def _is_exact(model: TaskModel, options: SearchOptions, found: Scheduled) -> bool:
+    """Whether the exact engine follows, for one mode at least."""
+    from halpipe.pipeline.solve.exact_goals import counts_moves
+
+    modes = (model.mode(mode.name) for mode in found.schedule.modes)
+    return options.is_open and any(counts_moves(model, expand(model, mode)) for mode in modes)
 
 
 def _attempt(options: SearchOptions, solve: Callable[[SearchOptions], Scheduled]) -> Scheduled | None:

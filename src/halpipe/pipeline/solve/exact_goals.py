@@ -191,6 +191,11 @@ class Fewest:
     jobs: tuple[Job, ...] = ()
 
 
+def counts_moves(model: TaskModel, expansion: Expansion) -> bool:
+    """Whether the exact engine is there, and takes a mode with a limit on its moves."""
+    return is_installed() and is_exact_model(model) and is_small(expansion) and expansion.job_count <= MOVED_JOBS
+
+
 def fewest_moved(
     model: TaskModel,
     expansion: Expansion,
@@ -205,7 +210,7 @@ def fewest_moved(
     Programs with a limit on the moves raise the bound from `least` on: a limit propagates, an objective hardly does
     (0.1 s in place of 18 s for two jobs of 200). Once one has no answer, the others halve what is left.
     """
-    if not (is_installed() and is_exact_model(model) and is_small(expansion) and expansion.job_count <= MOVED_JOBS):
+    if not counts_moves(model, expansion):
         return Fewest()
     if not all(_is_numbered(expansion, job) for job in (*earlier.values(), *held.values(), *known)):
         return Fewest()
