@@ -51,7 +51,7 @@ def test_a_console_that_prints_something_else_is_found(mutant, what, instead, pa
 def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):
     target = mutant("runtime.c", "    calibrate();\n", "", calibrate=True)
     found = {d.code for d in DEPLOYMENT.check(target, CheckOptions(inject="none")).diagnostics if d.is_error}
-    assert found == {codes.NO_CALIBRATION.id}
+    assert codes.NO_CALIBRATION.id in found
 
 
 @pytest.mark.parametrize(
