@@ -106,14 +106,15 @@ def _instants(run: Run) -> Iterator[Diagnostic]:
 def _slept(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
     """Yield the first operation at whose instant the management core slept; a transfer may have waited for others."""
     starts = [int(table.start / run.site.tick) for table in played]
-    ends = sorted(-(-(t.end - (run.zero or 0)) // run.tick) for t in run.recorder.transfers)
-    for (_, woken), entry in [*zip(run.recorder.traced, run.recording.records, strict=False)][1:]:
+    ends = sorted(transfer.end for transfer in run.recorder.transfers)
+    for (now, woken), entry in [*zip(run.recorder.traced, run.recording.records, strict=False)][1:]:
         is_none = entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts)
         if is_none or (entry.kind == Kind.COPY and (entry.flags or run.site.dma.kind == "copy")):
             continue
         tick, wake = due_of(tables, entry, starts)[0], tick_of(run, woken)
         if entry.kind == Kind.COPY:
-            tick = max([tick, *ends[: bisect_right(ends, wake + 1)][-1:]])  # it may end in the very tick
+            last = ends[: bisect_right(ends, now)][-1:]  # it may have ended after the core woke up for it
+            tick = max([tick, *(-(-(end - (run.zero or 0)) // run.tick) for end in last)])
         if tick < wake:
             due = run.site.tick * tick
             message = f"the management core sleeps from before {due}, when it has something to do, until "
