@@ -85,8 +85,8 @@ def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
         _Budget.left = max(0, _Budget.left - len(candidates))
     by_small: dict[str, str] = {}
     for candidate in candidates:
-        by_small.setdefault(candidate.lower(), candidate)
-    small = name.lower()
+        by_small.setdefault(candidate.lower().lstrip("-"), candidate)
+    small = name.lower().lstrip("-")  # two options are not near by their dashes
     alike = [each for each in (small, small.replace("_", "-")) if each in by_small]
     return [by_small[each] for each in alike[:1] or difflib.get_close_matches(small, by_small, n=count, cutoff=0.5)]
 

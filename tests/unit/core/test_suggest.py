@@ -1,5 +1,7 @@
 """Near names for messages."""
 
+import pytest
+
 from halpipe.core.suggest import did_you_mean, nearest
 
 KNOWN = ("particle_filter", "pure_pursuit", "opponent_detection")
@@ -24,3 +26,8 @@ def test_nothing_near_gives_the_alternative():
     assert did_you_mean("zzz", KNOWN) == ""
     assert did_you_mean("zzz", KNOWN, "name one of the tasks") == "name one of the tasks"
     assert did_you_mean("zzz", []) == ""
+
+
+@pytest.mark.parametrize(("typed", "near"), [("--list", []), ("--jobz", ["--jobs"]), ("--parallel", ["--workers"])])
+def test_options_are_not_near_by_their_dashes(typed, near):
+    assert nearest(typed, ["--quiet", "--mode", "--jobs", "--workers", "--format"]) == near

@@ -6,6 +6,7 @@ from collections import Counter
 from fractions import Fraction
 from functools import cache
 from importlib import resources
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
@@ -68,6 +69,9 @@ GLOSSARY = (
 )
 
 
+LISTED_JOBS = 100
+"""Jobs in the tables of a page that is read without scripts, shared by the tables that are drawn."""
+
 NAME_WIDTH = 190
 """Pixels beside a chain's picture for the names of its tasks."""
 
@@ -83,6 +87,8 @@ def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) ->
     for table, mode in modes:
         mode["waits"] = waits(model, table)
     shown = {table.name for table in schedule.modes}
+    filled = [bool(mode.jobs) for mode in schedule.modes] + [bool(table.jobs) for table in schedule.transitions]
+    most = max(1, LISTED_JOBS // max(1, sum(filled)))
     return _template().render(
         title=options.title or f"{model.name} schedule",
         model=model,
@@ -94,11 +100,24 @@ def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) ->
         account=build_account(model, options.import_report),
         beside=options.beside,
         modes=[_mode(model, table, f"mode-{n}", mode) for n, (table, mode) in enumerate(modes, 1)],
+        listed={table["name"]: _listed(drawn, table, most) for table in drawn["modes"] + drawn["switches"]},
         scene=embedded(drawn),
         transitions=[_transition(model, table, f"switch-{n}", switch) for n, (table, switch) in enumerate(switches, 1)],
         tasks=_tasks(model, schedule),
         glossary=GLOSSARY,
     )
+
+
+def _listed(drawn: Row, table: Row, most: int) -> Row:
+    """Return the first `most` jobs of a table as the script lists them, and how many are left out."""
+    pairs = zip(table["jobs"], table.get("waits") or repeat(""), strict=False)
+    jobs = sorted((each for each in pairs if 0 <= each[0][4] < table["length"]), key=lambda each: each[0][4])
+    rows = []
+    for (task, index, version, lanes, _, _, start, end, parts, _), wait in jobs[:most]:
+        units = " ".join(drawn["units"][lane] for lane in lanes)
+        gaps = f", {len(parts) - 1} gaps" if parts else ""
+        rows.append((drawn["tasks"][task]["name"], index, start, end + gaps, version, units, wait))
+    return {"rows": rows, "left": len(jobs) - len(rows)}
 
 
 @cache
