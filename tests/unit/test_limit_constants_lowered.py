@@ -102,18 +102,6 @@ def elements_of_a_document_that_is_explained(count):
 # ------------------------------------------------------------------------------------------------ importers
 
 
-@lowered("importers.amalthea.mapping:_MOST_LEVELS", 3, "none")
-def schedulers_above_each_other(count):
-    items = [MagicMock() for _ in range(count + 1)]
-    for number, item in enumerate(items):
-        item.one.return_value = items[number + 1] if number < count else None
-    forest = fake(ref=lambda association, _: association)
-    found = named("importers.amalthea.mapping:Allocations").responsible(
-        fake(_forest=forest, _cores={items[-1]: ["u"]}), items[0]
-    )
-    return "" if found == ["u"] else "none"
-
-
 @lowered(
     "importers.amalthea.modes:_MOST_MODES",
     6,
@@ -134,10 +122,10 @@ def combinations_of_mode_labels(count):
     4,
     "none",
     _recurrence=lambda *_: Duration(1000),
-    _time=lambda *_: None,
 )
 def occurrences_of_a_burst(count):
-    return named("importers.amalthea.stimuli:_burst")(fake(number=lambda *_: count), ELEMENT) or "none"
+    forest = fake(number=lambda *_: count, time=lambda _: None)
+    return "" if named("importers.amalthea.stimuli:_burst")(forest, fake(one=lambda _: None)) else "none"
 
 
 @lowered("importers.arxml.system.instances:MAX_INSTANCES", 5, "more than 5 component instances")
@@ -245,7 +233,7 @@ def bytes_of_a_burst(count):
 @lowered(
     "exporters.report.page:_MOST_REASONS",
     4,
-    "fewer",
+    "1 other reasons",
     _read=lambda number: {
         "elements": [],
         "ignored": [{"reason": str(each)} for each in range(int(number))],
@@ -255,7 +243,8 @@ def bytes_of_a_burst(count):
 )
 def reasons_of_a_report(count):
     found = named("exporters.report.page:build_account")(fake(), str(count))
-    return "" if len(found["reasons"]) == count else "fewer"
+    assert sum(times for _, times in found["reasons"]) == count
+    return found["reasons"][-1][0]
 
 
 # ------------------------------------------------------------------------------------------------ pipeline
@@ -448,11 +437,18 @@ def cycles_of_a_drawn_mode(count):
     return "left out" if writer.left_out else ""
 
 
-@lowered("importers.amalthea.chains:_MOST_LEVELS", 3, "ends only")
+@lowered("importers.amalthea.chains:_MOST_LEVELS", 3, "more than 3 chains")
 def levels_of_chains(level):
-    item = fake(all=lambda tag: [fake(tag=tag)], get=lambda name: "parallel")
-    reader = fake(forest=fake(ref=lambda *_: None), _chain=lambda link: None)
-    return "ends only" if named("importers.amalthea.chains:_Reader")._ways(reader, item, level) else ""
+    forest = named("importers.amalthea.xmi:Forest")((), Findings())
+    reader = fake(forest=forest, _open=set(range(level)), _known={}, _made=lambda item: [])
+    named("importers.amalthea.chains:_Reader")._ways(reader, MagicMock(at=Location(), path="c"))
+
+
+@lowered("importers.amalthea.chains:_MOST_EVENTS", 3, "more than 3 ways and events")
+def events_along_chains(count):
+    forest = named("importers.amalthea.xmi:Forest")((), Findings())
+    reader = fake(forest=forest, _open=set(), _known={}, _made=lambda item: [fake(events=range(count - 1))])
+    named("importers.amalthea.chains:_Reader")._ways(reader, MagicMock(at=Location(), path="c"))
 
 
 @lowered("importers.amalthea.graph:_MOST_LEVELS", 3, "more than 3 calls", steps=lambda runnable: ())
@@ -466,14 +462,12 @@ def levels_of_calls(depth):
     made._call(reader, runnable, MagicMock(), MagicMock())
 
 
-@lowered("importers.amalthea.stimuli:_MOST_LEVELS", 3, "none", call_count=lambda *_: 1)
+@lowered("importers.amalthea.stimuli:_MOST_LEVELS", 3, "more than 3 calls")
 def levels_of_triggers(count):
-    known = MagicMock(__contains__=lambda *_: True, __getitem__=lambda *_: [])
-    triggers = MagicMock(_calling=set(range(count)), _wanted={"r"}, _of_runnable=known)
-    triggers.counter.return_value = fake(each=1, then=lambda count: count)
-    with patched("importers.amalthea.stimuli", Occurrence=lambda *_: fake(target="r", cause="s", count=0)):
-        found = named("importers.amalthea.stimuli:Triggers")._call(triggers, MagicMock(), "r", MagicMock())
-    return "" if found else "none"
+    forest = named("importers.amalthea.xmi:Forest")((), Findings())
+    triggers = MagicMock(_calling=set(range(count)), _forest=forest)
+    conditions = fake(allows=lambda _: False)
+    named("importers.amalthea.stimuli:Triggers")._call(triggers, None, MagicMock(at=Location(), path="r"), conditions)
 
 
 @lowered("importers.amalthea.stimuli:MOST", 3, "too much")
@@ -484,11 +478,11 @@ def occurrences_of_one_runnable(count):
     return "too much" if triggers.is_too_much else ""
 
 
-@lowered("importers.arxml.system.instances:_MAX_DEPTH", 3, "none")
+@lowered("importers.arxml.system.instances:_MAX_DEPTH", 3, "more than 2 compositions")
 def compositions_within_each_other(count):
-    composition = fake(prototypes=[fake(place=ELEMENT, type="t")])
+    composition = fake(prototypes=[fake(place=ELEMENT, type="t")], place=ELEMENT)
     unfold = named("importers.arxml.system.instances:_unfold")
-    return "" if list(unfold(composition, ("c",) * count, {}, {"t": ELEMENT})) else "none"
+    assert list(unfold(composition, ("c",) * count, {}, {"t": ELEMENT}))
 
 
 @lowered("deploy.riscv.judge.qemu:MOST", 3, "1 faults were not injected", _run=lambda *_: 0, read_images=lambda *_: {})
@@ -578,11 +572,10 @@ def tasks_that_move(count):
 
 @lowered("pipeline.transitions.change:MOST_CYCLES", 3, "fewer")
 def cycles_before_a_switch(count):
-    """The last of so many, and the one that is on its way."""
     found = named("pipeline.transitions.change:_Instants")._cycles(
-        fake(_cycle=1, _first=None, _last=None), [0], 0, count
+        fake(_cycle=1, _first=None, _last=None), [0], 0, count - 1
     )
-    return "" if len(found) == count + 1 else "fewer"
+    return "" if len(found) == count else "fewer"
 
 
 @lowered("pipeline.validate.accesses:MAX_BITS", 5, "more than 5 bits")

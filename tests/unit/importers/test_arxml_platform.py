@@ -19,6 +19,7 @@ from arxml_case import (
     periods,
     read,
     ref,
+    refusal,
     rte,
     write,
 )
@@ -55,11 +56,23 @@ def test_the_root_composition_of_the_system_counts(tmp_path):
     assert imported.model.origin.path == "/T/S/Top"
 
 
-def test_a_composition_inside_itself_ends(tmp_path):
+def test_a_composition_inside_itself_is_refused(tmp_path):
     car = composition("Car", "p:Pump self:Car")
     root = named("ROOT-SW-COMPOSITION-PROTOTYPE", "Top", ref("SOFTWARE-COMPOSITION-TREF", "/T/Car"))
-    imported = read(write(tmp_path, package("T", PUMP, car, root)))
-    assert set(periods(imported)) == {"p/Step", "self/p/Step"}
+    (error,) = found(refusal(write(tmp_path, package("T", PUMP, car, root))), codes.TOO_MANY)
+    assert (error.message, error.path) == ("is a part of itself", 'composition "/T/Car"')
+
+
+@pytest.mark.parametrize("levels", [32, 33])
+def test_compositions_nest_up_to_a_limit_and_are_refused_beyond(tmp_path, levels):
+    """None is left out: the component of the innermost is a task, or the import ends."""
+    inner = [composition(f"C{n}", f"c:C{n + 1}" if n < levels else "p:Pump") for n in range(1, levels + 1)]
+    path = write(tmp_path, package("T", PUMP, *inner))
+    if levels == 32:
+        assert list(periods(read(path))) == ["c/" * 31 + "p/Step"]
+    else:
+        (error,) = found(refusal(path), codes.TOO_MANY)
+        assert (error.message, error.path) == ("is nested in more than 31 compositions", 'composition "/T/C33"')
 
 
 def test_instances_of_the_same_name_are_told_apart(tmp_path):

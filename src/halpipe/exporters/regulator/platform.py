@@ -317,7 +317,7 @@ def read_frequency(text: str) -> int:
 def _window(text: str, clock: int, least: int) -> Fraction:
     """Read cycles, or a duration, which need not be whole cycles; a cycle named instead is `least` or more."""
     if text.strip().isascii() and text.strip().isdigit():
-        cycles = Fraction(int(text.strip()[:20]))
+        cycles = Fraction(whole(0, what="number of cycles")(text))
     else:
         cycles = Duration.parse(text).in_unit("s") * clock
     if not clock:

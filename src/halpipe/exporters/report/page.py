@@ -360,11 +360,14 @@ def build_account(model: TaskModel, report: str) -> Row | None:
     read, mapped = sum(e[1] for e in elements), sum(e[2] for e in elements)
     reasons = Counter(entry["reason"] for entry in document["ignored"])
     defaults = Counter((entry["what"], entry["value"]) for entry in document["defaults"])
+    listed = sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))
+    if others := listed[_MOST_REASONS:]:
+        listed[_MOST_REASONS:] = [(f"{len(others)} other reasons", sum(count for _, count in others))]
     share = f" ({percent(Fraction(mapped, read))})" if read else ""
     return account | {
         "elements": elements,
         "share": f"{mapped} of {read} elements shaped the model{share}",
-        "reasons": sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))[:_MOST_REASONS],
+        "reasons": listed,
         "defaults": [(what, value, count) for (what, value), count in sorted(defaults.items())],
     }
 

@@ -152,6 +152,8 @@ def combined(forest: Forest, item: Item, *choices: Sequence[Draft]) -> Iterator[
 _ITEM_TAGS = ("items", "segments", "strands")
 _MOST_LEVELS = 50
 _MOST_WAYS = 50
+_MOST_EVENTS = 10_000
+"""Ways through a chain, and events along them, in all."""
 _BEGINS = ("activate", "start")
 _RANKS = {"StimulusEvent": {"": 0}, "ProcessEvent": {"activate": 0, "start": 1, "terminate": 3}}
 """Order of the events of a job; what happens within it has 2."""
@@ -222,6 +224,8 @@ class _Reader:
         self.entities = entities
         self.bad: list[Item] = []
         self.unread: list[Item] = []
+        self._known: dict[Item, list[_Way]] = {}
+        self._open: set[Item] = set()
         self.partial: dict[Item, None] = {}
         """Chains through a task that waits and has several activations, of which the first alone counts."""
 
@@ -229,7 +233,7 @@ class _Reader:
 
     def chains(self, item: Item) -> list[Chained]:
         """Return the chain of tasks of an event chain, several where parts are parallel."""
-        found = self._ways(item, 0)
+        found = self._ways(item)
         broken = next((way.broken for way in found if way.broken), "")
         if broken:
             help = "let the parts begin, follow on each other and end as the chain does"
@@ -321,13 +325,27 @@ class _Reader:
     def _is_begin(self, event: Item) -> bool:
         return event.get("eventType") in _BEGINS
 
-    def _ways(self, item: Item, level: int) -> list[_Way]:
-        """Return each way through a chain."""
+    def _ways(self, item: Item) -> list[_Way]:
+        """Return each way through a chain; refuse one of too many levels or events."""
+        if item in self._open:
+            return [_Way((), f'"{item.name}" is a part of itself')]
+        if item not in self._known:
+            help = "state its limit in an overlay, as a chain of tasks"
+            if len(self._open) > _MOST_LEVELS:
+                self.forest.refuse(f"is nested in more than {_MOST_LEVELS} chains", item, help)
+            self._open.add(item)
+            self._known[item] = self._made(item)
+            self._open.remove(item)
+            if sum(1 + len(way.events) for way in self._known[item]) > _MOST_EVENTS:
+                self.forest.refuse(f"has more than {_MOST_EVENTS} ways and events along them", item, help)
+        return self._known[item]
+
+    def _made(self, item: Item) -> list[_Way]:
         ends = [self.forest.ref(item, end) for end in ("stimulus", "response")]
         inner = [link for tag in _ITEM_TAGS for link in item.all(tag)]
-        if not inner or level > _MOST_LEVELS:
+        if not inner:
             return [_Way(tuple(event for event in ends if event is not None))]
-        links = [self._ways(chain, level + 1) for link in inner if (chain := self._chain(link)) is not None]
+        links = [self._ways(chain) for link in inner if (chain := self._chain(link)) is not None]
         if item.get("itemType") == "parallel" or all(link.tag == "strands" for link in inner):
             return [_with_ends(ends, way) for ways in links for way in ways]
         ways = [_Way(())]

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _PROCESS = {"TaskAllocation": "task", "ProcessAllocation": "process", "ISRAllocation": "isr"}
 _AFFINITIES = ("affinity", "coreAffinity")
-_MOST_LEVELS = 20  # of schedulers above schedulers
 
 
 class Allocations:
@@ -89,9 +88,9 @@ class Allocations:
     def responsible(self, scheduler: Item) -> list[Item]:
         """Return the units of a scheduler; one without takes those of the scheduler above it."""
         current: Item | None = scheduler
-        for _ in range(_MOST_LEVELS):
-            if current is None or current in self._cores:
-                break
+        seen: set[Item] = set()
+        while current is not None and current not in self._cores and current not in seen:
+            seen.add(current)
             association = current.one("parentAssociation")
             current = None if association is None else self._forest.ref(association, "parent")
         if current is None or current not in self._cores:

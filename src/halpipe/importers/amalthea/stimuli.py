@@ -249,8 +249,11 @@ class Triggers:
         return made[:MOST]
 
     def _call(self, step: Item, called: Item, conditions: Conditions) -> list[Occurrence]:
-        if called in self._calling or len(self._calling) > _MOST_LEVELS:
+        if called in self._calling:
             return []  # which is an error wherever times are added up
+        if len(self._calling) > _MOST_LEVELS:
+            message = f"stands below more than {_MOST_LEVELS} calls"
+            self._forest.refuse(message, called, "remove one of the calls", codes.RECURSION)
         if not conditions.allows(called):
             return []
         if (called, conditions) not in self._of_runnable:

@@ -269,7 +269,8 @@ SAME_POSITION = note(
 TOO_MANY = error(
     "HAL0553",
     "Compositions multiply beyond all reason",
-    "Compositions nested into each other make more component instances than any vehicle has.",
+    "Compositions nested into each other make more component instances than any vehicle has, nest deeper than 32 "
+    "levels, or nest without end.",
 )
 TRIGGERING_DIFFERS = warning(
     "HAL0556",

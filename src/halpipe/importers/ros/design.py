@@ -270,17 +270,17 @@ class NodeProcesses:
 
     def _triggers(self, entry: YamlMap, where: str) -> _Triggers:
         found = _Triggers()
-        self._gather(entry.get("trigger_conditions"), entry, where, found, 0)
+        self._gather(entry.get("trigger_conditions"), entry, where, found)
         return found
 
-    def _gather(self, value: Any, entry: YamlMap, where: str, into: _Triggers, depth: int) -> None:
+    def _gather(self, value: Any, entry: YamlMap, where: str, into: _Triggers) -> None:
         """Read conditions, however ``and`` and ``or`` nest them."""
         reader = self.catalogue.reader(entry)
         if value is None:
             return
         if isinstance(value, YamlList):
             for item in value:
-                self._gather(item, entry, where, into, depth + 1)
+                self._gather(item, entry, where, into)
             return
         if not isinstance(value, YamlMap):
             reader.malformed("trigger_conditions lists something that is no condition", entry.line, where)
@@ -289,7 +289,7 @@ class NodeProcesses:
         for key, inner in value.items():
             text = printable(inner) if isinstance(inner, str) else ""
             if key in ("and", "or"):
-                self._gather(inner, entry, where, into, depth + 1)
+                self._gather(inner, entry, where, into)
             elif key == "periodic":
                 period = self._period(text, value, where)
                 into.period = min((p for p in (into.period, period) if p is not None), default=None)

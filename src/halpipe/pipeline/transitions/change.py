@@ -245,7 +245,7 @@ class _Instants:
         first, last = -((instants[-1] - low) // self._cycle), (high - instants[0]) // self._cycle
         first = first if self._first is None else max(first, self._first)
         last = last if self._last is None else min(last, self._last)
-        return range(max(first, last - MOST_CYCLES), last + 1)
+        return range(max(first, last - MOST_CYCLES + 1), last + 1)
 
     def _of(self, window: Window) -> list[int]:
         """Return the sorted instants of cycle 0."""

@@ -96,6 +96,11 @@ def test_contradictions_come_with_the_numbers_and_the_nearest_choice(tmp_path, c
     assert any(numbers in d.message and remedy in d.help for d in found), found
 
 
+def test_a_window_of_too_many_digits_is_no_shorter_one(tmp_path):
+    (found,) = refusal(platform_file(tmp_path, window="1" + "0" * 20))
+    assert "is no number of cycles" in found.message
+
+
 @pytest.mark.parametrize("burst", ["56B", "8B", "64B", "2048B"])
 def test_bursts_of_whole_beats_up_to_the_limit_are_taken(tmp_path, burst):
     assert platform(tmp_path, burst=burst).burst > 0

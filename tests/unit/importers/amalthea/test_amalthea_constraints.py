@@ -3,6 +3,7 @@
 import pytest
 from amalthea_case import Overlay, call, found, read, runnable, task, ticks, windows
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.amalthea import codes
 
 SW = (
@@ -215,8 +216,35 @@ def test_chains_may_refer_to_chains(tmp_path):
     inner = chain(link("T0", "U0"), name="inner", ends=("T0", "U0"))
     outer = chain('<items xsi:type="am:EventChainReference" eventChain="inner?type=EventChain"/>', link("U0", "V0"))
     assert chains(given(tmp_path, inner + outer))["c"][0] == ("T", "U", "V")
-    itself = chain('<items xsi:type="am:EventChainReference" eventChain="c?type=EventChain"/>')
-    assert chains(given(tmp_path, itself))["c"][0][-1] == "V"
+
+
+def includes(*names):
+    items = (f'<items xsi:type="am:EventChainReference" eventChain="{name}?type=EventChain"/>' for name in names)
+    return "".join(items)
+
+
+@pytest.mark.parametrize("middle", ["", chain(includes("c", "c"), name="d")])
+def test_a_chain_that_is_a_part_of_itself_is_not_imported(tmp_path, middle):
+    imported = given(tmp_path, chain(includes("d" if middle else "c")) + middle)
+    assert imported.model.chains == ()
+    assert "part of itself" in found(imported.diagnostics, codes.CONTRADICTION)[0].message
+
+
+@pytest.mark.parametrize(("levels", "says"), [(49, ""), (50, "is nested in more than 50 chains")])
+def test_chains_nest_up_to_a_limit_and_are_refused_beyond(tmp_path, levels, says):
+    nested = "".join(chain(includes(f"c{n + 1}"), name=f"c{n}") for n in range(levels))
+    nested += chain(link("T0", "U0") + link("U0", "V0"), name=f"c{levels}")
+    if not says:
+        assert chains(given(tmp_path, nested))["c0"][0] == ("T", "U", "V")
+        return
+    with pytest.raises(HalpipeError, match=says):
+        given(tmp_path, nested)
+
+
+def test_chains_that_double_at_each_level_are_refused(tmp_path):
+    doubled = "".join(chain(includes(*[f"c{n + 1}"] * 2), name=f"c{n}") for n in range(40))
+    with pytest.raises(HalpipeError, match="more than 10000 ways and events"):
+        given(tmp_path, doubled + chain(link("T0", "U0"), name="c40"))
 
 
 def test_chains_of_processes_with_an_end_to_end_limit(tmp_path):

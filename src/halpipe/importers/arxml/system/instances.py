@@ -220,12 +220,14 @@ def _unfold(
     compositions: dict[str, Composition],
     types: dict[str, Component],
 ) -> Iterator[Instance]:
-    """Yield the instances inside one use of a composition; a composition inside itself is not entered again."""
+    """Yield the instances inside one use of a composition; refuse one that is inside itself, or too deep."""
     if len(context) > _MAX_DEPTH:
-        return
+        raise _too_many(f"is nested in more than {_MAX_DEPTH - 1} compositions", composition)
     for prototype in composition.prototypes:
         inner = (*context, prototype.place.path)
-        if prototype.type in compositions and prototype.place.path not in context:
+        if prototype.place.path in context:
+            raise _too_many("is a part of itself", composition)
+        if prototype.type in compositions:
             yield from _unfold(compositions[prototype.type], inner, compositions, types)
         elif prototype.type in types:
             label = "/".join(path.rpartition("/")[2] for path in inner[1:])
@@ -236,15 +238,13 @@ def _bounded(instances: Iterator[Instance], root: Composition) -> list[Instance]
     """Collect instances; compositions that multiply beyond all reason are refused."""
     found = list(islice(instances, MAX_INSTANCES + 1))
     if len(found) > MAX_INSTANCES:
-        raise HalpipeError(
-            codes.TOO_MANY(
-                f"makes more than {MAX_INSTANCES} component instances",
-                at=root.place.at,
-                path=named("composition", root.place.path),
-                help="import one part of the system at a time",
-            )
-        )
+        raise _too_many(f"makes more than {MAX_INSTANCES} component instances", root)
     return found
+
+
+def _too_many(message: str, composition: Composition) -> HalpipeError:
+    at, path = composition.place.at, named("composition", composition.place.path)
+    return HalpipeError(codes.TOO_MANY(message, at=at, path=path, help="import one part of the system at a time"))
 
 
 def _copies(unfolded: dict[str, list[Instance]], configured: set[Context | str]) -> tuple[str, ...]:
