@@ -110,11 +110,11 @@ def _account(coverage: Coverage, every: bool) -> list[str]:
     hidden = [(kind, read) for kind, read, mapped, _ in coverage.rows() if not mapped]
     if hidden and not every:
         total = sum(read for _, read in hidden)
-        lines.append(f"  and {total} elements of {len(hidden)} kinds without influence on timing")
+        lines.append(f"  and {counted(total, 'element')} of {counted(len(hidden), 'kind')} without influence on timing")
     defaults = coverage.defaulted_values
     if every:
         lines += [f"  ignored {e.kind} {e.name} ({e.at}): {e.reason}" for e in coverage.ignored_elements]
         lines += [f"  default {d.element}: {d.what} = {d.value} ({d.at})" for d in defaults]
     elif defaults:
-        lines.append(f"  {len(defaults)} values were defaulted; --coverage lists them and every ignored element")
+        lines.append(f"  {counted(len(defaults), 'value')} defaulted; --coverage lists them and every ignored element")
     return lines

@@ -143,7 +143,7 @@ def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> N
     if every or len(mode.jobs) <= MOST_JOBS:
         _show_jobs(mode.jobs, letters)
     else:
-        output.result(f"  {len(mode.jobs)} jobs; --jobs lists them")
+        output.result(f"  {counted(len(mode.jobs), 'job')}; --jobs lists them")
     for unit in mode.unit_loads:
         output.result(f"  {unit.unit}: busy {unit.busy}, {_percent(unit.share)}")
     for load in mode.resource_loads:

@@ -39,7 +39,7 @@ def new(
     """Make a folder with a first model to read and change, overlay, pipeline and schemas for editors; or an example."""
     from halpipe.core.files import write_new_folder
     from halpipe.core.libraries import not_built
-    from halpipe.core.suggest import did_you_mean
+    from halpipe.core.suggest import counted, did_you_mean
     from halpipe.starters import EXAMPLES, first_model, first_table
     from halpipe.starters import example as files_of
 
@@ -53,7 +53,7 @@ def new(
     except FileNotFoundError as missing:
         raise not_built(f"{missing.filename} is missing") from None
     write_new_folder(folder, written)
-    output.inform(f"{folder}: {len(written)} files; begin with {_first(folder, example, written)}")
+    output.inform(f"{folder}: {counted(len(written), 'file')}; begin with {_first(folder, example, written)}")
     return Exit.OK
 
 

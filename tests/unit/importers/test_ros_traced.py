@@ -94,7 +94,7 @@ EVERY = tuple(range(10, 210, 10))
 def test_a_node_that_started_again_is_one_node(tmp_path):
     imported = read(timers(tmp_path, [(7, EVERY), (9, [1000 + start for start in EVERY])]))
     assert wcets(imported) == {"/beat": "2ms"}
-    assert [d.message for d in found(imported.diagnostics, RESTARTED)] == ["1 nodes ended and started again: /beat"]
+    assert [d.message for d in found(imported.diagnostics, RESTARTED)] == ["1 node ended and started again: /beat"]
     assert not found(imported.diagnostics, codes.MISSED_PERIODS)
     assert "of 40 samples" in found(imported.diagnostics, codes.CALIBRATED)[0].message
 
@@ -124,7 +124,8 @@ LATE = (10, 20, 36, 40, 50, 66, 70, 80)
 )
 def test_periods_without_a_job_are_counted(tmp_path, starts, missed):
     messages = [d.message for d in found(read(timers(tmp_path, [(7, starts)])).diagnostics, codes.MISSED_PERIODS)]
-    assert messages == ([f"its timer of 10ms fired {len(starts)} times and missed {missed} periods"] if missed else [])
+    lack = "1 period" if missed == 1 else f"{missed} periods"
+    assert messages == ([f"its timer of 10ms fired {len(starts)} times and missed {lack}"] if missed else [])
 
 
 @pytest.mark.parametrize(("sends", "stopped"), [(5, True), (6, True), (7, False), (10, False)])
@@ -235,6 +236,6 @@ def test_jobs_of_callbacks_that_no_event_describes_are_reported(tmp_path, monkey
         diagnostics = FORMAT.read([path], RosImportOptions()).diagnostics
     except HalpipeError as failure:
         diagnostics = failure.diagnostics
-    jobs = {"ros2:rclcpp_subscription_init": "20 jobs of 1 callbacks", "ros2:rclcpp_timer_link_node": "30 jobs of 2"}
+    jobs = {"ros2:rclcpp_subscription_init": "20 jobs of 1 callback,", "ros2:rclcpp_timer_link_node": "30 jobs of 2"}
     reported = [d.message for d in found(diagnostics, UNDESCRIBED)]
-    assert [message.startswith(jobs.get(lost, "none")) for message in reported] == ([True] if lost else [])
+    assert [message.startswith(f"left out: {jobs.get(lost)}") for message in reported] == ([True] if lost else [])

@@ -289,7 +289,7 @@ def test_channels_of_instants_are_in_their_unit(unit, scale, tmp_path):
         file.save(tmp_path / "t.mf4")
     recording = parse_traces((tmp_path / "t.mf4").read_bytes(), "t")
     assert seen(recording.traces[0]) == [("C", 6000, 9000, 3000, ()), ("D", 20000, 21000, 1000, ())]
-    assert [d.message for d in recording.diagnostics] == ["1 signals are not 0 or 1 only: speed"]
+    assert [d.message for d in recording.diagnostics] == ["not 0 or 1 only: 1 signal: speed"]
 
 
 @pytest.mark.parametrize("broken", ["Time [s];A\n0,1;0\nx1;1\n", "Time [s];A\n0,1;1\n0.2;0\n"])

@@ -138,7 +138,7 @@ def test_a_stray_start_does_not_move_the_zero_of_the_schedule(stated):
     answer = compared(stray, **({} if stated else {"mode": "race"}))
     assert answer.origin == ms(7)
     assert answer.counts == {Kind.EARLY: 1}
-    assert "1 jobs start before their instant" in answer.diagnostics[0].message
+    assert "1 start before the planned instant" in answer.diagnostics[0].message
 
 
 def test_a_task_alone_on_time_is_no_stray():

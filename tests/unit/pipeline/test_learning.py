@@ -66,7 +66,7 @@ def test_wcets_are_rounded_up_to_nanoseconds_and_never_lowered():
     found = learned(tuple(seen), margin=Fraction(1, 2))
     assert wcets(found)["a"] == (Duration(1_500_002), False)
     assert found.corrected(SYSTEM) == SYSTEM
-    assert '# "v": {wcet: 1.500002ms}  # 1 jobs, longest 1.000001ms; the model states 2ms; few jobs' in found.overlay(
+    assert '# "v": {wcet: 1.500002ms}  # 1 job, longest 1.000001ms; the model states 2ms; few jobs' in found.overlay(
         "t"
     )
 

@@ -15,7 +15,7 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
 from halpipe.core.records import record
-from halpipe.core.suggest import few
+from halpipe.core.suggest import counted, few
 from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
 from halpipe.models.trace import Execution, Trace
@@ -169,9 +169,10 @@ def check(target: Target, options: CheckOptions) -> Checked:
 def _lines(judgement: Judgement, is_degraded: bool) -> list[str]:
     p50, p99, most = (f"{float(value.in_unit('us')):.1f}us" for value in judgement.start_errors)
     what = "order and completeness judged" if is_degraded else "order, completeness and ends judged"
+    switches = f"{judgement.switches} switch{'' if judgement.switches == 1 else 'es'}"
     return [
-        f"{judgement.jobs} jobs in {judgement.tables} tables, {judgement.switches} switches: {what}",
-        f"{judgement.missing} jobs missing, {judgement.disordered} out of order",
+        f"{counted(judgement.jobs, 'job')} in {counted(judgement.tables, 'table')}, {switches}: {what}",
+        f"{counted(judgement.missing, 'job')} missing, {judgement.disordered} out of order",
         f"start error: p50 {p50}, p99 {p99}, max {most}",
         *(
             f'chain "{row.chain}": {row.figure} {row.worst} at most, {row.verified} verified; {row.count} measured'

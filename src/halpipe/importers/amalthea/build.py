@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.core.suggest import few
+from halpipe.core.suggest import counted, few
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.account import account
 from halpipe.importers.amalthea.documents import load, read_embedded
@@ -100,7 +100,7 @@ def _stop_without_tasks(forest: Forest, drafts: Drafts, findings: Findings) -> N
     if drafts.items:
         return
     count = len(drafts.without)
-    held = f"{count} tasks, none of them with a period" if count else "no task"
+    held = f"{counted(count, 'task')}, none of them with a period" if count else "no task"
     help = "state periods under tasks: in an overlay" if count else "name the file with the software model, too"
     if not count and forest.kinds("SWModel"):
         help = (

@@ -14,6 +14,7 @@ from halpipe.core.diagnostics import (
 )
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
 from halpipe.importers.arxml.embedded import find_embedded, read_embedded
@@ -277,7 +278,7 @@ def report_processes(drafts: Sequence[Draft], findings: Findings) -> None:
     if found:
         findings.report(
             codes.PROCESS_WITHOUT_PERIOD,
-            f"{len(found)} processes have no period: {listed([draft.name for draft in found])}",
+            f"without a period, {len(found)} of the processes: {listed([draft.name for draft in found])}",
             at=found[0].place.at,
             help="give them a period in the overlay (tasks: period)",
         )
@@ -341,7 +342,7 @@ def report_assumptions(
     if unbound and len(model.units) > 1:
         findings.report(
             codes.UNMAPPED,
-            f"{len(unbound)} tasks are bound to no core: {listed([draft.name for draft in unbound])}",
+            f"bound to no core, {counted(len(unbound), 'task')}: {listed([draft.name for draft in unbound])}",
             at=at,
             help="bind them in the overlay (units), or leave the choice to the scheduler",
         )

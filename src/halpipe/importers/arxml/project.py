@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.records import record
+from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.build import assemble
 from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
@@ -156,7 +157,7 @@ def _report_others(model: TaskModel, project: TaskModel, paths: Sequence[str], f
     if new:
         findings.report(
             codes.MORE_IN_PROJECT,
-            f"{len(new)} tasks of the project are not in the model: {listed([task.name for task in new])}",
+            f"not in the model, {counted(len(new), 'task')} of the project: {listed([task.name for task in new])}",
             at=Location(paths[0]),
             help="import the project again if they are new",
         )

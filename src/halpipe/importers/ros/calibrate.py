@@ -30,7 +30,7 @@ from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.core.samples import quantile, with_margin
-from halpipe.core.suggest import did_you_mean, few
+from halpipe.core.suggest import counted, did_you_mean, few
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import printable
 from halpipe.importers.ros.traced import measure
@@ -158,7 +158,7 @@ def _report_few(found: Estimate, share: Fraction, path: str, findings: Findings)
 def _report_unmeasured(model: TaskModel, samples: Mapping[str, object], file: str, findings: Findings) -> None:
     left = [t.name for t in model.tasks if t.name not in samples and any(v.wcet is None for v in t.versions)]
     if left:
-        text = f"{len(left)} tasks have no measurement and no WCET: {few(left)}"
+        text = f"neither measured nor stated, the WCET of {counted(len(left), 'task')}: {few(left)}"
         help = "record them too, or state their WCETs in an overlay"
         findings.add(codes.UNMEASURED(text, at=Location(file), help=help, severity=Severity.NOTE))
 

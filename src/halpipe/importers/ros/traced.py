@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration
-from halpipe.core.suggest import few
+from halpipe.core.suggest import counted, few
 from halpipe.importers.common.base import Coverage
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.caret import read_caret
@@ -200,7 +200,8 @@ def _report_missed(trace: RosTrace, names: Mapping[Key, str], findings: Findings
         idle = (trace.ends.get(key.node, 0) - starts[-1]) // period - 1
         if missed > 0 or idle >= _FEWEST:
             stop = f", and its node lives on for {idle} periods after the last" if idle >= _FEWEST else ""
-            text = f"its timer of {Duration(period)} fired {len(jobs)} times and missed {max(0, missed)} periods{stop}"
+            lack = counted(max(0, missed), "period")
+            text = f"its timer of {Duration(period)} fired {counted(len(jobs), 'time')} and missed {lack}{stop}"
             help = "correct the period in the overlay, or see what delays the timer"
             findings.add(
                 codes.MISSED_PERIODS(text, at=Location(trace.file), path=named("callback", names[key]), help=help)
@@ -263,11 +264,11 @@ def _report_differences(graph: RosGraph, trace: RosTrace, names: Mapping[Key, st
     own = names_of(trace)
     new = [f"{own[key]} ({key.kind} of {_subject(key)})" for key in own if key not in names]
     if lacking:
-        text = f"{len(lacking)} callbacks of the file are not in the trace: {few(lacking)}"
+        text = f"not in the trace, {counted(len(lacking), 'callback')} of the file: {few(lacking)}"
         help = "trace from before all nodes start, or export the graph again"
         findings.add(codes.CONTRADICTED(text, at=Location(trace.file), help=help))
     if new:
-        text = f"{len(new)} callbacks of the trace are not in the file: {few(new)}"
+        text = f"not in the file, {counted(len(new), 'callback')} of the trace: {few(new)}"
         help = "export the graph again, or import the trace alone"
         findings.add(codes.CONTRADICTED(text, at=Location(trace.file), help=help))
 

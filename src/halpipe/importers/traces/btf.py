@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
+from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs, Oddities, report_unused
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
@@ -94,7 +95,9 @@ class _Reader(Jobs):
         if " " in line or "\t" in line:
             parts = [part.strip() for part in parts]
         if len(parts) < 7:
-            self._broken(number, f"{len(parts)} columns; an event has 7 or 8", "write time, source, ... event")
+            self._broken(
+                number, f"{counted(len(parts), 'column')}; an event has 7 or 8", "write time, source, ... event"
+            )
             return
         time, source, _, kind, target, instance, event = parts[:7]
         try:

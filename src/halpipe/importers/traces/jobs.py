@@ -9,6 +9,7 @@ from operator import le
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Location
+from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.models.trace import Executions
 
@@ -140,7 +141,10 @@ class Jobs:
         """Return what ran, with what still runs; from a mark on, it belongs to the table and cycle of the mark."""
         if self.running:
             self.findings.add(
-                codes.UNFINISHED(f"{len(self.running)} jobs run when the trace ends", at=Location(self.file))
+                codes.UNFINISHED(
+                    f"{counted(len(self.running), 'job')} without an end before that of the trace",
+                    at=Location(self.file),
+                )
             )
         for job in self.running.values():
             self._add(job, None, None)

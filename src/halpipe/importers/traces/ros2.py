@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
 
@@ -112,12 +113,14 @@ def report_damage(damage: Damage, file: str, findings: Findings) -> None:
     """Report the streams that end early, and the events that the tracer discarded."""
     at = Location(file)
     if damage.broken:
-        text = f"{len(damage.broken)} streams end early: {damage.broken[0]}"
+        text = f"{counted(len(damage.broken), 'stream')} cut off early: {damage.broken[0]}"
         help = "stop the session with `lttng stop` and `lttng destroy` before copying the trace"
         findings.add(codes.CUT_OFF(text, at=at, help=help))
     if damage.discarded or damage.packets:
-        lost = f"{damage.discarded} events" + (f" and {damage.packets} packets" if damage.packets else "")
-        text = f"{lost} were discarded while tracing, so jobs and publishers may be missing, and jobs joined"
+        lost = counted(damage.discarded, "event") + (
+            f" and {counted(damage.packets, 'packet')}" if damage.packets else ""
+        )
+        text = f"the tracer discarded {lost}, so jobs and publishers may be missing, and jobs joined"
         help = "trace again with more or larger sub-buffers: lttng enable-channel --subbuf-size 8M --num-subbuf 4"
         findings.add(codes.LOST_EVENTS(text, at=at, help=help))
 
@@ -127,17 +130,21 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
     report_damage(damage, trace.file, findings)
     if join.foreign:
         names = ", ".join(sorted(join.foreign)[:5])
-        text = f"{sum(join.foreign.values())} events of other kinds are not used: {names}"
+        text = f"not used: {counted(sum(join.foreign.values()), 'event')} of other kinds: {names}"
         findings.add(codes.FOREIGN_EVENTS(text, at=at))
     if odd := join.unmatched + join.unended:
-        text = f"{join.unended} callbacks have no end, {join.unmatched} ends no beginning"
-        findings.add(codes.ODD_SEQUENCE(f"{text}; {odd} jobs are left out", at=at, help="trace from start to shutdown"))
+        lone = (
+            f"{counted(join.unended, 'callback')} without an end, {counted(join.unmatched, 'end')} without a beginning"
+        )
+        text = f"{lone}; {counted(odd, 'job')} left out"
+        findings.add(codes.ODD_SEQUENCE(text, at=at, help="trace from start to shutdown"))
     if again := sorted(trace.restarts):
-        text = f"{len(again)} nodes ended and started again: {', '.join(again[:5])}"
+        text = f"{counted(len(again), 'node')} ended and started again: {', '.join(again[:5])}"
         findings.add(codes.RESTARTED(text, at=at, help="trace a single start if the runs are not alike"))
     if trace.callbacks and join.undescribed:
         jobs = sum(join.undescribed.values())
-        text = f"{jobs} jobs of {len(join.undescribed)} callbacks are left out: the trace lacks their node or trigger"
+        callbacks = counted(len(join.undescribed), "callback")
+        text = f"left out: {counted(jobs, 'job')} of {callbacks}, whose node or trigger the trace lacks"
         help = "trace from before the nodes start, with the events ros2:*"
         findings.add(codes.UNDESCRIBED(text, at=at, help=help))
     if not trace.callbacks:

@@ -17,6 +17,7 @@ from array import array
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location
+from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
@@ -95,7 +96,7 @@ def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     executions = _executions(lines, file, findings)
     unfinished = sum(executions.end[row] == NONE for row in executions.order)
     if unfinished:
-        findings.add(codes.UNFINISHED(f"{unfinished} jobs have no end", at=Location(file)))
+        findings.add(codes.UNFINISHED(f"{counted(unfinished, 'job')} without an end", at=Location(file)))
     return [Trace(name="", executions=executions)]
 
 
@@ -154,7 +155,7 @@ def _broken(message: str, at: Location, findings: Findings) -> None:
 def report_signals(others: Collection[str], file: str, findings: Findings) -> None:
     """Report the signals that are no states of tasks."""
     if others:
-        message = f"{len(others)} signals are not 0 or 1 only: {', '.join(sorted(others)[:5])}"
+        message = f"not 0 or 1 only: {counted(len(others), 'signal')}: {', '.join(sorted(others)[:5])}"
         findings.add(codes.LEFT_OUT(message, at=Location(file)))
 
 

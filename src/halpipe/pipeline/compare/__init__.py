@@ -18,7 +18,7 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.options import option, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import counted, did_you_mean
 from halpipe.models.modes import require_mode
 from halpipe.models.trace import NONE, Executions
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
@@ -148,14 +148,15 @@ def compare(
     origin_of = Duration(matching.origin)
     judge.judge(matching, model)
     if origin is None and executions:
-        strays = f"; {judge.counts[Kind.EARLY]} jobs start before their instant" if judge.counts[Kind.EARLY] else ""
+        early = judge.counts[Kind.EARLY]
+        strays = f"; {counted(early, 'start')} before the planned instant" if early else ""
         message = f"the schedule's zero lies at {origin_of} of the trace{strays}"
         findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
     findings.extend(judge.diagnostics())
     late = {name: _numbers(map(matching.lateness, rows)) for name, rows in _by_task(matching).items()}
     rows = _rows(matching, late, {task for name in names for task in tables[name].starts}, model)
     if idle := [row.task for row in rows if not row.seen + row.missing + row.extra]:
-        message = f"{len(idle)} tasks have no job within the recording: {', '.join(idle[:5])}"
+        message = f"no job within the recording of {counted(len(idle), 'task')}: {', '.join(idle[:5])}"
         findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
     chains: list[ChainRow] = []
     played = dict(zip(matching.lines.cycle, (table.name for table in matching.lines.table), strict=True))
@@ -208,7 +209,7 @@ def _mode(schedule: Schedule, executions: Executions, options: CompareOptions) -
     if stated:
         if len(tables) == 1 and stated[0] in names:
             return stated[0]
-        what = f"the trace names {len(stated)} tables, but not the cycle of every job"
+        what = f"the trace names {counted(len(stated), 'table')}, but not the cycle of every job"
         help = (
             "add a column cycle, which counts the tables played from 0 on, or cut the trace where the mode changes and "
             "compare each piece with its --mode"
@@ -246,12 +247,12 @@ def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -
     for row in others:
         unknown.setdefault(found.names[found.task[row]], [row, 0])[1] += 1
     if trace.is_shared and found:
-        message = f"{len(unknown)} programs are not in the schedule: {', '.join(sorted(unknown)[:5])}"
+        message = f"not in the schedule: {counted(len(unknown), 'program')}: {', '.join(sorted(unknown)[:5])}"
         findings.add(UNSCHEDULED(message, path=trace.name, help="schedule those that take the time of tasks"))
         return found, ()
     for task, (first, count) in sorted(unknown.items()):
         help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
-        message = f"ran {count} times and is not in the schedule"
+        message = f"ran {counted(count, 'time')} and is not in the schedule"
         judge.add(Kind.UNKNOWN_TASK, about(task=task), 0, message, found.row(first).at, help)
     return found, () if trace.is_shared else others
 

@@ -17,6 +17,7 @@ from halpipe.core.diagnostics import Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
+from halpipe.core.suggest import counted
 from halpipe.models import Anchor
 from halpipe.models.trace import NONE
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
@@ -155,7 +156,7 @@ def deviations(
             help = "remove the deviations of its jobs, or lower the tolerance to see them"
             yield CHAIN_EXCEEDED(message, path=path, help=help, severity=Severity.WARNING)
     if left := [chain.name for chain in model.chains if not is_measurable(model, chain)]:
-        message = f"{len(left)} chains count from or to releases: {', '.join(left[:5])}"
+        message = f"counted from or to releases: {counted(len(left), 'chain')}: {', '.join(left[:5])}"
         yield NOT_MEASURED(prefix + message, help="compare the starts and ends of their tasks")
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import NOWHERE, Path, Subject, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.core.suggest import counted
 from halpipe.models.trace import NONE
 from halpipe.pipeline.compare.codes import CODES, Kind
 
@@ -129,7 +130,8 @@ class Judge:
             table = lines.table[line]
             rows = (row for row in matching.slots[lines.slot[line] : lines.slot[line + 1]] if row >= 0)
             at = next((matching.executions.row(row).at for row in rows), NOWHERE)
-            message = f"nothing ran in the {silent} cycles after cycle {before}, whose jobs are not counted as missing"
+            pause = f"nothing ran in the {counted(silent, 'cycle')} after cycle {before}"
+            message = f"{pause}, whose jobs are not counted as missing"
             help = "compare the pieces before and after it, or correct the instants and their unit"
             self.add(Kind.PAUSE, about(mode=table.name), table.length * silent, message, at, help)
 

@@ -19,6 +19,7 @@ from halpipe.core.options import option
 from halpipe.core.quantities import format_rational, parse_share
 from halpipe.core.records import record
 from halpipe.core.samples import quantile, quantile_of, with_margin
+from halpipe.core.suggest import counted
 from halpipe.pipeline.compare import CompareOptions
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def _entry(name: str, versions: Sequence[LearnedVersion], period: LearnedPeriod 
         stated = "no WCET" if each.stated is None else str(each.stated)
         few = "; few jobs" if each.jobs < _FEW else ""
         mark = "" if each.raises else "# "
-        note = f"{each.jobs} jobs, longest {each.longest}; the model states {stated}{few}"
+        note = f"{counted(each.jobs, 'job')}, longest {each.longest}; the model states {stated}{few}"
         inner.append(f"      {mark}{json.dumps(each.version)}: {{wcet: {each.wcet}}}  # {note}")
     states = any(not line.lstrip().startswith("#") for line in inner)
     return [f"  {'' if states else '# '}{json.dumps(name)}:", *inner]
