@@ -84,12 +84,12 @@ class Expansion:
         """
         return active.name in self.released and active.task.period is not None and active.task.offset is None
 
-    @property
+    @cached_property  # needed for each task, each time the same
     def job_count(self) -> int:
         """The sum of N over all tasks."""
         return sum(active.jobs for active in self.tasks)
 
-    @property
+    @cached_property
     def mean_wcet(self) -> Duration:
         """The mean WCET of all jobs in their first versions; zero without any."""
         work = sum(((active.versions[0].wcet or ZERO) * active.jobs for active in self.tasks), start=ZERO)

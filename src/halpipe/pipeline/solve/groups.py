@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
 from halpipe.models import Status
@@ -17,10 +17,10 @@ from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Chain, TaskModel
+    from halpipe.models import Chain, Task, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.one_mode import Found
     from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
@@ -105,9 +105,10 @@ def search_groups(
     # The first round is quickly repeated: to save the states of thousands of groups would take longer.
     few = replace(options, budget=min(FIRST_BUDGET, options.budget or FIRST_BUDGET), keeper=None)
     found: list[Found] = []
+    models = _narrowed(model, groups)
     for key, chosen in (("first", few), ("group", options)):
         numbers = [n for n in range(len(groups)) if not found or found[n].table.status is not Status.VALID]
-        searched = partial(_search_one, model, groups, chosen, key, progress, search)
+        searched = partial(_search_one, models, groups, chosen, key, progress, search)
         for number, each in zip(numbers, options.workers.each(searched, numbers), strict=True):
             before = found[number].moves if len(found) == len(groups) else 0
             found[number : number + 1] = [replace(each, moves=each.moves + before)]
@@ -117,7 +118,7 @@ def search_groups(
 
 
 def _search_one(
-    model: TaskModel,
+    models: list[TaskModel],
     groups: list[Expansion],
     options: SearchOptions,
     key: str,
@@ -126,25 +127,43 @@ def _search_one(
     number: int,
 ) -> Found:
     on_progress = partial(progress.report, number)
-    return search(_narrowed(model, groups[number]), groups[number], options, f"{key}{number}", on_progress)
+    return search(models[number], groups[number], options, f"{key}{number}", on_progress)
 
 
-def _narrowed(model: TaskModel, group: Expansion) -> TaskModel:
-    """Return the model of a group alone: its tasks in its mode, their units and resources, its chains."""
-    shared = {each for active in group.tasks for each in _shared(active)}
+def _narrowed(model: TaskModel, groups: list[Expansion]) -> list[TaskModel]:
+    """Return the models of the groups alone: their tasks in their mode, their units and resources, their chains."""
+    group_of = {("task", active.name): number for number, group in enumerate(groups) for active in group.tasks}
+    for number, group in enumerate(groups):
+        group_of |= {shared: number for active in group.tasks for shared in _shared(active)}
+    owned: dict[tuple[str, int | None], list[Any]] = {}
+    for kind, elements in (("unit", model.units), ("resource", model.resources)):
+        for each in elements:
+            owned.setdefault((kind, group_of.get((kind, each.name))), []).append(each)
+    for chain in model.chains:
+        numbers = {group_of.get(("task", name)) for name in chain.tasks}
+        owned.setdefault(("chain", numbers.pop() if len(numbers) == 1 else None), []).append(chain)
+    places = enumerate(model.tasks)
+    idle = {task.name: (place, task) for place, task in places if ("task", task.name) not in group_of}
+    return [
+        replace(
+            model,
+            units=tuple(owned.get(("unit", number), ())),
+            resources=tuple(owned.get(("resource", number), ())),
+            tasks=(*(active.task for active in group.tasks), *_named_of(group, idle)),
+            chains=tuple(owned.get(("chain", number), ())),
+            modes=(group.mode,),
+            transitions=(),
+            health=(),
+        )
+        for number, group in enumerate(groups)
+    ]
+
+
+def _named_of(group: Expansion, idle: Mapping[str, tuple[int, Task]]) -> list[Task]:
+    """Return the tasks, of those that do not run in the mode, that versions of a group name, in the model's order."""
     rows = (row.task for active in group.tasks for version in active.task.versions for row in version.precedences)
-    absent = set(rows) - group.by_name.keys()  # tasks that do not run in this mode
-    named = [task for task in model.tasks if task.name in absent] if absent else []
-    return replace(
-        model,
-        units=tuple(unit for unit in model.units if ("unit", unit.name) in shared),
-        resources=tuple(each for each in model.resources if ("resource", each.name) in shared),
-        tasks=(*(active.task for active in group.tasks), *named),
-        chains=tuple(chain for chain in model.chains if group.by_name.keys() >= set(chain.tasks)),
-        modes=(group.mode,),
-        transitions=(),
-        health=(),
-    )
+    found = {idle[name][0]: idle[name][1] for name in rows if name in idle}
+    return [found[place] for place in sorted(found)]
 
 
 class _Progress:

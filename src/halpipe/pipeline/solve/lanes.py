@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from bisect import bisect_left, bisect_right
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
@@ -17,7 +18,7 @@ from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.models import Unit, Version
@@ -158,23 +159,28 @@ class Lanes:
         The kernel looks at one rectangle at a time, so what a job claims twice at once must be one of them. On every
         tick stands the most that the job claims at any instant of it.
         """
-        rects = []
-        for name in dict.fromkeys(access.resource for access in version.accesses):
-            lane = self._of_resource[name]
-            accesses = [
-                replace(access, end=reserved_length(access.end, service))
-                for access in version.accesses
-                if access.resource == name
-            ]
-            edges = sorted({edge for a in accesses for edge in (self.ticks(a.start), self.ticks_up(a.end))})
-            instants = sorted({access.start for access in accesses})
-            for begin, end in itertools.pairwise(edges):
-                inside = [t for t in instants if self.tick * begin <= t < self.tick * end]
-                claims = [sum(a.bound for a in accesses if a.start <= t < a.end) for t in (self.tick * begin, *inside)]
-                height = math.ceil(max(claims) * self._quanta[lane - len(self.groups)])
-                if height:
-                    rects.append((lane, begin, end - begin, height))
-        return rects
+        spans: dict[int, list[tuple[Duration, Duration, Fraction]]] = {}
+        for access in version.accesses:
+            span = access.start, reserved_length(access.end, service), access.bound
+            spans.setdefault(self._of_resource[access.resource], []).append(span)
+        return [rect for lane, claims in spans.items() for rect in self._rectangles(lane, claims)]
+
+    def _rectangles(
+        self, lane: int, claims: list[tuple[Duration, Duration, Fraction]]
+    ) -> Iterator[tuple[int, int, int, int]]:
+        """Yield the rectangles of a version on one lane."""
+        changes: dict[Duration, Fraction] = {}
+        for start, end, bound in claims:
+            changes[start] = changes.get(start, Fraction()) + bound
+            changes[end] = changes.get(end, Fraction()) - bound
+        instants = sorted(changes)
+        claimed = list(itertools.accumulate(changes[instant] for instant in instants))  # from each instant on
+        edges = sorted({edge for start, end, _ in claims for edge in (self.ticks(start), self.ticks_up(end))})
+        for begin, until in itertools.pairwise(edges):
+            first = max(0, bisect_right(instants, self.tick * begin) - 1)
+            most = max(claimed[first : bisect_left(instants, self.tick * until)])
+            if height := math.ceil(most * self._quanta[lane - len(self.groups)]):
+                yield lane, begin, until - begin, height
 
     def choices(self, active: ActiveTask, version: Version) -> list[Choice]:
         """List how many units of each group a job may take: one group, or all splits of a gang."""

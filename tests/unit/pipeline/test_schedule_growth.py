@@ -1,0 +1,50 @@
+"""The work of a search grows with the model and not with its square; calls are counted, not time."""
+
+from dataclasses import replace
+
+import pytest
+
+from growth import calls, half_way
+from halpipe.models import Binding
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.cost import mode_report
+from halpipe.pipeline.solve import groups
+from halpipe.pipeline.solve.problem import build_problem
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from support import access, model, ms, task, version
+
+FEW, MANY = 50, 400
+
+
+def bound(count):
+    """Tasks that keep to the one unit that they name, two on each."""
+    names = [f"u{number // 2}" for number in range(count)]
+    parts = [task(f"t{number}", 100, version("v", "1us", unit)) for number, unit in enumerate(names)]
+    return model(*(replace(each, binding=Binding.SYSTEM) for each in parts), units=" ".join(dict.fromkeys(names)))
+
+
+def measured(count):
+    """Measure the cost of a schedule of bound tasks."""
+    system = bound(count)
+    found = schedule_model(system, SearchOptions(), lambda *_: True).schedule.modes[0]
+    return lambda: mode_report(system, expand(system, system.modes[0]), found.jobs, found.status)
+
+
+def narrowed(count):
+    """Take a model of many units apart into its independent groups."""
+    system = bound(count)
+    found = groups.independent_groups(system, expand(system, system.modes[0]))
+    assert len(found) == count // 2
+    return lambda: groups._narrowed(system, found)
+
+
+def claimed(count):
+    """Turn a version with many access phases into rectangles."""
+    phases = [access("bus", ms(k), ms(k) + ms("0.5ms"), "1/2") for k in range(count)]
+    system = model(task("t", 1000, version("v", 500, "u1", *phases)), resources="bus")
+    return lambda: build_problem(expand(system, system.modes[0]), system.units, ["bus"])
+
+
+@pytest.mark.parametrize("prepare", [measured, narrowed, claimed])
+def test_calls_grow_with_the_model_and_not_with_its_square(prepare):
+    assert calls(prepare(MANY)) / calls(prepare(FEW)) < half_way(MANY / FEW)
