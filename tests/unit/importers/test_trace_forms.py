@@ -292,7 +292,9 @@ def test_channels_of_instants_are_in_their_unit(unit, scale, tmp_path):
     assert [d.message for d in recording.diagnostics] == ["not 0 or 1 only: 1 signal: speed"]
 
 
-@pytest.mark.parametrize("broken", ["Time [s];A\n0,1;0\nx1;1\n", "Time [s];A\n0,1;1\n0.2;0\n"])
+@pytest.mark.parametrize(
+    "broken", ["Time [s];A\n0,1;0\nx1;1\n", "Time [s];A\n0,1;1\n0.2;0\n", "sep=;\nTime [s];A\nx1;1\n"]
+)
 def test_rows_of_signals_that_cannot_be_read_are_named(broken):
     with pytest.raises(HalpipeError) as refused:
         parse_traces(broken.encode(), "t")

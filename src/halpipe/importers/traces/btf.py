@@ -95,9 +95,8 @@ class _Reader(Jobs):
         if " " in line or "\t" in line:
             parts = [part.strip() for part in parts]
         if len(parts) < 7:
-            self._broken(
-                number, f"{counted(len(parts), 'column')}; an event has 7 or 8", "write time, source, ... event"
-            )
+            message = f"{counted(len(parts), 'column')}; an event has 7 or 8"
+            self._broken(number, message, "write time, source, ... event")
             return
         time, source, _, kind, target, instance, event = parts[:7]
         try:

@@ -27,6 +27,12 @@ def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> N
         findings.add(codes.LEFT_OUT(f"events not used: {kinds}", at=Location(file)))
 
 
+def report_unfinished(count: int, noun: str, file: str, findings: Findings) -> None:
+    """Report how many jobs or slices still ran when the trace ended."""
+    if count:
+        findings.add(codes.UNFINISHED(f"{counted(count, noun)} without an end", at=Location(file)))
+
+
 class Oddities:
     """Events that contradict each other, by what they are: how many, and where the first is."""
 
@@ -63,8 +69,8 @@ class Marks:
         self.thread.append(thread)
         self.line.append(line)
 
-    def pairs(self) -> Iterator[tuple[int, int | None]]:
-        """Yield the rows of the begin, -1 where there is none, and of the end of each slice, None where there is none.
+    def slices(self, names: Sequence[Any], odd: Oddities) -> Iterator[tuple[int, Instant | None]]:
+        """Yield the row of the begin and the end of each slice, None where it has none; ends alone are `odd`.
 
         In a text that is not in the order of time, ends come before begins of the same instant.
         """
@@ -80,7 +86,10 @@ class Marks:
             # A slice that ends by its name may have another one above it, which begins at this instant.
             of_name = (place for place in reversed(range(len(begun))) if task[row] == task[begun[place]])
             place = next(of_name, len(begun) - 1)
-            yield (-1 if place < 0 else begun.pop(place)), row
+            if place < 0:
+                odd.add("a slice ends that did not begin", self.line[row], names[task[row]])
+            else:
+                yield begun.pop(place), at[row]
         yield from ((row, None) for row in begun)
 
 
@@ -139,13 +148,7 @@ class Jobs:
 
     def result(self, marks: Sequence[tuple[Instant, str, int]] = ()) -> Executions:
         """Return what ran, with what still runs; from a mark on, it belongs to the table and cycle of the mark."""
-        if self.running:
-            self.findings.add(
-                codes.UNFINISHED(
-                    f"{counted(len(self.running), 'job')} without an end before that of the trace",
-                    at=Location(self.file),
-                )
-            )
+        report_unfinished(len(self.running), "job", self.file, self.findings)
         for job in self.running.values():
             self._add(job, None, None)
         found = self.executions

@@ -19,7 +19,7 @@ from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
-from halpipe.importers.traces.jobs import Marks, Oddities, report_unused
+from halpipe.importers.traces.jobs import Marks, Oddities, report_unfinished, report_unused
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
@@ -79,30 +79,21 @@ def fields_of(data: bytes) -> Fields:
     found: Fields = {}
     at = 0
     while at < len(data):
-        if (key := data[at]) < 0x80:  # as most are, and most lengths and numbers, too
-            at += 1
-        else:
-            key, at = _varint(data, at)
+        key, at = _varint(data, at)
         kind = key & 7
         value: Any
         if kind in (1, 5):
             size = 8 if kind == 1 else 4
             value, at = int.from_bytes(data[at : at + size], "little"), at + size
         elif kind in (0, 2):
-            if (value := data[at]) < 0x80:
-                at += 1
-            else:
-                value, at = _varint(data, at)
+            value, at = _varint(data, at)
             if kind == 2:
                 value, at = data[at : at + value], at + value
         else:
             raise ValueError(f"a field has the wire type {kind}")
         if at > len(data):
             raise ValueError("a field is longer than its message")
-        if (number := key >> 3) in found:
-            found[number].append(value)
-        else:
-            found[number] = [value]
+        found.setdefault(key >> 3, []).append(value)
     return found
 
 
@@ -337,16 +328,12 @@ class _Reader:
             marks = self.marks.pop(track)
             found = lines.setdefault(self._process_of(track), Executions(self.file))
             units = ((self.tracks[track][2] if track in self.tracks else "") or str(track),)
-            for row, last in marks.pairs():
-                if row < 0:
-                    odd.add("a slice ends that did not begin", 0)
-                    continue
-                start, end = marks.at[row], None if last is None else marks.at[last]
+            for row, end in marks.slices(names, odd):
+                start = marks.at[row]
                 found.add(names[marks.task[row]], units, start, end, None if end is None else end - start)
                 left += end is None
         odd.report(self.file, self.findings)
-        if left:
-            self.findings.add(codes.UNFINISHED(f"{left} slices have no end", at=Location(self.file)))
+        report_unfinished(left, "slice", self.file, self.findings)
         for found in lines.values():
             found.sort()
         return [

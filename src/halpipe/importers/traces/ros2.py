@@ -109,34 +109,28 @@ def read_ros_trace(root: str, findings: Findings, beside: Callable[[Event], None
     return trace
 
 
-def report_damage(damage: Damage, file: str, findings: Findings) -> None:
-    """Report the streams that end early, and the events that the tracer discarded."""
-    at = Location(file)
+def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) -> None:
+    """Report what a trace lost, and what in it is not used."""
+    at, whole = Location(trace.file), "trace from before the nodes start, with the events ros2:*"
     if damage.broken:
         text = f"{counted(len(damage.broken), 'stream')} cut off early: {damage.broken[0]}"
         help = "stop the session with `lttng stop` and `lttng destroy` before copying the trace"
         findings.add(codes.CUT_OFF(text, at=at, help=help))
     if damage.discarded or damage.packets:
-        lost = counted(damage.discarded, "event") + (
-            f" and {counted(damage.packets, 'packet')}" if damage.packets else ""
-        )
-        text = f"the tracer discarded {lost}, so jobs and publishers may be missing, and jobs joined"
+        packets = f" and {counted(damage.packets, 'packet')}" if damage.packets else ""
+        lost = f"the tracer discarded {counted(damage.discarded, 'event')}{packets}"
+        text = f"{lost}, so jobs and publishers may be missing, and jobs joined"
         help = "trace again with more or larger sub-buffers: lttng enable-channel --subbuf-size 8M --num-subbuf 4"
         findings.add(codes.LOST_EVENTS(text, at=at, help=help))
-
-
-def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) -> None:
-    at = Location(trace.file)
-    report_damage(damage, trace.file, findings)
     if join.foreign:
         names = ", ".join(sorted(join.foreign)[:5])
         text = f"not used: {counted(sum(join.foreign.values()), 'event')} of other kinds: {names}"
         findings.add(codes.FOREIGN_EVENTS(text, at=at))
     if odd := join.unmatched + join.unended:
-        lone = (
+        text = (
             f"{counted(join.unended, 'callback')} without an end, {counted(join.unmatched, 'end')} without a beginning"
         )
-        text = f"{lone}; {counted(odd, 'job')} left out"
+        text += f"; {counted(odd, 'job')} left out"
         findings.add(codes.ODD_SEQUENCE(text, at=at, help="trace from start to shutdown"))
     if again := sorted(trace.restarts):
         text = f"{counted(len(again), 'node')} ended and started again: {', '.join(again[:5])}"
@@ -145,12 +139,10 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
         jobs = sum(join.undescribed.values())
         callbacks = counted(len(join.undescribed), "callback")
         text = f"left out: {counted(jobs, 'job')} of {callbacks}, whose node or trigger the trace lacks"
-        help = "trace from before the nodes start, with the events ros2:*"
-        findings.add(codes.UNDESCRIBED(text, at=at, help=help))
+        findings.add(codes.UNDESCRIBED(text, at=at, help=whole))
     if not trace.callbacks:
-        help = "trace from before the nodes start, with the events ros2:*"
         text = "it describes no callback of a node"
-        raise HalpipeError(*findings.items, codes.NO_EXECUTIONS(text, at=at, help=help))
+        raise HalpipeError(*findings.items, codes.NO_EXECUTIONS(text, at=at, help=whole))
 
 
 @dataclass(slots=True)

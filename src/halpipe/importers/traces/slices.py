@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Marks, Oddities, report_unused
+from halpipe.importers.traces.jobs import Marks, Oddities, report_unfinished, report_unused
 from halpipe.importers.traces.json_events import events
 from halpipe.importers.traces.numbers import instant, plain
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Instant
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 _MAX_EXPONENT = 30
 _ENDS = {"E": "B", "e": "b", "F": "S"}
 _PHASES = frozenset(("X", *_ENDS, *_ENDS.values()))
-_NONE: Mapping[str, Any] = {}
 _NUMBER = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?([eE][-+]?[0-9]{1,2})?")
 
 
@@ -70,7 +69,6 @@ class _Reader:
         self.names: dict[Any, int] = {}
         """Names of slices and keys of threads, with their number in the columns."""
         self.others: Counter[str] = Counter()
-        self.odd = Oddities()
 
     def take(self, event: dict[str, Any], number: int, line: int) -> None:
         """Take one event."""
@@ -97,7 +95,11 @@ class _Reader:
             self._slice(_Slice(at, at + length, task, process, thread, arguments, line))
             return
         begin = _ENDS.get(phase, phase)
-        key = (begin, process, thread) if begin == "B" else (begin, process, *_identity(event))
+        key = (
+            (begin, process, thread)
+            if begin == "B"
+            else (begin, process, _key(event.get("cat")), _key(event.get("id", str(event.get("id2")))))
+        )
         if (marks := self.marks.get(key)) is None:
             marks = self.marks[key] = Marks()
         if arguments:
@@ -109,13 +111,15 @@ class _Reader:
 
     def traces(self) -> list[Trace]:
         """Return the lines of all processes."""
-        names, left = [*self.names], 0
-        while self.marks:
-            key = next(iter(self.marks))
-            left += self._match(key[1], self.marks.pop(key), names)
-        self.odd.report(self.file, self.findings)
-        if left:
-            self.findings.add(codes.UNFINISHED(f"{left} slices have no end", at=Location(self.file)))
+        names, odd, left = [*self.names], Oddities(), 0
+        for key in [*self.marks]:
+            marks = self.marks.pop(key)
+            for row, end in marks.slices(names, odd):
+                left += end is None
+                task, thread, own = names[marks.task[row]], names[marks.thread[row]], marks.arguments.get(row, {})
+                self._slice(_Slice(marks.at[row], end, task, key[1], thread, own, marks.line[row]))
+        odd.report(self.file, self.findings)
+        report_unfinished(left, "slice", self.file, self.findings)
         for key, slices in self.parts.items():
             self._joined(key, slices)
         report_unused(self.others, self.file, self.findings)
@@ -135,20 +139,6 @@ class _Reader:
             self.processes[_key(event.get("pid"))] = name
         elif isinstance(name, str) and event.get("name") == "thread_name":
             self.threads[_key(event.get("pid")), str(_key(event.get("tid", "")))] = name
-
-    def _match(self, process: int | str, marks: Marks, names: Sequence[Any]) -> int:
-        """Take the slices between marks; return how many have no end."""
-        left = 0
-        for row, last in marks.pairs():
-            if row < 0:
-                self.odd.add("a slice ends that did not begin", marks.line[last or 0], names[marks.task[last or 0]])
-                continue
-            left += last is None
-            end = None if last is None else marks.at[last]
-            task, thread = names[marks.task[row]], names[marks.thread[row]]
-            arguments = marks.arguments.get(row, _NONE)
-            self._slice(_Slice(marks.at[row], end, task, process, thread, arguments, marks.line[row]))
-        return left
 
     def _slice(self, slice: _Slice) -> None:
         """Take one slice as a job, or as a further unit or part of one."""
@@ -204,11 +194,6 @@ class _Reader:
 def _units(slice: _Slice) -> tuple[str, ...]:
     """Return the unit of a slice by the key of its thread; none where no thread is stated."""
     return () if slice.thread == "" else (str(slice.thread),)
-
-
-def _identity(event: dict[str, Any]) -> tuple[int | str, int | str]:
-    """Return what the begin and the end of a slice without a thread share: their category and id."""
-    return _key(event.get("cat")), _key(event.get("id", str(event.get("id2"))))
 
 
 def _key(value: Any) -> int | str:

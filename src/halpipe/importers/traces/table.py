@@ -14,12 +14,12 @@ from __future__ import annotations
 import csv
 import itertools
 from array import array
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Job, Jobs
+from halpipe.importers.traces.jobs import Job, Jobs, report_unfinished
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
 from halpipe.models.trace import NONE, Executions, Trace
 
@@ -41,7 +41,8 @@ _CLOCKS = ("time", "timestamp", "timestamps", "t", "zeit")
 _STATES = {"0": False, "1": True, "0.0": False, "1.0": True, "0,0": False, "1,0": True}
 _MICRO = str.maketrans("\xb5\u03bc", "uu")
 """Both signs of micro; the Greek letter is what the other becomes in small letters of some systems."""
-_UNITS_LINE = 3
+_UNITS_LINES = 2
+"""Lines behind the head of signals that may state units."""
 
 
 def is_header(line: str) -> bool:
@@ -94,9 +95,7 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
 def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
     executions = _executions(lines, file, findings)
-    unfinished = sum(executions.end[row] == NONE for row in executions.order)
-    if unfinished:
-        findings.add(codes.UNFINISHED(f"{counted(unfinished, 'job')} without an end", at=Location(file)))
+    report_unfinished(sum(executions.end[row] == NONE for row in executions.order), "job", file, findings)
     return [Trace(name="", executions=executions)]
 
 
@@ -114,16 +113,13 @@ def _clock(name: str) -> str | None:
 
 def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time of a table of signals."""
-    rest = iter(lines)
-    head = next((line for line in rest if line.strip()), "")
-    separator = separator_of(head)
-    rows = csv.reader(itertools.chain([head], rest), delimiter=separator)
-    clock, *names = (name.strip() for name in next(rows))
-    scale, numbers = SCALES_NS[_clock(clock) or "s"], DecimalSign(separator)
+    rows, numbers = _rows(lines)
+    clock, *names = (name.strip() for name in next(cells for cells in rows if any(cells)))
+    scale, first = SCALES_NS[_clock(clock) or "s"], rows.line_num
     jobs, others, before = Jobs(file, findings), set[str](), [""] * len(names)
     for cells in rows:
         line = rows.line_num
-        if not any(cells) or (line <= _UNITS_LINE and not any(c.isdigit() for c in cells[0])):
+        if not any(cells) or (line <= first + _UNITS_LINES and not any(c.isdigit() for c in cells[0])):
             continue
         try:
             at = instant(numbers.point(cells.pop(0).strip()), scale)
@@ -160,12 +156,9 @@ def report_signals(others: Collection[str], file: str, findings: Findings) -> No
 
 
 def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executions:
-    rest = iter(lines)
-    before = list(_up_to_header(rest))
-    separator = separator_of(before[-1] if before else "")
-    rows = csv.reader(itertools.chain(before, rest), delimiter=separator)
-    filled = (cells for cells in rows if any(cell.strip() for cell in cells))
-    table, absent, records = _Table(file, DecimalSign(separator)), 0, dict[str, tuple[int, int]]()
+    rows, numbers = _rows(lines)
+    filled: Iterator[list[str]] = (cells for cells in rows if any(cell.strip() for cell in cells))
+    table, absent, records = _Table(file, numbers), 0, dict[str, tuple[int, int]]()
     try:
         header = next(filled, [])
         columns = _columns(header)
@@ -193,12 +186,15 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
     return table.found
 
 
-def _up_to_header(lines: Iterator[str]) -> Iterator[str]:
-    """Yield lines up to the first that is not blank."""
-    for line in lines:
-        yield line
+def _rows(lines: Iterable[str]) -> tuple[Any, DecimalSign]:
+    """Return the rows of a table, and the reader of its numbers, by the separator of its first line that has text."""
+    rest, before = iter(lines), list[str]()
+    for line in rest:
+        before.append(line)
         if line.strip():
-            return
+            break
+    separator = separator_of(before[-1] if before else "")
+    return csv.reader(itertools.chain(before, rest), delimiter=separator), DecimalSign(separator)
 
 
 def _remove_repeats(found: Executions) -> None:
