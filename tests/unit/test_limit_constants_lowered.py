@@ -478,6 +478,14 @@ def occurrences_of_one_runnable(count):
     return "too much" if triggers.is_too_much else ""
 
 
+@lowered("importers.arxml.tasks.requirements:_MOST_STEPS", 3, "none")
+def events_along_a_chain_of_arxml(count):
+    segments = {str(n): fake(stimulus="s", response="r", segments=()) for n in range((count - 2) // 2)}
+    chain = fake(stimulus="s", response="r", segments=tuple(segments))
+    steps = named("importers.arxml.tasks.requirements:_Finder")._steps(fake(_chains=segments), chain)
+    return "" if steps else "none"
+
+
 @lowered("importers.arxml.system.instances:_MAX_DEPTH", 3, "more than 2 compositions")
 def compositions_within_each_other(count):
     composition = fake(prototypes=[fake(place=ELEMENT, type="t")], place=ELEMENT)

@@ -188,6 +188,28 @@ def test_segments_are_the_steps_of_a_chain(tmp_path):
     assert [chain.tasks for chain in imported.model.chains] == [("Pump/First", "Pump/Second", "Valve/Move")]
 
 
+@pytest.mark.parametrize(
+    "chains",
+    [
+        [event_chain("C0", "Begin", "Last", "C1"), event_chain("C1", "Begin", "End", "C0")],
+        [event_chain("C0", "Begin", "Last", "A0", "B0")]
+        + [event_chain(f"{x}{n}", "Begin", "Last", f"A{n + 1}", f"B{n + 1}") for n in range(40) for x in "AB"],
+    ],
+    ids=["through-another", "doubled"],
+)
+def test_a_chain_without_end_is_reported_and_so_are_its_limits(tmp_path, chains):
+    imported = pump(tmp_path, extension([BEGIN, END, LAST, *chains], latency("L", "C0", 90_000)))
+    assert "C0" not in [chain.name for chain in imported.model.chains]
+    lost = {d.path for d in found(imported, codes.TIMING_LOST) if "part of itself, or has more than" in d.message}
+    assert {path.rpartition("/")[2].strip('"') for path in lost} >= {"C0", "L"}
+
+
+def test_chains_nest_as_deep_as_they_are_stated(tmp_path):
+    chains = [event_chain(f"C{n}", "Begin", "Last", f"C{n + 1}") for n in range(1200)]
+    imported = pump(tmp_path, extension([BEGIN, LAST, *chains, event_chain("C1200", "Begin", "Last")]))
+    assert found(imported, codes.TIMING_LOST) == []
+
+
 def test_a_chain_without_limit_is_kept(tmp_path):
     (chain,) = pump(tmp_path, extension([BEGIN, LAST, event_chain("C", "Begin", "Last")])).model.chains
     assert chain.max_reaction is None
@@ -311,6 +333,12 @@ def test_nested_groups_are_ordered_from_their_last_to_the_first_of_the_next(tmp_
 
 def test_a_group_inside_itself_does_not_hang_the_import(tmp_path):
     constraint = eoc(entity("a", "P/A"), entity("b", "P/B"), nest("g", "g a", "b"))
+    assert orders(pump(tmp_path, constraint, types=(FIVE,))) == {"P/A > P/B"}
+
+
+def test_groups_nest_as_deep_as_they_are_stated_and_may_share_groups(tmp_path):
+    groups = [nest(f"g{n}", f"g{n + 1} g{n + 1}") for n in range(1200)]
+    constraint = eoc(entity("a", "P/A"), entity("b", "P/B"), nest("g", "g0", "b"), *groups, nest("g1200", "a"))
     assert orders(pump(tmp_path, constraint, types=(FIVE,))) == {"P/A > P/B"}
 
 

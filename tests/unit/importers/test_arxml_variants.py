@@ -190,6 +190,14 @@ def test_a_variant_has_what_its_conditions_let_exist(tmp_path, options, expected
     assert all(e.at.line for e in gone)
 
 
+def test_variants_include_each_other_as_deep_as_they_are_stated(tmp_path):
+    chain = [variant(f"V{n}", includes=(f"V{n + 1}", "V0")) for n in range(1200)]
+    last = variant("V1200", (CONST, "Gen4"), (CRIT, "Right"))
+    sides = [named("POST-BUILD-VARIANT-CRITERION", "Side"), criteria("Right", Side=2)]
+    values = package("V", named("SW-SYSTEMCONST", "Platform"), constants("Gen4", Platform=4), *sides, *chain, last)
+    assert periods(read(write(tmp_path, LINE, values), variant="V0")) == {"p/Step": "20ms"}
+
+
 def test_without_a_choice_what_depends_on_one_is_named(tmp_path):
     imported = read(write(tmp_path, LINE, VARIANTS))
     told = found(imported, codes.VARIANT)

@@ -67,9 +67,7 @@ class Names:
         return result
 
 
-_NUMBER = re.compile(
-    r"(?P<sign>[+-]?)(?P<digits>[0-9]{1,60}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?"
-)
+_NUMBER = re.compile(r"[+-]?(?:[0-9]{1,60}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")
 _MAX_EXPONENT = 60
 
 TIME_NS = {
@@ -91,11 +89,7 @@ RATES = {f"{unit}PerSecond": size for unit, size in BYTES.items()}
 def parse_number(text: str) -> Fraction | None:
     """Read an integer or a double exactly, never through a binary float; None if it is none, or INF or NaN."""
     match = _NUMBER.fullmatch(text.strip())
-    if match is None or abs(int(match["exp"] or 0)) > _MAX_EXPONENT:
-        return None
-    whole, _, decimals = match["digits"].partition(".")
-    value = Fraction(int((whole + decimals) or "0"), 10 ** len(decimals)) * Fraction(10) ** int(match["exp"] or 0)
-    return -value if match["sign"] == "-" else value
+    return None if match is None or abs(int(match["exp"] or 0)) > _MAX_EXPONENT else Fraction(match[0])
 
 
 PREFIX = "halpipe:"

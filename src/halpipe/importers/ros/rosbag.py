@@ -60,12 +60,9 @@ def read_bag(document: YamlMap, file: str, findings: Findings, coverage: Coverag
         else:
             coverage.ignored("bag_topic", name, f"{count} messages in {Duration(duration)} make no rate", at)
     doubts = [] if str(info.get("version")) in _VERSIONS else [f'version "{info.get("version")}" is not known']
-    if (
-        "message_count" in info
-        and None not in counts
-        and info["message_count"] != str(total := sum(filter(None, counts)))
-    ):
-        doubts.append(f"message_count is {info['message_count']}, and the topics have {total} messages")
+    total = str(sum(filter(None, counts)))
+    if None not in counts and (stated := info.get("message_count", total)) != total:
+        doubts.append(f"message_count is {stated}, and the topics have {total} messages")
     for doubt in doubts:
         findings.add(codes.ODD_BAG(doubt, at=reader.at(info), path="bag", help=_REINDEX))
     return rates

@@ -141,25 +141,23 @@ class _Chooser:
             help = "name one of them by its path" if found else did_you_mean(name, known, among)
             self._findings.report(codes.UNKNOWN_VARIANT, several, at=at, help=help)
             return
-        self._include(found[0], set())
+        included = [found[0]]
+        for path in included:
+            included += [inner for inner in dict.fromkeys(self._include(path)) if inner not in included]
 
-    def _include(self, path: str, seen: set[str]) -> None:
-        """Take the value sets of a predefined variant, and those of the variants that it includes."""
-        if path in seen:
-            return
-        seen.add(path)
+    def _include(self, path: str) -> list[str]:
+        """Take a value set; return the value sets and the variants that a predefined variant includes."""
         if path not in self._by_path:
             message = f"{path} is in no file"
             self._findings.report(codes.UNKNOWN_VARIANT, message, help="add the file that defines it to the import")
-            return
+            return []
         element, at = self._by_path[path]
         tag = str(element.tag).removeprefix(_NS)
         if tag in _SETS:
             self._take(element, at, *_SETS[tag])
-            return
-        for name in ("INCLUDED-VARIANT-REF", *(f"{tag}-REF" for tag in _SETS)):
-            for ref in element.iter(_NS + name):
-                self._include("".join((ref.text or "").split()), seen)
+            return []
+        refs = [r for kind in ("INCLUDED-VARIANT", *_SETS) for r in element.iter(f"{_NS}{kind}-REF")]
+        return ["".join((ref.text or "").split()) for ref in refs]
 
     def _take(self, element: etree._Element, at: Location, tag: str, ref_tag: str) -> None:
         for entry in element.iter(_NS + tag):

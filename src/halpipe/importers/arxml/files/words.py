@@ -42,9 +42,7 @@ def listed(items: Sequence[T], name_of: Callable[[T], str] = str) -> str:
     return f"{shown} and {len(items) - _SHOWN} more" if len(items) > _SHOWN else shown
 
 
-_DOUBLE = re.compile(
-    r"(?P<sign>[+-]?)(?P<digits>[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?"
-)
+_DOUBLE = re.compile(r"[+-]?(?:[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")
 _SPECIAL = re.compile(r"[+-]?INF|NaN", re.IGNORECASE)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _PREFIXED = re.compile(
@@ -78,14 +76,7 @@ def parse_number(text: str) -> Fraction | None:
 def parse_double(text: str) -> Fraction | None:
     """Read an xsd:double other than INF and NaN exactly, never through a binary float; None if it is none."""
     match = _DOUBLE.fullmatch(text.strip())
-    if match is None:
-        return None
-    exponent = int(match["exp"] or 0)
-    if abs(exponent) > _MAX_EXPONENT:
-        return None
-    whole, _, decimals = match["digits"].partition(".")
-    value = Fraction(int((whole + decimals) or "0"), 10 ** len(decimals)) * Fraction(10) ** exponent
-    return -value if match["sign"] == "-" else value
+    return None if match is None or abs(int(match["exp"] or 0)) > _MAX_EXPONENT else Fraction(match[0])
 
 
 def parse_seconds(text: str) -> Duration | None:

@@ -166,21 +166,22 @@ class _Constraint:
 
     def _edge_of(self, element: Node, *, last: bool) -> list[Ordered]:
         """Return what has no successor (`last`) or no predecessor among the leaves of an element."""
-        leaves = self.leaves(element, [])
+        leaves = self.leaves(element)
         if len(leaves) == 1 or element.tag != _GROUP:
             return list(ordered_by(self._tree, leaves))
         inner = [(a, b) for a in leaves for b in self._after.get(a, ()) if b in leaves]
         bound = {a for a, _ in inner} if last else {b for _, b in inner}
         return list(ordered_by(self._tree, [leaf for leaf in leaves if leaf not in bound]))
 
-    def leaves(self, element: Node, way: list[Node]) -> list[Node]:
-        """Return what a group holds, groups in it unfolded; a group inside itself is not entered again."""
-        if element.tag != _GROUP:
-            return [element]
-        if element in way:
-            return []
-        nested = self._nested.get(element, [])
-        return list(dict.fromkeys(leaf for inner in nested for leaf in self.leaves(inner, [*way, element])))
+    def leaves(self, element: Node) -> list[Node]:
+        """Return what a group holds, groups in it unfolded, each once."""
+        found: dict[Node, None] = {}
+        rest = [element]
+        while rest:
+            node = rest.pop()
+            rest += reversed(self._nested.get(node, [])) if node not in found else []
+            found[node] = None
+        return [node for node in found if node.tag != _GROUP]
 
     def lets(self) -> Iterator[LetGroup]:
         """Yield the groups that execute in a LET interval."""
@@ -188,7 +189,7 @@ class _Constraint:
             for ref in self._tree.refs(element, "LET-INTERVAL-REFS/LET-INTERVAL-REF"):
                 chain = self._tree.find(ref, self._what, (CHAIN,))
                 if chain is not None:
-                    members = ordered_by(self._tree, self.leaves(element, []))
+                    members = ordered_by(self._tree, self.leaves(element))
                     yield LetGroup(place_of(self._node), chain.path, tuple(members))
 
     def _report_lost(self, element: Node) -> None:
@@ -230,7 +231,7 @@ def _unfolded(tree: Tree, element: Node) -> list[Node]:
     constraint = element.parent
     if element.tag != _GROUP or constraint is None:
         return [element]
-    return _Constraint(tree, constraint).leaves(element, [])
+    return _Constraint(tree, constraint).leaves(element)
 
 
 T = TypeVar("T")

@@ -110,12 +110,7 @@ def _report_rest(call: Sequence[Activation], findings: Findings) -> None:
 def with_one_rate(activations: Sequence[Activation], findings: Findings) -> list[Activation]:
     """Return the activations, those that a basic OsTask calls with its own period and offset."""
     result = list(activations)
-    hosted: dict[str, list[int]] = {}
-    for index, activation in enumerate(result):
-        task = activation.os_task
-        if task is not None and task.is_basic and activation.period is not None and activation.event is not None:
-            hosted.setdefault(task.place.path, []).append(index)
-    for indices in hosted.values():
+    for indices in _hosted(result).values():
         calls = [result[index] for index in indices]
         period, offset = _rate(calls)
         if len({(call.period, call.offset or ZERO) for call in calls}) < 2:
@@ -128,19 +123,25 @@ def with_one_rate(activations: Sequence[Activation], findings: Findings) -> list
     return result
 
 
-def report_other_rates(activations: Iterable[Activation], triggers: Iterable[Trigger], findings: Findings) -> None:
-    """Report alarms and tables that activate an OsTask at another rate than that at which its calls are due."""
-    hosted: dict[str, list[Activation]] = {}
-    for activation in activations:
+def _hosted(activations: Sequence[Activation]) -> dict[str, list[int]]:
+    """Return which activations are calls of each basic OsTask (path)."""
+    hosted: dict[str, list[int]] = {}
+    for index, activation in enumerate(activations):
         task = activation.os_task
         if task is not None and task.is_basic and activation.period is not None and activation.event is not None:
-            hosted.setdefault(task.place.path, []).append(activation)
+            hosted.setdefault(task.place.path, []).append(index)
+    return hosted
+
+
+def report_other_rates(activations: Sequence[Activation], triggers: Iterable[Trigger], findings: Findings) -> None:
+    """Report alarms and tables that activate an OsTask at another rate than that at which its calls are due."""
+    hosted = _hosted(activations)
     comes: dict[tuple[str, str], list[Trigger]] = {}
     for trigger in triggers:
         for path in trigger.tasks:
             comes.setdefault((path, trigger.table or trigger.place.path), []).append(trigger)
     for (path, starter), found in comes.items():
-        calls = [call for call in hosted.get(path, ()) if call.event and call.event.is_timing]
+        calls = [a for a in (activations[i] for i in hosted.get(path, ())) if a.event and a.event.is_timing]
         named_by = {name for call in calls if call.mapping for name in call.mapping.triggers}
         is_compared = starter in named_by or any(trigger.place.path in named_by for trigger in found)
         if not calls or is_compared or any(call.distance for call in calls):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Diagnostic, Location, about, named
+from halpipe.core.diagnostics import Diagnostic, about, named
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
@@ -442,24 +442,16 @@ def _inherit(
     activation: Activation, periods: dict[Actor, list[Duration]], dataflow: DataFlow, findings: Findings
 ) -> Activation:
     found = sorted({period for sender in senders_of(activation, dataflow) for period in periods.get(sender, ())})
-    if len(found) == 1:
-        findings.report(
-            codes.INHERITED,
-            f'"{activation.name}" gets the period {found[0]} of the runnable that sends its data',
-            at=activation.event.place.at if activation.event else Location(),
-            path=_what(activation.event) if activation.event else "",
-            help="give it another period in the overlay (sources) if its data is not sent each time",
-        )
-        return replace(activation, period=found[0], is_inherited=True)
-    if not found:
-        return replace(activation, reason=_NO_SENDER)
-    listed = ", ".join(str(period) for period in found)
     event = activation.event
-    findings.report(
-        codes.SENDERS_DIFFER,
-        f"its data is sent with periods {listed}",
-        at=event.place.at if event else Location(),
-        path=named(_DATA_RECEIVED, event.place.path if event else ""),
-        help=f'give "{activation.name}" a period in the overlay (sources)',
-    )
+    if not found or event is None:
+        return replace(activation, reason=_NO_SENDER)
+    if len(found) == 1:
+        message = f'"{activation.name}" gets the period {found[0]} of the runnable that sends its data'
+        help = "give it another period in the overlay (sources) if its data is not sent each time"
+        findings.report(codes.INHERITED, message, at=event.place.at, path=_what(event), help=help)
+        return replace(activation, period=found[0], is_inherited=True)
+    listed = ", ".join(str(period) for period in found)
+    message = f"its data is sent with periods {listed}"
+    help = f'give "{activation.name}" a period in the overlay (sources)'
+    findings.report(codes.SENDERS_DIFFER, message, at=event.place.at, path=_what(event), help=help)
     return replace(activation, reason=f"its data is sent with different periods: {listed}")

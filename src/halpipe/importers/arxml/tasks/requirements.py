@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
 
+_MOST_STEPS = 10_000
+"""Events along a chain and its segments."""
 _BEGINNINGS = ("activated", "started")
 # The instants of jobs that timing description events are, at the beginning and at the end of a chain.
 _BEGIN = {
@@ -172,20 +174,26 @@ class _Finder:
 
     # ------------------------------------------------------------------------------------------- chains
 
-    def _steps(self, chain: EventChain, way: tuple[str, ...] = ()) -> list[str | None]:
-        """Return the observable events along a chain and its segments, in order."""
-        inner: list[str | None] = []
-        for path in chain.segments:
-            if path in self._chains and path not in way:
-                inner += self._steps(self._chains[path], (*way, path))
-        return [chain.stimulus, *inner, chain.response]
+    def _steps(self, chain: EventChain) -> list[str | None]:
+        """Return the observable events along a chain and its segments, in order; none where they are too many."""
+        steps: list[str | None] = []
+        rest: list[EventChain | str | None] = [chain]
+        while rest and len(steps) + len(rest) <= _MOST_STEPS:
+            item = rest.pop()
+            if item is None or isinstance(item, str):
+                steps.append(item)
+            else:
+                segments = [self._chains[path] for path in reversed(item.segments) if path in self._chains]
+                rest += [item.response, *segments, item.stimulus]
+        return [] if rest else steps
 
     def _chain(self, chain: EventChain, limits: list[Limit]) -> None:
-        steps = self._steps(chain, (chain.place.path,))
-        ways = self._ways([self._occurrences(path) for path in steps])
+        steps = self._steps(chain)
+        ways = self._ways([self._occurrences(path) for path in steps]) if steps else None
         if ways is None:
             missing = [path or "nothing" for path in steps if not self._occurrences(path)]
             why = f"no task belongs to {missing[0]}" if missing else "its events belong to several tasks each"
+            why = why if steps else f"it is a part of itself, or has more than {_MOST_STEPS} events"
             for place in (chain.place, *(limit.place for limit in limits)):
                 self._lost(place, why)
             return
