@@ -228,8 +228,7 @@ def _require_comparable(model: TaskModel, schedule: Schedule, other: Schedule, f
             message = f"its cycle is {mode.hyperperiod}, not {lengths[mode.name]}"
             findings.add(NOT_COMPARABLE(message, path=about(mode=mode.name), help=help))
     tasks, units = ({each.name for each in some} for some in (model.tasks, model.units))
-    jobs = [job for mode in other.modes for job in mode.jobs]
-    jobs += [job for switch in other.transitions for job in switch.jobs]
+    jobs = other.all_jobs()
     unknown = {f'task "{job.task}"' for job in jobs if job.task not in tasks}
     unknown |= {f'unit "{unit}"' for job in jobs for unit in job.units if unit not in units}
     for name in sorted(unknown):

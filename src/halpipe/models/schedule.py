@@ -198,6 +198,11 @@ class Schedule:
     reactions: tuple[Reaction, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
+    def all_jobs(self) -> list[Job]:
+        """Return the jobs of all modes, then those of all switches."""
+        jobs = [job for mode in self.modes for job in mode.jobs]
+        return jobs + [job for table in self.transitions for job in table.jobs]
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the modes with their jobs and chains, and the switches."""
         from html import escape

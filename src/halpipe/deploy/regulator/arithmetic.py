@@ -112,8 +112,7 @@ class Arithmetic:
     def _units(self) -> Iterator[Diagnostic]:
         regulated = {unit.name for unit in self.tables.units}
         schedule = self.target.schedule
-        jobs = [job for mode in schedule.modes for job in mode.jobs]
-        jobs += [job for table in schedule.transitions for job in table.jobs]
+        jobs = schedule.all_jobs()
         used = {phase.row[0] for phase in promise.phases_of(self.target.model, self.tables.platform, jobs)}
         for name in sorted(used - regulated):
             text = f'uses "{self.tables.platform.resource}" and has no tables'

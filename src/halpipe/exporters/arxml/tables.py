@@ -122,8 +122,7 @@ def make_plan(
     max_points: int | None = None,
 ) -> Plan:
     """Return the tables of a schedule; raise `HalpipeError` with every rule of the OS that one of them breaks."""
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    jobs += [job for switch in schedule.transitions for job in switch.jobs]
+    jobs = schedule.all_jobs()
     used = {unit for job in jobs for unit in job.units}
     units = tuple(unit.name for unit in model.units if unit.name in used)
     names = ShortNames(SYSTEM, DEFAULT_START)

@@ -43,8 +43,7 @@ class Holds:
 
     def __init__(self, model: TaskModel, schedule: Schedule) -> None:
         self._times = PhaseTimes(model)
-        jobs = [job for mode in schedule.modes for job in mode.jobs]
-        jobs += [job for table in schedule.transitions for job in table.jobs]
+        jobs = schedule.all_jobs()
         self._by_task: dict[str, dict[Hold, None]] = defaultdict(dict)
         splits = any(version.split.is_allowed for version in self._times.versions.values())
         if splits or any(unit.interrupts for unit in model.units):

@@ -50,8 +50,7 @@ def refuse_gaps(model: TaskModel, schedule: Schedule, target: str, anywhere: str
     versions = versions_of(model)
     findings = Findings()
     first: dict[str, Job] = {}
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    for job in [*jobs, *(job for table in schedule.transitions for job in table.jobs)]:
+    for job in schedule.all_jobs():
         if job.parts:
             first.setdefault(job.task, job)
     for task, job in first.items():
@@ -81,8 +80,7 @@ def refuse_early_phases(model: TaskModel, schedule: Schedule, target: str, help:
     if not (any(v.split.is_allowed for v in versions.values()) or any(unit.interrupts for unit in model.units)):
         return
     findings = Findings()
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    jobs += [job for table in schedule.transitions for job in table.jobs]
+    jobs = schedule.all_jobs()
     for task, name in sorted({(job.task, job.version) for job in jobs}):
         version = versions[task, name]
         if any(access.start > ZERO for access in version.accesses):

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.linux import LinuxOptions
     from halpipe.exporters.linux.copies import Copy
     from halpipe.exporters.linux.tables import Tables
-    from halpipe.models import Job, Schedule, Task, TaskModel, Version
+    from halpipe.models import Schedule, Task, TaskModel, Version
 
 
 FOLDER = Path(__file__).parent
@@ -185,15 +185,9 @@ def _quoted(program: Program) -> dict[str, Any]:
     return {**plain, "defines": defines, "plain_defines": program.plain_defines}
 
 
-def jobs_of(schedule: Schedule) -> Iterable[Job]:
-    """Yield the jobs of all tables."""
-    yield from (job for mode in schedule.modes for job in mode.jobs)
-    yield from (job for table in schedule.transitions for job in table.jobs)
-
-
 def cpus_for(model: TaskModel, schedule: Schedule, options: LinuxOptions, findings: Findings) -> dict[str, int]:
     """Return the CPU of each unit; report units with jobs that have none."""
-    used = {unit for job in jobs_of(schedule) for unit in job.units}
+    used = {unit for job in schedule.all_jobs() for unit in job.units}
     cpus = placed(model, options.cpus)
     for unit in model.units:
         is_other = any(word in unit.type.lower() for word in _ACCELERATORS)
@@ -218,7 +212,7 @@ def _buffers(model: TaskModel) -> dict[str, int]:
 def _programs(
     model: TaskModel, schedule: Schedule, buffers: dict[str, int], options: LinuxOptions, tree: SourceTree
 ) -> tuple[list[Program], dict[tuple[str, str], int]]:
-    used = {(job.task, job.version) for job in jobs_of(schedule)}
+    used = {(job.task, job.version) for job in schedule.all_jobs()}
     programs: list[Program] = []
     numbers: dict[tuple[str, str], int] = {}
     for task in model.tasks:
@@ -297,8 +291,7 @@ def unrealised(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> l
 
 def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> Iterator[tuple[str, str]]:
     """Yield what is left open, and what to do about it."""
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    jobs += [job for table in schedule.transitions for job in table.jobs]
+    jobs = schedule.all_jobs()
     versions = {(job.task, job.version): model.task(job.task).version(job.version) for job in jobs}
     if gangs := dict.fromkeys(job.task for job in jobs if len(job.units) > 1):
         yield (

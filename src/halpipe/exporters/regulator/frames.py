@@ -94,8 +94,7 @@ def grid_of(model: TaskModel, schedule: Schedule, window: Duration) -> Grid:
     times = [window.ns]
     times += [mode.hyperperiod.ns for mode in schedule.modes]
     times += [table.length.ns for table in schedule.transitions]
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    jobs += [job for table in schedule.transitions for job in table.jobs]
+    jobs = schedule.all_jobs()
     times += [time.ns for job in jobs for time in (job.start, *(edge for span in job.occupations() for edge in span))]
     times += [part.executed_from.ns for job in jobs for part in job.parts]
     versions = [version for task in model.tasks for version in task.versions]

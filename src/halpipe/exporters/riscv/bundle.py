@@ -23,7 +23,6 @@ from halpipe.exporters.riscv.cores import (
     check_splits,
     cores_of,
     gapped_versions,
-    jobs_of,
     main_memory,
     places_of,
     slots_of,
@@ -139,7 +138,7 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     """Collect what is used and where it will be; findings go where those of the sources go."""
     findings, drivers = tree.findings, read_drivers(options.drivers)
     used: dict[tuple[str, str], set[str]] = {}
-    for job in jobs_of(schedule):
+    for job in schedule.all_jobs():
         used.setdefault((job.task, job.version), set()).update(job.units)
     cores = cores_of(model, {unit for units in used.values() for unit in units}, profile, findings)
     findings.stop_on_errors()

@@ -78,14 +78,6 @@ class Core:
         return self.dspm.end - MAILBOX
 
 
-def jobs_of(schedule: Schedule) -> Iterable[Job]:
-    """Yield the jobs of all tables, modes first."""
-    for mode in schedule.modes:
-        yield from mode.jobs
-    for table in schedule.transitions:
-        yield from table.jobs
-
-
 def cores_of(model: TaskModel, used: set[str], profile: Profile, findings: Findings) -> dict[str, Core]:
     """Return the core of every unit: in the model's order, all units if there are cores enough, else those used."""
     units = [unit.name for unit in model.units]
@@ -227,7 +219,7 @@ def shape_of(job: Job, version: Version, waits: Duration = ZERO) -> Shape:
 
 def gapped_versions(schedule: Schedule) -> set[Name]:
     """Return the versions of which a job has gaps."""
-    return {(job.task, job.version) for job in jobs_of(schedule) if job.parts}
+    return {(job.task, job.version) for job in schedule.all_jobs() if job.parts}
 
 
 def check_splits(model: TaskModel, schedule: Schedule, findings: Findings) -> None:
@@ -292,7 +284,7 @@ def slower(profile: Profile, slots: Slots) -> Profile:
 def slots_of(schedule: Schedule, cores: Mapping[str, Core], lets: Collection[str] = ()) -> Slots:
     """Return the slots that the jobs of a schedule need; those of `lets` copy at instants of their own."""
     tasks = {task for task, _ in gapped_versions(schedule)} | set(lets)
-    kept = {(job.task, cores[job.units[0]].index) for job in jobs_of(schedule) if job.task in tasks}
+    kept = {(job.task, cores[job.units[0]].index) for job in schedule.all_jobs() if job.task in tasks}
     return Slots(len(cores), tuple(sorted([*kept, *(own for own in kept if own[0] in lets)])))
 
 

@@ -13,7 +13,7 @@ from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.exporters.linux import LinuxOptions
-from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, filled, jobs_of, rendered_tables
+from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, filled, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
@@ -76,7 +76,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     findings = Findings()
     linux = LinuxOptions(cpus=options.cpus, priority=options.priority)
     cpus = cpus_for(model, schedule, linux, findings)
-    used = {(job.task, job.version) for job in jobs_of(schedule)}
+    used = {(job.task, job.version) for job in schedule.all_jobs()}
     keys = [(task.name, v.name) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
     modes = [mode.name for mode in schedule.modes]
     rows = [row for task, _ in keys if (row := _row(task, model, modes, options, findings)) is not None]
@@ -85,7 +85,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     _refuse_equal(model, dict.fromkeys(task for task, _ in keys), options, findings)
     _refuse_old_messages(model, options, findings)
     services = _services(schedule, findings)
-    gapped = {(job.task, job.version) for job in jobs_of(schedule) if job.parts}
+    gapped = {(job.task, job.version) for job in schedule.all_jobs() if job.parts}
     for task, version in keys:
         if (task, version) in gapped and model.task(task).version(version).split.points:
             help = "let the job be interrupted anywhere, or schedule it without gaps: a callback is one function"
@@ -198,7 +198,7 @@ def _refuse_old_messages(model: TaskModel, options: RosOptions, findings: Findin
 
 def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
     """Yield what the package leaves open of this very schedule, and what to do about it."""
-    jobs = list(jobs_of(schedule))
+    jobs = schedule.all_jobs()
     if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, catches_faults=True)):
         names = ", ".join(f'"{name}"' for name in left)
         yield (

@@ -189,8 +189,7 @@ def is_stated(executions: Executions) -> bool:
 def _require_same(model: TaskModel, schedule: Schedule) -> None:
     """Raise `HalpipeError` if the schedule was made from another model."""
     modes = {mode.name for mode in schedule.modes} <= {mode.name for mode in model.modes}
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    jobs += [job for switch in schedule.transitions for job in switch.jobs]
+    jobs = schedule.all_jobs()
     versions = {(task.name, version.name) for task in model.tasks for version in task.versions}
     changed = model.digest and schedule.model_sha256 and model.digest != schedule.model_sha256
     if changed or model.name != schedule.model or not modes or not {(j.task, j.version) for j in jobs} <= versions:
@@ -226,8 +225,7 @@ def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -
 
     In a trace of a whole computer, others are no deviation, and units count only where it has those of the schedule.
     """
-    jobs = [job for mode in schedule.modes for job in mode.jobs]
-    jobs += [job for switch in schedule.transitions for job in switch.jobs]
+    jobs = schedule.all_jobs()
     tasks = {job.task for job in jobs}
     units = {unit for job in jobs for unit in job.units}
     found = Executions.of(trace.executions).copy()

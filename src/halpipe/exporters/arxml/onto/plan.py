@@ -41,8 +41,7 @@ class _Gaps:
         self._model = model
         self._schedule = schedule
         self._project = project
-        jobs = [job for mode in schedule.modes for job in mode.jobs]
-        jobs += [job for table in schedule.transitions for job in table.jobs]
+        jobs = schedule.all_jobs()
         self._first = {(job.task, job.version): job for job in reversed(jobs) if job.parts}
 
     def check(self, findings: Findings) -> None:
