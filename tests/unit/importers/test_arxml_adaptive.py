@@ -119,7 +119,7 @@ def test_a_process_without_period_is_on_demand_and_said_so(tmp_path):
     imported = model_of(tmp_path, machine(), process("A"), process("B", client="C"), client("C", "0.02"))
     assert periods(imported) == {"A": "None", "B": "20ms"}
     (warning,) = found(imported, codes.PROCESS_WITHOUT_PERIOD)
-    assert "1 processes" in warning.message
+    assert warning.message == "without a period, 1 of the processes: A"
 
 
 def test_the_overlay_gives_periods_to_processes(tmp_path):

@@ -166,16 +166,9 @@ class _Drafting:
         help = "state limits of the whole under chains: in an overlay"
         self.forest.report_each(codes.WAITING, "tasks wait for others and became several", cut, help)
         top = {wait for task in self.tasks for wait in _flat(task) if wait.kind == "WaitEvent"}
-        unused = [
-            wait
-            for wait in self.forest.kinds("WaitEvent")
-            if wait not in top or not all(event in settable for event in _events(self.forest, wait))
-        ]
-        active = [
-            wait
-            for wait in self.forest.kinds("WaitEvent")
-            if wait in top and wait not in unused and wait.get("waitingBehaviour") == "active"
-        ]
+        waits = self.forest.kinds("WaitEvent")
+        unused = [w for w in waits if w not in top or not settable.issuperset(_events(self.forest, w))]
+        active = [w for w in waits if w not in unused and w.get("waitingBehaviour") == "active"]
         help = "add the time of the wait to the WCET of the part before it, under tasks: in an overlay"
         self.forest.report_each(codes.ACTIVE_WAIT, "waits are active, but leave the unit to others", active, help)
         help = "let a task set the event, or wait in the task itself"

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import System, Trigger
     from halpipe.importers.arxml.tasks.activation import Activation, Draft
-    from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
+    from halpipe.importers.arxml.tasks.dataflow import DataFlow
     from halpipe.importers.arxml.tasks.requirements import Edge, Requirements
     from halpipe.importers.arxml.tasks.versions import Lock, Variant
     from halpipe.importers.common.base import Coverage
@@ -388,14 +388,15 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
         return
     labels = {instance.context: instance.label for instance in system.instances}
 
-    def described(pair: tuple[Actor, Actor]) -> str:
-        return " to ".join(f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in pair)
-
+    pairs = [
+        " to ".join(f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in pair)
+        for pair in dataflow.dependencies
+    ]
     (_, writer), _ = dataflow.dependencies[0]
     places = {runnable.place.path: runnable.place for c in system.components for runnable in c.runnables}
     findings.report(
         codes.DATA_FLOW,
-        f"{len(dataflow.dependencies)} data dependencies between runnables: {listed(dataflow.dependencies, described)}",
+        f"{len(pairs)} data dependencies between runnables: {listed(pairs)}",
         at=places[writer].at,
         help="list those that must be fresh as chains in the overlay",
     )

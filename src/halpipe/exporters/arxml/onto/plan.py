@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, Location, about, named
 from halpipe.core.durations import Duration, greatest_common_divisor, least_common_multiple, seconds
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.exporters.arxml.codes import (
     BASIC_SHARED,
     COUNTER_NEEDED,
@@ -115,7 +116,6 @@ class _Gaps:
 XDM = ".xdm"  # project data of EB tresos
 _LONGEST = seconds(1)
 _NEW_RANGE = 2**30 - 1
-_SHOWN = 3
 
 
 @record
@@ -300,7 +300,7 @@ class Planner:
         for action, tasks in by_action.items():
             if len(tasks) < 2:
                 continue
-            shown = ", ".join(tasks[:_SHOWN]) + (f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else "")
+            shown = few(tasks, "")
             code, help = (
                 (BASIC_SHARED, "import with --granularity ostask, and schedule again")
                 if not action.event
@@ -358,7 +358,7 @@ class Planner:
         else:
             at = best.at
             off = [f"{what} at {time}" for _, what, time in self._instants(unit) if time % best.tick]
-            shown = ", ".join(off[:_SHOWN]) + (f" and {len(off) - _SHOWN} more" if len(off) > _SHOWN else "")
+            shown = few(off, "")
             again = f", or schedule again with --tick {best.tick}" if off else ""
             message = (
                 f"{best.path} has a tick of {best.tick}, of which {shown} is no multiple"

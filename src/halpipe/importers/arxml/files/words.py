@@ -8,18 +8,16 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from halpipe.core.durations import Duration, seconds
+from halpipe.core.suggest import few
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-T = TypeVar("T")
+    from collections.abc import Iterable, Sequence
 
 _ILLEGAL = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 _MAX_LENGTH = 900
-_SHOWN = 5
 
 
 def legal_name(text: str) -> str:
@@ -36,10 +34,9 @@ def unique_name(name: str, taken: set[str]) -> str:
     return chosen
 
 
-def listed(items: Sequence[T], name_of: Callable[[T], str] = str) -> str:
-    """Return the names of the first few items for a message, and how many more there are."""
-    shown = ", ".join(map(name_of, items[:_SHOWN]))
-    return f"{shown} and {len(items) - _SHOWN} more" if len(items) > _SHOWN else shown
+def listed(items: Iterable[object]) -> str:
+    """Return the first few items for a message, and how many more there are."""
+    return few(list(map(str, items)), "")
 
 
 _DOUBLE = re.compile(r"[+-]?(?:[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")
