@@ -11,7 +11,8 @@ from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve import groups
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
-from support import access, model, ms, task, version
+from halpipe.pipeline.verify import verify
+from support import access, after, model, ms, task, version
 
 FEW, MANY = 50, 400
 
@@ -45,6 +46,16 @@ def claimed(count):
     return lambda: build_problem(expand(system, system.modes[0]), system.units, ["bus"])
 
 
-@pytest.mark.parametrize("prepare", [measured, narrowed, claimed])
+def demanded(count):
+    """Verify a schedule of many tasks on demand that one version names."""
+    names = [f"t{number}" for number in range(count)]
+    rows = [after(name, 0, 1000) for name in names]
+    served = [task(name, None, version("v", "1us")) for name in names]
+    system = model(*served, task("all", 1000, version("v", "1us", "u1", *rows)))
+    found = schedule_model(system, SearchOptions(), lambda *_: True).schedule
+    return lambda: verify(system, found)
+
+
+@pytest.mark.parametrize("prepare", [measured, narrowed, claimed, demanded])
 def test_calls_grow_with_the_model_and_not_with_its_square(prepare):
     assert calls(prepare(MANY)) / calls(prepare(FEW)) < half_way(MANY / FEW)

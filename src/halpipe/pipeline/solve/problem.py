@@ -11,6 +11,7 @@ import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration
@@ -85,7 +86,7 @@ class Arrays:
     option_recency: Ints  # of jobs that end on the same tick, the one with more ended last, or started later
     rect_first: Ints  # per option
     rect: Table  # lane, offset, length, height
-    row_first: Ints  # per option
+    row_first: Ints  # per option, by the tasks that they name
     row: Table  # predecessor task, min, max - min, origin, 1 if to the end, 1 if of the same cycle, first of event_at
     event_at: Ints  # for every point that a row counts from, per option of the task: how long after the start it lies
     consumer_first: Ints  # per task: tasks whose options have rows that name it
@@ -231,7 +232,8 @@ class _Builder:
             numbers: dict[Choice, int] = {}
             chooses_once = is_bound(active)
             for version in active.versions:
-                constraints = [self._row(row) for row in version.precedences]
+                found = (self._row(row) for row in version.precedences)
+                constraints = sorted(found, key=itemgetter(0))  # the kernel finds a task by halves
                 if any(predecessor < 0 or width < 0 for predecessor, _, width, *_ in constraints):
                     continue
                 phases: dict[Service[Duration], list[tuple[int, int, int, int]]] = {}

@@ -80,6 +80,9 @@ class _Counts:
                 if target != name:
                     self._demands.setdefault(target, {})[name] = most
         self._known = _resolve(table, self._demands)
+        placed = (placed for name in table.mode.tasks for placed in table.by_task.get(name, ()))
+        used = {id(each.version): each.version for each in placed if each.version is not None}
+        self._rows = {key: Counter(row.task for row in version.precedences) for key, version in used.items()}
 
     def of(self, name: str) -> int | None:
         """Return N, or None where a cycle or an unusable period hides it."""
@@ -94,7 +97,7 @@ class _Counts:
             for placed in self._table.by_task.get(demander, ()):
                 job = placed.job.index
                 if placed.version is not None and 0 <= job < count:
-                    slots = sum(row.task == name for row in placed.version.precedences)
+                    slots = self._rows[id(placed.version)][name]
                     indices.update(range(base + job * most, base + job * most + slots))
             base += count * most
         return indices

@@ -71,11 +71,9 @@ static int64_t widest_miss(const Arrays *p, Placing x, int64_t job, int64_t only
     int64_t widest = 0;
     if (!is_running(p, x, job))
         return 0;
-    for (int64_t index = p->row_first[x.option[job]]; index < p->row_first[x.option[job] + 1]; index++) {
-        const Row *row = &p->row[index];
-        if (only >= 0 && row->task != only)
-            continue;
-        int64_t distance = row_distance(p, x, row, job);
+    Range rows = rows_of(p, x.option[job], only);
+    for (int64_t index = rows.low; index < rows.high; index++) {
+        int64_t distance = row_distance(p, x, &p->row[index], job);
         if (distance < NEVER)
             widest = most(widest, distance);
     }

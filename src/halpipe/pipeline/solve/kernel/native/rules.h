@@ -113,6 +113,23 @@ static int64_t row_distance(const Arrays *p, Placing x, const Row *row, int64_t 
     return window_distance(p, x, row, x.start[job] + (row->to_end == 1 ? p->option_wcet[x.option[job]] : 0));
 }
 
+/* The rows of an option that name a task, which lie side by side; all of its rows for task -1. */
+static Range rows_of(const Arrays *p, int64_t option, int64_t task) {
+    int64_t low = p->row_first[option], end = p->row_first[option + 1], high = end;
+    if (task < 0)
+        return (Range){low, end};
+    while (low < high) {
+        int64_t middle = (low + high) >> 1;
+        if (p->row[middle].task < task)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    while (high < end && p->row[high].task == task)
+        high++;
+    return (Range){low, high};
+}
+
 /* The distance of a job from its windows: of all rows, or of those that name task `only` (-1: all, and a closed edge). */
 static int64_t job_window_cost(const Arrays *p, Placing x, int64_t job, int64_t only) {
     int64_t cost = 0;
@@ -121,11 +138,9 @@ static int64_t job_window_cost(const Arrays *p, Placing x, int64_t job, int64_t 
     int64_t chosen = x.option[job];
     if (p->is_closed == 1 && only < 0)
         cost += most(0, x.start[job] + p->option_wcet[chosen] - p->hyperperiod);
-    for (int64_t index = p->row_first[chosen]; index < p->row_first[chosen + 1]; index++) {
-        const Row *row = &p->row[index];
-        if (only >= 0 && row->task != only)
-            continue;
-        int64_t distance = row_distance(p, x, row, job);
+    Range rows = rows_of(p, chosen, only);
+    for (int64_t index = rows.low; index < rows.high; index++) {
+        int64_t distance = row_distance(p, x, &p->row[index], job);
         if (distance < NEVER)
             cost += distance;
     }
@@ -139,12 +154,9 @@ static int64_t demand_cost(const Arrays *p, Placing x, int64_t job) {
     int64_t demander = p->demand_job[job];
     if (demander < 0 || x.start[job] < 0 || x.start[demander] < 0)
         return 0;
-    int64_t rows = 0, chosen = x.option[demander];
-    if (p->option_present[chosen] == 1)
-        for (int64_t index = p->row_first[chosen]; index < p->row_first[chosen + 1]; index++)
-            if (p->row[index].task == p->job_task[job])
-                rows++;
-    bool wanted = rows > p->demand_slot[job];
+    int64_t chosen = x.option[demander];
+    Range rows = rows_of(p, chosen, p->job_task[job]);
+    bool wanted = p->option_present[chosen] == 1 && rows.high - rows.low > p->demand_slot[job];
     bool runs = p->option_present[x.option[job]] == 1;
     return wanted != runs ? p->missing_cost : 0;
 }
