@@ -5,13 +5,15 @@ from dataclasses import replace
 import pytest
 
 from growth import calls, half_way
+from halpipe.core.diagnostics import Findings
 from halpipe.models import Binding
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve import groups
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
-from halpipe.pipeline.verify import verify
+from halpipe.pipeline.verify import reading
+from halpipe.pipeline.verify.jobs import check_complete
 from support import access, after, model, ms, task, version
 
 FEW, MANY = 50, 400
@@ -53,7 +55,10 @@ def demanded(count):
     served = [task(name, None, version("v", "1us")) for name in names]
     system = model(*served, task("all", 1000, version("v", "1us", "u1", *rows)))
     found = schedule_model(system, SearchOptions(), lambda *_: True).schedule
-    return lambda: verify(system, found)
+    read, clock = Findings(), reading.make_clock(system, found)
+    modes = reading.active_modes(system, clock, read)
+    [table] = reading.mode_tables(system, found, modes, clock, read).values()
+    return lambda: list(check_complete(table))
 
 
 @pytest.mark.parametrize("prepare", [measured, narrowed, claimed, demanded])
