@@ -93,7 +93,7 @@ def test_three_checkers_agree(tmp_path):
 
 @pytest.mark.slow  # the test above has the same subject
 def test_three_checkers_agree_on_many(tmp_path):
-    compare(tmp_path, 2, 20_000)
+    compare(tmp_path, 2, 8000)
 
 
 def with_chains(rng, system):

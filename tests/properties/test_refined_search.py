@@ -146,15 +146,15 @@ def test_a_cycle_counts_from_jobs_whose_starts_all_lie_a_period_later():
 
 
 @pytest.mark.slow  # the same with many more; above, a few
-def test_what_the_search_calls_valid_of_two_thousand_systems_verifies():
+def test_what_the_search_calls_valid_of_a_thousand_systems_verifies():
     valid = 0
-    for seed in range(4000):
+    for seed in range(2000):
         system = loosened(seed, 1 + seed % 2 * 3)
         if not any(d.is_error for d in validate_model(system)):
             found = outcome(system, SearchOptions(budget=100))
             assert found != "HAL0903", f"seed {seed}"
             valid += 1
-    assert valid > 2000
+    assert valid > 1000
 
 
 @pytest.mark.parametrize("change", [{"let": ms(9)}, {}], ids=["let", "release"])
