@@ -35,6 +35,18 @@ def crowd(rng):
     return system, plans, length, between
 
 
+def switch(length, between, span):
+    """Return the table of the switch between the two modes of `span`."""
+    return TransitionTable(
+        source="one",
+        target="two",
+        length=milliseconds(length),
+        worst_latency=milliseconds(span + length),
+        status=Status.VALID,
+        jobs=tuple(between),
+    )
+
+
 def placed(rng, system, index, start):
     chosen = rng.choice(system.task("t").versions).name
     return replace(job(system, "t", 0, start, f"u{rng.randrange(12)}", chosen), index=index)
@@ -45,14 +57,7 @@ def placed(rng, system, index, start):
 def test_a_task_against_itself_is_found_as_by_all_pairs(rng):
     system, plans, length, between = crowd(rng)
     tables = [oracle_table(system, name, [*jobs, job(system, "s", 0, 0, "u0")]) for name, jobs in plans]
-    gap = TransitionTable(
-        source="one",
-        target="two",
-        length=milliseconds(length),
-        worst_latency=milliseconds(40 + length),
-        status=Status.VALID,
-        jobs=tuple(between),
-    )
+    gap = switch(length, between, 40)
     plan = Schedule(model=system.name, modes=tuple(tables), transitions=(gap,))
     found = {d.code for d in verify(system, plan)}
     line = [("n", start(j) - 40, end(j) - 40) for j in plans[0][1]] + [
@@ -181,14 +186,7 @@ def test_what_meets_on_units_and_resources_is_found_as_by_all_pairs(rng):
         replace(oracle_table(system, name, jobs), hyperperiod=milliseconds(20))
         for name, jobs in zip(("one", "two"), plans, strict=True)
     )
-    gap = TransitionTable(
-        source="one",
-        target="two",
-        length=milliseconds(length),
-        worst_latency=milliseconds(20 + length),
-        status=Status.VALID,
-        jobs=tuple(between),
-    )
+    gap = switch(length, between, 20)
     found = {d.code for d in verify(system, Schedule(model=system.name, modes=tables, transitions=(gap,)))}
     lines = [on_the_circle(plans[0]), on_the_circle(plans[1]), on_the_line(plans, length, between)]
     assert (codes.OVERLAP.id in found) == any(map(is_twice, lines))
@@ -239,14 +237,7 @@ def test_starved_tasks_and_late_arrivals_are_found_as_by_all_pairs(rng):
     system, plans, length, between = polled(rng)
     rest = job(system, "s", 0, 0, "u2")
     tables = tuple(oracle_table(system, name, [*jobs, rest]) for name, jobs in zip(("one", "two"), plans, strict=True))
-    gap = TransitionTable(
-        source="one",
-        target="two",
-        length=milliseconds(length),
-        worst_latency=milliseconds(40 + length),
-        status=Status.VALID,
-        jobs=tuple(between),
-    )
+    gap = switch(length, between, 40)
     found = {d.code for d in verify(system, Schedule(model=system.name, modes=tables, transitions=(gap,)))}
     owner = system.task("t")
     circles = [[(j, start(j) + 40 * turn, turn) for turn in range(-1, 1) for j in jobs] for jobs in plans]

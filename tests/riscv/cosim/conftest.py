@@ -1,13 +1,16 @@
 """A small bundle for the co-simulation: three tasks on two cores, three modes, jobs that wrap round the hyperperiod."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.riscv import bundle
 from halpipe.importers.native import parse_model
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
+from one_fault import with_fault
 from support import job, ms
 
 HERE = Path(__file__).parent
@@ -89,6 +92,20 @@ def export(tmp_path_factory):
 def sound(export):
     """The bundle as it should be."""
     return export()
+
+
+@pytest.fixture
+def mutant(export, monkeypatch, tmp_path):
+    """Export with a runtime in which one thing is another."""
+
+    def make(file, what, instead, **options):
+        shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
+        path = tmp_path / "runtime" / file
+        path.write_text(with_fault(path.read_text(), what, instead))
+        monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
+        return export(**options)
+
+    return make
 
 
 @pytest.fixture

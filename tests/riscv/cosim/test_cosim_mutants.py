@@ -122,20 +122,6 @@ OTHERS = {
 }
 
 
-@pytest.fixture
-def mutant(export, monkeypatch, tmp_path):
-    """Export with a runtime in which one thing is another."""
-
-    def make(file, what, instead, **options):
-        shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
-        path = tmp_path / "runtime" / file
-        path.write_text(with_fault(path.read_text(), what, instead))
-        monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
-        return export(**options)
-
-    return make
-
-
 def found_in(target, **options):
     return {d.code for d in DEPLOYMENT.check(target, CheckOptions(**options)).diagnostics if d.is_error}
 

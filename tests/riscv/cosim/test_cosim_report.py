@@ -1,7 +1,5 @@
 """What a runtime prints and measures on the simulated board: the check finds where that is not so."""
 
-import shutil
-
 import pytest
 
 from halpipe.deploy.base import CheckOptions
@@ -10,22 +8,6 @@ from halpipe.deploy.riscv.board.machine import Budget
 from halpipe.deploy.riscv.judge import check
 from halpipe.deploy.riscv.judge.calibration import wrong_measurements
 from halpipe.deploy.riscv.judge.report import wrong_reports
-from halpipe.exporters.riscv import bundle
-from one_fault import with_fault
-
-
-@pytest.fixture
-def mutant(export, monkeypatch, tmp_path):
-    """Export with a runtime in which one text is another."""
-
-    def make(file, what, instead, **options):
-        shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
-        path = tmp_path / "runtime" / file
-        path.write_text(with_fault(path.read_text(), what, instead))
-        monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
-        return export(**options)
-
-    return make
 
 
 def test_what_is_printed_is_what_is_recorded(sound):

@@ -37,7 +37,7 @@ from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.system.values import Place
-from halpipe.importers.arxml.tasks.requirements import Edge, without_cycles
+from halpipe.importers.arxml.tasks.order import Edge, without_cycles
 from halpipe.models import Anchor
 
 

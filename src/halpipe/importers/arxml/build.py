@@ -26,9 +26,10 @@ from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations, group, slack_of
 from halpipe.importers.arxml.tasks.calls import join_calls, report_other_rates, with_one_rate
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
+from halpipe.importers.arxml.tasks.order import find_edges
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED, decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
-from halpipe.importers.arxml.tasks.requirements import find_edges, find_requirements
+from halpipe.importers.arxml.tasks.requirements import find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
 from halpipe.importers.common.base import Imported, imported
 from halpipe.models import Anchor, Binding, Match, Precedence, Task, TaskModel, Version
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.system.values import System, Trigger
     from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.importers.arxml.tasks.dataflow import DataFlow
-    from halpipe.importers.arxml.tasks.requirements import Edge, Requirements
+    from halpipe.importers.arxml.tasks.order import Edge
+    from halpipe.importers.arxml.tasks.requirements import Requirements
     from halpipe.importers.arxml.tasks.versions import Lock, Variant
     from halpipe.importers.common.base import Coverage
     from halpipe.models import Mode

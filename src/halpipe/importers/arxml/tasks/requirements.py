@@ -1,28 +1,21 @@
-"""Order and requirements of tasks: precedence without cycles, deadlines, distances, chains with their limits.
+"""Requirements of tasks: deadlines, distances between their instants, chains with their limits.
 
 A latency from the beginning to the end of one runnable is a deadline. Any other chain is a cause-effect chain of the
 tasks that its events belong to."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from graphlib import CycleError, TopologicalSorter
+from dataclasses import dataclass, field
 from itertools import groupby
-from math import gcd
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
-from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
-from halpipe.importers.arxml.tasks.activation import position_of
-from halpipe.importers.arxml.tasks.periods import senders_of
 from halpipe.models import Anchor, Chain, Match
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -32,8 +25,6 @@ if TYPE_CHECKING:
         LetGroup,
         Limit,
         Observable,
-        Order,
-        Ordered,
         Place,
         Synchronisation,
         System,
@@ -93,7 +84,7 @@ class _Occurrence:
     context: tuple[str, ...]
 
 
-def _paths(member: Activation) -> set[str]:
+def paths_of(member: Activation) -> set[str]:
     """Return the runnable and the event of an activation."""
     return {member.place.path, *([member.event.place.path] if member.event else [])}
 
@@ -335,8 +326,8 @@ class _Finder:
         """Give the tasks of a group the length of its LET interval as their logical execution time."""
         lengths = {limit.maximum for limit in limits}
         paths = {member.path for member in let.members}
-        tasks = [d for d in self._drafts.values() if any(not paths.isdisjoint(_paths(m)) for m in d.members)]
-        partly = [d.name for d in tasks if any(paths.isdisjoint(_paths(member)) for member in d.members)]
+        tasks = [d for d in self._drafts.values() if any(not paths.isdisjoint(paths_of(m)) for m in d.members)]
+        partly = [d.name for d in tasks if any(paths.isdisjoint(paths_of(member)) for member in d.members)]
         if len(lengths) != 1 or not tasks or partly:
             why = "no task executes in it" if not tasks else "the length of its interval is not stated"
             why = f"{listed(partly)} executes more than what is in it" if partly else why
@@ -354,276 +345,3 @@ class _Finder:
             f"is not imported: {why}",
             help="state it in the overlay (deadline, precedence, chains)",
         )
-
-
-@record
-class Edge:
-    """`first` before `second` (task names), because of the element at `cause`.
-
-    `spacing` states the window where an offset constraint does; `also` are elements that state the same order.
-    """
-
-    first: str
-    second: str
-    cause: Place
-    spacing: Spacing | None = None
-    also: tuple[Place, ...] = ()
-
-    @property
-    def anchor(self) -> Anchor:
-        """Instant of the first task from which the window counts."""
-        return self.spacing.anchor if self.spacing else Anchor.END
-
-
-def find_edges(
-    system: System, drafts: Sequence[Draft], dataflow: DataFlow, required: Requirements, findings: Findings
-) -> list[Edge]:
-    """Return the precedence between tasks, strongest source first, each pair once, free of cycles."""
-    edges = [
-        *(Edge(spacing.first, spacing.second, spacing.cause, spacing) for spacing in required.spacings),
-        *_from_constraints(system, drafts, findings),
-        *_from_positions(drafts, findings),
-        *_from_received_data(drafts, dataflow),
-    ]
-    alike: dict[tuple[str, str], list[Edge]] = {}
-    for edge in edges:
-        if edge.first == edge.second:
-            required.used.append(edge.cause)
-        else:
-            alike.setdefault((edge.first, edge.second), []).append(edge)
-    kept = without_cycles([e for found in alike.values() for e in _joined(found)], findings)
-    return [*kept, *_synchronised(required.together, kept, drafts, findings)]
-
-
-def _synchronised(
-    together: Sequence[tuple[Synchronisation, Mapping[str, Anchor]]],
-    edges: Sequence[Edge],
-    drafts: Sequence[Draft],
-    findings: Findings,
-) -> Iterator[Edge]:
-    """Let all others follow the first of some tasks within the tolerance, in the order that the edges have.
-
-    The constraint does not state who is first; a window does, which demands more than the constraint.
-    """
-    sorter: TopologicalSorter[str] = TopologicalSorter({draft.name: () for draft in drafts})
-    for edge in edges:
-        sorter.add(edge.second, edge.first)
-    rank = {name: number for number, name in enumerate(sorter.static_order())}
-    for cause, instants in together:
-        first, *others = sorted(instants, key=rank.__getitem__)
-        for other in others:
-            window = Spacing(
-                first,
-                other,
-                ZERO,
-                cause.tolerance,
-                instants[first],
-                cause.place,
-                instants[other],
-                Match.CYCLE,
-            )
-            yield Edge(first, other, cause.place, window)
-        cause.place.report(
-            findings,
-            codes.SYNCHRONISED,
-            f'{listed(others)} follow "{first}" within {cause.tolerance}',
-            help="state another order in the overlay (precedence), if this one cannot be kept",
-        )
-
-
-def _joined(alike: list[Edge]) -> Iterator[Edge]:
-    """Yield every window between two tasks, or the strongest order if no window is stated; others are noted in it."""
-    windows = [edge for edge in alike if edge.spacing] or alike[:1]
-    also = tuple(dict.fromkeys(edge.cause for edge in alike if edge not in windows))
-    yield replace(windows[0], also=also)
-    yield from windows[1:]
-
-
-# ------------------------------------------------------------------------------------------------- sources
-
-
-def _from_constraints(system: System, drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:
-    """Execution order constraints; two runnables of one component type are ordered within each instance only."""
-    by_path: dict[str, list[tuple[Draft, Activation]]] = {}
-    for draft in drafts:
-        for member in draft.members:
-            for path in _paths(member):
-                by_path.setdefault(path, []).append((draft, member))
-    _report_lost(system, by_path.keys(), findings)
-    for order in system.orders:
-        same_type = order.first.path.rpartition("/")[0] == order.second.path.rpartition("/")[0]
-        is_named = bool(order.first.prototype or order.second.prototype)
-        for draft, first in _in_context(by_path, order.first):
-            for other, second in _in_context(by_path, order.second):
-                is_meant = is_named or not same_type or first.context == second.context
-                if is_meant and (draft is not other or _is_kept_inside(order, draft, first, second, findings)):
-                    yield Edge(draft.name, other.name, order.place)
-
-
-def _is_kept_inside(order: Order, draft: Draft, first: Activation, second: Activation, findings: Findings) -> bool:
-    """Whether the positions in one OsTask state an order, too; report one that they contradict, or leave open."""
-    one, other = position_of(first), position_of(second)
-    if one is not None and other is not None and one < other:
-        return True
-    order.place.report(
-        findings,
-        codes.ORDER_LOST,
-        f'orders "{first.name}" before "{second.name}", which "{draft.name}" runs '
-        + ("in no stated order" if one is None or other is None or one == other else "the other way round"),
-        help="correct RtePositionInTask, or the constraint",
-    )
-    return False
-
-
-def _in_context(by_path: dict[str, list[tuple[Draft, Activation]]], end: Ordered) -> Iterator[tuple[Draft, Activation]]:
-    """Yield the tasks of what an order names, with the activations; those of the named prototype if it names one."""
-    for draft, member in by_path.get(end.path, ()):
-        if end.prototype is None or end.prototype in member.context:
-            yield draft, member
-
-
-def _report_lost(system: System, known: Collection[str], findings: Findings) -> None:
-    """Report, once per constraint, what it orders that is no task."""
-    lost: dict[Place, dict[str, None]] = {}
-    for order in system.orders:
-        for path in (order.first.path, order.second.path):
-            if path not in known:
-                lost.setdefault(order.place, {})[path] = None
-    for place, paths in lost.items():
-        place.report(
-            findings,
-            codes.ORDER_LOST,
-            f"orders what is no periodic task: {listed(list(paths))}",
-            help="give it a period in the overlay (sources) if the order matters",
-        )
-
-
-def _from_positions(drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:
-    """RtePositionInTask orders what one OsTask runs; equal positions are not ordered.
-
-    What is released together runs in this order, also across periods: each position follows the last one before it,
-    and the last one with its own period and offset.
-    """
-    hosted: dict[str, list[Draft]] = {}
-    for draft in drafts:
-        if draft.os_task is not None:
-            hosted.setdefault(draft.os_task.place.path, []).append(draft)
-    for found in hosted.values():
-        slots: dict[int, list[Draft]] = {}
-        for draft in found:
-            if draft.position is not None:
-                slots.setdefault(draft.position, []).append(draft)
-        _report_positions(found, slots, findings)
-        yield from _in_turn(slots)
-
-
-def _in_turn(slots: dict[int, list[Draft]]) -> Iterator[Edge]:
-    last_of_rate: dict[tuple[Duration | None, Duration | None], list[Draft]] = {}
-    last: list[Draft] = []
-    for position in sorted(slots):
-        for second in slots[position]:
-            before = {id(first): first for first in (*last, *last_of_rate.get((second.period, second.offset), ()))}
-            for first in before.values():
-                if _meet(first, second):
-                    mapping = second.members[0].mapping
-                    assert mapping is not None
-                    yield Edge(first.name, second.name, mapping.place)
-        last = slots[position]
-        rates: dict[tuple[Duration | None, Duration | None], list[Draft]] = {}
-        for draft in last:
-            rates.setdefault((draft.period, draft.offset), []).append(draft)
-        last_of_rate |= rates
-
-
-def _meet(first: Draft, second: Draft) -> bool:
-    """Whether releases of two tasks coincide, which they do iff their offsets agree modulo the common divisor."""
-    if first.period is None or second.period is None:
-        return first.period == second.period
-    one, other = first.period.fraction, second.period.fraction
-    common = Fraction(
-        gcd(one.numerator * other.denominator, other.numerator * one.denominator), one.denominator * other.denominator
-    )
-    return ((first.offset or ZERO).fraction - (second.offset or ZERO).fraction) % common == 0
-
-
-def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], findings: Findings) -> None:
-    """Report what one OsTask runs in an order that no input states."""
-    unordered = [draft for draft in found if draft.position is None]
-    groups = [*slots.values(), [*unordered, *found[:1]] if unordered else []]
-    for group in groups:
-        names = list(dict.fromkeys(draft.name for draft in group))
-        if len(names) > 1 and group[0].os_task is not None:
-            findings.report(
-                codes.SAME_POSITION,
-                f"runs in no stated order: {listed(names)}",
-                at=group[0].place.at,
-                path=named("OsTask", group[0].os_task.place.path),
-            )
-
-
-def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator[Edge]:
-    """A task that data starts comes after the tasks of the same period that send the data."""
-    senders: dict[tuple[Actor, Duration | None], list[Draft]] = {}
-    for draft in drafts:
-        for member in draft.members:
-            senders.setdefault((member.actor, draft.period), []).append(draft)
-    for draft in drafts:
-        for member in draft.members:
-            if member.event is None:
-                continue
-            for actor in senders_of(member, dataflow):
-                for sender in senders.get((actor, draft.period), ()):
-                    yield Edge(sender.name, draft.name, member.event.place)
-
-
-# -------------------------------------------------------------------------------------------------- cycles
-
-
-def without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
-    """Keep edges in order of strength, leaving out and reporting every one that would close a cycle."""
-    if _is_acyclic(edges):
-        return edges
-    kept: list[Edge] = []
-    successors: dict[str, list[str]] = {}
-    for edge in edges:
-        way = _way(successors, edge.second, edge.first)
-        if way:
-            edge.cause.report(
-                findings,
-                codes.CYCLE,
-                f'the order "{edge.first}" before "{edge.second}" is left out, because it contradicts '
-                + " before ".join(f'"{name}"' for name in way),
-                help="correct one of them in the source, or state the order in the overlay (precedence)",
-            )
-            continue
-        kept.append(edge)
-        successors.setdefault(edge.first, []).append(edge.second)
-    return kept
-
-
-def _is_acyclic(edges: list[Edge]) -> bool:
-    sorter: TopologicalSorter[str] = TopologicalSorter()
-    for edge in edges:
-        sorter.add(edge.second, edge.first)
-    try:
-        sorter.prepare()
-    except CycleError:
-        return False
-    return True
-
-
-def _way(successors: dict[str, list[str]], start: str, end: str) -> list[str]:
-    """Return a shortest way from `start` to `end`, empty if there is none."""
-    came_from = {start: ""}
-    todo = [start]
-    for name in todo:
-        if name == end:
-            way = [end]
-            while came_from[way[-1]]:
-                way.append(came_from[way[-1]])
-            return way[::-1]
-        for following in successors.get(name, ()):
-            if following not in came_from:
-                came_from[following] = name
-                todo.append(following)
-    return []
