@@ -60,6 +60,6 @@ EARLY_JOB = error(
 FAULTS_NOTICED = warning(
     "HAL1456",
     "Dispatcher noticed a fault during its check",
-    "A job was late or longer than its slot, or a health rule was followed, in a run whose recording has no other "
-    "finding: on a machine without real-time rights ends are not judged, and a switch of mode is allowed.",
+    "A job was late or longer than its slot, or a health rule was followed. It stands beside what the recording shows: "
+    "on a machine without real-time rights ends are not judged, and a switch of mode is allowed.",
 )
