@@ -33,7 +33,7 @@ COMMANDS = (
 def surroundings():
     """Return environments: other hashes, every locale that is installed, another time zone, another width."""
     installed = subprocess.run(["locale", "-a"], capture_output=True, text=True, check=False).stdout.split()
-    others = [{"LC_ALL": name} for name in installed if name not in ("C", "POSIX")][:8]
+    others = [{"LC_ALL": name} for name in installed if name not in ("C", "POSIX")][:4]
     for number, more in enumerate([{"LC_ALL": "C"}, *others, {"TZ": "Asia/Kathmandu"}, {"COLUMNS": "200"}]):
         yield {"PYTHONHASHSEED": str(number), **more}
 

@@ -48,7 +48,7 @@ class Stop:
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize("slices", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 5, 9))])  # 1 stops most
+@pytest.mark.parametrize("slices", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 9))])  # 1 stops most
 @pytest.mark.parametrize("work", [pytest.param(100, marks=pytest.mark.slow), 1000])  # some hundred stops, or some ten
 def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices, workers, work):
     from halpipe.pipeline.solve.kernel import slices as kernel_slices

@@ -93,8 +93,8 @@ def test_every_operator_breaks_schedules(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [systems.valid_system, systems.switching_system])
 def test_mutants_at_length(make):
-    found = Counter(breaks(name, seed, make) for seed in range(60) for name in mutants.OPERATORS)
-    assert found[True] > 1200
+    found = Counter(breaks(name, seed, make) for seed in range(25) for name in mutants.OPERATORS)
+    assert found[True] > 500
 
 
 def rules_found(system, plan):
@@ -139,5 +139,5 @@ def test_the_same_rules_are_broken_in_wild_switches(rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [systems.wild_system, systems.wild_switch])
 def test_wild_schedules_at_length(make):
-    for seed in range(3000):
+    for seed in range(1500):
         compare_rules(*make(random.Random(seed)))

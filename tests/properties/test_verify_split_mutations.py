@@ -26,7 +26,7 @@ from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)
 OPERATORS = {**split_mutants.OPERATORS, **verify_mutants.OPERATORS}
-MUTANTS = int(os.environ.get("HALPIPE_MUTANTS", "2000"))
+MUTANTS = int(os.environ.get("HALPIPE_MUTANTS", "1000"))
 """Mutants of the long test; the command in docs/explanation/verify.md asks for many more."""
 
 
