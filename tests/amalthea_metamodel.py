@@ -32,16 +32,18 @@ class Metamodel:
         return {name}.union(*(self.ancestors(parent) for parent in parents if parent in self.classes))
 
     @cache  # noqa: B019
+    def concrete_classes(self):
+        """The classes of which there may be elements, in the order of the file."""
+        return {
+            kind: None
+            for kind, found in self.classes.items()
+            if found.get(XSI) == "ecore:EClass" and "true" not in (found.get("abstract"), found.get("interface"))
+        }.keys()
+
+    @cache  # noqa: B019
     def concrete(self, name):
         """The classes of which an element may be where a class is asked for."""
-        return [
-            kind
-            for kind, found in self.classes.items()
-            if found.get(XSI) == "ecore:EClass"
-            and found.get("abstract") != "true"
-            and found.get("interface") != "true"
-            and name in self.ancestors(kind)
-        ]
+        return [kind for kind in self.concrete_classes() if name in self.ancestors(kind)]
 
     def target(self, feature):
         return (feature.get("eType") or "").rpartition("//")[2]
@@ -188,32 +190,38 @@ class Additions:
                     yield (owner, element.tag), name, kind, self._with(element, feature, new)
 
     def inner(self):
-        """Yield the same for the classes that the elements of the base cannot hold: within a new element each."""
+        """Yield the same for the classes that no element of the base can hold: each within new elements."""
         reached = set(self.kinds.values())
-        queue = []
+        queue = []  # an element of the base, its feature, and the new elements from there on: tag, class, target
         for element, owner in self.kinds.items():
-            for name, feature in self.metamodel.features(owner).items():
-                if feature.get("containment") == "true" and feature.get("derived") != "true":
-                    target = self.metamodel.target(feature)
-                    for kind in self.metamodel.concrete(target):
-                        if kind not in reached:
-                            reached.add(kind)
-                            queue.append((element, feature, self.instance(name, kind, target), (owner, name, kind)))
-        for element, feature, new, owners in queue:
-            kind = owners[-1]
-            for name, inner in self.metamodel.features(kind).items():
-                if inner.get("containment") != "true" or inner.get("derived") == "true":
-                    continue
-                target = self.metamodel.target(inner)
-                for below in self.metamodel.concrete(target):
-                    if below in reached:
-                        continue
-                    reached.add(below)
-                    outer = copy.deepcopy(new)
-                    for old in outer.findall(name) if inner.get("upperBound") != "-1" else []:
-                        outer.remove(old)
-                    outer.append(self.instance(name, below, target))
-                    yield owners, name, below, self._with(element, feature, outer)
+            for name, target, kind in self._below(owner, reached):
+                queue.append((element, self.metamodel.features(owner)[name], [(name, kind, target)]))
+        for element, feature, path in queue:
+            owners = [word for name, kind, _ in reversed(path) for word in (kind, name)]
+            for name, target, kind in self._below(owners[0], reached):
+                longer = [*path, (name, kind, target)]
+                queue.append((element, feature, longer))
+                yield (*owners, self.kinds[element]), name, kind, self._with(element, feature, self._nested(longer))
+
+    def _below(self, owner, reached):
+        """Yield feature, its class and a class that an element may hold, for each class that was not reached before."""
+        for name, feature in self.metamodel.features(owner).items():
+            if feature.get("containment") == "true" and feature.get("derived") != "true":
+                target = self.metamodel.target(feature)
+                for kind in self.metamodel.concrete(target):
+                    if kind not in reached:
+                        reached.add(kind)
+                        yield name, target, kind
+
+    def _nested(self, path):
+        root = last = self.instance(*path[0])
+        for (name, kind, target), (_, owner, _) in zip(path[1:], path, strict=False):
+            if self.metamodel.features(owner)[name].get("upperBound") != "-1":
+                for old in last.findall(name):
+                    last.remove(old)
+            last.append(self.instance(name, kind, target))
+            last = last[-1]
+        return root
 
     def attributes(self):
         """Yield (owner class, attribute, value, model) for every attribute and reference of an element of the base."""
@@ -224,7 +232,7 @@ class Additions:
                     continue
                 is_reference = feature.get(XSI) == "ecore:EReference"
                 found = self._candidates(self.metamodel.target(feature)) if is_reference else self._values(feature)
-                for value in found[:8]:
+                for value in found[:8] if is_reference else found:
                     if (owner, name, value) in done or element.get(name) == value:
                         continue
                     done.add((owner, name, value))

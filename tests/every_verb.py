@@ -1,24 +1,32 @@
 """Valid systems through every verb: random models over all pairs of features, and the answers that must agree.
 
-Usage: every_verb.py [SYSTEMS] [SEED]. Each system has the two features of one pair and two more. Each system on which a
-verb ends in an internal error or two verbs disagree gets a line, its files are kept, and the exit code is 1.
+Usage: every_verb.py [SYSTEMS] [SEED] [--every N]. Each system has the two features of one pair and two more, and meets
+validate, schedule, both checkers, explain, diff, the native export and its import through the Python API; every N-th
+(50) meets the command of every verb. Each system with an internal error or two answers that disagree gets a line, its
+files are kept, and the exit code is 1.
 """
 
 from __future__ import annotations
 
+import argparse
 import random
 import shutil
 import sys
 import tempfile
+import traceback
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
+import halpipe
 from command_line import run_here
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.exporters.native import format_model
+from halpipe.exporters.native import format_model, format_schedule
+from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.models import (
     Access,
     Anchor,
@@ -416,17 +424,83 @@ class Drive:
             self.run("deploy", "check", "linux", "-q", lawful=lawful, label="deploy check linux")
 
 
-def drive(first: int, count: int, keep: Path, said=print) -> tuple[Counter[str], Counter[tuple[str, int]], list[int]]:
-    """Drive so many systems; return how they ended, the exit codes by verb, and the seeds on which verbs disagree."""
+class Values:
+    """The verbs that decide, on one model in memory: some thirty systems a second."""
+
+    def __init__(self, folder: Path, counts: Counter[tuple[str, int]]) -> None:
+        self.folder, self.counts = folder, counts
+
+    def ask(self, verb: str, question: object, *lawful: Exit) -> tuple[object, int]:
+        """Return an answer and its exit code; raise where it fails in any other way than by a lawful exit code."""
+        try:
+            answer, code = question(), FOUND
+        except HalpipeError as failure:
+            answer, code = None, int(failure.exit)
+            if failure.exit not in lawful:
+                raise DisagreementError(f"{verb}: exit {code}\n{failure}") from None
+        except Exception:  # noqa: BLE001 - each is what is looked for
+            raise DisagreementError(f"{verb}: {traceback.format_exc(limit=-4)}") from None
+        self.counts[f"{verb}()", code] += 1
+        return answer, code
+
+    def whole(self, rng: random.Random, drafted: TaskModel) -> str:
+        """Ask every question, and return how the model ended: invalid, found, not found or infeasible."""
+        content = format_model(drafted)
+        (self.folder / "m.xml").write_bytes(content)
+        model = parse_model(content, "m.xml")
+        self.same("model", drafted, content, format_model(model), model)
+        found, _ = self.ask("validate", lambda: halpipe.validate(model))
+        if any(finding.is_error for finding in found):
+            self.ask("explain invalid", lambda: halpipe.explain(model, remedies=False))
+            return "invalid"
+        seed = rng.randrange(5)
+        search = lambda: halpipe.schedule(model, budget=300, seed=seed)  # noqa: E731
+        schedule, code = self.ask("schedule", search, Exit.NOT_FOUND, Exit.INFEASIBLE)
+        explain = lambda: halpipe.explain(model, remedies=False, exact=False)  # noqa: E731
+        explained, _ = self.ask("explain", explain, Exit.NOT_FOUND)
+        self.counts["explained", int(explained.exit)] += 1
+        if {FOUND, INFEASIBLE} <= {code, int(explained.exit)}:
+            raise DisagreementError(f"proven infeasible and found: schedule {code}, explain {explained.exit}")
+        if schedule is not None:
+            self.found(model, schedule)
+        return {FOUND: "found", INFEASIBLE: "infeasible"}.get(int(explained.exit) if code else code, "not found")
+
+    def found(self, model: TaskModel, schedule: object) -> None:
+        """Hold the schedule against both checkers, as it is and as it is read back."""
+        content = format_schedule(schedule)
+        (self.folder / "s.xml").write_bytes(content)
+        again = parse_schedule(content, "s.xml")
+        self.same("schedule", schedule, content, format_schedule(again), again)
+        broken, _ = self.ask("verify", lambda: halpipe.verify(model, again))
+        judged = second.module().judge(str(self.folder / "m.xml"), str(self.folder / "s.xml"))
+        if broken or judged:
+            raise DisagreementError(f"a schedule that was found is refused: {[*broken, *judged]}")
+
+    def same(self, what: str, value: object, content: bytes, again: bytes, back: object) -> None:
+        """Raise unless a file that is read and written again has the same bytes, and diff sees no difference."""
+        difference, _ = self.ask(f"diff {what}", lambda: halpipe.diff(value, back))
+        if content != again or (difference if isinstance(difference, tuple) else not difference.is_same):
+            raise DisagreementError(f"the {what} that is read back differs: {difference}")
+
+
+Failed = tuple[Counter[str], Counter[tuple[str, int]], list[int]]
+
+
+def drive(first: int, count: int, keep: Path, said=print, every: int = 1) -> Failed:
+    """Drive so many systems; return how they ended, exit codes by verb, and the seeds on which verbs disagree."""
     ends: Counter[str] = Counter()
     codes: Counter[tuple[str, int]] = Counter()
     failed = []
     for seed in range(first, first + count):
         model, features = system(seed)
         with tempfile.TemporaryDirectory(prefix="halpipe-verbs-") as place:
-            driver = Drive(Path(place), codes)
+            drivers = [Values(Path(place), codes)] + [Drive(Path(place), codes)] * (seed % every == 0)
             try:
-                ends[driver.whole(random.Random(seed), model)] += 1
+                for driver in drivers:
+                    end = driver.whole(random.Random(seed), model)
+                ends[end] += 1
+                if end != "invalid":
+                    ends.update(combinations(features, 2))
             except DisagreementError as failure:
                 failed.append(seed)
                 shutil.copytree(place, keep / str(seed), dirs_exist_ok=True)
@@ -436,12 +510,19 @@ def drive(first: int, count: int, keep: Path, said=print) -> tuple[Counter[str],
 
 def main() -> int:
     """Drive the systems that are asked for."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
-    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("systems", type=int, nargs="?", default=2000)
+    asked.add_argument("seed", type=int, nargs="?", default=0)
+    asked.add_argument("--every", type=int, default=50)
+    words = asked.parse_args()
+    say = partial(print, flush=True)
     keep = Path(tempfile.mkdtemp(prefix="halpipe-disagreements-"))
-    ends, codes, failed = drive(first, count, keep, lambda text: print(text, flush=True))  # noqa: T201
-    print(dict(ends), {f"{verb}: {code}": n for (verb, code), n in sorted(codes.items())})  # noqa: T201
-    print(f"{count} systems, {len(failed)} with a disagreement{f'; files in {keep}' if failed else ''}")  # noqa: T201
+    ends, codes, failed = drive(words.seed, words.systems, keep, say, words.every)
+    say({end: n for end, n in ends.items() if isinstance(end, str)})
+    say({f"{verb}: {code}": n for (verb, code), n in sorted(codes.items())})
+    names = [(one.__name__, other.__name__) for one, other in PAIRS]
+    say(f"{len(PAIRS)} pairs of features in valid models, the rarest", min((ends[name], name) for name in names))
+    say(f"{words.systems} systems, {len(failed)} with a disagreement{f'; files in {keep}' if failed else ''}")
     return 1 if failed else 0
 
 

@@ -5,25 +5,26 @@ from itertools import combinations
 
 import pytest
 
+import halpipe
 from every_verb import FEATURES, PAIRS, DisagreementError, Drive, drive, system
 from halpipe.pipeline.validate import validate
 
 
-def told(tmp_path, first, count):
+def driven(tmp_path, first, count, every=1):
     lines = []
-    ends, codes, failed = drive(first, count, tmp_path, lines.append)
+    ends, codes, failed = drive(first, count, tmp_path, lines.append, every)
     assert not failed, "\n".join(lines)
     return ends, codes
 
 
 @pytest.mark.parametrize("seed", [7, 47, 142, 203])
 def test_verbs_agree(tmp_path, seed):
-    told(tmp_path, seed, 1)
+    driven(tmp_path, seed, 1)
 
 
 @pytest.mark.slow  # the test above has the same subject
 def test_verbs_agree_on_every_pair_of_features(tmp_path):
-    ends, codes = told(tmp_path, 0, len(PAIRS))
+    ends, codes = driven(tmp_path, 0, len(PAIRS), every=8)
     assert ends["found"] > len(PAIRS) // 2
     assert {verb for verb, _ in codes} >= {
         "size",
@@ -33,6 +34,22 @@ def test_verbs_agree_on_every_pair_of_features(tmp_path):
         "import arxml",
         "compare",
     }
+    assert {"schedule()", "explain()", "diff model()", "diff schedule()"} <= {verb for verb, _ in codes}
+
+
+@pytest.mark.parametrize("answer", ["schedule", "explain", "verify"])
+def test_an_error_in_an_answer_is_a_disagreement(tmp_path, monkeypatch, answer):
+    monkeypatch.setattr(halpipe, answer, lambda *_, **__: {}["a bug"])
+    _, _, failed = drive(7, 1, tmp_path, [].append)
+    assert failed == [7]
+    assert (tmp_path / "7" / "m.xml").is_file()
+
+
+def test_a_schedule_that_is_refused_is_a_disagreement(tmp_path, monkeypatch):
+    monkeypatch.setattr(halpipe, "verify", lambda *_: ["broken"])
+    lines = []
+    drive(7, 1, tmp_path, lines.append)
+    assert "is refused" in lines[0]
 
 
 def test_each_seed_has_its_pair_and_most_systems_are_valid_models():
