@@ -35,7 +35,7 @@ def test_golden(tmp_path, name):
     written = {
         n: c
         for n, c in files(tmp_path, name).items()
-        if not n.startswith(("rtl/", "dma/", "linux/")) and not n.endswith(".rdl")
+        if not n.startswith(("rtl/", "dma/", "linux/")) and not n.endswith((".rdl", ".xml"))
     }
     folder = GOLDEN / "regulator" / name
     if os.environ.get("HALPIPE_UPDATE_GOLDEN"):

@@ -1,6 +1,6 @@
 """The generic table-driven unit (paper, section IV): images of its memories, and a C header.
 
-The unit itself, in Verilog, and its registers, in SystemRDL, go with the tables.
+The unit itself, in Verilog, and its description, in SystemRDL and IP-XACT, go with the tables.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class TableUnit:
             files[f"unit{words.unit.index}.tab.memh"] = words.table_image()
             files[f"unit{words.unit.index}.hdr.memh"] = words.header_image()
         files["bw_tables.h"] = _header(tables, units, digest)
-        return files | unit_sources()
+        return files | _descriptions(tables, units, sorted(files)) | unit_sources()
 
 
 class _UnitWords:
@@ -120,13 +120,43 @@ def _header(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
     )
 
 
-_SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso", ".rdl")
+def _descriptions(tables: Tables, units: list[_UnitWords], made: list[str]) -> dict[str, bytes]:
+    """Return registers in SystemRDL and the component in IP-XACT, built as these tables need it."""
+    platform, sources = tables.platform, unit_sources()
+    beats = platform.burst // platform.bus
+    parameters = {
+        "UNITS": len(units),
+        "DEPTH": int(platform.settings["table"]["depth"]),
+        "TABLES": header_lines(len(tables.tables)),
+        "BANKS": 1,
+        "PORTS": 1,
+        "SIZE": platform.bus.bit_length() - 1,
+        "CYCLES": platform.cycles,
+        "IMAGES": '""',
+        "ADDR": 40,
+        "ID": 4,
+        "BUFFER": max(16, 1 << (beats - 1).bit_length()),  # a write longer than the buffer is refused
+        "STAGE": 0,
+    }
+    file_sets = (
+        ("rtl", "verilogSource", [name for name in sources if name.startswith("rtl/") and name.endswith(".v")]),
+        ("constraints", "SDC", [name for name in sources if name.endswith(".sdc")]),
+        ("images", "", [name for name in made if name.endswith(".memh")]),
+        ("software", "cSource", ["bw_tables.h", *(name for name in sources if name.endswith(".c"))]),
+    )
+    return {
+        name: render(f"table/{name}.j2", units=units, parameters=parameters, file_sets=file_sets)
+        for name in ("regulator.rdl", "component.xml")
+    }
+
+
+_SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso")
 
 
 def unit_sources() -> dict[str, bytes]:
-    """Return Verilog, constraints, core and register description, driver for Linux and DMA engine, by bundle name."""
+    """Return Verilog, constraints, core descriptions, driver for Linux and DMA engine, by bundle name."""
     here = resources.files(__package__)
-    folders = ("", "dma/", "linux/", "rtl/")
+    folders = ("dma/", "linux/", "rtl/")
     found = {f"{name}{file.name}": file for name in folders for file in here.joinpath(name).iterdir()}
     return {name: found[name].read_bytes() for name in sorted(found) if name.endswith(_SHIPPED)}
 
