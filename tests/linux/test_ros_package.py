@@ -242,6 +242,10 @@ def test_the_launch_file_takes_nodes_parameters_and_remappings(tmp_path, monkeyp
     assert (planner["parameters"], planner["remappings"]) == (["car.yaml", {"rate": 10}], [("/a", "/b")])
     assert [one["extra_arguments"][0]["use_intra_process_comms"] for one in (planner, sink)] == [True, False]
     assert (sink["namespace"], sink["name"], sink["parameters"], sink["remappings"]) == ("/", "sink", [{}], [])
+    stated["container"]["use_sim_time"] = True
+    (tmp_path / "config" / "components.yaml").write_text(yaml.safe_dump(stated))
+    [container] = space["generate_launch_description"]()
+    assert container["composable_node_descriptions"][1]["parameters"] == [{"use_sim_time": True}, {}]
 
 
 def test_tasks_without_a_callback_are_named():

@@ -20,9 +20,9 @@ from support import ms
 
 SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
 NAMES = ("full", "within", "dead", "patterns", "cancelling", "unload", "lifecycle", "throwing", "hanging", "random")
+SIMULATIONS = ("slow_simulation", "fast_simulation")
 REFUSED = {
-    "simulated": "table_container: use_sim_time: the tables have the rate of the machine's clock",
-    "node_simulated": "/sink: use_sim_time: the tables have the rate of the machine's clock",
+    "node_simulated": "/sink: use_sim_time: the tables have the machine's clock; state it for the container, too",
     "no_cpu": "cpus is UNIT=CPU,..., each unit once, not u1=",
     "two_cpus": "cpus is UNIT=CPU,..., each unit once, not u1=1",
 }
@@ -58,7 +58,7 @@ def played(request, tmp_path_factory):
     """All scenarios with one version of rclcpp, started together."""
     folder = tmp_path_factory.mktemp("ros")
     build(folder, package(), request.param)
-    return play(folder, (*NAMES, *REFUSED, "no_background"))
+    return play(folder, (*NAMES, *SIMULATIONS, *REFUSED, "no_background"))
 
 
 def build(folder, files, distribution):
@@ -113,9 +113,18 @@ def test_a_queue_that_was_full_at_the_start_makes_no_datum_old(played, name):
 def test_a_system_without_a_publisher_is_found_dead(played):
     dead = played["dead"]
     assert dead.status == FAULTS
-    assert numbers(dead.out)["seen"] == 0
+    pipe, status = dead.out.splitlines()
+    assert numbers(pipe)["seen"] == 0
     assert {(row["task"], row["data"]) for row in dead.rows} == {("/source", "1"), ("/sink", "0")}
     assert "/sink: there was no message for a job" in dead.err
+    found = re.fullmatch(
+        r"table_container: all tasks level 1 count (\d+) array (\d+); mode all; cycle (\d+); ended late \d+; "
+        r"longer than their slots \d+; without a message (\d+); skipped 0; failed 0; tables lost \d+",
+        status,
+    )
+    count, arrays, cycle, missing = map(int, found.groups())
+    assert count > arrays >= 1  # every 100 ms, and every second
+    assert 0 < missing <= cycle + 1
     judgement = judge(*system(), read_recording(dead.recording.read_bytes()), is_timed=False)
     assert {d.code for d in judgement.diagnostics} == {"HAL1089"}
 
@@ -170,6 +179,24 @@ def test_what_the_tables_cannot_be_played_with_is_refused_by_name(played, name):
     assert REFUSED[name] in refused.err
     assert "the tables are not played" in refused.err
     assert "the tables never began" in refused.err
+
+
+@pytest.mark.parametrize("name", SIMULATIONS)
+def test_tables_follow_simulated_time(played, name):
+    """They hold while it pauses, and end when it is set back; the recording has the time of the simulation."""
+    found = played[name]
+    assert numbers(found.out) == {"paused": 0, "wrong": 0, "some": 1}
+    assert "the tables wait for /clock" in found.err
+    assert "/source: without use_sim_time, as the tables have it, its now() is that of the machine" in found.err
+    assert "/sink: without use_sim_time" not in found.err
+    assert re.search("the clock was set, by -7[56]..... us in all; the tables end", found.err)
+    assert found.status == FAULTS
+    assert all(int(row["start"]) >= int(row["planned"]) for row in found.rows)
+    assert {int(row["planned"]) - 10_000_000 * int(row["cycle"]) for row in found.rows} == {0, 2_000_000}
+    cycles = {int(row["cycle"]) for row in found.rows}
+    assert max(cycles) < 260  # simulated time ends at 8.6 s, and the tables begin at a whole second of it, 6 or later
+    assert ("simulated time ran ahead" in found.err) == (cycles != set(range(max(cycles) + 1)))
+    assert (name == "slow_simulation") or "simulated time ran ahead" in found.err
 
 
 def test_a_background_lane_on_no_cpu_is_refused(played):

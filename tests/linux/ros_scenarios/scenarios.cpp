@@ -90,6 +90,12 @@ int dead() {
   Pipe pipe(false, false);
   const int status = pipe.play(3000);
   pipe.print();
+  using Status = diagnostic_msgs::msg::DiagnosticStatus;
+  const Status last = rclcpp::Publisher<Status>::stub_last;
+  std::printf("%s level %d count %d array %d", last.name.c_str(), last.level, rclcpp::Publisher<Status>::stub_count,
+              rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::stub_count);
+  for (const auto & one : last.values) {std::printf("; %s %s", one.key.c_str(), one.value.c_str());}
+  std::printf("\n");
   return status;
 }
 
@@ -210,7 +216,7 @@ int waiting() {
   return status;
 }
 
-// Tables have the rate of the clock of the machine; a simulator may run faster, slower, or pause.
+// Nodes that the tables run have the clock of the tables.
 int node_simulated() {
   Pipe pipe;
   pipe.sink_parameters = {{"use_sim_time", {true}}};
@@ -227,11 +233,32 @@ int no_cpu(const char * cpus) {
   return status;
 }
 
-int simulated() {
+// A simulator that comes late, runs at some percent of the rate of the machine, pauses, and is set back.
+int in_simulation(int percent) {
   rclcpp::stub_parameters::is_simulated = true;
   Pipe pipe;
-  const int status = pipe.play(3000);
-  pipe.print();
+  pipe.sink_parameters = {{"use_sim_time", {true}}};
+  int paused = 0;
+  std::thread simulator([&] {
+    const auto run = [percent](int64_t from, int64_t to) {
+      const int64_t begin = stub::now();
+      for (int64_t time = from; rclcpp::ok() && time < to; time = from + (stub::now() - begin) * percent / 100) {
+        rclcpp::Clock::stub_last = time;
+        std::this_thread::sleep_for(std::chrono::microseconds(500));
+      }
+    };
+    std::this_thread::sleep_for(milliseconds(500));
+    run(8000000000 - INT64_C(8000000) * percent, 8400000000);
+    std::this_thread::sleep_for(milliseconds(100));
+    paused = pipe.sent;
+    std::this_thread::sleep_for(milliseconds(300));
+    paused -= pipe.sent;
+    run(8400000000, 8600000000);
+    rclcpp::Clock::stub_last = 1000000000;
+  });
+  const int status = pipe.play(20000);
+  simulator.join();
+  std::printf("paused %d wrong %d some %d\n", paused, pipe.wrong.load(), int(pipe.sent > 10));
   return status;
 }
 
@@ -304,7 +331,8 @@ int main(int argc, char ** argv) {
   if (name == "throwing") {return throwing();}
   if (name == "hanging") {return hanging();}
   if (name == "waiting") {return waiting();}
-  if (name == "simulated") {return simulated();}
+  if (name == "slow_simulation") {return in_simulation(50);}
+  if (name == "fast_simulation") {return in_simulation(300);}
   if (name == "node_simulated") {return node_simulated();}
   if (name == "no_cpu") {return no_cpu("u1=");}
   if (name == "two_cpus") {return no_cpu("u1=0,u1=1");}

@@ -300,8 +300,12 @@ template<typename T>
 class Publisher {
 public:
   using SharedPtr = std::shared_ptr<Publisher<T>>;
-  void publish(const T & message) {last = message;}
-  T last;
+  void publish(const T & message) {
+    stub_last = message;
+    stub_count++;
+  }
+  static inline T stub_last{};
+  static inline int stub_count = 0;
 };
 
 namespace stub_parameters {
@@ -310,6 +314,23 @@ inline int64_t priority = 0;
 inline bool is_simulated = false;
 }
 
+// rclcpp/src/rclcpp/time_source.cpp: with use_sim_time the clocks of a node have the last time of /clock, which a thread of
+// the TimeSource sets, and 0 before the first; without it they have the time of the system.
+class Time {
+public:
+  explicit Time(int64_t nanoseconds) : nanoseconds_(nanoseconds) {}
+  int64_t nanoseconds() const {return nanoseconds_;}
+  operator long() const {return nanoseconds_;}
+private:
+  int64_t nanoseconds_;
+};
+class Clock {
+public:
+  using SharedPtr = std::shared_ptr<Clock>;
+  Time now() const {return Time(stub_parameters::is_simulated ? stub_last.load() : stub::now());}
+  static inline std::atomic<int64_t> stub_last{0};
+};
+
 class Node {
 public:
   explicit Node(const std::string & name, const NodeOptions & = NodeOptions())
@@ -317,7 +338,8 @@ public:
   virtual ~Node() = default;
   Logger get_logger() const {return {};}
   const char * get_name() const {return name_.c_str();}
-  long now() const {return stub::now();}
+  Time now() const {return clock_->now();}
+  Clock::SharedPtr get_clock() {return clock_;}
   node_interfaces::NodeBaseInterface::SharedPtr get_node_base_interface() {return base_;}
   template<typename T>
   bool get_parameter(const std::string & name, T & value) const {   // use_sim_time is declared by the node's TimeSource
@@ -370,6 +392,7 @@ public:
   }
 private:
   std::shared_ptr<node_interfaces::NodeBase> base_;
+  Clock::SharedPtr clock_ = std::make_shared<Clock>();
   std::string name_;
 };
 

@@ -24,7 +24,7 @@
 
 typedef struct {          /* a table that is played */
   uint64_t cycle;
-  int64_t at;
+  int64_t at, shift;      /* shift: ns by which it begins after its instant of simulated time */
   int table;              /* -1: the end */
 } turn;
 
@@ -53,9 +53,10 @@ static pthread_cond_t opened = PTHREAD_COND_INITIALIZER;
 static atomic_int wanted = -1, stopping, ended, playing, unlocked;
 static _Atomic int64_t requested, stepped;
 static atomic_uint steps;
+static _Atomic uint64_t in_cycle;
 static dispatch_switches switched = {.excess = INT64_MIN};
 static _Atomic uint64_t refused, left_out;
-static int64_t origin;
+static int64_t origin, shift, simulated, simulated_origin;
 static pthread_t conductor, copier;
 static int (*hook)(const dispatch_job *job, int64_t at);
 static void (*hook_copy)(const dispatch_copy *copy);
@@ -186,8 +187,8 @@ static int set_priority(worker_state *w, int priority) {
 /* A job that is under way is known to the conductor, and to the recorder if it never ends. */
 static void begin(worker_state *self, const dispatch_job *job, const turn *turn, int64_t began) {
   const int64_t at = turn->at + job->start;
-  atomic_store_explicit(&self->planned, at, memory_order_relaxed);
-  atomic_store_explicit(&self->began, began, memory_order_relaxed);
+  atomic_store_explicit(&self->planned, at - turn->shift, memory_order_relaxed);
+  atomic_store_explicit(&self->began, began - turn->shift, memory_order_relaxed);
   atomic_store_explicit(&self->cycle, turn->cycle, memory_order_relaxed);
   atomic_store_explicit(&self->which, (uint32_t)turn->table << 16 | job->job, memory_order_relaxed);
   atomic_store_explicit(&self->due, turn->at + job->end, memory_order_release);
@@ -215,7 +216,7 @@ static void play(worker_state *self, const dispatch_job *job, const turn *turn, 
     if (atomic_load(&self->noticed) != due) flee(self);
   }
   const dispatch_event event = {
-    .planned = at, .began = began, .ended = over, .busy = clock_now(CLOCK_THREAD_CPUTIME_ID) - used,
+    .planned = at - turn->shift, .began = began - turn->shift, .ended = over - turn->shift, .busy = clock_now(CLOCK_THREAD_CPUTIME_ID) - used,
     .cycle = turn->cycle, .table = (uint16_t)turn->table, .job = job->job, .result = (int16_t)result,
   };
   keep(self, &event);
@@ -377,6 +378,25 @@ static int64_t after(int table, int64_t at, int64_t *rest) {
   return end;
 }
 
+/* Wait until the simulated clock reaches the beginning of a table, and shift the table to a coming instant.
+ *
+ * A clock that pauses holds the tables, whose jobs are watched meanwhile; one that is set back ends them. */
+static void keep_pace(int64_t at, int64_t length) {
+  for (; !atomic_load(&stopping); sleep_until(time_now() + MILLISECOND)) {
+    const int64_t there = now_.pace();
+    if (there < simulated) {
+      atomic_fetch_add(&stepped, there - simulated);
+      atomic_fetch_add(&steps, 1);
+      dispatch_stop();
+    }
+    simulated = there;
+    if (simulated - simulated_origin >= at - origin) break;
+    watch(time_now(), length);
+  }
+  const int64_t earliest = time_now() + now_.lead - at;
+  if (shift < earliest) shift = earliest;
+}
+
 static void *conduct(void *unused) {
   (void)unused;
   prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);
@@ -384,29 +404,34 @@ static void *conduct(void *unused) {
   int64_t at = origin, rest = 0;
   int table = now_.mode;
   uint64_t cycle = 0;
-  publish((turn){cycle, at, table});
+  if (now_.pace) keep_pace(at, plan.tables[table].length);
+  if (!atomic_load(&stopping)) publish((turn){cycle, at + shift, shift, table});
   for (;;) {
     const int64_t length = plan.tables[table].length;
     atomic_store(&playing, table);
+    atomic_store(&in_cycle, cycle);
     at = after(table, at, &rest);
     cycle++;
     if (length > 0) {
-      sleep_until(at - (now_.lead < length / 4 ? now_.lead : length / 4));
+      sleep_until(at + shift - (now_.lead < length / 4 ? now_.lead : length / 4));
       check_clock();
       watch(time_now(), length);
+      if (now_.pace) keep_pace(at, length);
     }
     if (atomic_load(&stopping) || (now_.cycles && cycle >= now_.cycles)) break;
-    table = choose(table, at);
-    const int64_t next = plan.tables[table].length, time = time_now();
+    table = choose(table, at + shift);
+    const int64_t next = plan.tables[table].length, begin = at + shift;
+    const int64_t time = now_.pace ? origin + simulated - simulated_origin : time_now();
     /* Far too late, whole tables are left out, so that phases stay; what is less is caught up with. */
-    const int64_t patience = now_.policy == DISPATCH_LOG ? RING / 8 * next : next;
+    const int64_t patience = now_.policy == DISPATCH_LOG && !now_.pace ? RING / 8 * next : next;
     for (; table < plan.n_modes && next > 0 && at + patience <= time; cycle++) {
       at = after(table, at, &rest);
       atomic_fetch_add(&left_out, 1);
     }
-    publish((turn){cycle, at, table});
+    if (now_.pace) shift = begin - at;
+    publish((turn){cycle, at + shift, shift, table});
   }
-  publish((turn){cycle, at, -1});
+  publish((turn){cycle, at + shift, shift, -1});
   atomic_store(&ended, 1);
   return NULL;
 }
@@ -524,7 +549,8 @@ int dispatch_start(const dispatch_options *options) {
   if (error) return error;
   offset = offset_of(now_.clock);
   const int64_t ahead = middle(offset);
-  origin = now_.origin ? next_of_phase(now_.origin - ahead, time_now()) : ((time_now() + ahead) / SECOND + 2) * SECOND - ahead;
+  if (now_.pace) simulated = now_.pace(), simulated_origin = (simulated / SECOND + 1) * SECOND;
+  origin = now_.pace ? time_now() : now_.origin ? next_of_phase(now_.origin - ahead, time_now()) : ((time_now() + ahead) / SECOND + 2) * SECOND - ahead;
   error = create(&conductor, conduct, NULL, "conductor", -1, now_.priority ? now_.priority + plan.levels : 0);
   if (!error) atexit(dispatch_left);
   return error ? dispatch_fail(error, "the conductor cannot be started", NULL) : 0;
@@ -554,9 +580,11 @@ void dispatch_request(int mode) {
   atomic_store(&wanted, mode);
 }
 void dispatch_stop(void) { atomic_store(&stopping, 1); }
+int dispatch_is_paced(void) { return now_.pace != NULL; }
 int dispatch_has_ended(void) { return atomic_load(&ended); }
 int dispatch_is_unlocked(void) { return atomic_load(&unlocked); }
 int dispatch_table_now(void) { return atomic_load(&playing); }
+uint64_t dispatch_cycle_now(void) { return atomic_load(&in_cycle); }
 int dispatch_worker_here(void) { return here; }
 int64_t dispatch_origin(void) { return origin; }
 uint64_t dispatch_left_out(void) { return atomic_load(&left_out); }

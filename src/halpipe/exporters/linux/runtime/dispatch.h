@@ -93,6 +93,7 @@ typedef struct {
   uint64_t cycles;                            /* tables to play, 0: until stopped */
   size_t capacity, stack;                     /* events waiting for the recorder, by thread; bytes, 0: the platform's */
   const int *cpus;                            /* by worker */
+  int64_t (*pace)(void);                      /* simulated time in ns, at which tables begin; NULL: that of the machine */
 } dispatch_options;
 
 typedef struct {
@@ -125,9 +126,11 @@ int dispatch_wait(int64_t seconds);           /* for all threads to end; ETIMEDO
 int dispatch_finish(void);                    /* the recording; the first errno that it met */
 void dispatch_request(int mode);              /* taken at the end of the table; any thread, also signal handlers */
 void dispatch_stop(void);                     /* at the end of the table */
+int dispatch_is_paced(void);                  /* by simulated time */
 int dispatch_has_ended(void);
 int dispatch_is_unlocked(void);               /* memory was not locked in the end, see may_unlock */
 int dispatch_table_now(void);
+uint64_t dispatch_cycle_now(void);
 int64_t dispatch_origin(void);                /* on CLOCK_MONOTONIC */
 int64_t dispatch_stepped(unsigned *times);    /* ns by which the clock of the origin was set since */
 uint64_t dispatch_left_out(void);             /* tables, since the machine was away for longer than one */

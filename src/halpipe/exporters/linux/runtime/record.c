@@ -305,10 +305,11 @@ int dispatch_news(char *text, size_t size) {
   unsigned times;
   const int64_t step = dispatch_stepped(&times);
   if (tell(text, size, &steps_told, times, "", "")) {
-    snprintf(text, size, "the clock was set, by %lld us in all; tables go on as they were, no longer at its whole seconds",
-             (long long)(step / 1000));
+    snprintf(text, size, "the clock was set, by %lld us in all; %s", (long long)(step / 1000),
+             dispatch_is_paced() ? "the tables end" : "tables go on as they were, no longer at its whole seconds");
     return 1;
   }
-  if (!left_told && tell(text, size, &left_told, dispatch_left_out(), "", "tables were left out: the machine was away")) return 1;
+  const char *const away = dispatch_is_paced() ? "tables were left out: simulated time ran ahead" : "tables were left out: the machine was away";
+  if (!left_told && tell(text, size, &left_told, dispatch_left_out(), "", away)) return 1;
   return !error_told && out.error && tell(text, size, &error_told, 1, "the recording ends: ", strerror(out.error));
 }

@@ -16,6 +16,7 @@
 
 #include "bindings.hpp"
 #include "diagnostic_msgs/msg/diagnostic_array.hpp"
+#include "diagnostic_msgs/msg/diagnostic_status.hpp"
 #include "dispatch.h"
 #include "rclcpp/rclcpp.hpp"
 #include "rclcpp_components/component_manager.hpp"
@@ -25,6 +26,9 @@
 namespace {
 
 table::Executor * executor = nullptr;
+rclcpp::Clock::SharedPtr simulation;   // that of the container, if it has use_sim_time: its TimeSource follows /clock
+
+int64_t simulated() {return simulation->now().nanoseconds();}
 
 int run(const dispatch_job * job, int64_t at) {
   const table::Result result = executor->run(job->program, at + job->start);
@@ -57,7 +61,10 @@ public:
       take_cpus(declare_parameter<std::string>("cpus", ""));
     bool is_simulated = false;
     get_parameter("use_sim_time", is_simulated);
-    if (is_simulated) {refuse_simulated(get_name());}
+    if (is_simulated) {
+      simulation = get_clock();
+      options_.pace = simulated;
+    }
     for (int i = 0; i < plan.n_modes; i++) {
       const auto ask = [i](
         const std::shared_ptr<std_srvs::srv::Trigger::Request>, std::shared_ptr<std_srvs::srv::Trigger::Response> answer) {
@@ -67,6 +74,10 @@ public:
       modes_.push_back(create_service<std_srvs::srv::Trigger>("~/mode/" + table::mode_names[i], ask));
     }
     diagnostics_ = create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", 10);
+    if (const int64_t ms = declare_parameter<int64_t>("status_ms", 100); ms > 0) {
+      status_ = create_publisher<diagnostic_msgs::msg::DiagnosticStatus>("~/status", 10);
+      tell_status_ = create_wall_timer(std::chrono::milliseconds(ms), [this] {tell_status();});
+    }
     look_ = create_wall_timer(std::chrono::milliseconds(200), [this] {look();});
     report_ = create_wall_timer(std::chrono::seconds(1), [this] {report();});
   }
@@ -99,9 +110,7 @@ protected:
   void add_node_to_executor(uint64_t id) override {
     ComponentManager::add_node_to_executor(id);
     const auto node = node_wrappers_.at(id).get_node_base_interface();
-    if (asks_simulated_ && tables_->has_rows(node->get_fully_qualified_name())) {
-      refuse_simulated(node->get_fully_qualified_name());
-    }
+    if (tables_->has_rows(node->get_fully_qualified_name())) {compare_clocks(node->get_fully_qualified_name());}
     tables_->adopt(node);
   }
 
@@ -122,10 +131,14 @@ protected:
   }
 
 private:
-  void refuse_simulated(const char * node) {
-    RCLCPP_ERROR(
-      get_logger(), "%s: use_sim_time: the tables have the rate of the machine's clock, simulated time has another", node);
-    are_stated_ = false;
+  // A simulator may run faster, slower or pause: tables of the machine's clock would run another number of jobs.
+  void compare_clocks(const char * node) {
+    if (asks_simulated_ && !options_.pace) {
+      RCLCPP_ERROR(get_logger(), "%s: use_sim_time: the tables have the machine's clock; state it for the container, too", node);
+      are_stated_ = false;
+    } else if (!asks_simulated_ && options_.pace) {
+      RCLCPP_WARN(get_logger(), "%s: without use_sim_time, as the tables have it, its now() is that of the machine", node);
+    }
   }
 
   int mode_of(const std::string & name) {
@@ -185,7 +198,8 @@ private:
       return;
     }
     const std::vector<std::string> lacking = tables_->unbound();
-    if (lacking.empty()) {start();}
+    if (lacking.empty() && options_.pace && options_.pace() <= 0) {say_now_and_then("the tables wait for /clock", {});}
+    else if (lacking.empty()) {start();}
     else {say_now_and_then("the tables wait for the callbacks of", lacking);}
   }
 
@@ -225,40 +239,52 @@ private:
   // State what each task did so far, once a second.
   void report() {
     if (!is_started_) {return;}
-    using diagnostic_msgs::msg::DiagnosticStatus;
     diagnostic_msgs::msg::DiagnosticArray all;
     all.header.stamp = now();
     for (int i = 0; i < plan.n_workers; i++) {
-      const dispatch_counts c = dispatch_counted(i);
-      DiagnosticStatus status;
-      status.name = std::string(get_name()) + ": " + plan.workers[i].task;
-      status.hardware_id = plan.workers[i].unit;
-      const bool is_bad = c.is_stuck || c.faults;
-      const bool is_odd = c.late_ends || c.overran || c.no_data || c.skipped || c.lost_tables;
-      status.level = is_bad ? DiagnosticStatus::ERROR : is_odd ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
-      status.message = c.is_stuck ? "a job does not return" : c.faults ? "a job failed" : is_odd ? "late, or without data" : "";
-      const auto value = [&status](const char * key, const std::string & text) {
-        diagnostic_msgs::msg::KeyValue pair;
-        pair.key = key;
-        pair.value = text;
-        status.values.push_back(pair);
-      };
-      value("mode", plan.tables[dispatch_table_now()].name);
-      value("ended late", std::to_string(c.late_ends));
-      value("longer than their slots", std::to_string(c.overran));
-      value("without a message", std::to_string(c.no_data));
-      value("skipped", std::to_string(c.skipped));
-      value("failed", std::to_string(c.faults));
-      value("tables lost", std::to_string(c.lost_tables + dispatch_left_out()));
-      all.status.push_back(status);
+      dispatch_counts counts = dispatch_counted(i);
+      counts.lost_tables += dispatch_left_out();
+      all.status.push_back(status_of(plan.workers[i].task, plan.workers[i].unit, counts));
     }
     diagnostics_->publish(all);
+  }
+
+  // State what all of them did, every status_ms.
+  void tell_status() {
+    if (is_started_) {status_->publish(status_of("all tasks", plan.model, dispatch_total()));}
+  }
+
+  diagnostic_msgs::msg::DiagnosticStatus status_of(const std::string & what, const char * hardware, const dispatch_counts & c) {
+    using diagnostic_msgs::msg::DiagnosticStatus;
+    DiagnosticStatus status;
+    status.name = std::string(get_name()) + ": " + what;
+    status.hardware_id = hardware;
+    const bool is_bad = c.is_stuck || c.faults;
+    const bool is_odd = c.late_ends || c.overran || c.no_data || c.skipped || c.lost_tables;
+    status.level = is_bad ? DiagnosticStatus::ERROR : is_odd ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
+    status.message = c.is_stuck ? "a job does not return" : c.faults ? "a job failed" : is_odd ? "late, or without data" : "";
+    const auto value = [&status](const char * key, const std::string & text) {
+      diagnostic_msgs::msg::KeyValue pair;
+      pair.key = key;
+      pair.value = text;
+      status.values.push_back(pair);
+    };
+    value("mode", plan.tables[dispatch_table_now()].name);
+    value("cycle", std::to_string(dispatch_cycle_now()));
+    value("ended late", std::to_string(c.late_ends));
+    value("longer than their slots", std::to_string(c.overran));
+    value("without a message", std::to_string(c.no_data));
+    value("skipped", std::to_string(c.skipped));
+    value("failed", std::to_string(c.faults));
+    value("tables lost", std::to_string(c.lost_tables));
+    return status;
   }
 
   std::shared_ptr<table::Executor> tables_;
   std::vector<rclcpp::ServiceBase::SharedPtr> modes_;
   rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::SharedPtr diagnostics_;
-  rclcpp::TimerBase::SharedPtr look_, report_;
+  rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticStatus>::SharedPtr status_;
+  rclcpp::TimerBase::SharedPtr look_, report_, tell_status_;
   std::vector<int> cpus_;
   dispatch_options options_{};
   std::string record_;

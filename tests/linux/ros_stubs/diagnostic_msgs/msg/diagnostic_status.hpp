@@ -1,0 +1,2 @@
+#pragma once
+#include "diagnostic_msgs/msg/diagnostic_array.hpp"
