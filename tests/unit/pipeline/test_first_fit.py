@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 
-from halpipe.models import Status
+from halpipe.models import Match, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.kernel import (
@@ -100,6 +101,18 @@ def test_slower_tasks_of_a_chain_come_where_faster_ones_wait_for_them():
     is_valid, problem, state = constructed(system)
     assert is_valid
     assert (starts(problem, state)["slow"] - starts(problem, state)["fast"]) % 5 == 1
+
+
+def test_many_windows_of_one_cycle_are_placed_in_a_row_within_a_move_for_each_task():
+    rows = [replace(after(f"t{n - 1}", 0, 100, "end"), match=Match.CYCLE) for n in range(1, 300)]
+    system = model(
+        task("t0", 100, version("v", "100us", "u0")),
+        *(task(f"t{n}", 100, version("v", "100us", f"u{n % 4}", row)) for n, row in enumerate(rows, 1)),
+        units="u0 u1 u2 u3",
+    )
+    found = schedule_model(system, SearchOptions(budget=1), lambda *_: True)
+    assert found.is_complete
+    assert not [finding for finding in verify(system, found.schedule) if finding.is_error]
 
 
 def test_windows_gangs_and_resources_are_kept():

@@ -121,8 +121,8 @@ class _Search:
     @cached_property
     def pinned(self) -> dict[str, tuple[str, ...]]:
         """The units of the tasks that keep to them in all modes, where earlier modes have settled them."""
-        bound = {active.name for active in self.expansion.tasks if active.task.binding is Binding.SYSTEM}
-        return {task: units for (task, _), units in self.earlier.units.items() if task in bound}
+        bound = (active.name for active in self.expansion.tasks if active.task.binding is Binding.SYSTEM)
+        return {task: units for task in bound if (units := self.earlier.homes.get(task))}
 
     @cached_property
     def shipped(self) -> dict[tuple[str, int], Job]:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.lanes import Choice
 
+Rect = tuple[int, int, int, int]
+_EndsLate = tuple[Duration, Duration]
 Columns = dict[str, Any]
 """Arrays and tables by their names in `Arrays`."""
 
@@ -47,6 +49,9 @@ START, END, RELEASE, POINT, DATA = range(5)
 """The instants of jobs as the kernel knows them; `DATA` of a chain: where jobs read, or write."""
 
 INSTANT = {Anchor.START: START, Anchor.END: END, Anchor.RELEASE: RELEASE, Anchor.POINT: POINT, None: DATA}
+
+SAME_CYCLE = 5
+"""Column of a row that is 1 where both jobs are of one cycle."""
 
 ANY_SET = -1
 """Stands for the unit set of an option that goes with every other."""
@@ -226,7 +231,8 @@ class _Builder:
 
     def _options(self) -> Columns:
         wcet, late, present, sets, task_sets, task_option = [], [], [], [], [], [0]
-        rects: list[list[tuple[int, int, int, int]]] = []
+        recencies: list[_EndsLate] = []
+        rects: list[list[Rect]] = []
         rows: list[list[tuple[int, ...]]] = []
         for active in self.expansion.tasks:
             numbers: dict[Choice, int] = {}
@@ -236,16 +242,18 @@ class _Builder:
                 constraints = sorted(found, key=itemgetter(0))  # the kernel finds a task by halves
                 if any(predecessor < 0 or width < 0 for predecessor, _, width, *_ in constraints):
                     continue
-                phases: dict[Service[Duration], list[tuple[int, int, int, int]]] = {}
+                known: dict[Service[Duration], tuple[int, int, list[Rect], _EndsLate]] = {}
                 for choice in self.lanes.choices(active, version):
                     service = self.lanes.service(choice)
-                    length, slip = self.lanes.times(active, version, service)
+                    if service not in known:
+                        times, phases = self.lanes.times(active, version, service), self.lanes.phases(version, service)
+                        known[service] = (*times, phases, self._recency(version, service))
+                    length, slip, claims, recency = known[service]
                     if slip < 0 or length > self.hyperperiod:
                         continue
                     self.options.append(Option(version, choice))
-                    if service not in phases:
-                        phases[service] = self.lanes.phases(version, service)
-                    rects.append([(group, 0, length, count) for group, count in choice] + phases[service])
+                    recencies.append(recency)
+                    rects.append([(group, 0, length, count) for group, count in choice] + claims)
                     rows.append(constraints)
                     wcet.append(length)
                     late.append(slip)
@@ -254,6 +262,7 @@ class _Builder:
             task_sets.append(max(1, len(numbers)))
             if active.name in self._uncertain:
                 self.options.append(Option(None, ()))
+                recencies.append((ZERO, ZERO))
                 rects.append([])
                 rows.append([])
                 wcet.append(0)
@@ -261,6 +270,7 @@ class _Builder:
                 present.append(0)
                 sets.append(ANY_SET)
             task_option.append(len(wcet))
+        ranks = {key: number for number, key in enumerate(sorted(set(recencies), reverse=True))}
         rect_first, rect = _table(rects, 4)
         row_first, row = _table(rows, 7)
         return {
@@ -270,29 +280,18 @@ class _Builder:
             "option_present": ints(present),
             "option_set": ints(sets),
             "task_sets": ints(task_sets),
-            "option_recency": self._recency(),
+            "option_recency": ints(map(ranks.__getitem__, recencies)),
             "rect_first": rect_first,
             "rect": rect,
             "row_first": row_first,
             "row": row,
         }
 
-    def _recency(self) -> Ints:
-        """Rank the options by what their ends lack of a whole tick, and by their WCETs: what lacks least ends last."""
-        known: dict[tuple[int, Service[Duration]], tuple[Duration, Duration]] = {}
-        keys = []
-        for option in self.options:
-            alike = (id(option.version), self.lanes.service(option.groups))
-            if alike not in known:
-                wcet = self._reserved(option)
-                known[alike] = (self.lanes.tick * self.lanes.ticks_up(wcet) - wcet, wcet)
-            keys.append(known[alike])
-        place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
-        return ints(place[key] for key in keys)
-
-    def _reserved(self, option: Option) -> Duration:
-        wcet = option.version.wcet if option.version else None
-        return reserved_length(wcet, self.lanes.service(option.groups)) if wcet else ZERO
+    def _recency(self, version: Version, service: Service[Duration]) -> _EndsLate:
+        """Return what the end lacks of a whole tick, and the execution time: what lacks least ends last."""
+        assert version.wcet is not None, "validated models state every WCET"
+        wcet = reserved_length(version.wcet, service)
+        return self.lanes.tick * self.lanes.ticks_up(wcet) - wcet, wcet
 
     def _row(self, row: Precedence) -> tuple[int, ...]:
         """Return a window as the kernel has it; a width below zero can never be met."""

@@ -10,7 +10,7 @@ from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, NEVER, State, load, new_state
 from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
-from halpipe.pipeline.solve.problem import Option
+from halpipe.pipeline.solve.problem import SAME_CYCLE, Option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.problem import Problem
 
 NOTHING = Earlier()
+
+MANY_TASKS = 200
+"""Tasks from which on moves alone do not order the jobs of one cycle."""
 
 
 @record
@@ -76,7 +79,7 @@ class Search:
         kept = self._kept and self._kept.stage("groups")
         if not self._is_begun:
             self._is_begun = True
-            if len(problem.arrays.chain_limit):
+            if _is_constructed(problem):
                 construct(problem, state, budget, lambda made: on_slice(made, -1))
             if kept is not None:
                 kept.restore(state)
@@ -139,6 +142,13 @@ def improved(
     better = improve(problem, *taken, polish, on_slice, named, kept)
     found = named(better.problem, better.state, better.units)
     return Outcome(found, 0, better.moves, stopped=False, unimproved=better.stopped)
+
+
+def _is_constructed(problem: Problem) -> bool:
+    """Return whether tables are built up before anything moves: with limited chains, or many windows of one cycle."""
+    arrays = problem.arrays
+    is_large = len(arrays.task_period) > MANY_TASKS
+    return bool(len(arrays.chain_limit)) or (is_large and any(arrays.row.column(SAME_CYCLE)))
 
 
 def _completed(problem: Problem, state: State, seed: int) -> State:

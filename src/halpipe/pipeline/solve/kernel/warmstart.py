@@ -41,17 +41,19 @@ class Earlier:
 
     phases: dict[str, Duration] = field(default_factory=dict)
     units: dict[tuple[str, int], tuple[str, ...]] = field(default_factory=dict)
+    homes: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Of each task, the units of the last of its jobs: of a task that keeps to its units, those of all."""
 
     def and_then(self, expansion: Expansion, jobs: Iterable[Job]) -> Earlier:
         """Return what is known after one more mode; the first mode that runs a task decides for it."""
-        phases, units = dict(self.phases), dict(self.units)
+        phases, units, homes = dict(self.phases), dict(self.units), dict(self.homes)
         for job in jobs:
             period = expansion.by_name[job.task].task.period
-            units.setdefault((job.task, job.index), job.units)
+            homes[job.task] = units.setdefault((job.task, job.index), job.units)
             if period is not None and job.task not in self.phases:
                 phase = (job.start - period * job.index) % expansion.hyperperiod % period
                 phases[job.task] = min(phase, phases.get(job.task, phase))
-        return Earlier(phases, units)
+        return Earlier(phases, units, homes)
 
 
 def hints(problem: Problem, earlier: Earlier) -> Ints:
