@@ -38,13 +38,13 @@ class Act:
 
 
 def read_project(folder):
-    """All containers of all files by path; parts of one container are one."""
+    """All containers of all files by path; parts of one container are one, but those of copies do not count."""
     found = {}
-    for path in sorted(Path(folder).rglob("*")):
-        if path.suffix == ".arxml":
-            _read_arxml(etree.parse(path).getroot(), found)
-        elif path.suffix == ".xdm":
-            _read_xdm(etree.parse(path).getroot(), "", found)
+    for path in sorted(Path(folder).rglob("*.xdm")):
+        _read_xdm(etree.parse(path).getroot(), "", found)
+    modules = tuple(f"{p.rpartition('/')[0]}/" for p, c in found.items() if c.kind in ("OsTask", "RteGeneration"))
+    for path in sorted(Path(folder).rglob("*.arxml")):
+        _read_arxml(etree.parse(path).getroot(), found, modules)
     return found
 
 
@@ -101,10 +101,12 @@ def _short(text):
     return "".join((text or "").split()).rpartition("/")[2]
 
 
-def _read_arxml(root, found):
+def _read_arxml(root, found, configured):
     for element in root.iter(AR + "ECUC-CONTAINER-VALUE"):
         names = [e.findtext(AR + "SHORT-NAME") for e in (element, *element.iterancestors())]
         path = "/" + "/".join(name.strip() for name in reversed(names) if name)
+        if path.startswith(configured):
+            continue
         kind = _short(element.findtext(AR + "DEFINITION-REF"))
         container = found.setdefault(path, Container(path, kind))
         for value in element.iterfind(f"{AR}PARAMETER-VALUES/*"):

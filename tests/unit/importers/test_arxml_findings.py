@@ -17,6 +17,7 @@ WITHOUT_FIXTURE = {
     *(code.id for code in (codes.SYNCHRONISED, codes.OTHER_START, codes.MAPS_NOTHING)),  # test_arxml_joint
     *(codes.SECOND_MAPPING.id, codes.BLUEPRINT.id),  # test_arxml_meaning
     codes.ONE_VARIANT.id,  # test_arxml_variants
+    codes.OTHER_COPY.id,  # test_arxml_xdm
 }
 
 

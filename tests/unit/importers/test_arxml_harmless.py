@@ -25,6 +25,7 @@ from halpipe.core.diagnostics import Exit
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import harmless_kinds, reason_of
 from halpipe.importers.arxml.files.slim import tags_to_drop
+from halpipe.importers.arxml.files.words import NS
 
 OF_ECUC = [
     "BswInitialization",
@@ -124,5 +125,5 @@ def test_what_large_inputs_leave_out_is_harmless():
     single |= {"PER-INSTANCE-MEMORYS": "PER-INSTANCE-MEMORY", "MEMORY-SECTIONS": "MEMORY-SECTION"}
     single |= dict.fromkeys(("PER-INSTANCE-PARAMETERS", "SHARED-PARAMETERS"), "PARAMETER-DATA-PROTOTYPE")
     single |= {"PARAMETER-ACCESSS": "PARAMETER-ACCESS"}
-    tags = {tag.removeprefix("{n}") for tag in tags_to_drop("n")} - groups
+    tags = {tag.removeprefix(NS) for tag in tags_to_drop()} - groups
     assert [tag for tag in sorted(tags) if not reason_of(single.get(tag, tag))] == []

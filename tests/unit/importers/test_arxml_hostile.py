@@ -7,7 +7,7 @@ from lxml import etree
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.arxml.files.tree import NS
+from halpipe.importers.arxml.files.words import NS
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from profiles import examples
 

@@ -1,5 +1,7 @@
 """Project data of EB tresos: lists and choices, what is not set, and modules that are not read."""
 
+from pathlib import Path
+
 import pytest
 from arxml_case import component, composition, every, found, named, orders, package, periods, read, refusal, write
 from test_arxml_definitions import box, define
@@ -164,13 +166,118 @@ def test_a_list_of_references_is_several(tmp_path):
     assert {task.versions[0].units for task in imported.model.tasks} == {("core3",)}
 
 
-def test_another_module_is_refused_by_name_and_skipped_in_a_folder(tmp_path):
-    path = xdm(tmp_path, "Can", many("CanGeneral"))
-    (told,) = [d for d in refusal(path).diagnostics if d.code == codes.EB_XDM.id]
-    assert "configures Can" in told.message
-    project(tmp_path)
-    (skipped,) = found(read(tmp_path), codes.SKIPPED_FILE)
-    assert "configures Can" in skipped.message
+# --------------------------------------------------------------------------------------- whole folders of a project
+
+
+def settings(folder, *files):
+    """What the importers of a project read."""
+    entries = "".join(f'<d:ctr name="f"><d:var name="FileName" value="{name}"/></d:ctr>' for name in files)
+    path = folder / ".prefs" / "pref_imp_exp_System.xdm"
+    path.parent.mkdir()
+    inputs = f'<d:lst name="InputFiles" type="MAP">{entries}</d:lst>'
+    path.write_text(HEAD.split("<d:ctr")[0].split(" <d:")[0] + f'<d:ctr name="General">{inputs}</d:ctr></datamodel>')
+    return path
+
+
+def workspace(tmp_path, period="0.01", copied="0.01"):
+    """A project in its folders, with a component in `system` and a copy of it in another folder."""
+    root = tmp_path / "Car"
+    config = root / "config"
+    for folder in (config, root / "system", root / "output" / "generated", root / "old"):
+        folder.mkdir(parents=True)
+    project(config)
+    (config / "system.arxml").unlink()
+    for name, stated in (("system", period), ("output/generated", copied)):
+        pump = component("Pump", every(stated, "A", "Pump/A"), every("0.01", "B", "Pump/B"), runnables="A B")
+        write(root / name, package("T", pump, composition("Car", "p:Pump")))
+    return root
+
+
+def copy_of(root, **values):
+    """An ARXML file with the OsTask Main of the project, its values, and another OsTask."""
+    stated = [(f"Os{name}", text) for name, text in values.items()]
+    parameters = "".join(
+        f"<ECUC-NUMERICAL-PARAM-VALUE><DEFINITION-REF>/TS_T40D37M6I1R0/Os/OsTask/{name}</DEFINITION-REF>"
+        f"<VALUE>{text}</VALUE></ECUC-NUMERICAL-PARAM-VALUE>"
+        for name, text in stated
+    )
+    definition = "<DEFINITION-REF>/TS_T40D37M6I1R0/Os/OsTask</DEFINITION-REF>"
+    tasks = "".join(
+        named("ECUC-CONTAINER-VALUE", name, definition, f"<PARAMETER-VALUES>{inner}</PARAMETER-VALUES>")
+        for name, inner in (("Main", parameters), ("Other", ""), *([("Gone", "")] if not values else []))
+    )
+    os = "<DEFINITION-REF>/TS_T40D37M6I1R0/Os</DEFINITION-REF>", f"<CONTAINERS>{tasks}</CONTAINERS>"
+    counter = named("ECUC-CONTAINER-VALUE", "Ticks", "<DEFINITION-REF>/TS_T40D37M6I1R0/Os/OsCounter</DEFINITION-REF>")
+    os = os[0], os[1].replace("</CONTAINERS>", f"{counter}</CONTAINERS>")
+    content = package("Os", named("ECUC-MODULE-CONFIGURATION-VALUES", "Os", *os))
+    return write(root / "output" / "generated", content, name="Os.arxml")
+
+
+def test_another_module_is_accounted_for_and_settings_are_no_model(tmp_path):
+    folder = project(tmp_path)
+    xdm(folder, "Can", many("CanGeneral", ctr("g", var("CanMainFunctionPeriod", "0.01", "FLOAT"))))
+    settings(folder, "system/*.arxml")
+    imported = read(folder)
+    assert not found(imported, codes.SKIPPED_FILE)
+    assert ("ECUC-MODULE-CONFIGURATION-VALUES", 4, 3, 1) in imported.coverage.rows()
+
+
+def test_equal_copies_are_one_element(tmp_path):
+    root = workspace(tmp_path)
+    copy_of(root, TaskPriority="0x0")
+    text = (root / "config" / "Os.xdm").read_text()
+    priority = var("OsTaskPriority", "0")
+    (root / "config" / "Os.xdm").write_text(
+        text.replace('<d:ctr name="Main" type="IDENTIFIABLE">', f'<d:ctr name="Main" type="IDENTIFIABLE">{priority}')
+    )
+    imported = read(root)
+    assert not found(imported, codes.OTHER_COPY)
+    assert periods(imported) == {"p/A": "10ms", "p/B": "10ms"}
+
+
+def test_the_configuration_counts_and_not_its_copy(tmp_path):
+    root = workspace(tmp_path)
+    path = copy_of(root)
+    (told,) = found(read(root), codes.OTHER_COPY)
+    assert (told.at.file, told.path) == (str(path), "/Os/Os/Gone")
+    assert f'"present" here, but "absent" at {root / "config" / "Os.xdm"}' in told.message
+    copy_of(root, TaskPeriod="7")
+    (told,) = found(read(root), codes.OTHER_COPY)
+    assert (told.path, told.message.startswith('OsTaskPeriod is "7" here')) == ("/Os/Os/Main", True)
+
+
+def test_what_the_system_states_counts_and_not_what_was_generated(tmp_path):
+    root = workspace(tmp_path, copied="0.02")
+    imported = read(root)
+    (told,) = found(imported, codes.OTHER_COPY)
+    assert "generated" in told.at.file
+    assert 'PERIOD is "0.02" here, but "0.01" at ' in told.message
+    assert periods(imported)["p/A"] == "10ms"
+
+
+def test_what_the_importers_of_the_project_read_counts(tmp_path):
+    root = workspace(tmp_path)
+    (root / "output" / "generated" / "system.arxml").rename(root / "system" / "u.arxml")
+    text = (root / "system" / "u.arxml").read_text()
+    (root / "system" / "u.arxml").write_text(text.replace("0.01", "0.02"))
+    told = {d.code for d in refusal(root).diagnostics if d.is_error}
+    assert told == {codes.CONFLICT.id}
+    settings(root, "System\\U.arxml", "output\\generated\\*.arxml")
+    imported = read(root)
+    assert {Path(d.at.file).name for d in found(imported, codes.OTHER_COPY)} == {"system.arxml"}
+    assert periods(imported) == {"p/A": "20ms", "p/B": "20ms"}
+
+
+def test_two_projects_are_not_one(tmp_path):
+    root = workspace(tmp_path)
+    other = tmp_path / "Other" / "config"
+    other.mkdir(parents=True)
+    xdm(other, "Os", COUNTER, TASKS.replace("Other", "Third"))
+    failures = [d for d in refusal(tmp_path).diagnostics if d.is_error]
+    assert {(d.code, d.at.file) for d in failures} == {(codes.CONFLICT.id, str(other / "Os.xdm"))}
+    assert str(root / "config" / "Os.xdm") in failures[0].message
+    xdm(other, "Os", COUNTER, TASKS)
+    assert periods(read(tmp_path)) == {"p/A": "10ms", "p/B": "10ms"}
 
 
 def test_a_project_is_one_ecu_whatever_its_system_describes(tmp_path):

@@ -25,9 +25,9 @@ ADAPTIVE_ONLY = error(
 )
 EB_XDM = error(
     "HAL0504",
-    "EB tresos project data of another module",
-    "Of project data of EB tresos (.xdm), the configurations of Os, Rte and EcuC are read. Components, modules and "
-    "their events stand in ARXML files, which the tool can export.",
+    "EB tresos data without a module",
+    "Of project data of EB tresos (.xdm), the configurations of modules are read. Components, modules and their events "
+    "stand in ARXML files, which the tool can export.",
 )
 NO_INPUT = error(
     "HAL0505",
@@ -58,6 +58,13 @@ CONFLICT = error(
     "Two parts of one element disagree",
     "Elements of the same path are one element, split over files. A value that two of its parts state differently "
     "cannot be merged. Only values that the importer reads are compared.",
+)
+OTHER_COPY = warning(
+    "HAL1510",
+    "Copy in a project differs from its source",
+    "In a project of EB tresos, config/*.xdm configure the modules, the settings in .prefs name the files that "
+    "describe the system, and what stands below output and generated is made by the tool. Where such files state an "
+    "element differently, the first of these kinds counts.",
 )
 DANGLING = warning(
     "HAL0511",

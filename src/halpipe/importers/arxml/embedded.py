@@ -11,8 +11,8 @@ from halpipe.core.files import STDIO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.sniff import read_whole
-from halpipe.importers.arxml.files.tree import NS, qualified
-from halpipe.importers.arxml.files.words import legal_name, listed
+from halpipe.importers.arxml.files.tree import qualified
+from halpipe.importers.arxml.files.words import NS, legal_name, listed
 from halpipe.importers.arxml.system.components import place_of
 from halpipe.importers.arxml.system.containers import container_kinds, data_of
 from halpipe.importers.native import parse_model

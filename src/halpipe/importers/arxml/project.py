@@ -16,9 +16,9 @@ from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.build import assemble
 from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
-from halpipe.importers.arxml.files.tree import NS, place
+from halpipe.importers.arxml.files.tree import place
 from halpipe.importers.arxml.files.variants import Choice
-from halpipe.importers.arxml.files.words import listed
+from halpipe.importers.arxml.files.words import NS, listed
 from halpipe.importers.arxml.options import GRANULARITIES
 from halpipe.importers.arxml.system.containers import Containers, standard_modules
 from halpipe.importers.arxml.system.ecuc import (

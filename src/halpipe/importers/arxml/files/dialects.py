@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from lxml import etree
 
-from halpipe.importers.arxml.files.words import module_with
+from halpipe.importers.arxml.files.words import NAMESPACE, NS, module_with
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -87,8 +87,8 @@ _DEFINITIONS = {
 }
 
 
-def modernise(root: etree._Element, namespace: str) -> etree._Element:
-    """Return the tree of a release 2.x or 3.x with the names, nesting and `namespace` of release 4.
+def modernise(root: etree._Element) -> etree._Element:
+    """Return the tree of a release 2.x or 3.x with the names, nesting and namespace of release 4.
 
     The tree itself is changed, so that every element keeps its line.
     """
@@ -101,12 +101,12 @@ def modernise(root: etree._Element, namespace: str) -> etree._Element:
             element.set("DEST", _TAGS[dest])
         if tag == "DEFINITION-REF":
             element.text = _definition(element.text or "")
-        element.tag = f"{{{namespace}}}{inside.get(tag) or _renamed(tag, holder)}"
+        element.tag = f"{NS}{inside.get(tag) or _renamed(tag, holder)}"
         if tag in _ACCESSES:
             for child in element.findall("{*}DATA-ELEMENT-IREF"):
-                _wrap(child, "ACCESSED-VARIABLE", namespace)
+                _wrap(child, "ACCESSED-VARIABLE")
         if tag == "DELEGATION-CONNECTOR-PROTOTYPE":
-            _nest_inner_port(element, namespace)
+            _nest_inner_port(element)
     return root
 
 
@@ -127,23 +127,23 @@ def _definition(text: str) -> str:
     return "/".join(_DEFINITIONS.get(step, step) for step in "".join(text.split()).split("/"))
 
 
-def _wrap(child: etree._Element, tag: str, namespace: str) -> None:
+def _wrap(child: etree._Element, tag: str) -> None:
     parent = child.getparent()
     if parent is not None:
-        wrapper = parent.makeelement(f"{{{namespace}}}{tag}")
+        wrapper = parent.makeelement(NS + tag)
         parent.replace(child, wrapper)
         wrapper.append(child)
 
 
-def _nest_inner_port(connector: etree._Element, namespace: str) -> None:
+def _nest_inner_port(connector: etree._Element) -> None:
     """Give the inner port of a delegation connector the level that tells provided from required ports."""
     for inner in connector.findall("{*}INNER-PORT-IREF"):
         port = inner.find("{*}PORT-PROTOTYPE-REF")
         kind = "R" if port is not None and port.get("DEST") == "R-PORT-PROTOTYPE" else "P"
-        wrapper = inner.makeelement(f"{{{namespace}}}{kind}-PORT-IN-COMPOSITION-INSTANCE-REF")
+        wrapper = inner.makeelement(f"{NS}{kind}-PORT-IN-COMPOSITION-INSTANCE-REF")
         names = {"COMPONENT-PROTOTYPE-REF": "CONTEXT-COMPONENT-REF", "PORT-PROTOTYPE-REF": f"TARGET-{kind}-PORT-REF"}
         for child in list(inner.iterchildren("{*}*")):
-            child.tag = f"{{{namespace}}}{names.get(_local(child), _local(child))}"
+            child.tag = f"{NS}{names.get(_local(child), _local(child))}"
             wrapper.append(child)
         inner.append(wrapper)
 
@@ -151,16 +151,6 @@ def _nest_inner_port(connector: etree._Element, namespace: str) -> None:
 _PATH = "ASPath:"
 _MARK = re.compile(r"halpipe\((.*)\)")
 _NUMBERS = ("INTEGER", "FLOAT", "BOOLEAN")
-
-
-def modules_of(root: etree._Element) -> list[str]:
-    """Return the modules that a file configures: the standard ones by their names, others as vendors call them."""
-    return [_standard(module) or _defined_by(module).rpartition("/")[2] for _, _, module in _modules(root)]
-
-
-def translate(root: etree._Element, namespace: str) -> etree._Element:
-    """Return the configurations of Os, Rte and EcuC as an AUTOSAR document; every element keeps its line."""
-    return _Translator(namespace).document(root)
 
 
 def _modules(root: etree._Element) -> Iterator[tuple[etree._Element, etree._Element, etree._Element]]:
@@ -175,130 +165,123 @@ def _modules(root: etree._Element) -> Iterator[tuple[etree._Element, etree._Elem
                         yield package, choice, module
 
 
-def _defined_by(module: etree._Element) -> str:
-    for attribute in module.iterchildren("{*}a"):
-        if attribute.get("name") == "DEF":
-            return (attribute.get("value") or "").removeprefix(_PATH)
-    return ""
-
-
-def _standard(module: etree._Element) -> str:
-    """Return which of the standard modules a configuration is of, empty for any other."""
-    return module_with(_defined_by(module), (part.get("name") or "" for part in module))
-
-
 def is_set(element: etree._Element) -> bool:
     """Whether a value or container is set at all."""
-    for attribute in element.iterchildren("{*}a"):
-        if attribute.get("name") == "ENABLE" and (attribute.get("value") or "").lower() == "false":
-            return False
-    return True
+    return _attribute(element, "ENABLE").lower() != "false"
 
 
-def _importer(element: etree._Element) -> str:
-    """Return which step of the tool wrote a value, or a container; empty if it was entered by hand."""
-    for attribute in element.iterchildren("{*}a"):
-        if attribute.get("name") == "IMPORTER_INFO":
-            return attribute.get("value") or ""
-    return ""
+def _attribute(element: etree._Element, name: str) -> str:
+    """Return what the tool notes beside a value or container, empty where it has no such note."""
+    return next((a.get("value") or "" for a in element.iterchildren("{*}a") if a.get("name") == name), "")
 
 
-class _Translator:
-    def __init__(self, namespace: str) -> None:
-        self._namespace = namespace
-        self._ns = f"{{{namespace}}}"
+def imported_files(root: etree._Element) -> tuple[str, ...]:
+    """Return the patterns of the files that the importers of a project read, relative to its root, from settings."""
+    lists = (each for each in root.iter("{*}lst") if each.get("name") == "InputFiles")
+    names = (var.get("value") or "" for each in lists for var in each.iter("{*}var") if var.get("name") == "FileName")
+    return tuple(name.replace("\\", "/") for name in names if name)
 
-    def document(self, root: etree._Element) -> etree._Element:
-        result = etree.Element(self._ns + "AUTOSAR", nsmap={None: self._namespace})
-        packages = self._add(result, root, "AR-PACKAGES")
-        for package, choice, module in _modules(root):
-            definition = _defined_by(module)
-            if not _standard(module) or not is_set(module):
-                continue
-            holder = self._named(packages, package, "AR-PACKAGE", package.get("name") or "")
-            elements = self._add(holder, package, "ELEMENTS")
-            name = choice.get("name") or definition.rpartition("/")[2]
-            values = self._named(elements, choice, "ECUC-MODULE-CONFIGURATION-VALUES", name)
-            self._add(values, module, "DEFINITION-REF", definition)
-            self._parts(self._add(values, module, "CONTAINERS"), module, definition)
-        return result
 
-    def _add(self, parent: etree._Element, source: etree._Element, tag: str, text: str = "") -> etree._Element:
-        element = etree.SubElement(parent, self._ns + tag)
-        element.sourceline = source.sourceline
-        if text:
-            element.text = text
-        return element
+def translate(root: etree._Element) -> etree._Element:
+    """Return the configurations of a file as an AUTOSAR document; every element keeps its line.
 
-    def _named(self, parent: etree._Element, source: etree._Element, tag: str, name: str) -> etree._Element:
-        element = self._add(parent, source, tag)
-        self._add(element, source, "SHORT-NAME", name)
-        return element
+    Of modules other than Os, Rte and EcuC, the containers are left out.
+    """
+    result = etree.Element(NS + "AUTOSAR", nsmap={None: NAMESPACE})
+    packages = _add(result, root, "AR-PACKAGES")
+    for package, choice, module in _modules(root):
+        definition = _attribute(module, "DEF").removeprefix(_PATH)
+        holder = _named(packages, package, "AR-PACKAGE", package.get("name") or "")
+        elements = _add(holder, package, "ELEMENTS")
+        name = choice.get("name") or definition.rpartition("/")[2]
+        values = _named(elements, choice, "ECUC-MODULE-CONFIGURATION-VALUES", name)
+        _add(values, module, "DEFINITION-REF", definition)
+        if is_set(module) and module_with(definition, (part.get("name") or "" for part in module)):
+            _parts(_add(values, module, "CONTAINERS"), module, definition)
+    return result
 
-    def _container(self, parent: etree._Element, source: etree._Element, name: str, definition: str) -> None:
-        """Append a container with its values and what is in it; nothing if it is not set."""
-        if not is_set(source):
-            return
-        element = self._named(parent, source, "ECUC-CONTAINER-VALUE", name)
-        self._mark(element, source)
-        self._add(element, source, "DEFINITION-REF", definition)
-        self._values(element, source, definition)
-        inside = self._add(element, source, "SUB-CONTAINERS")
-        if _local(source) == "chc":
-            chosen = source.get("value") or ""
-            for part in source.iterchildren("{*}ctr"):
-                if part.get("name") == chosen:
-                    self._container(inside, part, chosen, f"{definition}/{chosen}")
+
+def _add(parent: etree._Element, source: etree._Element, tag: str, text: str = "") -> etree._Element:
+    element = etree.SubElement(parent, NS + tag)
+    element.sourceline = source.sourceline
+    if text:
+        element.text = text
+    return element
+
+
+def _named(parent: etree._Element, source: etree._Element, tag: str, name: str) -> etree._Element:
+    element = _add(parent, source, tag)
+    _add(element, source, "SHORT-NAME", name)
+    return element
+
+
+def _container(parent: etree._Element, source: etree._Element, name: str, definition: str) -> None:
+    """Append a container with its values and what is in it; nothing if it is not set."""
+    if not is_set(source):
+        return
+    element = _named(parent, source, "ECUC-CONTAINER-VALUE", name)
+    _mark(element, source)
+    _add(element, source, "DEFINITION-REF", definition)
+    _values(element, source, definition)
+    inside = _add(element, source, "SUB-CONTAINERS")
+    if _local(source) == "chc":
+        chosen = source.get("value") or ""
+        for part in source.iterchildren("{*}ctr"):
+            if part.get("name") == chosen:
+                _container(inside, part, chosen, f"{definition}/{chosen}")
+    else:
+        _parts(inside, source, definition)
+
+
+def _mark(element: etree._Element, source: etree._Element) -> None:
+    """Say of a container that an export of halpipe put it there, as in ARXML, with the alarms that it stopped."""
+    match = _MARK.fullmatch(_attribute(source, "IMPORTER_INFO"))
+    if match is None:
+        return
+    data = _add(_add(_add(element, source, "ADMIN-DATA"), source, "SDGS"), source, "SDG")
+    data.set("GID", "halpipe:delta")
+    for entry in filter(None, match[1].split(";")):
+        path, _, times = entry.partition(",")
+        cycle, _, start = times.partition(",")
+        inner = _add(data, source, "SDG")
+        inner.set("GID", "halpipe:stopped")
+        for key, text in (("cycle", cycle), ("start", start)):
+            _add(inner, source, "SD", text).set("GID", key)
+        _add(inner, source, "SDX-REF", path).set("DEST", "ECUC-CONTAINER-VALUE")
+
+
+def _parts(parent: etree._Element, source: etree._Element, definition: str) -> None:
+    """Append the containers inside one: single ones by their definition, those of lists by their names."""
+    for part in source:
+        name = part.get("name") or ""
+        if _local(part) in ("ctr", "chc") and name:
+            _container(parent, part, name, f"{definition}/{name}")
+        elif _local(part) == "lst" and name and is_set(part):
+            for number, each in enumerate(part):
+                if _local(each) in ("ctr", "chc"):
+                    _container(parent, each, each.get("name") or f"{name}_{number}", f"{definition}/{name}")
+
+
+def _values(element: etree._Element, source: etree._Element, definition: str) -> None:
+    parameters = _add(element, source, "PARAMETER-VALUES")
+    references = _add(element, source, "REFERENCE-VALUES")
+    for name, value in _each_value(source):
+        text = value.get("value") or ""
+        if not text or not is_set(value):
+            continue
+        path = f"{definition}/{name}"
+        if _local(value) == "ref":
+            entry = _add(references, value, "ECUC-REFERENCE-VALUE")
+            _add(entry, value, "DEFINITION-REF", path)
+            if _attribute(value, "IMPORTER_INFO").startswith("@CALC"):
+                notes = _add(_add(entry, value, "ANNOTATIONS"), value, "ANNOTATION")
+                _add(notes, value, "ANNOTATION-ORIGIN", "@CALC")
+            _add(entry, value, "VALUE-REF", text.removeprefix(_PATH))
         else:
-            self._parts(inside, source, definition)
-
-    def _mark(self, element: etree._Element, source: etree._Element) -> None:
-        """Say of a container that an export of halpipe put it there, as in ARXML, with the alarms that it stopped."""
-        match = _MARK.fullmatch(_importer(source))
-        if match is None:
-            return
-        data = self._add(self._add(self._add(element, source, "ADMIN-DATA"), source, "SDGS"), source, "SDG")
-        data.set("GID", "halpipe:delta")
-        for entry in filter(None, match[1].split(";")):
-            path, _, times = entry.partition(",")
-            cycle, _, start = times.partition(",")
-            inner = self._add(data, source, "SDG")
-            inner.set("GID", "halpipe:stopped")
-            for key, text in (("cycle", cycle), ("start", start)):
-                self._add(inner, source, "SD", text).set("GID", key)
-            self._add(inner, source, "SDX-REF", path).set("DEST", "ECUC-CONTAINER-VALUE")
-
-    def _parts(self, parent: etree._Element, source: etree._Element, definition: str) -> None:
-        """Append the containers inside one: single ones by their definition, those of lists by their names."""
-        for part in source:
-            name = part.get("name") or ""
-            if _local(part) in ("ctr", "chc") and name:
-                self._container(parent, part, name, f"{definition}/{name}")
-            elif _local(part) == "lst" and name and is_set(part):
-                for number, each in enumerate(part):
-                    if _local(each) in ("ctr", "chc"):
-                        self._container(parent, each, each.get("name") or f"{name}_{number}", f"{definition}/{name}")
-
-    def _values(self, element: etree._Element, source: etree._Element, definition: str) -> None:
-        parameters = self._add(element, source, "PARAMETER-VALUES")
-        references = self._add(element, source, "REFERENCE-VALUES")
-        for name, value in _each_value(source):
-            text = value.get("value") or ""
-            if not text or not is_set(value):
-                continue
-            path = f"{definition}/{name}"
-            if _local(value) == "ref":
-                entry = self._add(references, value, "ECUC-REFERENCE-VALUE")
-                self._add(entry, value, "DEFINITION-REF", path)
-                if _importer(value).startswith("@CALC"):
-                    notes = self._add(self._add(entry, value, "ANNOTATIONS"), value, "ANNOTATION")
-                    self._add(notes, value, "ANNOTATION-ORIGIN", "@CALC")
-                self._add(entry, value, "VALUE-REF", text.removeprefix(_PATH))
-            else:
-                kind = "NUMERICAL" if value.get("type") in _NUMBERS else "TEXTUAL"
-                entry = self._add(parameters, value, f"ECUC-{kind}-PARAM-VALUE")
-                self._add(entry, value, "DEFINITION-REF", path)
-                self._add(entry, value, "VALUE", text)
+            kind = "NUMERICAL" if value.get("type") in _NUMBERS else "TEXTUAL"
+            entry = _add(parameters, value, f"ECUC-{kind}-PARAM-VALUE")
+            _add(entry, value, "DEFINITION-REF", path)
+            _add(entry, value, "VALUE", text)
 
 
 def _each_value(source: etree._Element) -> Iterator[tuple[str, etree._Element]]:

@@ -6,14 +6,11 @@ Only what nothing else refers to, or is referred to by its path alone, may be le
 from __future__ import annotations
 
 from collections import Counter
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from halpipe.importers.arxml.files.words import module_of, steps_of
+from halpipe.importers.arxml.files.words import NS, compiled, module_of, steps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from lxml import etree
 
 _CONTAINER, _ADMIN, _PACKAGE = "ECUC-CONTAINER-VALUE", "ADMIN-DATA", "AR-PACKAGE"
@@ -53,23 +50,15 @@ STATIC-MEMORYS SW-DATA-DEF-PROPS
 """
 
 
-def tags_to_drop(namespace: str, *, marks: bool = False) -> list[str]:
+def tags_to_drop(*, marks: bool = False) -> list[str]:
     """Return the tags, with their namespace, of what may be dropped or made smaller; not of `marks` to keep."""
     tags = (*_ELEMENTS.split(), *_PARTS.split(), *_PARAMETERS, _CONTAINER, _ADMIN, _PACKAGE)
     kept = ("ANNOTATIONS", _PACKAGE) if marks else ()
-    return [f"{{{namespace}}}{tag}" for tag in tags if tag not in kept]
+    return [NS + tag for tag in tags if tag not in kept]
 
 
-@cache
-def _marked(namespace: str) -> Callable[[etree._Element], list[etree._Element]]:
-    """Return a query for what is in a package, but in no package inside it, with attributes that nothing reads."""
-    from lxml import etree
-
-    # lxml types the result of a query as anything that XPath can return.
-    where = "ar:ELEMENTS/descendant::*[@UUID or self::ar:DEFINITION-REF/@DEST]"
-    query: Any = etree.XPath(where, namespaces={"ar": namespace})
-    finds_elements: Callable[[etree._Element], list[etree._Element]] = query
-    return finds_elements
+# What is in a package, but in no package inside it, with attributes that nothing reads.
+_marked = compiled("ar:ELEMENTS/descendant::*[@UUID or self::ar:DEFINITION-REF/@DEST]")
 
 
 class Slimming:
@@ -80,18 +69,14 @@ class Slimming:
     the project needs is kept: UUIDs, classes of definitions, annotations, and every container of Os, Rte and EcuC.
     """
 
-    def __init__(self, namespace: str, *, marks: bool = False) -> None:
+    def __init__(self, *, marks: bool = False) -> None:
         self._marks = marks
-        self._ns = f"{{{namespace}}}"
-        self._short_name, self._definition = self._ns + "SHORT-NAME", self._ns + "DEFINITION-REF"
-        self._numerical = self._ns + _PARAMETERS[0]
         self._special = {
-            **dict.fromkeys((self._ns + tag for tag in _PARAMETERS), self._drops_parameter),
-            self._ns + _CONTAINER: self._drops_container,
-            self._ns + _ADMIN: self._drops_admin,
-            self._ns + _PACKAGE: self._strips,
+            **dict.fromkeys((NS + tag for tag in _PARAMETERS), self._drops_parameter),
+            NS + _CONTAINER: self._drops_container,
+            NS + _ADMIN: self._drops_admin,
+            NS + _PACKAGE: self._strips,
         }
-        self._marked = _marked(namespace)
         self.dropped: Counter[str] = Counter()
         self.symbols: dict[str, dict[str, int]] = {}
 
@@ -102,15 +87,15 @@ class Slimming:
 
     def _count(self, element: etree._Element) -> bool:
         """Count what is dropped with an element."""
-        for name in element.iter(self._short_name):
+        for name in element.iter(NS + "SHORT-NAME"):
             holder = name.getparent()
             if holder is not None:
-                self.dropped[holder.tag.removeprefix(self._ns)] += 1
+                self.dropped[holder.tag.removeprefix(NS)] += 1
         return True
 
     def _strips(self, package: etree._Element) -> bool:
         """Remove the attributes that nothing reads from what is kept of a package; it stays."""
-        for element in self._marked(package):
+        for element in _marked(package):
             element.attrib.pop("UUID", None)
             element.attrib.pop("DEST", None)
         return False
@@ -123,20 +108,20 @@ class Slimming:
         return not is_kept and self._count(container)
 
     def _drops_admin(self, admin: etree._Element) -> bool:
-        return not any((e.get("GID") or "").startswith(_OWN) for e in admin.iter(self._ns + "SDG"))
+        return not any((e.get("GID") or "").startswith(_OWN) for e in admin.iter(NS + "SDG"))
 
     def _drops_parameter(self, value: etree._Element) -> bool:
         """Drop a parameter that nothing reads; one that a symbolic period may be the name of is remembered."""
         steps = self._steps(value)
-        if steps[-1].startswith(_KEPT[""]) or (value.tag == self._numerical and module_of(steps) == "Os"):
+        if steps[-1].startswith(_KEPT[""]) or (value.tag == NS + _PARAMETERS[0] and module_of(steps) == "Os"):
             return False
-        definition = value.find(self._definition)
+        definition = value.find(NS + "DEFINITION-REF")
         if definition is not None and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF"):
-            text = (value.findtext(self._ns + "VALUE") or "").strip()
+            text = (value.findtext(NS + "VALUE") or "").strip()
             if text:
                 self.symbols.setdefault(steps[-1], {}).setdefault(text, value.sourceline or 0)
         return True
 
     def _steps(self, element: etree._Element) -> list[str]:
         """Return the short names of the path of a definition."""
-        return steps_of(next((definition.text for definition in element.iterchildren(self._definition)), None))
+        return steps_of(next((definition.text for definition in element.iterchildren(NS + "DEFINITION-REF")), None))

@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import field
 from functools import lru_cache
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from halpipe.core.diagnostics import HalpipeError, Location
@@ -25,9 +26,10 @@ from halpipe.core.files import (
 )
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.dialects import modernise, modules_of, translate
+from halpipe.importers.arxml.files.copies import settle_copies
+from halpipe.importers.arxml.files.dialects import imported_files, modernise, translate
 from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
-from halpipe.importers.arxml.files.words import MODULES
+from halpipe.importers.arxml.files.words import NAMESPACE
 from halpipe.importers.common.inputs import read_inputs
 
 if TYPE_CHECKING:
@@ -59,19 +61,19 @@ KNOWN = frozenset((*NAMED, *_LISTS.split()))
 _OTHERS = frozenset({"TYPE-IREF", "TYPE-REF"})
 
 
-def report_misspelt(document: Document, namespace: str, findings: Findings) -> None:
+def report_misspelt(document: Document, findings: Findings) -> None:
     """Report every tag of a file that is one slip away from one that is read, at its first use."""
     for tag in document.tags:
         space, _, name = tag.rpartition("}")
         meant = _meant(name)
-        if meant or space.lstrip("{") != namespace:
+        if meant or space.lstrip("{") != NAMESPACE:
             why = "" if meant else f' of the namespace "{space.lstrip("{")}"'
             found = list(document.root.iter(tag))
             findings.report(
                 codes.UNKNOWN_ELEMENT,
                 f'the element "{name}"{why} is not read, {len(found)} in all',
                 at=Location(document.name, found[0].sourceline or 0),
-                help=f"did you mean {meant}?" if meant else f"put them into {namespace}",
+                help=f"did you mean {meant}?" if meant else f"put them into {NAMESPACE}",
             )
 
 
@@ -97,7 +99,6 @@ def _is_slip(word: str, known: str) -> bool:
     return swapped or rest[1:] in (right, right[1:]) or rest == right[1:]
 
 
-NAMESPACE = "http://autosar.org/schema/r4.0"
 LARGE_INPUT = 32 * 2**20
 """Bytes of all files from which on what cannot matter to timing is dropped while it is read."""
 
@@ -112,11 +113,16 @@ class Document:
     `release` is what an older file says of itself, empty for release 4; `tags` are all tags in it, with their
     namespaces, in order of first appearance. Of a large input, `dropped` counts the elements with a name that were left
     out while it was read, by kind, and `symbols` has the values of their parameters with a line of each, by name.
+    `is_project_data` is a configuration of EB tresos, `imports` are the files that settings of that tool name; where
+    two files state one value differently, the one of the lower `rank` counts.
     """
 
     name: str
     root: etree._Element
     release: str = ""
+    is_project_data: bool = False
+    imports: tuple[str, ...] = ()
+    rank: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
     symbols: dict[str, dict[str, int]] = field(default_factory=dict)
     tags: tuple[str, ...] = field(init=False)
@@ -148,8 +154,8 @@ def load(
     findings.stop_on_errors()
     _report_releases(documents, findings)
     for document in documents:
-        report_misspelt(document, NAMESPACE, findings)
-    return documents
+        report_misspelt(document, findings)
+    return settle_copies(documents, findings)
 
 
 def read_whole(name: str) -> Document:
@@ -163,7 +169,7 @@ class SlimReader:
     def __init__(self, on_progress: Callable[[int, int], None] | None = None, *, marks: bool = False) -> None:
         self._on_progress = on_progress
         self._marks = marks
-        self._parser = LargeXmlParser(tags_to_drop(NAMESPACE, marks=marks))
+        self._parser = LargeXmlParser(tags_to_drop(marks=marks))
         self._done = self._total = 0
 
     def show(self, done: int, total: int) -> None:
@@ -179,7 +185,7 @@ class SlimReader:
         """Parse a file."""
         if name == STDIO:
             return read_whole(name)
-        slim = Slimming(NAMESPACE, marks=self._marks)
+        slim = Slimming(marks=self._marks)
         try:
             with open_input(name) as stream:
                 root = self._parser.parse(stream, name, slim.drops, self._show)
@@ -200,25 +206,20 @@ def recognise(root: etree._Element, name: str) -> Document:
     if tag == "AUTOSAR" and namespace == NAMESPACE:
         return Document(name, root)
     if tag == "datamodel":
-        _refuse_other_modules(root, at)
-        return Document(name, translate(root, NAMESPACE))
+        translated, is_setting = translate(root), Path(name).parent.name == ".prefs"
+        if not len(translated[0]) and not is_setting:
+            help = "name the configurations of a project (config/*.xdm)"
+            raise HalpipeError(codes.EB_XDM("is EB tresos data that configure no module", at=at, help=help))
+        return Document(name, translated, is_project_data=not is_setting, imports=imported_files(root))
     if tag != "AUTOSAR":
         raise HalpipeError(
             codes.NOT_ARXML(f'has the root element "{tag}", not AUTOSAR', at=at, help="name ARXML files only")
         )
     release = _release(root, namespace)
     if release:
-        return Document(name, modernise(root, NAMESPACE), release)
+        return Document(name, modernise(root), release)
     what = f'is in the namespace "{namespace}"' if namespace else "has no namespace"
     raise HalpipeError(codes.NOT_ARXML(f"{what}, not {NAMESPACE}", at=at, help="export it as AUTOSAR release 4.x"))
-
-
-def _refuse_other_modules(root: etree._Element, at: Location) -> None:
-    found = modules_of(root)
-    if not any(module in MODULES for module in found):
-        what = f"configures {', '.join(found)}" if found else "configures no module"
-        help = f"name those of {', '.join(MODULES)}, and ARXML files for components and modules"
-        raise HalpipeError(codes.EB_XDM(f"is EB tresos project data that {what}", at=at, help=help))
 
 
 def _report_releases(documents: Sequence[Document], findings: Findings) -> None:

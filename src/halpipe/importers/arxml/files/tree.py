@@ -8,25 +8,23 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
-
-from lxml import etree
+from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location, named
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.sniff import NAMED, NAMESPACE
+from halpipe.importers.arxml.files.sniff import NAMED
 from halpipe.importers.arxml.files.variants import apply_variant, conditional
-from halpipe.importers.arxml.files.words import listed, parse_double
+from halpipe.importers.arxml.files.words import NS, compiled, listed, parse_double
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Sequence
 
+    from lxml import etree
+
     from halpipe.core.diagnostics import Code, Findings
     from halpipe.importers.arxml.files.sniff import Document
     from halpipe.importers.arxml.files.variants import Choice
-
-NS = f"{{{NAMESPACE}}}"
 
 # A reference may name any class that its target is derived from instead of the target's own.
 _BASE_CLASSES = frozenset(
@@ -152,10 +150,7 @@ def qualified(path: str) -> str:
 def _finder(path: str) -> Callable[[etree._Element], list[etree._Element]]:
     """Return a relative path as a compiled query, which is twice as fast as the search of ElementTree."""
     steps = (step if step in ("*", ".") else f"ar:{step}" for step in path.split("/"))
-    # lxml types the result of a query as anything that XPath can return.
-    finder: Any = etree.XPath("/".join(steps), namespaces={"ar": NAMESPACE})
-    finds_elements: Callable[[etree._Element], list[etree._Element]] = finder
-    return finds_elements
+    return compiled("/".join(steps))
 
 
 class Tree:
@@ -179,6 +174,7 @@ class Tree:
         self.nameless: list[tuple[str, Location]] = []
         self._by_tag: dict[str, list[Node]] = {}
         self._bases: dict[str, dict[str, tuple[str, str]]] = {}
+        self._ranks = {document.name: document.rank for document in documents}
         self.dropped: Counter[str] = Counter()
         self.symbols: dict[str, list[Text]] = {}
         for document in documents:
@@ -427,8 +423,10 @@ class Tree:
             help = "choose a variant; otherwise the first of the two counts"
             self.findings.report(codes.VARIANT, message, at=second[1], path=node.path, help=help)
             return
-        help = "import one of the two, or make them agree"
-        self.findings.report(codes.CONFLICT, message, at=second[1], path=node.path, help=help)
+        is_copy = self._ranks.get(first[1].file, 0) < self._ranks.get(second[1].file, 0)
+        code = codes.OTHER_COPY if is_copy else codes.CONFLICT
+        help = "generate the file again" if is_copy else "import one of the two, or make them agree"
+        self.findings.report(code, f"{message}{', which counts' * is_copy}", at=second[1], path=node.path, help=help)
 
 
 def _is_true(element: etree._Element, tag: str) -> bool:

@@ -13,8 +13,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate, is_true
-from halpipe.importers.arxml.files.sniff import NAMESPACE
-from halpipe.importers.arxml.files.words import parse_number
+from halpipe.importers.arxml.files.words import NS, parse_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.formulas import Value
     from halpipe.importers.arxml.files.sniff import Document
 
-_NS = f"{{{NAMESPACE}}}"
 _SETS = {
     "SW-SYSTEMCONSTANT-VALUE-SET": ("SW-SYSTEMCONST-VALUE", "SW-SYSTEMCONST-REF"),
     "POST-BUILD-VARIANT-CRITERION-VALUE-SET": ("POST-BUILD-VARIANT-CRITERION-VALUE", "VARIANT-CRITERION-REF"),
@@ -72,7 +70,7 @@ def apply_variant(documents: Sequence[Document], choice: Choice, findings: Findi
 def conditional(document: Document) -> list[tuple[str, Location]]:
     """Return what depends on a variation point, or is a formula, by name and place."""
     found = []
-    for point in document.root.iter(_NS + "VARIATION-POINT"):
+    for point in document.root.iter(NS + "VARIATION-POINT"):
         holder = point.getparent()
         if len(point) and holder is not None:
             found.append((_name(holder), Location(document.name, point.sourceline or 0)))
@@ -83,17 +81,17 @@ def conditional(document: Document) -> list[tuple[str, Location]]:
 
 def _name(element: etree._Element) -> str:
     """Return what an element is called: the last step of its path, or its definition, or the tag."""
-    stated = element.findtext(_NS + "SHORT-NAME") or (element.findtext(_NS + "DEFINITION-REF") or "").rpartition("/")[2]
+    stated = element.findtext(NS + "SHORT-NAME") or (element.findtext(NS + "DEFINITION-REF") or "").rpartition("/")[2]
     if stated:
         return stated.strip()
     holder = element.getparent()
     tag: str = element.tag
-    return tag.removeprefix(_NS) if holder is None else f"{_name(holder)}/{tag.removeprefix(_NS)}"
+    return tag.removeprefix(NS) if holder is None else f"{_name(holder)}/{tag.removeprefix(NS)}"
 
 
 def path_of(element: etree._Element) -> str:
     """Return the AUTOSAR path of an element: the short names down to it."""
-    names = [each.findtext(_NS + "SHORT-NAME") for each in (element, *element.iterancestors())]
+    names = [each.findtext(NS + "SHORT-NAME") for each in (element, *element.iterancestors())]
     return "/" + "/".join("".join(name.split()) for name in reversed(names) if name)
 
 
@@ -105,7 +103,7 @@ class _Chooser:
         self._by_path: dict[str, tuple[etree._Element, Location]] = {}
         tags = ("PREDEFINED-VARIANT", "EVALUATED-VARIANT-SET", *_SETS, *_CONSTANTS)
         for document in documents:
-            for element in document.root.iter(*(_NS + tag for tag in tags)):
+            for element in document.root.iter(*(NS + tag for tag in tags)):
                 at = Location(document.name, element.sourceline or 0)
                 self._by_path.setdefault(path_of(element), (element, at))
         self._values: dict[str, Value] = {}
@@ -120,7 +118,7 @@ class _Chooser:
         return self._values
 
     def _tagged(self, *tags: str) -> dict[str, etree._Element]:
-        return {p: e for p, (e, _) in self._by_path.items() if str(e.tag).removeprefix(_NS) in tags}
+        return {p: e for p, (e, _) in self._by_path.items() if str(e.tag).removeprefix(NS) in tags}
 
     def _named(self, name: str, *tags: str) -> list[str]:
         known = self._tagged(*tags)
@@ -129,7 +127,7 @@ class _Chooser:
     def _add_variant(self, name: str) -> None:
         found = self._named(name, "PREDEFINED-VARIANT")
         for path in self._named(name, "EVALUATED-VARIANT-SET") if not found else ():
-            refs = self._by_path[path][0].iter(_NS + "EVALUATED-VARIANT-REF")
+            refs = self._by_path[path][0].iter(NS + "EVALUATED-VARIANT-REF")
             found += ["".join((ref.text or "").split()) for ref in refs]
         if len(found) != 1:
             known = sorted(
@@ -152,17 +150,17 @@ class _Chooser:
             self._findings.report(codes.UNKNOWN_VARIANT, message, help="add the file that defines it to the import")
             return []
         element, at = self._by_path[path]
-        tag = str(element.tag).removeprefix(_NS)
+        tag = str(element.tag).removeprefix(NS)
         if tag in _SETS:
             self._take(element, at, *_SETS[tag])
             return []
-        refs = [r for kind in ("INCLUDED-VARIANT", *_SETS) for r in element.iter(f"{_NS}{kind}-REF")]
+        refs = [r for kind in ("INCLUDED-VARIANT", *_SETS) for r in element.iter(f"{NS}{kind}-REF")]
         return ["".join((ref.text or "").split()) for ref in refs]
 
     def _take(self, element: etree._Element, at: Location, tag: str, ref_tag: str) -> None:
-        for entry in element.iter(_NS + tag):
-            path = "".join((entry.findtext(_NS + ref_tag) or "").split())
-            stated = (entry.findtext(_NS + "VALUE") or "").strip()
+        for entry in element.iter(NS + tag):
+            path = "".join((entry.findtext(NS + ref_tag) or "").split())
+            stated = (entry.findtext(NS + "VALUE") or "").strip()
             number = parse_number(stated)
             self._set(path, stated if number is None else number, Location(at.file, entry.sourceline or 0))
 
@@ -198,17 +196,17 @@ class _Chooser:
 
 def _prune(document: Document, values: Mapping[str, Value], findings: Findings) -> Iterator[Removed]:
     """Remove what does not exist, outermost first, and put the values of formulas in their place."""
-    for point in list(document.root.iter(_NS + "VARIATION-POINT")):
+    for point in list(document.root.iter(NS + "VARIATION-POINT")):
         holder = point.getparent()
         outer = holder.getparent() if holder is not None else None
         if holder is None or outer is None or all(ancestor is not document.root for ancestor in holder.iterancestors()):
             continue
         if not _exists(point, values, document.name, findings):
-            for short_name in holder.iter(_NS + "SHORT-NAME"):
+            for short_name in holder.iter(NS + "SHORT-NAME"):
                 element = short_name.getparent()
                 assert element is not None
                 at = Location(document.name, element.sourceline or 0)
-                yield Removed(str(element.tag).removeprefix(_NS), path_of(element), at)
+                yield Removed(str(element.tag).removeprefix(NS), path_of(element), at)
             outer.remove(holder)
     for element in _formulas(document.root):
         value = _value(element, values, document.name, findings)
@@ -229,21 +227,21 @@ def _decimal(value: Fraction) -> str:
 def _formulas(root: etree._Element) -> list[etree._Element]:
     """Return the elements whose value is a formula, other than conditions."""
     found: dict[etree._Element, None] = {}
-    for ref in root.iter(*(_NS + tag for tag in _REFS)):
+    for ref in root.iter(*(NS + tag for tag in _REFS)):
         holder = ref.getparent()
-        if holder is not None and holder.tag != _NS + "SW-SYSCOND":
+        if holder is not None and holder.tag != NS + "SW-SYSCOND":
             found[holder] = None
     return list(found)
 
 
 def _exists(point: etree._Element, values: Mapping[str, Value], file: str, findings: Findings) -> bool:
-    for condition in point.iter(_NS + "SW-SYSCOND"):
+    for condition in point.iter(NS + "SW-SYSCOND"):
         value = _value(condition, values, file, findings)
         if value is not None and not is_true(value):
             return False
-    for condition in point.iter(_NS + "POST-BUILD-VARIANT-CONDITION"):
-        path = "".join((condition.findtext(_NS + "MATCHING-CRITERION-REF") or "").split())
-        wanted = condition.find(_NS + "VALUE")
+    for condition in point.iter(NS + "POST-BUILD-VARIANT-CONDITION"):
+        path = "".join((condition.findtext(NS + "MATCHING-CRITERION-REF") or "").split())
+        wanted = condition.find(NS + "VALUE")
         stated = values.get(path)
         if stated is None:
             _report_unset(path, Location(file, condition.sourceline or 0), findings)

@@ -8,13 +8,27 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from lxml import etree
 
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.suggest import few
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
+
+NAMESPACE = "http://autosar.org/schema/r4.0"
+NS = f"{{{NAMESPACE}}}"
+
+
+def compiled(path: str) -> Callable[[etree._Element], list[etree._Element]]:
+    """Return a query for elements, in which ``ar:`` stands for the namespace of AUTOSAR."""
+    # lxml types the result of a query as anything that XPath can return.
+    query: Any = etree.XPath(path, namespaces={"ar": NAMESPACE})
+    finds_elements: Callable[[etree._Element], list[etree._Element]] = query
+    return finds_elements
+
 
 _ILLEGAL = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 _MAX_LENGTH = 900

@@ -11,8 +11,8 @@ from halpipe.core.diagnostics import named
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.codes import EDITED
-from halpipe.importers.arxml.files.tree import NS, place, qualified
-from halpipe.importers.arxml.files.words import module_with, parse_number, steps_of
+from halpipe.importers.arxml.files.tree import place, qualified
+from halpipe.importers.arxml.files.words import NS, module_with, parse_number, steps_of
 from halpipe.importers.arxml.system.values import Place, Stated
 
 if TYPE_CHECKING:
