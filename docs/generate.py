@@ -45,6 +45,7 @@ RANGES = {
     "HAL12": "Import of AMALTHEA",
     "HAL13": "Exports to Linux and ROS",
     "HAL14": "Formats and targets, continued",
+    "HAL15": "Imports of projects, and further checks",
 }
 
 MEANINGS = {

@@ -30,13 +30,8 @@ def find_embedded(tree: Tree) -> Data | None:
     """Return the special data with a model that halpipe exported, None if there are none; reject a second model."""
     found = [data for node in tree.tagged("AR-PACKAGE") if (data := data_of(tree, node, "model")) is not None]
     for other in found[1:]:
-        tree.findings.report(
-            codes.SECOND_MODEL,
-            f"holds a model of halpipe, but so does {found[0].node.at}",
-            at=other.node.at,
-            path=named("AR-PACKAGE", other.node.path),
-            help="import one of the two",
-        )
+        message = f"holds a model of halpipe, but so does {found[0].node.at}"
+        other.node.report(tree.findings, codes.SECOND_MODEL, message, help="import one of the two")
     tree.findings.stop_on_errors()
     return found[0] if found else None
 

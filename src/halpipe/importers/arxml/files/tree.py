@@ -18,7 +18,7 @@ from halpipe.importers.arxml.files.variants import apply_variant, conditional
 from halpipe.importers.arxml.files.words import NS, compiled, listed, parse_double
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 
     from lxml import etree
 
@@ -52,10 +52,10 @@ _BASE_CLASSES = frozenset(
 
 
 @record
-class Text:
-    """The text of a child element and where it stands."""
+class Stated:
+    """A value as the file writes it, and where it stands."""
 
-    value: str
+    text: str
     at: Location
 
 
@@ -176,12 +176,12 @@ class Tree:
         self._bases: dict[str, dict[str, tuple[str, str]]] = {}
         self._ranks = {document.name: document.rank for document in documents}
         self.dropped: Counter[str] = Counter()
-        self.symbols: dict[str, list[Text]] = {}
+        self.symbols: dict[str, list[Stated]] = {}
         for document in documents:
             self._tags.update(document.tags)
             self.dropped += document.dropped
             for name, values in document.symbols.items():
-                found = [Text(value, Location(document.name, line)) for value, line in values.items()]
+                found = [Stated(value, Location(document.name, line)) for value, line in values.items()]
                 self.symbols.setdefault(name, []).extend(found)
             self._add(document)
 
@@ -283,7 +283,7 @@ class Tree:
     def last_of_definition(self, path: str) -> str:
         """Return the short name of the definition of a module configuration or container."""
         found = (self.text(node, "DEFINITION-REF") for node in self.nodes_at(path))
-        return next(("".join(text.value.split()).rpartition("/")[2] for text in found if text), "")
+        return next(("".join(text.text.split()).rpartition("/")[2] for text in found if text), "")
 
     def has(self, path: str, tag: str) -> bool:
         """Whether a file defines an element of a tag at a path."""
@@ -297,22 +297,26 @@ class Tree:
             occurs = self._occurs[path] = all(NS + step in self._tags for step in steps)
         return node.elements(path) if occurs else ()
 
-    def text(self, node: Node, path: str) -> Text | None:
-        """Return the text at a relative path; report a conflict if two parts of the node state it differently."""
-        first: Text | None = None
-        for element, file in self.elements(node, path):
-            found = Text((element.text or "").strip(), place(element, file))
+    def text(self, node: Node, path: str) -> Stated | None:
+        """Return the text at a relative path; see `agreed`."""
+        found = (Stated((e.text or "").strip(), place(e, file)) for e, file in self.elements(node, path))
+        return self.agreed(node, path, found)
+
+    def agreed(self, node: Node, what: str, values: Iterable[Stated]) -> Stated | None:
+        """Return the value that parts of a node state, None if there is none, or an empty one; report a conflict."""
+        first: Stated | None = None
+        for found in values:
             if first is None:
                 first = found
-            elif not _same_value(first.value, found.value):
-                self.report_conflict(node, path, (first.value, first.at), (found.value, found.at))
-        return first
+            elif not _same_value(first.text, found.text):
+                self._report_conflict(node, what, first, found)
+        return first if first is not None and first.text else None
 
     def ref(self, node: Node, path: str) -> Ref | None:
         """Return the only reference at a relative path; report a conflict if two parts state it differently."""
         found = self.refs(node, path)
         for other in found[1:]:
-            self.report_conflict(node, path, (found[0].path, found[0].at), (other.path, other.at))
+            self._report_conflict(node, path, Stated(found[0].path, found[0].at), Stated(other.path, other.at))
         return found[0] if found else None
 
     def refs(self, node: Node, path: str) -> list[Ref]:
@@ -349,6 +353,11 @@ class Tree:
         """Return the node that the only reference at a relative path names; see `find` and `ref`."""
         ref = self.ref(node, path)
         return self.find(ref, f'{kind or node.tag} "{node.path}"', tags) if ref else None
+
+    def path_at(self, node: Node, path: str, tags: Container[str] | None = None, kind: str = "") -> str | None:
+        """Return the path of the node that the only reference at a relative path names; see `target`."""
+        found = self.target(node, path, tags, kind)
+        return found.path if found else None
 
     def targets(self, node: Node, path: str, tags: Container[str] | None = None) -> list[Node]:
         """Return the nodes that the references at a relative path name; see `find` and `refs`."""
@@ -415,18 +424,18 @@ class Tree:
                     return path
         return ""
 
-    def report_conflict(self, node: Node, what: str, first: tuple[str, Location], second: tuple[str, Location]) -> None:
+    def _report_conflict(self, node: Node, what: str, first: Stated, second: Stated) -> None:
         """Report that two parts of a node state `what` differently: as variants of it, or as a contradiction."""
-        message = f'{what} is "{second[0]}" here, but "{first[0]}" at {first[1]}'
+        message = f'{what} is "{second.text}" here, but "{first.text}" at {first.at}'
         is_variant = any(part.element.find(f"{NS}VARIATION-POINT/*") is not None for part in node.parts)
         if is_variant and self._is_whole:
             help = "choose a variant; otherwise the first of the two counts"
-            self.findings.report(codes.VARIANT, message, at=second[1], path=node.path, help=help)
+            self.findings.report(codes.VARIANT, message, at=second.at, path=node.path, help=help)
             return
-        is_copy = self._ranks.get(first[1].file, 0) < self._ranks.get(second[1].file, 0)
+        is_copy = self._ranks.get(first.at.file, 0) < self._ranks.get(second.at.file, 0)
         code = codes.OTHER_COPY if is_copy else codes.CONFLICT
         help = "generate the file again" if is_copy else "import one of the two, or make them agree"
-        self.findings.report(code, f"{message}{', which counts' * is_copy}", at=second[1], path=node.path, help=help)
+        self.findings.report(code, f"{message}{', which counts' * is_copy}", at=second.at, path=node.path, help=help)
 
 
 def _is_true(element: etree._Element, tag: str) -> bool:

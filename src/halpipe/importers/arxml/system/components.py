@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.tree import Text, local, place, qualified
+from halpipe.importers.arxml.files.tree import Stated, local, place, qualified
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.system.values import (
     Component,
@@ -20,7 +20,6 @@ from halpipe.importers.arxml.system.values import (
     Place,
     Prototype,
     Runnable,
-    Stated,
     Twin,
 )
 
@@ -97,11 +96,6 @@ def place_of(node: Node) -> Place:
     return Place(node.path, node.tag, node.at)
 
 
-def stated(text: Text | None) -> Stated | None:
-    """Return a text as a stated value; None if it is absent or empty."""
-    return Stated(text.value, text.at) if text is not None and text.value else None
-
-
 def read_twins(tree: Tree) -> tuple[Twin, ...]:
     """Read which runnables and BSW entities are the same function."""
     return tuple(twin for node in tree.tagged("SWC-BSW-MAPPING") for twin in _twins(tree, node))
@@ -132,13 +126,12 @@ def _component(tree: Tree, node: Node, detached: Iterable[Node]) -> Component:
 
 def _event(tree: Tree, node: Node) -> Event:
     path = "STARTS-ON-EVENT-REF" if node.tag.startswith("BSW-") else "START-ON-EVENT-REF"
-    runnable = tree.target(node, path, RUNNABLES)
     is_timing = node.tag.endswith("TIMING-EVENT")
     return Event(
         place=place_of(node),
-        runnable=runnable.path if runnable else None,
-        period=stated(tree.text(node, "PERIOD")) if is_timing else None,
-        offset=stated(tree.text(node, "OFFSET")) if is_timing else None,
+        runnable=tree.path_at(node, path, RUNNABLES),
+        period=tree.text(node, "PERIOD") if is_timing else None,
+        offset=tree.text(node, "OFFSET") if is_timing else None,
         data=_received_data(tree, node),
         disabled_in=tuple(_disabled_in(tree, node)),
         mode_ports=tuple(
@@ -174,7 +167,7 @@ def _runnable(tree: Tree, node: Node) -> Runnable:
         symbol=_symbol(tree, node),
         writes=tuple(item for role, item in accesses if role in _WRITES),
         reads=tuple(item for role, item in accesses if role in _READS),
-        interval=stated(tree.text(node, "MINIMUM-START-INTERVAL")),
+        interval=tree.text(node, "MINIMUM-START-INTERVAL"),
         areas=tuple(_areas(tree, node)),
     )
 
@@ -193,7 +186,7 @@ def _symbol(tree: Tree, node: Node) -> str:
     """Return the C function: the SYMBOL of a runnable, the entry that a BSW entity implements, or else its name."""
     symbol = tree.text(node, "SYMBOL")
     entry = tree.ref(node, "IMPLEMENTED-ENTRY-REF")
-    return (symbol.value if symbol else "") or (entry.name if entry else "") or node.name
+    return (symbol.text if symbol else "") or (entry.name if entry else "") or node.name
 
 
 def _access(tree: Tree, access: Node) -> Iterator[tuple[str, DataItem]]:
@@ -248,15 +241,13 @@ def _composition(tree: Tree, node: Node) -> Composition:
     ]
     return Composition(
         place=place_of(node),
-        prototypes=tuple(_prototype(tree, child) for child in node.inside("SW-COMPONENT-PROTOTYPE")),
+        prototypes=tuple(
+            Prototype(place_of(child), tree.path_at(child, "TYPE-TREF", kind="component prototype"))
+            for child in node.inside("SW-COMPONENT-PROTOTYPE")
+        ),
         connectors=tuple(connectors),
         overrides=tuple(_overrides(tree, node)),
     )
-
-
-def _prototype(tree: Tree, node: Node) -> Prototype:
-    target = tree.target(node, "TYPE-TREF", kind="component prototype")
-    return Prototype(place_of(node), target.path if target else None)
 
 
 def _connector(tree: Tree, node: Node, part: Part) -> Connector:
@@ -298,8 +289,8 @@ def _overrides(tree: Tree, node: Node) -> Iterator[PeriodOverride]:
         period = next((child for child in element if local(child) == "PERIOD"), None)
         prototype = tree.reference(node, context[-1], file) if context else None
         event = tree.reference(node, target[0], file) if target else None
-        value = stated(Text((period.text or "").strip(), place(period, file))) if period is not None else None
-        if prototype and event and value:
+        value = Stated((period.text or "").strip(), place(period, file)) if period is not None else None
+        if prototype and event and value and value.text:
             yield PeriodOverride(prototype=prototype.path, event=event.path, period=value)
 
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import named
+from halpipe.core.durations import seconds
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.codes import EDITED
-from halpipe.importers.arxml.files.tree import place, qualified
+from halpipe.importers.arxml.files.tree import Stated, place, qualified
 from halpipe.importers.arxml.files.words import NS, module_with, parse_number, steps_of
-from halpipe.importers.arxml.system.values import Place, Stated
+from halpipe.importers.arxml.system.values import Place
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.core.diagnostics import Location
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.files.tree import Node, Ref, Tree
 
 T = TypeVar("T")
@@ -125,17 +127,10 @@ class Container:
 
     def value(self, name: str) -> Stated | None:
         """Return the parameter `name`; report a conflict if two parts of the container state it differently."""
-        first: Stated | None = None
         if self._parameters is None:
             self._parameters = self._by_definition("PARAMETER-VALUES/*")
-        for element, file in self._parameters.get(name, ()):
-            text = (element.findtext(NS + "VALUE") or "").strip()
-            found = Stated(text, place(element, file))
-            if first is None:
-                first = found
-            elif first.text != found.text:
-                self._tree.report_conflict(self.node, name, (first.text, first.at), (found.text, found.at))
-        return first if first is not None and first.text else None
+        found = (Stated(_text(e), place(e, file)) for e, file in self._parameters.get(name, ()))
+        return self._tree.agreed(self.node, name, found)
 
     def number(self, name: str) -> Fraction | None:
         """Return the parameter `name` as an exact number; report it if it is none."""
@@ -153,6 +148,11 @@ class Container:
             )
             return None
         return number
+
+    def time(self, name: str) -> Duration | None:
+        """Return the parameter `name`, in seconds, as a time; None if it is 0, too."""
+        number = self.number(name)
+        return seconds(number) if number else None
 
     def refs(self, *names: str) -> list[Ref]:
         """Return the targets of the references called one of `names`."""
@@ -186,6 +186,10 @@ class Container:
         return next(iter(self.targets(*names)), None)
 
 
+def _text(value: etree._Element) -> str:
+    return (value.findtext(NS + "VALUE") or "").strip()
+
+
 def _last(definition: str | None) -> str:
     return "".join((definition or "").split()).rpartition("/")[2]
 
@@ -204,7 +208,7 @@ class Containers:
             if module not in standard or (modules is not None and module not in modules):
                 continue
             definition = tree.text(node, "DEFINITION-REF")
-            container = Container(tree, node, steps_of(definition.value if definition else None)[-1])
+            container = Container(tree, node, steps_of(definition.text if definition else None)[-1])
             self.by_path[node.path] = container
             if container.data():
                 self.added[node.path] = container
@@ -284,11 +288,10 @@ def symbolic_values(tree: Tree) -> dict[str, list[Stated]]:
 
     Some BSW module descriptions state a period as the name of the parameter that holds it.
     """
-    found = {name: [Stated(text.value, text.at) for text in texts] for name, texts in tree.symbols.items()}
+    found = {name: list(texts) for name, texts in tree.symbols.items()}
     for node in tree.tagged(_CONTAINER):
         for element, file in node.elements("PARAMETER-VALUES/*"):
             name = _last(element.findtext(NS + "DEFINITION-REF"))
-            text = (element.findtext(NS + "VALUE") or "").strip()
-            if name and text:
+            if name and (text := _text(element)):
                 found.setdefault(name, []).append(Stated(text, place(element, file)))
     return found

@@ -109,14 +109,14 @@ def _task(containers: Containers, container: Container, core: str | None) -> OsT
     kind = container.value("OsTaskType")
     name = "OsTaskExecutionBudget"
     inside = next((found for found in containers.below(container) if found.value(name)), None)
-    budget = inside.number(name) if inside else None
+    schedule = container.value("OsTaskSchedule")
     return OsTask(
         container.place,
         core,
-        _task_period(container),
-        _schedule(container),
+        container.time("OsTaskPeriod"),
+        schedule.text if schedule is not None and schedule.text in ("FULL", "NON") else "",
         is_basic=(kind is None or kind.text == "BASIC") and not container.refs("OsTaskEventRef"),
-        budget=seconds(budget) if budget else None,
+        budget=inside.time(name) if inside else None,
         protection=inside.place if inside else None,
         resources=tuple(
             Place(path, "OsResource", containers.by_path[path].node.at)
@@ -146,32 +146,16 @@ def _spinlocks(
             yield container.place, tuple(task for application in found for task in application.tasks)
 
 
-def _schedule(container: Container) -> str:
-    """Return whether jobs of an OsTask may be preempted, FULL or NON; empty where that is not stated."""
-    stated = container.value("OsTaskSchedule")
-    return stated.text if stated is not None and stated.text in ("FULL", "NON") else ""
-
-
 def _routines(containers: Containers, applications: Iterable[OsApplication]) -> Iterator[OsIsr]:
     """Yield the interrupt routines, with what their timing protection says."""
     core_of = {path: application.core for application in applications for path in application.routines}
     for container in containers.of("OsIsr"):
         inside = list(containers.below(container))
         budget, frame = (
-            next((number for inner in inside if (number := inner.number(name))), None)
+            next((time for inner in inside if (time := inner.time(name))), None)
             for name in ("OsIsrExecutionBudget", "OsIsrTimeFrame")
         )
-        yield OsIsr(
-            container.place,
-            core_of.get(container.node.path),
-            seconds(budget) if budget else None,
-            seconds(frame) if frame else None,
-        )
-
-
-def _task_period(container: Container) -> Duration | None:
-    number = container.number("OsTaskPeriod")
-    return seconds(number) if number else None
+        yield OsIsr(container.place, core_of.get(container.node.path), budget, frame)
 
 
 # ------------------------------------------------------------------------------------------------- mappings
@@ -235,7 +219,10 @@ def read_triggers(containers: Containers) -> Iterator[Trigger]:
         for group in data.groups("stopped")
     }
     elsewhere = started_elsewhere(containers)
-    _report_elsewhere(containers, elsewhere)
+    for starter in elsewhere:
+        message = "is started in another application mode only, and left out"
+        help = "schedule each application mode on its own, or state periods in the overlay (sources)"
+        starter.place.report(containers.tree.findings, codes.OTHER_START, message, help=help)
     for alarm in containers.of("OsAlarm"):
         if alarm in elsewhere:
             continue
@@ -273,9 +260,8 @@ class Ticks:
         return self._known[counter.node.path]
 
     def _tick(self, counter: Container) -> Duration | None:
-        number = counter.number("OsSecondsPerTick")
-        if number:
-            return seconds(number)
+        if tick := counter.time("OsSecondsPerTick"):
+            return tick
         systems = self._containers.beside(counter, "OsOS")
         stated = {number for system in systems for number in map(system.number, _FREQUENCIES) if number}
         if len(stated) == 1:
@@ -385,16 +371,6 @@ def started_elsewhere(containers: Containers) -> list[Container]:
     modes, chosen = _modes(containers), chosen_mode(containers)
     starters = containers.of("OsAlarm", "OsScheduleTable")
     return [starter for starter in starters if chosen not in modes.get(starter.node.path, [chosen])]
-
-
-def _report_elsewhere(containers: Containers, starters: Sequence[Container]) -> None:
-    for starter in starters:
-        starter.place.report(
-            containers.tree.findings,
-            codes.OTHER_START,
-            "is started in another application mode only, and left out",
-            help="schedule each application mode on its own, or state periods in the overlay (sources)",
-        )
 
 
 def _running(

@@ -65,19 +65,19 @@ def find_instances(
     configured, alone = _Configured(tree, everything, components).resolve(mapped)
     copies = _copies(unfolded, {*configured.values(), *(item.prototype for item in mapped)})
     for root in copies:
-        findings.report(
-            codes.COPY,
-            "none of its component prototypes is in the Rte configuration",
-            at=by_path[root].place.at,
-            path=named("composition", root),
-            help="nothing to do if it is the system that the ECU extract was made of",
-        )
+        message = "none of its component prototypes is in the Rte configuration"
+        help = "nothing to do if it is the system that the ECU extract was made of"
+        by_path[root].place.report(findings, codes.COPY, message, help=help)
     kept = [instance for root in roots if root not in copies for instance in unfolded[root]]
     _report_shared_types(kept, by_path, findings)
     used = {instance.component.place.path for instance in (*kept, *alone)}
     rest = [component for component in components if component.place.path not in used]
     if kept:
-        _report_unused([component for component in rest if not component.is_module], findings)
+        for component in rest:
+            if not component.is_module and any(event.is_timing for event in component.events):
+                message = "is used in no composition of the system, so that its runnables are no tasks"
+                help = "add it to the composition, or import its file on its own"
+                component.place.report(findings, codes.NOT_INSTANTIATED, message, help=help)
         rest = [component for component in rest if component.is_module]
     single = [Instance(_label(component), (component.place.path,), component) for component in rest]
     return Instances((*kept, *alone, *single), copies, configured)
@@ -190,17 +190,6 @@ def _label(component: Component) -> str:
     return f"BSW/{component.place.name}" if component.is_module else component.place.name
 
 
-def _report_unused(components: Sequence[Component], findings: Findings) -> None:
-    for component in components:
-        if any(event.is_timing for event in component.events):
-            component.place.report(
-                findings,
-                codes.NOT_INSTANTIATED,
-                "is used in no composition of the system, so that its runnables are no tasks",
-                help="add it to the composition, or import its file on its own",
-            )
-
-
 def _roots(tree: Tree, compositions: Sequence[Composition], named: Sequence[RteInstance]) -> list[str]:
     chosen = []
     for node in tree.tagged("ROOT-SW-COMPOSITION-PROTOTYPE"):
@@ -266,11 +255,10 @@ def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Compo
             known.append(instance.context[0])
     for pair in dict.fromkeys(tuple(found) for found in roots.values() if len(found) > 1):
         shared = next(path for path, found in roots.items() if tuple(found) == pair)
-        findings.report(
+        by_path[pair[0]].place.report(
+            findings,
             codes.SEVERAL_ROOTS,
             f"{shared} and others are used in each of {', '.join(pair)}",
-            at=by_path[pair[0]].place.at,
-            path=named("composition", pair[0]),
             help="import the files of one system only, or add the ECU configuration of the Rte",
         )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, named
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
 from halpipe.importers.arxml.files.tree import Tree, local
@@ -21,7 +21,6 @@ from halpipe.importers.arxml.system.components import (
     read_hardware,
     read_mode_groups,
     read_twins,
-    stated,
 )
 from halpipe.importers.arxml.system.containers import standard_modules
 from halpipe.importers.arxml.system.ecuc import read_configuration
@@ -111,7 +110,7 @@ def _process(
     own = [group for group in groups if any(mode.path in states for mode in group.modes)]
     client = tree.target(node, "DETERMINISTIC-CLIENT-REF", ("DETERMINISTIC-CLIENT",))
     workers = tree.text(client, "NUMBER-OF-WORKERS") if client else None
-    count = parse_number(workers.value) if workers else None
+    count = parse_number(workers.text) if workers else None
     machine, cores = _allowed(tree, mapping, machines) if mapping else (None, ())
     return Process(
         place=place_of(node),
@@ -119,7 +118,7 @@ def _process(
         disabled_in=tuple(mode.path for group in own for mode in group.modes if mode.path not in states),
         machine=machine,
         cores=cores,
-        cycle=stated(tree.text(client, "CYCLE-TIME-VALUE")) if client else None,
+        cycle=tree.text(client, "CYCLE-TIME-VALUE") if client else None,
         workers=int(count) if count and count.denominator == 1 else 1,
         parts=tuple(place_of(part) for part in (mapping, client) if part is not None),
     )
@@ -143,7 +142,6 @@ def _states(tree: Tree, node: Node) -> Iterator[str]:
 
 def _allowed(tree: Tree, mapping: Node, machines: tuple[Machine, ...]) -> tuple[str | None, tuple[str, ...]]:
     """Return the machine (path) of a mapping, and which of its cores the process may use."""
-    what = f'{mapping.tag} "{mapping.path}"'
     target = tree.target(mapping, "MACHINE-REF", ("MACHINE",))
     machine = next((m for m in machines if target is not None and m.place.path == target.path), None)
     if machine is None:
@@ -155,11 +153,10 @@ def _allowed(tree: Tree, mapping: Node, machines: tuple[Machine, ...]) -> tuple[
     cores = [core.path for core in machine.cores]
     left = tuple(core for core in cores if (not allowed or core in allowed) and core not in forbidden)
     if cores and not left:
-        tree.findings.report(
+        mapping.report(
+            tree.findings,
             codes.NO_CORE,
             "leaves the process no core; all of its machine are assumed",
-            at=mapping.at,
-            path=what,
             help="correct SHALL-RUN-ON-REFS and SHALL-NOT-RUN-ON-REFS, or state the units in the overlay",
         )
     return machine.place.path, left or tuple(cores)
@@ -225,11 +222,10 @@ def _report_unmapped(tree: Tree, configuration: Configuration, components: Seque
     found = [path for path, module in standard_modules(tree).items() if module == "Rte"]
     is_timed = any(event.is_timing for component in components for event in component.events)
     if found and is_timed and configuration.tasks and not any(m.is_called for m in configuration.mappings):
-        tree.findings.report(
+        tree.nodes_at(found[0])[0].report(
+            tree.findings,
             codes.MAPS_NOTHING,
             f"none of its {len(configuration.mappings)} event mappings names an OsTask",
-            at=tree.nodes_at(found[0])[0].at,
-            path=named("ECUC-MODULE-CONFIGURATION-VALUES", found[0]),
             help="map the events in the configurator, or bind the tasks in the overlay (units, precedence)",
         )
 

@@ -79,7 +79,7 @@ def cse_time(tree: Tree, node: Node, child: str, code: Code) -> Duration | None:
     if not node.elements(child):
         return None
     parts = [tree.text(node, f"{child}/{tag}") for tag in ("CSE-CODE", "CSE-CODE-FACTOR")]
-    unit, factor = (part.value if part else "" for part in parts)
+    unit, factor = (part.text if part else "" for part in parts)
     time = parse_cse(unit, factor)
     if time is None or (not time and code is codes.BAD_EXECUTION_TIME):
         tree.findings.report(
@@ -286,7 +286,7 @@ def required(tree: Tree, *tags: str) -> list[Node]:
 
 def _observable(tree: Tree, node: Node) -> Observable | None:
     stated = tree.text(node, f"{node.tag}-TYPE")
-    words = (stated.value if stated else "").lower().split("-")
+    words = (stated.text if stated else "").lower().split("-")
     what = words[-1]
     if what not in _HAPPENINGS:
         return None
@@ -304,8 +304,8 @@ def _observable(tree: Tree, node: Node) -> Observable | None:
 def _chain(tree: Tree, node: Node) -> EventChain:
     return EventChain(
         place=place_of(node),
-        stimulus=_target(tree, node, "STIMULUS-REF"),
-        response=_target(tree, node, "RESPONSE-REF"),
+        stimulus=tree.path_at(node, "STIMULUS-REF"),
+        response=tree.path_at(node, "RESPONSE-REF"),
         segments=tuple(s.path for s in tree.targets(node, "SEGMENT-REFS/SEGMENT-REF", (CHAIN,)) if s is not node),
     )
 
@@ -313,17 +313,12 @@ def _chain(tree: Tree, node: Node) -> EventChain:
 # ------------------------------------------------------------------------------------------------ constraints
 
 
-def _target(tree: Tree, node: Node, tag: str) -> str | None:
-    target = tree.target(node, tag)
-    return target.path if target else None
-
-
 def _time(tree: Tree, node: Node, child: str) -> Duration | None:
     return cse_time(tree, node, child, codes.BAD_TIME)
 
 
 def _arrival(tree: Tree, node: Node) -> Arrival | None:
-    event = _target(tree, node, "EVENT-REF")
+    event = tree.path_at(node, "EVENT-REF")
     period = _time(tree, node, _period_tag(node.tag))
     offsets: tuple[Duration, ...] | None = None
     if node.tag == _PERIODIC:
@@ -363,17 +358,17 @@ def _times(node: Node, path: str) -> tuple[Duration, ...] | None:
 
 
 def _limit(tree: Tree, node: Node) -> Limit | None:
-    scope = _target(tree, node, "SCOPE-REF")
+    scope = tree.path_at(node, "SCOPE-REF")
     maximum = _time(tree, node, "MAXIMUM")
     if scope is None or not maximum:
         return None
     kind = tree.text(node, "LATENCY-CONSTRAINT-TYPE")
-    is_age = node.tag == AGE or (kind is not None and kind.value.upper() == "AGE")
+    is_age = node.tag == AGE or (kind is not None and kind.text.upper() == "AGE")
     return Limit(place=place_of(node), scope=scope, maximum=maximum, is_age=is_age)
 
 
 def _distance(tree: Tree, node: Node) -> Distance | None:
-    source, target = _target(tree, node, "SOURCE-REF"), _target(tree, node, "TARGET-REF")
+    source, target = tree.path_at(node, "SOURCE-REF"), tree.path_at(node, "TARGET-REF")
     if source is None or target is None:
         return None
     low, high = _time(tree, node, "MINIMUM"), _time(tree, node, "MAXIMUM")

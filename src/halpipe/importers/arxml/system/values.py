@@ -16,6 +16,7 @@ from halpipe.models import Origin
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Code, Findings, Location
     from halpipe.core.durations import Duration
+    from halpipe.importers.arxml.files.tree import Stated
 
 
 @record
@@ -39,14 +40,6 @@ class Place:
     def origin(self) -> Origin:
         """The same as the origin of a model element."""
         return Origin(self.at.file, self.at.line, self.path)
-
-
-@record
-class Stated:
-    """A value as the file writes it."""
-
-    text: str
-    at: Location
 
 
 # ----------------------------------------------------------------------------------------- software components

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.importers.arxml.files.tree import Tree
-    from halpipe.importers.arxml.system.values import Event, Place, Stated, System, Trigger
+    from halpipe.importers.arxml.files.tree import Stated, Tree
+    from halpipe.importers.arxml.system.values import Event, Place, System, Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
     from halpipe.importers.common.base import Supplement

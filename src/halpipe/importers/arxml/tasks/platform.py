@@ -155,16 +155,12 @@ def with_interrupts(
             origin = routine.place.origin
             served[unit].append(Interrupt(name=name, distance=routine.distance, wcet=routine.budget, origin=origin))
             ledger.mapped(routine.place)
-    _report(lacking, findings)
-    return tuple(replace(unit, interrupts=tuple(served[unit.name])) for unit in platform.units)
-
-
-def _report(lacking: Sequence[OsIsr], findings: Findings) -> None:
     if lacking:
         names = ", ".join(legal_name(routine.place.name) for routine in lacking)
         message = f"{len(lacking)} interrupt routines have no time, distance or core: {names}"
         help = "state them as interrupts under platform: in the overlay"
         findings.report(codes.UNKNOWN_INTERRUPT, message, at=lacking[0].place.at, help=help)
+    return tuple(replace(unit, interrupts=tuple(served[unit.name])) for unit in platform.units)
 
 
 DEFAULT_MODE = "default"
@@ -194,7 +190,8 @@ def make_modes(
                 modes.append(Mode(name=names[mode.path], runs=runs, origin=mode.origin))
             else:
                 del names[mode.path]
-                _report_empty(group, mode, findings)
+                path = named(group.place.kind, group.place.path)
+                findings.report(codes.EMPTY_MODE, f'no task runs in mode "{mode.name}"', at=mode.at, path=path)
     if len(groups) > 1:
         findings.report(
             codes.SEVERAL_GROUPS,
@@ -240,15 +237,6 @@ def _report_machines(system: System, group: ModeGroup, drafts: Sequence[Draft], 
             f"is switched by {len(machines)} providers, but imported as one: {listed([port for _, port in machines])}",
             help="state the modes that occur together in the overlay (modes)",
         )
-
-
-def _report_empty(group: ModeGroup, mode: Place, findings: Findings) -> None:
-    findings.report(
-        codes.EMPTY_MODE,
-        f'no task runs in mode "{mode.name}"',
-        at=mode.at,
-        path=named(group.place.kind, group.place.path),
-    )
 
 
 def _transitions(group: ModeGroup, names: dict[str, str], ledger: Ledger) -> Iterator[Transition]:

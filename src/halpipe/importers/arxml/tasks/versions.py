@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, about, named
+from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
@@ -261,7 +261,8 @@ class Locking:
                 continue
             unknown = [name for name in members if not all(version.wcet for version in tasks[name].versions)]
             if unknown:
-                findings.add(_lost(lock, unknown))
+                message = f"is not imported, since {listed(unknown)} have no WCET: jobs that hold it may overlap"
+                lock.place.report(findings, LOCK_LOST, message, help="state the WCETs in an overlay")
                 continue
             resource = Resource(name=unique_name(lock.name, taken), kind=ResourceKind.LOCK, origin=lock.place.origin)
             made.append((lock, resource))
@@ -274,15 +275,6 @@ class Locking:
             findings.report(LOCKS_HELD, message, at=made[0][0].place.at)
         resources = (*model.resources, *(resource for _, resource in made))
         return replace(model, resources=resources, tasks=tuple(tasks.values())), tuple(findings.items)
-
-
-def _lost(lock: Lock, unknown: Sequence[str]) -> Diagnostic:
-    return LOCK_LOST(
-        f"is not imported, since {listed(unknown)} have no WCET: jobs that hold it may overlap",
-        at=lock.place.at,
-        path=named(lock.place.kind, lock.place.path),
-        help="state the WCETs in an overlay",
-    )
 
 
 def _are_apart(tasks: Sequence[Task]) -> bool:
