@@ -17,7 +17,7 @@ from halpipe.core.records import record
 from halpipe.models import Anchor, Match, ResourceKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
@@ -30,6 +30,22 @@ class Demand:
     task: str
     index: int
     slot: int
+
+
+MOST_SETS = 1000
+"""Sets of common units that are carried from mode to mode; beyond it a contradiction may be missed."""
+
+
+def common_sets(modes: Iterable[Iterable[Version]], gang: int) -> set[frozenset[str]]:
+    """Return sets of units any `gang` of which some version of that gang may use in each of the modes."""
+    common: set[frozenset[str]] | None = None
+    for versions in modes:
+        here = {frozenset(version.units) for version in versions if version.gang == gang}
+        both = here if common is None else {one & other for one in common for other in here}
+        common = {units for units in both if len(units) >= gang}
+        if len(common) > MOST_SETS:
+            break
+    return common or set()
 
 
 @record

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.models import Unit, Version
@@ -57,6 +58,10 @@ def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: 
     return tuple(tuple(names) for names in groups.values())
 
 
+Pins = Mapping[int, frozenset[str]]
+"""The units that a task may use, by the gang of the version."""
+
+
 class Lanes:
     """The lanes of a mode: those of the groups of units first, then those of the resources."""
 
@@ -67,7 +72,7 @@ class Lanes:
         resources: Sequence[str],
         tick: Duration | None,
         grouped: bool,
-        pinned: Mapping[str, tuple[str, ...]],
+        pinned: Mapping[str, Pins],
     ) -> None:
         self.tick = tick or natural_tick(expansion)
         self.groups = interchangeable_units(expansion, units, grouped)
@@ -191,10 +196,11 @@ class Lanes:
 
     def _listed_choices(self, active: ActiveTask, version: Version) -> list[Choice]:
         available: dict[int, int] = {}
-        pinned = self._pinned.get(active.name, ())
-        for name in pinned if pinned and set(pinned) <= set(version.units) else dict.fromkeys(version.units):
-            group = self._group_of[name]
-            available[group] = available.get(group, 0) + 1
+        pinned = self._pinned.get(active.name)
+        for name in dict.fromkeys(version.units):
+            if pinned is None or name in pinned.get(version.gang, ()):
+                group = self._group_of[name]
+                available[group] = available.get(group, 0) + 1
         picks = itertools.combinations_with_replacement(sorted(available), version.gang)
         counted = (tuple((g, pick.count(g)) for g in dict.fromkeys(pick)) for pick in picks)
         fitting = (choice for choice in counted if all(count <= available[g] for g, count in choice))

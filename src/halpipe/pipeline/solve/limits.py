@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.validate.load import Overload
 
 DEFAULT_WORK = 60
@@ -36,7 +37,7 @@ def stated_problem(
     *,
     grouped: bool = True,
     every_chain: bool = False,
-    pinned: Mapping[str, tuple[str, ...]],
+    pinned: Mapping[str, Pins],
 ) -> Problem:
     """Build the arrays of a mode, refusing what does not fit them; see `build_problem`."""
     check_tick(expansion, tick)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, about
 from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Binding, ModeSchedule, Status
+from halpipe.models import ModeSchedule, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.parts import has_whole_jobs
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.kernel.search import Outcome, Search
     from halpipe.pipeline.solve.kernel.slices import Kept
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.optimise import Polish, Reached
     from halpipe.pipeline.solve.problem import Problem
     from halpipe.pipeline.solve.relay import Turn
@@ -119,10 +120,14 @@ class _Search:
         return self.options.seed + self.number * 0x5DEECE66D + self.options.attempt * 0x2545F4914F
 
     @cached_property
-    def pinned(self) -> dict[str, tuple[str, ...]]:
-        """The units of the tasks that keep to them in all modes, where earlier modes have settled them."""
-        bound = (active.name for active in self.expansion.tasks if active.task.binding is Binding.SYSTEM)
-        return {task: units for task in bound if (units := self.earlier.homes.get(task))}
+    def pinned(self) -> dict[str, Pins]:
+        """The units that tasks bound in the whole system may use, where other modes narrow them and some are left."""
+        found = [(active, self.earlier.pins.get(active.name, {})) for active in self.expansion.tasks]
+        return {
+            active.name: pins
+            for active, pins in found
+            if any(len(pins[v.gang].intersection(v.units)) >= v.gang for v in active.versions if v.gang in pins)
+        }
 
     @cached_property
     def shipped(self) -> dict[tuple[str, int], Job]:
@@ -180,7 +185,7 @@ class _Search:
         assert self.polish is not None
         tick = greatest_common_divisor([natural_tick(self.expansion), *(job.start for job in jobs)])
         try:
-            problem = stated_problem(self.model, self.expansion, tick, every_chain=True, pinned={})
+            problem = stated_problem(self.model, self.expansion, tick, every_chain=True, pinned=self.pinned)
         except HalpipeError as failure:
             if [found.code for found in failure.diagnostics] == [TOO_LARGE.id]:
                 return None
@@ -288,13 +293,14 @@ class _WholeJobs(_Search):
         )
 
     @cached_property
-    def settled(self) -> dict[str, tuple[str, ...]]:
+    def settled(self) -> dict[str, Pins]:
         """The units of the tasks all of whose jobs have shipped, and can stay: no others need to be looked at."""
-        found: dict[str, tuple[str, ...]] = {}
+        found: dict[str, Pins] = {}
         for active in self.expansion.tasks if self.shipped else ():
             jobs = [job for index in range(active.jobs) if (job := self.shipped.get((active.name, index)))]
             if len(jobs) == active.jobs and all(self._stays(active, job) for job in jobs):
-                found[active.name] = tuple(dict.fromkeys(unit for job in jobs for unit in job.units))
+                units = frozenset(unit for job in jobs for unit in job.units)
+                found[active.name] = {len(job.units): units for job in jobs}
         return found
 
     def _stays(self, active: ActiveTask, job: Job) -> bool:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import ActiveTask
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.lanes import Choice
+    from halpipe.pipeline.solve.lanes import Choice, Pins
 
 Rect = tuple[int, int, int, int]
 _EndsLate = tuple[Duration, Duration]
@@ -155,7 +155,7 @@ def build_problem(
     tick: Duration | None = None,
     grouped: bool = True,
     every_chain: bool = False,
-    pinned: Mapping[str, tuple[str, ...]] | None = None,
+    pinned: Mapping[str, Pins] | None = None,
 ) -> Problem:
     """Turn an expanded mode of a validated model into arrays.
 
@@ -190,7 +190,7 @@ class _Builder:
         chains: Iterable[Chain],
         tick: Duration | None,
         grouped: bool,
-        pinned: Mapping[str, tuple[str, ...]],
+        pinned: Mapping[str, Pins],
     ) -> None:
         self.expansion = expansion
         self.lanes = Lanes(expansion, units, resources, tick, grouped, pinned)

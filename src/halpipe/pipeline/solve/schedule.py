@@ -12,8 +12,8 @@ from halpipe.core.options import Form, option, positive_duration, time_limit_of
 from halpipe.core.quantities import parse_signed, whole
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.models import Schedule, Status
-from halpipe.pipeline.jobs import Expansion, expand, natural_tick
+from halpipe.models import Binding, Schedule, Status
+from halpipe.pipeline.jobs import Expansion, common_sets, expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import TaskModel
+    from halpipe.models import TaskModel, Version
     from halpipe.pipeline.solve.checkpoint import Checkpoint
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.optimise import Reached
     from halpipe.pipeline.solve.quantise import BurstGrid
 
@@ -188,7 +189,8 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     """Search a schedule for every mode of a validated model; a mode without one has status ``not-found``."""
     chosen = [mode for mode in model.modes if not options.modes or mode.name in options.modes]
     expansions = [expand(model, mode) for mode in chosen]
-    by_number = _Modes(model, expansions, options, on_progress).search()
+    common = _common_units(model, options.seed + options.attempt)
+    by_number = _Modes(model, expansions, options, on_progress, common).search()
     found = [by_number[number] for number in sorted(by_number)]
     schedule = Schedule(
         model=model.name,
@@ -217,6 +219,7 @@ class _Modes:
     expansions: list[Expansion]
     options: SearchOptions
     on_progress: OnProgress
+    common: dict[str, Pins]
 
     def search(self) -> dict[int, Found]:
         """Return what became of every mode, by number; of fewer if the search is stopped.
@@ -243,7 +246,8 @@ class _Modes:
 
         modes = () if self.options.like is None else self.options.like.modes
         found = [job for mode in modes if mode.name == expansion.mode.name for job in mode.jobs]
-        return Earlier().and_then(expansion, [job for job in found if job.task in expansion.by_name])
+        start = Earlier(pins=self.common)
+        return start.and_then(expansion, [job for job in found if job.task in expansion.by_name])
 
     def _start(self, number: int, found: dict[int, Found]) -> Earlier | None:
         """Return where earlier modes put the tasks of this one; None while one that matters is not finished."""
@@ -267,3 +271,24 @@ class _Modes:
 def _common_tick(expansions: list[Expansion]) -> Duration | None:
     ticks = [natural_tick(expansion) for expansion in expansions]
     return greatest_common_divisor(ticks) if ticks else None
+
+
+def _common_units(model: TaskModel, turn: int) -> dict[str, Pins]:
+    """Return the units that serve in every mode, of tasks bound in the whole system to which modes give unlike ones.
+
+    Of sets for gangs one is taken in `turn`: any of its units serve in every mode, those of several sets do not.
+    """
+    listed = {task.name: {v.name: v for v in task.versions} for task in model.tasks if task.binding is Binding.SYSTEM}
+    modes: dict[str, list[list[Version]]] = {name: [] for name in listed}
+    for run in (run for mode in model.modes for run in mode.runs if run.task in listed):
+        modes[run.task].append([listed[run.task][name] for name in run.versions])
+    found: dict[str, Pins] = {}
+    for task, versions in modes.items():
+        if len({frozenset((v.gang, frozenset(v.units)) for v in each) for each in versions}) > 1:
+            common = {v.gang: sorted(map(sorted, common_sets(versions, v.gang))) for v in versions[0]}
+            found[task] = {
+                gang: frozenset().union(*sets) if gang == 1 else frozenset(sets[turn % len(sets)])
+                for gang, sets in common.items()
+                if sets
+            }
+    return found

@@ -9,6 +9,7 @@ from halpipe.core.diagnostics import Severity, about
 from halpipe.core.durations import ZERO
 from halpipe.core.quantities import format_rational
 from halpipe.models import WHOLE, Binding, Chain, Interrupt, Task, Version
+from halpipe.pipeline.jobs import common_sets
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
 from halpipe.pipeline.validate.load import least_length
@@ -189,9 +190,6 @@ def _path(*elements: Any) -> Path:
 
 # ------------------------------------------------------------------------------------------------ preemption points
 
-_MOST_SETS = 1000
-"""Sets of common units that are carried from mode to mode; beyond it a contradiction may be missed."""
-
 
 @check("split-points", codes.SPLIT_OUTSIDE, codes.SPLIT_NOT_ASCENDING, codes.SPLIT_IN_PHASE)
 def check_points(context: Context) -> Iterator[Diagnostic]:
@@ -287,31 +285,23 @@ def check_bindings(context: Context) -> Iterator[Diagnostic]:
         if task.binding is not Binding.SYSTEM:
             continue
         modes = [mode for mode in context.active if task.name in mode.tasks]
-        sizes = {version.gang for mode in modes for version in mode.tasks[task.name].versions}
-        if modes and not any(_has_common(task, modes, size) for size in sizes):
+        if modes and not _has_common(task, modes):
             text = f"is bound to one set of units in the whole system, but {_why(task, modes)}"
             help = 'give its versions common units and gang sizes, or bind it within each mode (binding="mode")'
             yield codes.NOTHING_TO_BIND_TO(text, at=place(task), path=task_path(task), help=help)
 
 
-def _has_common(task: Task, modes: Iterable[ActiveMode], size: int) -> bool:
-    """Tell whether some `size` units can be used in each of the modes, by some version available there."""
-    common: set[frozenset[str]] | None = None
-    for mode in modes:
-        here = {frozenset(v.units) for v in mode.tasks[task.name].versions if v.gang == size}
-        both = here if common is None else {one & other for one in common for other in here}
-        common = {units for units in both if len(units) >= size}
-        if len(common) > _MOST_SETS:
-            return True
-    return bool(common)
+def _has_common(task: Task, modes: Iterable[ActiveMode]) -> bool:
+    """Return whether some units can be used in each of the modes, by some version available there."""
+    versions = [mode.tasks[task.name].versions for mode in modes]
+    return any(common_sets(versions, gang) for gang in {version.gang for version in versions[0]})
 
 
 def _why(task: Task, modes: list[ActiveMode]) -> str:
     """Say what its modes allow: the first two that have nothing in common, or all."""
     for number, one in enumerate(modes):
         for other in modes[number + 1 :]:
-            sizes = {v.gang for v in one.tasks[task.name].versions}
-            if not any(_has_common(task, (one, other), size) for size in sizes):
+            if not _has_common(task, (one, other)):
                 return f"{_allowed(task, one)} and {_allowed(task, other)}"
     return "; ".join(_allowed(task, mode) for mode in modes[:5])
 

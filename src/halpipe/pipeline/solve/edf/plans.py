@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from halpipe.models import Chain
     from halpipe.pipeline.solve.edf.works import Mode, Way, Work
     from halpipe.pipeline.solve.integers import Draws, Ints
+    from halpipe.pipeline.solve.lanes import Pins
 
 
 Span = tuple[int, int, int, int]
@@ -143,17 +144,20 @@ def with_item(items: tuple[T, ...], place: int, item: T) -> tuple[T, ...]:
     return (*items[:place], item, *items[place + 1 :])
 
 
-def allowed_ways(mode: Mode, pinned: Mapping[str, tuple[str, ...]]) -> list[tuple[Way, ...]]:
+def allowed_ways(mode: Mode, pinned: Mapping[str, Pins]) -> list[tuple[Way, ...]]:
     """Return the ways that each task may take: of those that stay, theirs; of those `pinned`, on their units."""
     stay = {each.task: each.way for each in mode.fixed.jobs}
     return [(stay[task],) if task in stay else _allowed(mode, work, pinned) for task, work in enumerate(mode.works)]
 
 
-def _allowed(mode: Mode, work: Work, pinned: Mapping[str, tuple[str, ...]]) -> tuple[Way, ...]:
+def _allowed(mode: Mode, work: Work, pinned: Mapping[str, Pins]) -> tuple[Way, ...]:
     stay = pinned.get(work.name)
     if stay is None:
         return work.ways
-    return tuple(way for way in work.ways if {mode.units[unit] for unit in way.units} == set(stay)) or work.ways
+    served = (
+        way for way in work.ways if {mode.units[unit] for unit in way.units} <= stay.get(len(way.units), frozenset())
+    )
+    return tuple(served) or work.ways
 
 
 def first_plan(mode: Mode, allowed: Sequence[tuple[Way, ...]]) -> Plan:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.works import Mode, Way
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.slices import Kept
+    from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.optimise import Polish
 
 
@@ -185,7 +186,7 @@ def search(
     mode: Mode,
     model: TaskModel,
     seed: int,
-    pinned: Mapping[str, tuple[str, ...]],
+    pinned: Mapping[str, Pins],
     effort: Effort,
     polish: Polish | None = None,
     kept: Kept | None = None,
@@ -204,7 +205,7 @@ class _Search:
         model: TaskModel,
         draws: Draws,
         effort: Effort,
-        pinned: Mapping[str, tuple[str, ...]],
+        pinned: Mapping[str, Pins],
         polish: Polish | None,
         kept: Kept | None,
     ) -> None:

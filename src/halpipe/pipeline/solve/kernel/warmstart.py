@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.models import Binding
 from halpipe.pipeline.parts import job_of
 from halpipe.pipeline.solve.integers import filled, ints
 from halpipe.pipeline.solve.kernel.kernel import (
@@ -32,28 +33,33 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.assign_units import Units
+    from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.problem import Option, Problem
 
 
 @record
 class Earlier:
-    """Placement in earlier modes: the phase of every periodic task, and the units of every job."""
+    """Placement in earlier modes: the phase of every periodic task, and the units of every job.
+
+    `pins`: the units of tasks bound in the whole system, or before the first mode those that serve in every mode.
+    """
 
     phases: dict[str, Duration] = field(default_factory=dict)
     units: dict[tuple[str, int], tuple[str, ...]] = field(default_factory=dict)
-    homes: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Of each task, the units of the last of its jobs: of a task that keeps to its units, those of all."""
+    pins: dict[str, Pins] = field(default_factory=dict)
 
     def and_then(self, expansion: Expansion, jobs: Iterable[Job]) -> Earlier:
         """Return what is known after one more mode; the first mode that runs a task decides for it."""
-        phases, units, homes = dict(self.phases), dict(self.units), dict(self.homes)
+        phases, units, pins = dict(self.phases), dict(self.units), dict(self.pins)
         for job in jobs:
             period = expansion.by_name[job.task].task.period
-            homes[job.task] = units.setdefault((job.task, job.index), job.units)
+            if expansion.by_name[job.task].task.binding is Binding.SYSTEM:
+                pins[job.task] = {len(job.units): frozenset(job.units)}
+            units.setdefault((job.task, job.index), job.units)
             if period is not None and job.task not in self.phases:
                 phase = (job.start - period * job.index) % expansion.hyperperiod % period
                 phases[job.task] = min(phase, phases.get(job.task, phase))
-        return Earlier(phases, units, homes)
+        return Earlier(phases, units, pins)
 
 
 def hints(problem: Problem, earlier: Earlier) -> Ints:
