@@ -63,9 +63,9 @@ def test_a_model_that_cannot_be_scheduled_yet_counts_the_other_findings():
     unstated = [task(f"t{number}", 10, version("v", None)) for number in range(3)]
     (found,) = formats._readiness(model(*unstated))
     assert found.message.startswith("it cannot be scheduled yet: 3 times: ")
-    assert "others" not in found.message
+    assert "other" not in found.message
     (found,) = formats._readiness(model(*unstated, task("u", 0, version("v", 3)), task("w", 10, version("v", 0))))
-    assert found.message.endswith(" and 2 others")
+    assert found.message.endswith(", and 2 other findings")
 
 
 PLATFORM = """halpipe-regulator: 1

@@ -12,6 +12,7 @@ from halpipe.cli.options import ModelFile, Output, reads, takes
 from halpipe.core.diagnostics import Exit
 from halpipe.core.options import Values
 from halpipe.core.quantities import parse_address
+from halpipe.core.suggest import counted
 from halpipe.deploy.base import CheckOptions
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ app.command("prepare")(takes("halpipe.exporters.riscv:PrepareOptions")(prepare).
 
 def _what(prepared: Prepared) -> str:
     grown = sum(found.code == "HAL0864" for found in prepared.diagnostics)
-    return f"{grown} versions have longer phases now" if grown else "all phases are long enough"
+    return f"longer phases now: {counted(grown, 'version')}" if grown else "all phases are long enough"
 
 
 def check(

@@ -19,7 +19,7 @@ from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, L
 from halpipe.core.files import beginning_of
 from halpipe.core.options import options_of, refuse_unused, specific
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import counted, did_you_mean
 from halpipe.pipeline.checked import refuse_invalid, validate_model
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _refuse_own(paths: Sequence[str]) -> None:
 def _refuse_losses(findings: Findings) -> None:
     lost = [d for d in findings.items if d.severity is not Severity.NOTE]
     if lost:
-        strict = LOST_UNDER_STRICT(f"{len(lost)} findings are errors under --strict")
+        strict = LOST_UNDER_STRICT(f"errors under --strict: {counted(len(lost), 'finding')}")
         raise HalpipeError(*findings.items, strict, exit=Exit.UNSUPPORTED)
 
 
@@ -141,10 +141,10 @@ def _readiness(model: TaskModel) -> list[Diagnostic]:
         return []
     ((most, count),) = Counter(found.code for found in errors).most_common(1)
     first = next(found.message for found in errors if found.code == most)
-    others = f" and {len(errors) - count} others" if len(errors) > count else ""
+    others = f", and {counted(len(errors) - count, 'other finding')}" if len(errors) > count else ""
     return [
         UNSCHEDULABLE_YET(
-            f"it cannot be scheduled yet: {count} times: {first}{others}",
+            f"it cannot be scheduled yet: {counted(count, 'time')}: {first}{others}",
             path=about(model=model.name),
             help="complete it with --overlay; `halpipe validate` lists every finding",
         )

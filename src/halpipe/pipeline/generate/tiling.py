@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from random import Random
 
-    from halpipe.pipeline.generate.parameters import SetParameters
 
 Counts = tuple[int, int, int]
 """How many tasks have one, two and three start times."""
