@@ -248,6 +248,57 @@ def test_the_launch_file_takes_nodes_parameters_and_remappings(tmp_path, monkeyp
     assert container["composable_node_descriptions"][1]["parameters"] == [{"use_sim_time": True}, {}]
 
 
+THREADS = """\
+hardware_info: {model: 85}
+callback_groups:
+  - id: /a@Timer(7)@Waitable@Waitable
+    affinity: [0, 2]
+    policy: SCHED_FIFO
+    priority: 5
+  - {id: "/b@Service(/x)", domain_id: 3, affinity: ~, policy: SCHED_OTHER, priority: 0}
+  - {id: /c, policy: SCHED_DEADLINE, runtime: 2000, deadline: 3000, period: 4000, affinity: ~}
+non_ros_threads:
+  - {name: /task, policy: SCHED_FIFO, priority: 9}
+"""
+PLACED = [
+    "t.yaml:3\tSCHED_FIFO\t5\t\t\t\t0,2\t/a@Timer(7)",
+    "t.yaml:8\tSCHED_DEADLINE\t\t2000\t3000\t4000\t\t/c",
+    "t.yaml:10\tSCHED_FIFO\t9\t\t\t\t\t/task",
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (THREADS, PLACED),
+        (THREADS.replace("priority: 5", "prio: 5"), "t.yaml:6: unknown key, or one that is there twice: prio"),
+        (THREADS.replace("priority: 5", "policy: 5"), "t.yaml:6: unknown key, or one that is there twice: policy"),
+        (THREADS.replace("name: /task, ", ""), "t.yaml:10: an entry has an id and a policy"),
+        (THREADS.replace("non_ros", "no_ros"), "t.yaml:9: there is no section no_ros_threads"),
+        ("callback_groups: [x]\n", "t.yaml:1: expected keys and values"),
+        ("callback_groups: {a: b}\n", "t.yaml:1: expected a list"),
+        ("callback_groups: ~\n", []),
+    ],
+)
+def test_the_launch_file_reads_the_file_of_the_callback_isolated_executor(tmp_path, monkeypatch, capsys, text, found):
+    """Form of cie_thread_configurator/README.md (tier4/callback_isolated_executor), whose IDs may end in @Waitable."""
+    for name in ("ament_index_python.packages", "launch", "launch_ros.actions", "launch_ros.descriptions"):
+        stand_in = SimpleNamespace(
+            get_package_share_directory=0, LaunchDescription=0, ComposableNodeContainer=0, ComposableNode=0
+        )
+        monkeypatch.setitem(sys.modules, name, stand_in)
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    (tmp_path / "t.yaml").write_text(text)
+    space = {}
+    exec(package()["launch/tables.launch.py"], space)
+    if isinstance(found, str):
+        with pytest.raises(ValueError, match="^" + found + "$"):
+            space["read_threads"](str(tmp_path / "t.yaml"))
+    else:
+        assert space["read_threads"](str(tmp_path / "t.yaml")) == found
+        assert ("t.yaml:1: hardware_info is not used" in capsys.readouterr().err) == ("hardware_info" in text)
+
+
 def test_tasks_without_a_callback_are_named():
     assert refusal(bindings={"/source": BINDINGS["/source"]}) == {codes.UNBOUND.id}
 

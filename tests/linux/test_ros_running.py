@@ -20,6 +20,7 @@ from support import ms
 
 SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
 NAMES = ("full", "within", "dead", "patterns", "cancelling", "unload", "lifecycle", "throwing", "hanging", "random")
+THREADS = ("threads", "task_threads", "wrong_threads", "unknown_threads", "reserved_task", "apart", "reservations")
 SIMULATIONS = ("slow_simulation", "fast_simulation")
 REFUSED = {
     "node_simulated": "/sink: use_sim_time: the tables have the machine's clock; state it for the container, too",
@@ -58,7 +59,7 @@ def played(request, tmp_path_factory):
     """All scenarios with one version of rclcpp, started together."""
     folder = tmp_path_factory.mktemp("ros")
     build(folder, package(), request.param)
-    return play(folder, (*NAMES, *SIMULATIONS, *REFUSED, "no_background"))
+    return play(folder, (*NAMES, *SIMULATIONS, *THREADS, *REFUSED, "no_background"))
 
 
 def build(folder, files, distribution):
@@ -197,6 +198,51 @@ def test_tables_follow_simulated_time(played, name):
     assert max(cycles) < 260  # simulated time ends at 8.6 s, and the tables begin at a whole second of it, 6 or later
     assert ("simulated time ran ahead" in found.err) == (cycles != set(range(max(cycles) + 1)))
     assert (name == "slow_simulation") or "simulated time ran ahead" in found.err
+
+
+def test_a_callback_group_has_the_thread_that_a_file_states(played):
+    """Nice value and CPUs of the group's thread, which ends with its node; a template's entry states nothing."""
+    found = numbers(played["threads"].out)
+    assert found == {"nice": 5, "cpus": 1, "runs": 1, "after": 0, "priority": 0, "seen": 1}
+    assert played["threads"].is_sound
+
+
+def test_the_threads_of_tasks_have_the_priority_that_a_file_states(played):
+    """By the name of a task, and by the group of its callback; a machine without rights says so."""
+    found = played["task_threads"]
+    assert numbers(found.out)["priority"] == 20 or "Operation not permitted give this process CAP_SYS_NICE" in found.err
+
+
+def test_entries_that_cannot_be_are_refused_with_their_lines(played):
+    wrong = played["wrong_threads"]
+    for line, why in enumerate(
+        (
+            "there is no policy SCHED_SOON",
+            "priority is from 1 to 99, not 0",
+            "priority is from -20 to 19, not 20",
+            "affinity is a list of CPUs, not 0,x",
+            "SCHED_DEADLINE has 1024 <= runtime <= deadline <= period, in ns",
+            "the kernel refuses affinity of SCHED_DEADLINE",
+        ),
+        1,
+    ):
+        assert f"t.yaml:{line}: /other@Timer(7000000): {why}" in wrong.err
+    assert "t.yaml:1: there is no callback group or task /sink@Subscription(/b); its node has /sink@" in (
+        played["unknown_threads"].err
+    )
+    assert "t.yaml:1: /sink: a thread of the tables starts at fixed instants, which SCHED_FIFO keeps" in (
+        played["reserved_task"].err
+    )
+    assert re.search("t.yaml:[12]: .*above the lowest of the tables, whose priority is 2[01]", played["apart"].err)
+    for name in ("wrong_threads", "unknown_threads", "reserved_task", "apart"):
+        assert (played[name].status, numbers(played[name].out)["seen"]) == (1, 0)
+        assert "the tables are not played" in played[name].err
+
+
+def test_a_reservation_that_the_kernel_does_not_admit_is_named(played):
+    """The judge is the kernel: one reservation of 99 % more than there are CPUs, or none at all without rights."""
+    assert re.search(r"t.yaml:\d+: /other@Timer\(\d+\): .*\((EBUSY|EPERM)\)", played["reservations"].err)
+    assert played["reservations"].status == 1
 
 
 def test_a_background_lane_on_no_cpu_is_refused(played):

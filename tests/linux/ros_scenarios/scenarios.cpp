@@ -3,6 +3,8 @@
 #include "container.cpp"
 #undef main
 
+#include <sys/resource.h>
+
 #include <random>
 
 namespace {
@@ -225,6 +227,53 @@ int node_simulated() {
   return status;
 }
 
+// Entries of a thread file. A node has a group of its own, whose thread says what it is; the node is unloaded while it runs.
+int threads(std::vector<std::string> lines) {
+  rclcpp::stub_parameters::threads = std::move(lines);
+  Pipe pipe;
+  auto other = std::make_shared<rclcpp::Node>("other");
+  auto group = other->create_callback_group(Group::MutuallyExclusive);
+  std::atomic_int nice{-1}, cpus{-1}, ticks{0}, seen{-1}, priority{-1};
+  auto timer = other->create_wall_timer(milliseconds(7), [&] {
+    nice = getpriority(PRIO_PROCESS, static_cast<id_t>(syscall(SYS_gettid)));
+    cpu_set_t set;
+    cpus = sched_getaffinity(0, sizeof set, &set) ? -1 : CPU_COUNT(&set);
+    ticks++;
+  }, group);
+  pipe.act = [&] {
+    sched_param parameter{};
+    sched_getparam(0, &parameter);
+    priority = parameter.sched_priority;
+  };
+  const uint64_t id = pipe.container->stub_load(other);
+  pipe.in_lane(300, [&] {
+    pipe.container->stub_unload(id);
+    seen = ticks.load();
+  });
+  const int status = pipe.play(2500);
+  std::printf("nice %d cpus %d runs %d after %d priority %d seen %d\n", nice.load(), cpus.load(), int(ticks > 5), ticks - seen,
+              priority.load(), int(pipe.seen > 10));
+  return status;
+}
+
+// More reservations than the machine has time for.
+int reservations() {
+  auto other = std::make_shared<rclcpp::Node>("other");
+  std::vector<rclcpp::CallbackGroup::SharedPtr> groups;
+  std::vector<rclcpp::TimerBase::SharedPtr> timers;
+  for (unsigned i = 1; i <= std::thread::hardware_concurrency() + 1; i++) {
+    groups.push_back(other->create_callback_group(Group::MutuallyExclusive));
+    timers.push_back(other->create_wall_timer(std::chrono::seconds(i), [] {}, groups.back()));
+    rclcpp::stub_parameters::threads.push_back(
+      "t.yaml:" + std::to_string(i) + "\tSCHED_DEADLINE\t\t9900000\t10000000\t10000000\t\t/other@Timer(" + std::to_string(i) + "000000000)");
+  }
+  Pipe pipe;
+  pipe.container->stub_load(other);
+  const int status = pipe.play(400);
+  pipe.print();
+  return status;
+}
+
 int no_cpu(const char * cpus) {
   rclcpp::stub_parameters::cpus = cpus;
   Pipe pipe;
@@ -335,6 +384,25 @@ int main(int argc, char ** argv) {
   if (name == "fast_simulation") {return in_simulation(300);}
   if (name == "node_simulated") {return node_simulated();}
   if (name == "no_cpu") {return no_cpu("u1=");}
+  const std::string own = "\t/other@Timer(7000000)";
+  if (name == "threads") {
+    return threads({"t.yaml:2\tSCHED_OTHER\t5\t\t\t\t0" + own, "t.yaml:7\tSCHED_OTHER\t0\t\t\t\t\t/sink@Subscription(/a)"});
+  }
+  if (name == "task_threads") {
+    return threads({"t.yaml:1\tSCHED_FIFO\t20\t\t\t\t0\t/source", "t.yaml:2\tSCHED_FIFO\t20\t\t\t\t\t/sink@Subscription(/a)"});
+  }
+  if (name == "wrong_threads") {
+    return threads({
+      "t.yaml:1\tSCHED_SOON\t5\t\t\t\t" + own, "t.yaml:2\tSCHED_FIFO\t0\t\t\t\t" + own, "t.yaml:3\tSCHED_OTHER\t20\t\t\t\t" + own,
+      "t.yaml:4\tSCHED_OTHER\t1\t\t\t\t0,x" + own, "t.yaml:5\tSCHED_DEADLINE\t\t2000\t1999\t5000\t" + own,
+      "t.yaml:6\tSCHED_DEADLINE\t\t2000\t3000\t5000\t0" + own});
+  }
+  if (name == "unknown_threads") {return threads({"t.yaml:1\tSCHED_OTHER\t1\t\t\t\t\t/sink@Subscription(/b)"});}
+  if (name == "reserved_task") {return threads({"t.yaml:1\tSCHED_DEADLINE\t\t2000\t3000\t5000\t\t/sink"});}
+  if (name == "apart") {
+    return threads({"t.yaml:1\tSCHED_FIFO\t20\t\t\t\t0\t/source", "t.yaml:2\tSCHED_FIFO\t21\t\t\t\t0\t/sink"});
+  }
+  if (name == "reservations") {return reservations();}
   if (name == "two_cpus") {return no_cpu("u1=0,u1=1");}
   if (name == "no_background") {
     const char * arguments[] = {"container", "--background-cpus", "1,x"};

@@ -36,7 +36,7 @@ _PLACES = {
     "components.yaml": "config/components.yaml",
     "README.md": "README.md",
 }
-_SHIM = ("table_executor.hpp", "container.cpp")
+_SHIM = ("table_executor.hpp", "threads.hpp", "container.cpp")
 _ROS_NAME = re.compile(r"(?=.{2,250}$)(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 

@@ -194,11 +194,16 @@ public:
   virtual ~ServiceBase() = default;
   std::function<void()> stub_answer;
   std::atomic_int stub_requests{0};
+  const char * get_service_name() const {return stub_name.c_str();}
   std::string stub_name;
 };
 template<typename T>
 class Service : public ServiceBase {public: using SharedPtr = std::shared_ptr<Service<T>>;};
-class ClientBase {public: using SharedPtr = std::shared_ptr<ClientBase>;};
+class ClientBase {
+public:
+  using SharedPtr = std::shared_ptr<ClientBase>;
+  const char * get_service_name() const {return "";}
+};
 
 enum class CallbackGroupType {MutuallyExclusive, Reentrant};
 
@@ -224,6 +229,7 @@ public:
   std::atomic_bool & can_be_taken_from() {return can_be_taken_from_;}
   const CallbackGroupType & type() const {return type_;}
   bool automatically_add_to_executor_with_node() const {return automatically_;}
+  std::atomic_bool & get_associated_with_executor_atomic() {return associated_;}
   template<typename T>
   void stub_add(const std::shared_ptr<T> & entity) {
     std::lock_guard<std::mutex> guard(mutex_);
@@ -247,7 +253,7 @@ private:
   }
   CallbackGroupType type_;
   bool automatically_;
-  std::atomic_bool can_be_taken_from_{true};
+  std::atomic_bool can_be_taken_from_{true}, associated_{false};
   mutable std::mutex mutex_;
   std::vector<std::weak_ptr<SubscriptionBase>> subscriptions_;
   std::vector<std::weak_ptr<TimerBase>> timers_;
@@ -310,6 +316,7 @@ public:
 
 namespace stub_parameters {
 inline std::string record, cpus;
+inline std::vector<std::string> threads;
 inline int64_t priority = 0;
 inline bool is_simulated = false;
 }
@@ -352,6 +359,7 @@ public:
       if (name == "record") {return stub_parameters::record;}
       if (name == "cpus") {return stub_parameters::cpus;}
     }
+    if constexpr (std::is_same_v<T, std::vector<std::string>>) {return stub_parameters::threads;}
     if constexpr (std::is_same_v<T, int64_t>) {
       if (name == "priority") {return stub_parameters::priority;}
     }
@@ -413,8 +421,8 @@ struct AnyExecutable {
 
 struct ExecutorOptions {};
 
-// rclcpp/src/rclcpp/executor.cpp: a node that was never added cannot be removed; groups that are not added automatically
-// are left alone; timers come first, then subscriptions, services, waitables; the data of a waitable is taken when it is
+// rclcpp/src/rclcpp/executor.cpp: a node that was never added cannot be removed; groups that are not added automatically, or
+// that another executor has, are left alone, and one that has an executor cannot be added again; timers come first, then subscriptions, services, waitables; the data of a waitable is taken when it is
 // chosen, and a timer is called then. One that was cancelled since the wait is skipped (Humble: the memory strategy's
 // get_next_timer).
 class Executor {
@@ -431,6 +439,15 @@ public:
   virtual void add_node(std::shared_ptr<Node> node_ptr, bool notify = true) {
     add_node(node_ptr->get_node_base_interface(), notify);
   }
+  virtual void add_callback_group(
+    CallbackGroup::SharedPtr group_ptr, node_interfaces::NodeBaseInterface::SharedPtr, bool = true)
+  {
+    if (group_ptr->get_associated_with_executor_atomic().exchange(true)) {
+      throw std::runtime_error("Callback group has already been added to an executor.");
+    }
+    groups_.push_back(group_ptr);
+  }
+  virtual void cancel() {spinning = false;}
   virtual void remove_node(node_interfaces::NodeBaseInterface::SharedPtr node_ptr, bool = true) {
     if (!node_ptr->get_associated_with_executor_atomic().exchange(false)) {
       throw std::runtime_error("Node needs to be associated with an executor.");
@@ -523,23 +540,30 @@ private:
   };
   void collect() {
     std::list<Ready> timers, subscriptions, services, waitables;
+    const auto add = [&](const CallbackGroup::SharedPtr & group) {
+      group->collect_all_ptrs(
+        [&](const auto & one) {if (one->stub_is_ready()) {subscriptions.push_back({one, {}, {}, {}, group});}},
+        [&](const auto & one) {if (one->stub_requests > 0) {services.push_back({{}, {}, one, {}, group});}},
+        [](const auto &) {},
+        [&](const auto & one) {if (one->is_ready()) {timers.push_back({{}, one, {}, {}, group});}},
+        [&](const auto & one) {if (one->stub_is_ready()) {waitables.push_back({{}, {}, {}, one, group});}});
+    };
+    for (const auto & weak : groups_) {
+      if (const auto group = weak.lock()) {add(group);}
+    }
     for (const auto & weak : nodes_) {
       const auto node = weak.lock();
       if (!node) {continue;}
       node->for_each_callback_group([&](CallbackGroup::SharedPtr group) {
-        if (!group->automatically_add_to_executor_with_node()) {return;}
-        group->collect_all_ptrs(
-          [&](const auto & one) {if (one->stub_is_ready()) {subscriptions.push_back({one, {}, {}, {}, group});}},
-          [&](const auto & one) {if (one->stub_requests > 0) {services.push_back({{}, {}, one, {}, group});}},
-          [](const auto &) {},
-          [&](const auto & one) {if (one->is_ready()) {timers.push_back({{}, one, {}, {}, group});}},
-          [&](const auto & one) {if (one->stub_is_ready()) {waitables.push_back({{}, {}, {}, one, group});}});
+        const bool is_elsewhere = group->get_associated_with_executor_atomic();
+        if (group->automatically_add_to_executor_with_node() && !is_elsewhere) {add(group);}
       });
     }
     ready_ = std::move(timers);
     for (auto * more : {&subscriptions, &services, &waitables}) {ready_.splice(ready_.end(), *more);}
   }
   std::list<std::weak_ptr<node_interfaces::NodeBaseInterface>> nodes_;
+  std::list<std::weak_ptr<CallbackGroup>> groups_;
   std::list<Ready> ready_;
 };
 }  // namespace rclcpp

@@ -8,10 +8,13 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <future>
+#include <list>
 #include <map>
 #include <memory>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "bindings.hpp"
@@ -22,6 +25,7 @@
 #include "rclcpp_components/component_manager.hpp"
 #include "std_srvs/srv/trigger.hpp"
 #include "table_executor.hpp"
+#include "threads.hpp"
 
 namespace {
 
@@ -35,13 +39,6 @@ int run(const dispatch_job * job, int64_t at) {
   const int mode = table::rows[job->program].missing;
   if (result == table::Result::no_data && mode >= 0) {dispatch_request(mode);}
   return static_cast<int>(result);
-}
-
-// The number of a CPU, or -1 where the text is none.
-int cpu_of(const std::string & text) {
-  char * end = nullptr;
-  const long cpu = std::strtol(text.c_str(), &end, 10);
-  return text.empty() || *end || cpu < 0 || cpu >= CPU_SETSIZE ? -1 : static_cast<int>(cpu);
 }
 
 class Container : public rclcpp_components::ComponentManager {
@@ -59,6 +56,10 @@ public:
     locks_memory_ = declare_parameter<bool>("lock_memory", true);
     are_stated_ = take_overrun(declare_parameter<std::string>("overrun", "")) &&
       take_cpus(declare_parameter<std::string>("cpus", ""));
+    for (const std::string & line : declare_parameter("threads", std::vector<std::string>{})) {
+      settings_.emplace_back(line);
+      if (!settings_.back().wrong.empty()) {refuse(settings_.back(), settings_.back().wrong);}
+    }
     bool is_simulated = false;
     get_parameter("use_sim_time", is_simulated);
     if (is_simulated) {
@@ -80,6 +81,10 @@ public:
     }
     look_ = create_wall_timer(std::chrono::milliseconds(200), [this] {look();});
     report_ = create_wall_timer(std::chrono::seconds(1), [this] {report();});
+  }
+
+  ~Container() override {
+    for (auto & one : own_lanes_) {end(one);}
   }
 
   // Stop at the end of the table, and return the exit status; end the process where a job that still runs may use any node.
@@ -108,10 +113,13 @@ protected:
 
   // Called for the node whose options were created last.
   void add_node_to_executor(uint64_t id) override {
-    ComponentManager::add_node_to_executor(id);
     const auto node = node_wrappers_.at(id).get_node_base_interface();
     if (tables_->has_rows(node->get_fully_qualified_name())) {compare_clocks(node->get_fully_qualified_name());}
     tables_->adopt(node);
+    node->for_each_callback_group([&](rclcpp::CallbackGroup::SharedPtr group) {
+      if (group->automatically_add_to_executor_with_node()) {take_group(id, node, group);}
+    });
+    ComponentManager::add_node_to_executor(id);   // all groups that have no lane of their own
   }
 
   void on_unload_node(
@@ -127,10 +135,115 @@ protected:
       RCLCPP_ERROR(get_logger(), "%s", response->error_message.c_str());
       return;
     }
+    for (auto & one : own_lanes_) {
+      if (one.node == request->unique_id) {end(one);}
+    }
     ComponentManager::on_unload_node(header, request, response);
   }
 
 private:
+  struct OwnLane {
+    uint64_t node;
+    std::shared_ptr<table::Lane> lane;
+    std::thread thread;
+  };
+
+  static void end(OwnLane & one) {
+    one.lane->cancel();
+    if (one.thread.joinable()) {one.thread.join();}
+  }
+
+  void refuse(const table::Setting & setting, const std::string & why) {
+    RCLCPP_ERROR(get_logger(), "%s: %s: %s", setting.place.c_str(), setting.id.c_str(), why.c_str());
+    are_stated_ = false;
+  }
+
+  // A group of the file has a thread of its own, but for one with rows, which the threads of their tasks run.
+  void take_group(
+    uint64_t id, const rclcpp::node_interfaces::NodeBaseInterface::SharedPtr & node, const rclcpp::CallbackGroup::SharedPtr & group)
+  {
+    group_ids_.push_back(table::id_of(node->get_fully_qualified_name(), *group));
+    for (auto & setting : settings_) {
+      if (setting.id != group_ids_.back() || !setting.wrong.empty()) {continue;}
+      if (setting.is_used) {return refuse(setting, "two callback groups have this ID");}
+      setting.is_used = true;
+      const auto tasks = tables_->tasks_of(group);
+      for (const std::string & task : tasks) {by_task_.emplace(task, &setting);}
+      if (tasks.empty() && !setting.is_plain) {open_lane(id, node, group, setting);}
+    }
+  }
+
+  void open_lane(
+    uint64_t id, const rclcpp::node_interfaces::NodeBaseInterface::SharedPtr & node, const rclcpp::CallbackGroup::SharedPtr & group,
+    const table::Setting & setting)
+  {
+    auto lane = std::make_shared<table::Lane>(tables_.get());
+    lane->add_callback_group(group, node);
+    std::promise<std::string> applied;
+    auto why = applied.get_future();
+    std::thread thread([lane, &setting, applied = std::move(applied)]() mutable {
+      applied.set_value(setting.apply());
+      lane->spin();
+    });
+    const std::string refused = why.get();
+    own_lanes_.push_back({id, lane, std::move(thread)});
+    if (!refused.empty()) {refuse(setting, refused);}
+    else if (setting.is_deadline() || (setting.priority() && setting.priority() >= options_.priority)) {
+      RCLCPP_WARN(get_logger(), "%s: %s: comes before the tables on their CPUs, if it may use them: count it in their WCETs",
+        setting.place.c_str(), setting.id.c_str());
+    }
+  }
+
+  // The threads of the tables start at fixed instants, each unit on one CPU, each task at the level of its preemptions.
+  void take_tasks() {
+    for (auto & setting : settings_) {
+      for (int i = 0; i < plan.n_workers; i++) {
+        if (setting.id == plan.workers[i].task) {
+          setting.is_used = true;
+          by_task_.emplace(setting.id, &setting);
+        }
+      }
+    }
+    std::map<std::string, int> cpus;
+    int priority = 0;
+    for (int i = 0; i < plan.n_workers; i++) {
+      const auto found = by_task_.find(plan.workers[i].task);
+      if (found == by_task_.end() || found->second->is_plain) {continue;}
+      const table::Setting & setting = *found->second;
+      const int lowest = setting.priority() - plan.workers[i].priority;
+      const int cpu = setting.cpus.empty() ? cpus_[static_cast<size_t>(i)] : setting.cpus.front();
+      if (!setting.is_fifo()) {
+        refuse(setting, "a thread of the tables starts at fixed instants, which SCHED_FIFO keeps and no reservation or other policy does");
+      } else if (setting.cpus.size() > 1) {
+        refuse(setting, "a thread of the tables has one CPU, that of its unit");
+      } else if (lowest < 1 || (priority && priority != lowest)) {
+        refuse(setting, "task " + found->first + " is " + std::to_string(plan.workers[i].priority) + " above the lowest of the "
+          "tables, whose priority is " + std::to_string(priority ? priority : 1) + (priority ? "" : " or more"));
+      } else if (!cpus.emplace(plan.workers[i].unit, cpu).second && cpus[plan.workers[i].unit] != cpu) {
+        refuse(setting, std::string("the tasks of unit ") + plan.workers[i].unit + " have different CPUs");
+      }
+      priority = lowest;
+    }
+    for (int i = 0; i < plan.n_workers; i++) {
+      const auto found = cpus.find(plan.workers[i].unit);
+      if (found != cpus.end()) {cpus_[static_cast<size_t>(i)] = found->second;}
+    }
+    if (priority) {options_.priority = priority;}
+  }
+
+  std::vector<std::string> unknown_settings() const {
+    std::vector<std::string> found;
+    for (const auto & one : settings_) {
+      if (one.is_used) {continue;}
+      std::string groups;
+      for (const std::string & id : group_ids_) {
+        if (id.substr(0, id.find('@')) == one.id.substr(0, one.id.find('@'))) {groups += (groups.empty() ? "; its node has " : ", ") + id;}
+      }
+      found.push_back(one.place + ": there is no callback group or task " + one.id + groups);
+    }
+    return found;
+  }
+
   // A simulator may run faster, slower or pause: tables of the machine's clock would run another number of jobs.
   void compare_clocks(const char * node) {
     if (asks_simulated_ && !options_.pace) {
@@ -166,7 +279,7 @@ private:
     std::map<std::string, int> stated;
     for (std::string pair; std::getline(pairs, pair, ',');) {
       const size_t sign = pair.find('=');
-      const int cpu = sign == std::string::npos ? -1 : cpu_of(pair.substr(sign + 1));
+      const int cpu = sign == std::string::npos ? -1 : static_cast<int>(table::number_in(pair.substr(sign + 1), 0, CPU_SETSIZE - 1));
       if (cpu < 0 || !stated.emplace(pair.substr(0, sign), cpu).second) {
         RCLCPP_ERROR(get_logger(), "cpus is UNIT=CPU,..., each unit once, not %s", pair.c_str());
         return false;
@@ -198,6 +311,13 @@ private:
       return;
     }
     const std::vector<std::string> lacking = tables_->unbound();
+    if (lacking.empty() && !has_taken_tasks_) {
+      has_taken_tasks_ = true;
+      return take_tasks();
+    }
+    if (const auto unknown = unknown_settings(); lacking.empty() && !unknown.empty()) {
+      return say_now_and_then("the tables are not played", unknown);
+    }
     if (lacking.empty() && options_.pace && options_.pace() <= 0) {say_now_and_then("the tables wait for /clock", {});}
     else if (lacking.empty()) {start();}
     else {say_now_and_then("the tables wait for the callbacks of", lacking);}
@@ -291,7 +411,11 @@ private:
   int64_t record_mib_ = 0;
   unsigned looks_ = 0;
   bool is_started_ = false, is_recording_ = false, locks_memory_ = true, are_stated_ = true;
-  bool asks_simulated_ = false;
+  bool asks_simulated_ = false, has_taken_tasks_ = false;
+  std::list<table::Setting> settings_;
+  std::map<std::string, table::Setting *> by_task_;
+  std::vector<std::string> group_ids_;
+  std::list<OwnLane> own_lanes_;
 };
 
 // The background lane and the threads of the middleware, which inherit it, run on these CPUs: --background-cpus 0,3.
@@ -299,18 +423,12 @@ private:
 bool move_to_background(int argc, char ** argv) {
   for (int i = 1; i + 1 < argc; i++) {
     if (std::strcmp(argv[i], "--background-cpus") != 0) {continue;}
-    cpu_set_t set;
-    CPU_ZERO(&set);
-    std::istringstream list(argv[i + 1]);
-    for (std::string one; std::getline(list, one, ',');) {
-      const int cpu = cpu_of(one);
-      if (cpu < 0) {
-        std::fprintf(stderr, "--background-cpus is CPU,..., not %s\n", argv[i + 1]);
-        return false;
-      }
-      CPU_SET(static_cast<size_t>(cpu), &set);
+    const std::vector<int> cpus = table::cpus_in(argv[i + 1]);
+    if (cpus.empty()) {
+      std::fprintf(stderr, "--background-cpus is CPU,..., not %s\n", argv[i + 1]);
+      return false;
     }
-    if (sched_setaffinity(0, sizeof set, &set)) {std::perror("--background-cpus");}
+    if (table::move_to(cpus)) {std::perror("--background-cpus");}
   }
   return true;
 }

@@ -76,14 +76,14 @@ struct Callback {
   bool is_there() const {return !timer.expired() || !subscription.expired();}
 };
 
-class Executor : public rclcpp::Executor {
+class Executor;
+
+// A thread of the background lane: it serves what is added to it, but for what a row runs.
+class Lane : public rclcpp::Executor {
 public:
-  using Callbacks = std::vector<std::shared_ptr<Callback>>;
+  explicit Lane(table::Executor * tables) : tables_(tables) {}
 
-  Executor(const Row * rows, size_t count, bool takes_newest)
-  : rows_(rows), count_(count), takes_newest_(takes_newest), bound_(count) {}
-
-  // The background lane, until the context is shut down.
+  // Until the context is shut down, or it is cancelled.
   void spin() override {
     if (spinning.exchange(true)) {throw std::runtime_error("spin() is running");}
     while (rclcpp::ok(context_) && spinning.load()) {
@@ -99,14 +99,39 @@ public:
     spinning.store(false);
   }
 
+private:
+  bool step(bool & has_claimed, bool & has_other);
+
+  table::Executor * const tables_;
+};
+
+class Executor : public Lane {
+public:
+  using Callbacks = std::vector<std::shared_ptr<Callback>>;
+
+  Executor(const Row * rows, size_t count, bool takes_newest)
+  : Lane(this), rows_(rows), count_(count), takes_newest_(takes_newest), bound_(count) {}
+
   void adopt(const rclcpp::node_interfaces::NodeBaseInterface::SharedPtr & node) {
+    std::lock_guard<Mutex> guard(taking_);
     nodes_.push_back(node);
     bind();
+  }
+
+  // The tasks whose callbacks are in a group.
+  std::set<std::string> tasks_of(const rclcpp::CallbackGroup::SharedPtr & group) const {
+    std::set<std::string> found;
+    for (size_t i = 0; i < count_; i++) {
+      const auto callback = std::atomic_load(&bound_[i]);
+      if (callback && callback->group.lock() == group) {found.insert(rows_[i].task);}
+    }
+    return found;
   }
 
   // Find the callback of each row. Lifecycle nodes create theirs when they are configured, so this is done again and
   // again. Return why rows cannot be told apart; an ambiguous row is not bound.
   std::vector<std::string> bind() {
+    std::lock_guard<Mutex> guard(taking_);
     std::map<const void *, std::shared_ptr<Callback>> known;
     std::map<std::string, Callbacks> by_node;
     for (const auto & weak : nodes_) {
@@ -149,7 +174,8 @@ public:
   }
 
   // Callbacks of nodes with rows that run in the background lane.
-  std::vector<std::string> others() const {
+  std::vector<std::string> others() {
+    std::lock_guard<Mutex> guard(taking_);
     std::vector<std::string> found;
     std::set<const Callback *> seen;
     for (const auto & one : known_) {
@@ -183,6 +209,8 @@ public:
   }
 
 private:
+  friend class Lane;
+
   class Exclusion {   // of a callback group, if it has one
   public:
     explicit Exclusion(std::shared_ptr<Mutex> mutex) : mutex_(std::move(mutex)) {if (mutex_) {mutex_->lock();}}
@@ -198,23 +226,6 @@ private:
     if (!rclcpp::ok(context_)) {return Result::no_data;}   // the middleware refuses all calls by now
     RCLCPP_ERROR(rclcpp::get_logger("tables"), "task %s: %s", rows_[row].task, what);
     return Result::failed;
-  }
-
-  // Execute one thing that is ready unless a row runs it; return whether there was one.
-  bool step(bool & has_claimed, bool & has_other) {
-    rclcpp::AnyExecutable ready;
-    bool is_claimed = false;
-    {
-      // Getting a waitable takes its message, which is to be kept for its row before the row looks for it.
-      std::lock_guard<Mutex> guard(taking_);
-      if (!get_next_ready_executable(ready)) {return false;}
-      is_claimed = claims(ready);
-    }
-    (is_claimed ? has_claimed : has_other) = true;
-    if (is_claimed) {return true;}
-    Exclusion exclusion(exclusion_of(ready.callback_group));
-    execute_any_executable(ready);
-    return true;
   }
 
   bool claims(const rclcpp::AnyExecutable & ready) {
@@ -452,7 +463,25 @@ private:
   std::map<const void *, std::weak_ptr<void>> foreign_;       // of nodes without rows
   std::vector<std::pair<std::weak_ptr<rclcpp::CallbackGroup>, std::shared_ptr<Mutex>>> exclusions_;
   std::vector<std::shared_ptr<Callback>> bound_;              // by row; read by the threads of the dispatcher
-  Mutex taking_;
+  Mutex taking_;                                              // of all but `bound_`
 };
+
+// Execute one thing that is ready unless a row runs it; return whether there was one.
+inline bool Lane::step(bool & has_claimed, bool & has_other) {
+  rclcpp::AnyExecutable ready;
+  std::shared_ptr<Mutex> mutex;
+  {
+    // Getting a waitable takes its message, which is to be kept for its row before the row looks for it.
+    std::lock_guard<Mutex> guard(tables_->taking_);
+    if (!get_next_ready_executable(ready)) {return false;}
+    const bool is_claimed = tables_->claims(ready);
+    (is_claimed ? has_claimed : has_other) = true;
+    if (is_claimed) {return true;}
+    mutex = tables_->exclusion_of(ready.callback_group);
+  }
+  table::Executor::Exclusion exclusion(mutex);
+  execute_any_executable(ready);
+  return true;
+}
 
 }  // namespace table
