@@ -103,13 +103,16 @@ conditions: $(VENV)/.test-ready
 	$(BIN)/python benchmarks/conditions.py second --mutants 1
 
 SYSTEMS ?= 100000
+VOLUMES = $(addprefix tests/properties/test_,least_remedies.py split_exhaustive.py search_verify.py kernel_cost.py)
 # The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
-# Then valid systems through every verb: 100 000 take about an hour of the processor.
+# Then valid systems through every verb: 100 000 take about an hour of the processor. Then slow tests of the search with
+# five times as many systems.
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
 	cd tests && ../$(BIN)/python kills.py 2000
 	cd tests && ../$(BIN)/python limits.py
 	cd tests && ../$(BIN)/python every_verb.py $(SYSTEMS)
+	HALPIPE_VOLUME=5 $(BIN)/pytest $(VOLUMES)
 
 lock: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/newest

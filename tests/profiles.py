@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from hypothesis import HealthCheck, settings
 
 FULL, FAST = 100, 15
@@ -9,6 +11,11 @@ FULL, FAST = 100, 15
 
 LEAST = 10
 """Examples that the fast tier leaves of any number."""
+
+
+def volume(number):
+    """Return how many systems a slow test draws: `number`, and some times as many with `make endurance`."""
+    return number * int(os.environ.get("HALPIPE_VOLUME", "1"))
 
 
 def register():

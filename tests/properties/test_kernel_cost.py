@@ -29,7 +29,7 @@ from halpipe.pipeline.solve.kernel.kernel import (
 from halpipe.pipeline.solve.kernel.warmstart import named_jobs
 from halpipe.pipeline.solve.problem import build_problem
 from kernel_moves import luby, move, move_swap, next_temperature, restart
-from profiles import examples
+from profiles import examples, volume
 from support import after, chain, model, task, version
 
 SEEDS = st.integers(0, 2**32)
@@ -291,7 +291,7 @@ def test_of_jobs_that_end_together_the_one_started_later_is_newer():
 @pytest.mark.slow
 @pytest.mark.parametrize("grouped", [True, False])
 def test_costs_at_length(grouped):
-    @examples(400)
+    @examples(volume(120))
     @given(SEEDS)
     def check(seed):
         system, problem = random_problem(seed, grouped=grouped)
