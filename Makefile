@@ -47,7 +47,7 @@ demo: $(VENV)/.demo-ready
 	$(BIN)/halpipe run $(DEMO)/pipeline.yaml
 	@command -v dot >/dev/null && $(BIN)/halpipe export graph $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml -o $(DEMO)/out/graph.svg || \
 	  echo "graph.svg skipped: the dot program is missing (Debian: apt-get install graphviz); graph.dot is there"
-	$(BIN)/halpipe export riscv $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml --sources $(DEMO) --regulator examples/platforms/cores-table.yaml -o $(DEMO)/out/bundle
+	$(BIN)/halpipe export riscv $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml --sources $(DEMO) --regulator examples/platforms/cores-table.yaml --inputs $(DEMO)/recorded -o $(DEMO)/out/bundle
 	$(BIN)/halpipe deploy check $(DEMO)/out/bundle
 	$(BIN)/halpipe deploy check $(DEMO)/out/regulator
 	$(BIN)/python $(DEMO)/drive.py $(DEMO)/out/bundle -o $(DEMO)/out/drive

@@ -6,13 +6,10 @@ the same: which operations the runtime does in which order, with which flags, an
 """
 
 import json
-import shutil
 import struct
 import subprocess
 import sys
 from collections import defaultdict
-from importlib.util import find_spec
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -22,16 +19,7 @@ from halpipe.deploy.riscv import CoSimulation, Plant
 from halpipe.deploy.riscv.run.recording import Flag, Kind, parse_recording
 from halpipe.flow import formats
 
-HERE = Path(__file__).parent
-FOUND = find_spec("pythondata_cpu_rocket")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.timeout(7200),
-    pytest.mark.skipif(FOUND is None, reason="pip install pythondata-cpu-rocket"),
-    pytest.mark.skipif(not (shutil.which("verilator") and shutil.which("g++")), reason="apt-get install verilator g++"),
-    pytest.mark.skipif(not (find_spec("unicorn") and find_spec("ziglang")), reason="pip install halpipe[riscv]"),
-]
-CONFIG, TOP = "freechips.rocketchip.system.LitexLinux4Config", "ExampleRocketSystem"
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(7200)]
 PROFILE = """halpipe-profile: 1
 summary: Rocket tiles in RTL, scratchpads in main memory, the management core copies
 cores: 3
@@ -118,21 +106,6 @@ def bundle(tmp_path_factory):
     sources = {name: ("uint64_t in[8], out[8];", body) for name, body in GOOD.items()}
     sources |= {name: ("uint64_t x[2];", body) for name, body in FAULTS.items()}
     return _bundle(tmp_path_factory.mktemp("rtl"), _model(), sources)
-
-
-@pytest.fixture(scope="module")
-def rocket(tmp_path_factory):
-    """Build the simulator of the tiles; that takes some minutes."""
-    folder = tmp_path_factory.mktemp("rocket")
-    verilog = Path(FOUND.submodule_search_locations[0]) / "verilog"
-    parts = [verilog / "generated-src" / f"{CONFIG}{kind}" for kind in (".v", ".behav_srams.v")]
-    parts += [verilog / "vsrc" / f"{name}.v" for name in ("plusarg_reader", "EICG_wrapper", "AsyncResetReg")]
-    options = "--cc --exe --build -O3 --x-assign 0 --x-initial 0 -Wno-fatal -Wno-lint -Wno-style --output-split 20000"
-    command = ["verilator", *options.split(), "+define+SYNTHESIS", "--top-module", TOP, "-CFLAGS", "-O1"]
-    command += ["--Mdir", "obj", "-o", "rocket", *map(str, parts), str(HERE / "rocket_top.cpp")]
-    built = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr[-2000:]
-    return folder / "obj" / "rocket"
 
 
 def _play(bundle, rocket, image):

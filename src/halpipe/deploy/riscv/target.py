@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import field
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -26,6 +27,8 @@ MAX_MEMORY = 1 << 31
 MAX_UNITS = 64
 CONTROL_SIZE = 18 * 8
 MEMORIES = ("ispm", "dspm", "main")
+CLASSES = ("load", "load-byte", "multiply", "multiply-word", "divide", "taken", "mispredicted")
+"""Instructions of jobs that take other times than simple ones."""
 
 
 @record
@@ -124,7 +127,7 @@ class Site:
     """All of it; `clock` and `timebase` (ticks of mtime) in Hz.
 
     `service` is reserved for each operation of the management core. `cpi` are the cycles of an instruction of a job, or
-    of the management core; a job's multiplication or division takes `multiply`, and
+    of the management core; those of a job that are of other `classes` take others, and
     `latency` is what each access of the management core takes beyond that. Copies of logical execution times take their
     `turns` on a channel, `copying`, of their own.
     """
@@ -151,7 +154,7 @@ class Site:
     service: Duration = ZERO
     cpi: Fraction = Fraction(1)
     management_cpi: Fraction = Fraction(1)
-    multiply: Fraction = Fraction(1)
+    classes: dict[str, Fraction] = field(default_factory=dict)
     latency: Duration = ZERO
     copying: int = 0
     turns: tuple[Turn, ...] = ()
@@ -222,7 +225,7 @@ def _duration(f: Fields, key: str) -> Duration:
 
 def _site(top: Fields) -> Site:
     top.number("halpipe-target", 2, 2)
-    cpi = _each(top, "cpi", ("jobs", "management", "multiply"), lambda f, key: f.value(key, _times, Fraction(1)))
+    cpi = each(top, "cpi", ("jobs", "management", *CLASSES), lambda f, key: f.value(key, _times, Fraction(1)))
     return Site(
         profile=top.text("profile"),
         clock=top.number("clock", 1, 10**12),
@@ -249,18 +252,18 @@ def _site(top: Fields) -> Site:
         service=_duration(top, "service"),
         cpi=cpi["jobs"],
         management_cpi=cpi["management"],
-        multiply=cpi["multiply"],
+        classes={name: cpi[name] for name in CLASSES},
         latency=_duration(top, "latency"),
         **(_copies(top.part("copies")) if "copies" in top else {}),
     )
 
 
-def _each(f: Fields, key: str, kinds: tuple[str, ...], read: Callable[[Fields, str], T]) -> dict[str, T]:
+def each(f: Fields, key: str, kinds: tuple[str, ...], read: Callable[[Fields, str], T]) -> dict[str, T]:
     """Read one number for all kinds, or one for each."""
     if not f.is_mapping(key):
         return dict.fromkeys(kinds, read(f, key))
-    each = f.part(key)
-    return {kind: read(each, kind) for kind in kinds}
+    inner = f.part(key)
+    return {kind: read(inner, kind) for kind in kinds}
 
 
 def _buffers(f: Fields) -> dict[str, Area]:
@@ -276,7 +279,7 @@ def _copies(copies: Fields) -> dict[str, Any]:
 
 
 def _dma(dma: Fields) -> DmaSite:
-    kind, bandwidth = dma.text("kind"), _each(dma, "bandwidth", MEMORIES, lambda f, key: f.number(key, 1))
+    kind, bandwidth = dma.text("kind"), each(dma, "bandwidth", MEMORIES, lambda f, key: f.number(key, 1))
     latency = _duration(dma, "latency" if "latency" in dma else "setup")
     if kind == "copy":
         return DmaSite(kind, 0, 0, 0, bandwidth, latency)

@@ -36,12 +36,14 @@ main: {{base: {main[0]:#x}, size: {main[1]}B}}
 ispm: {{base: {ispm[0]:#x}, stride: {ispm[1]:#x}, size: {ispm[2]}B}}
 dspm: {{base: {dspm[0]:#x}, stride: {dspm[1]:#x}, size: {dspm[2]}B, lr-sc: "{reserves}"}}
 service: {service}
-cpi: {{jobs: 1.75, management: 5, multiply: 11.1}}
+cpi: {{jobs: 1, load: 2, load-byte: 3, {cycles}}}
 clint: {clint:#x}
 uart: {{kind: {uart[0]}, base: {uart[1]:#x}}}
 dma: {dma}
 """
 _COPY = "{kind: copy, channels: 4, bandwidth: 5MB/s, setup: 100us}"
+_BIG = "management: 5, multiply: 8, multiply-word: 6, divide: 50, mispredicted: 4"
+_SMALL = "management: 8, multiply: 66, multiply-word: 34, divide: 68, taken: 4"  # predicts nothing
 _RATES = "bandwidth: {ispm: 55MB/s, dspm: 100MB/s, main: 150MB/s}, setup: 18us"
 
 
@@ -73,6 +75,7 @@ def _of_litex(described: Any) -> dict[str, Any]:
         "ispm": (base + _LITEX_ROOM + cores * _DATA, _CODE, _CODE),
         "reserves": "yes",
         "service": "60us",
+        "cycles": _SMALL,
         "clint": int(memories["clint"]["base"]),
         "uart": ("litex", int(described["csr_bases"]["uart"])),
         "dma": _COPY,
@@ -115,6 +118,7 @@ def _of_tree(nodes: Sequence[_Node]) -> dict[str, Any]:
         "dspm": (data[0][0], _stride(data), data[0][1]),
         "reserves": "no",
         "service": "16us",
+        "cycles": _BIG,
         "clint": _area(_first(nodes, "compatible", "clint"))[0],
         "uart": ("sifive" if "sifive" in uart["compatible"] else "ns16550", _area(uart)[0]),
         "dma": f"{{kind: pdma, base: {_area(engine[0])[0]:#x}, channels: 4, {_RATES}}}" if engine else _COPY,

@@ -46,6 +46,17 @@ PAGE = 4096
 MEMORIES = ("ispm", "dspm", "main")
 """Where a transfer may lead: an engine has another bandwidth into each."""
 
+CLASSES = {
+    "load": "",
+    "load-byte": "load",
+    "multiply": "",
+    "multiply-word": "multiply",
+    "divide": "multiply",
+    "taken": "",
+    "mispredicted": "",
+}
+"""Instructions that take other times than simple ones, each with the class whose time is its default."""
+
 CLINT_SIZE = 0x10000
 """Bytes of the CLINT, which one entry of the memory protection keeps from jobs."""
 
@@ -129,8 +140,8 @@ class Profile:
     """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 
     `service` is the longest time that the management core needs for one operation. `cpi` are the cycles of an
-    instruction of a job, or of the management core; a job's multiplication or division takes `multiply`. `latency` is
-    what an access of the management core takes beyond that.
+    instruction of a job, or of the management core; those of a job that are of other `classes` take others. `latency`
+    is what an access of the management core takes beyond that.
     """
 
     name: str
@@ -145,7 +156,7 @@ class Profile:
     service: Duration
     cpi: Fraction
     management_cpi: Fraction
-    multiply: Fraction
+    classes: dict[str, Fraction]
     latency: Duration
     clint: int
     uart_kind: str
@@ -212,7 +223,7 @@ def read_profile(name: str) -> Profile:
 def _profile(name: str, f: Fields) -> Profile:
     f.require("cores", "clock", "timebase", "main", "ispm", "dspm", "service", "clint", "uart", "dma")
     main = f.section("main", ("base", "size"), "main")
-    jobs, management, multiply = _cpi(f)
+    jobs, management, classes = _cpi(f)
     uart = f.section("uart", ("kind", "base"), "uart")
     if main is not None:
         main.require("base", "size")
@@ -231,7 +242,7 @@ def _profile(name: str, f: Fields) -> Profile:
         service=f.value("service", Duration.parse, Duration(0)),
         cpi=jobs,
         management_cpi=management,
-        multiply=multiply,
+        classes=classes,
         latency=f.value("latency", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
         uart_kind=uart.value("kind", Words("sifive", "ns16550", "litex"), "") if uart else "",
@@ -242,14 +253,18 @@ def _profile(name: str, f: Fields) -> Profile:
     )
 
 
-def _cpi(f: Fields) -> tuple[Fraction, Fraction, Fraction]:
-    """Read the cycles of an instruction: of jobs, of the management core, and of a job's multiplication or division."""
-    each = f.section("cpi", ("jobs", "management", "multiply"), "cpi") if f.is_mapping("cpi") else None
+def _cpi(f: Fields) -> tuple[Fraction, Fraction, dict[str, Fraction]]:
+    """Read the cycles of an instruction: of jobs, of the management core, and of a job's instructions by class."""
+    each = f.section("cpi", ("jobs", "management", *CLASSES), "cpi") if f.is_mapping("cpi") else None
     if each is None:
-        return (f.value("cpi", _cycles, Fraction(1)),) * 3
+        jobs = f.value("cpi", _cycles, Fraction(1))
+        return jobs, jobs, dict.fromkeys(CLASSES, jobs)
     each.require("jobs")
     jobs = each.value("jobs", _cycles, Fraction(1))
-    return jobs, each.value("management", _cycles, jobs), each.value("multiply", _cycles, jobs)
+    classes: dict[str, Fraction] = {}
+    for name, like in CLASSES.items():
+        classes[name] = each.value(name, _cycles, classes.get(like, jobs))
+    return jobs, each.value("management", _cycles, jobs), classes
 
 
 def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:

@@ -102,9 +102,9 @@ def _board(profile: Profile) -> dict[str, Any]:
 
 
 def _cpi(profile: Profile) -> Any:
-    if profile.cpi == profile.management_cpi == profile.multiply:
+    each = {"jobs": profile.cpi, "management": profile.management_cpi} | profile.classes
+    if len({*each.values()}) == 1:
         return format_rational(profile.cpi)
-    each = {"jobs": profile.cpi, "management": profile.management_cpi, "multiply": profile.multiply}
     return {name: format_rational(cycles) for name, cycles in each.items()}
 
 

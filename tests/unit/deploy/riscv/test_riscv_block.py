@@ -34,4 +34,5 @@ def test_the_inner_structs_are_the_same():
     assert inner == {
         "region": [name for name, _ in block_hook.Region._fields_],
         "known": [name for name, _ in block_hook.Known._fields_],
+        "branch": [name for name, _ in block_hook.Branch._fields_],
     }

@@ -155,20 +155,41 @@ def test_a_core_stops_at_the_first_block_after_its_time_and_goes_on_there(core):
     assert hart.count == 1 + 2 * 1000 + 1
 
 
-def test_a_multiplication_takes_as_long_as_is_stated(core):
+def test_an_instruction_waits_for_what_it_uses_and_for_the_unit_that_multiplies(core):
     mul, divuw = (1 << 25 | A0 << 20 | A0 << 15 | f3 << 12 | A0 << 7 | op for f3, op in ((0, 0x33), (5, 0x3B)))
-    add = A0 << 20 | A0 << 15 | A0 << 7 | 0x33
-    for words, cycles in (((add,), 2), ((mul,), 2 + 10), ((mul, add, divuw), 4 + 2 * 10)):
-        hart, _ = core(*words, WFI)
-        hart.weigh(multiply=10)
+    add, other = (a << 20 | a << 15 | a << 7 | 0x33 for a in (A0, A1))
+    load, byte, c_add = ld(A0, A2), ld(A0, A2) & ~0x7000, 0x952A  # c.add a0, a0
+    for words, cycles in (
+        ((add,), 2),
+        ((mul,), 11),
+        ((mul, other), 11),
+        ((mul, add), 13),
+        ((mul, add, divuw), 12 + 20),
+        ((mul, mul, other), 22),
+        ((load, add), 4),
+        ((load, c_add), 4),
+        ((load, other, add), 4),
+        ((byte, add), 6),
+        ((byte, other, add), 6),
+    ):
+        hart, _ = core(lui(A2, DATA), *words, WFI)
+        hart.weigh(**{"multiply": 11, "divide": 20, "load": 2, "load-byte": 4})
         hart.run(NEVER)
-        assert hart.now == cycles * CYCLE
+        assert hart.now == (cycles + 1) * CYCLE, words
+
+
+def test_a_branch_waits_where_it_is_taken_or_another_way_than_the_last_time(core):
+    for times, cycles in (({"taken": 4}, 9 * 3), ({"mispredicted": 4}, 2 * 3)):
+        hart, _ = core(addi(A0, ZERO, 10), addi(A0, A0, -1), bnez(A0, -4), WFI)
+        hart.weigh(**times)
+        hart.run(NEVER)
+        assert hart.now == (1 + 2 * 10 + 1 + cycles) * CYCLE
 
 
 def test_what_a_trap_cuts_off_is_not_counted(core):
     mul = 1 << 25 | A0 << 20 | A0 << 15 | A0 << 7 | 0x33
     hart, _ = core(*handler(), lui(A0, 0x50000000), ld(A1, A0), mul, mul, WFI)
-    hart.weigh(multiply=10)
+    hart.weigh(multiply=11)
     hart.run(NEVER)
     assert hart.now == (len(handler()) + 1 + 1 + 1) * CYCLE
 

@@ -81,7 +81,7 @@ def change(path, value):
         (("dma", "bandwidth"), 0, "write a number from 1 to"),
         (("dma", "bandwidth"), {"ispm": 1, "dspm": 1}, 'lacks the key "main"'),
         (("dma", "bandwidth"), {"ispm": 1, "dspm": 1, "main": 0}, "write a number from 1 to"),
-        (("cpi",), {"jobs": "2", "management": "3"}, 'lacks the key "multiply"'),
+        (("cpi",), {"jobs": "2", "management": "3"}, 'lacks the key "load-byte"'),
         (("units",), [], "there is none"),
         (("units",), {}, "must be a list"),
         (("units", 0, "hart"), 2, "their harts are"),
@@ -110,7 +110,7 @@ def test_what_cannot_be_meant_is_refused(path, value, said):
 def test_one_figure_is_for_all_memories_and_instructions():
     site = read_site(bundle(target()))
     assert site.dma.bandwidth == dict.fromkeys(("ispm", "dspm", "main"), 400_000_000)
-    assert (site.cpi, site.management_cpi, site.multiply) == (1, 1, 1)
+    assert (site.cpi, site.management_cpi, {*site.classes.values()}) == (1, 1, {1})
 
 
 @pytest.mark.parametrize("key", list(TARGET))

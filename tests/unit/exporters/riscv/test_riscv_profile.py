@@ -44,12 +44,14 @@ def test_a_profile_of_ones_own(tmp_path):
 
 def test_bandwidths_by_memory_and_cycles_by_kind(tmp_path):
     each = "bandwidth: {ispm: 58MB/s, dspm: 105MB/s, main: 159MB/s}"
-    text = VCU118.replace("bandwidth: 400MB/s, bus: 800MB/s", each) + "cpi: {jobs: 1.5, multiply: 11}\n"
+    text = VCU118.replace("bandwidth: 400MB/s, bus: 800MB/s", each) + "cpi: {jobs: 1.5, multiply: 11, load-byte: 3}\n"
     (tmp_path / "mine.yaml").write_text(text)
     profile = read_profile(str(tmp_path / "mine.yaml"))
     assert profile.dma.into == {"ispm": 58_000_000, "dspm": 105_000_000, "main": 159_000_000}
     assert (profile.dma.bandwidth, profile.dma.bus) == (58_000_000, 4 * 58_000_000)
-    assert (profile.cpi, profile.management_cpi, profile.multiply) == (Fraction(3, 2), Fraction(3, 2), 11)
+    assert profile.cpi == profile.management_cpi == Fraction(3, 2)
+    long, others = ("multiply", "multiply-word", "divide"), ("load", "taken", "mispredicted")
+    assert profile.classes == dict.fromkeys(long, 11) | dict.fromkeys(others, Fraction(3, 2)) | {"load-byte": 3}
 
 
 def test_unknown_profile_names_the_nearest():

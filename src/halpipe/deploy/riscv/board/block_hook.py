@@ -1,4 +1,4 @@
-"""The one function that the emulator calls before every basic block: it counts instructions and knows when to stop.
+"""The function that the emulator calls before every basic block: it counts cycles and knows when to stop.
 
 It is written in C (`native/block.c`), because a callback in Python would cost a hundred times as much as the block
 itself. All it knows lies in one struct per hart (`Page`), which stands in the same allocation as the memories
@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from halpipe.core.libraries import library
+from halpipe.deploy.riscv.target import CLASSES
 
-HEADER = 16384
+HEADER = 32768
 """Bytes of the page of each hart."""
 
 MAX_WATCHED = 64
 MAX_REGIONS = 136
 KNOWN = 512
-"""Blocks of which the number of instructions is remembered, by address; a power of two."""
+"""Blocks of which the cycles are remembered, by address; a power of two."""
 
 
 INTEGER = ctypes.c_int64
@@ -35,11 +36,20 @@ class Region(ctypes.Structure):
 class Known(ctypes.Structure):
     """A block that was counted before; -1 for none."""
 
-    _fields_: ClassVar = [("address", INTEGER), ("instructions", ctypes.c_uint32), ("size", ctypes.c_uint32)]
+    _fields_: ClassVar = [
+        *(("address", INTEGER), ("count", ctypes.c_uint32)),
+        *(("size", ctypes.c_uint16), ("returns", ctypes.c_uint16)),
+    ]
+
+
+class Branch(ctypes.Structure):
+    """The address of the block that followed another one, by the end of that."""
+
+    _fields_: ClassVar = [("end", INTEGER), ("next", INTEGER)]
 
 
 class Page(ctypes.Structure):
-    """State that a hart and the callbacks share: `count` instructions, run up to `limit`; -1 stands for no address.
+    """State that a hart and the callbacks share: `count` cycles, run up to `limit`; -1 stands for no address.
 
     `block` and `size` are those of the block begun last, `skip` is a watched address to pass once, `hit` the one of the
     stop. The other side is in `native/block.c`, with the meaning of each field; a test compares the two.
@@ -52,34 +62,30 @@ class Page(ctypes.Structure):
         ),
         ("full", INTEGER),
         ("stop", ctypes.c_void_p),
-        *((name, INTEGER) for name in ("misaligned", "stores", "weight", "multiply")),
-        ("unused", INTEGER),
+        *((name, INTEGER) for name in ("misaligned", "stores", "weight")),
+        ("cycles", INTEGER * (len(CLASSES) + 1)),
         ("watched", INTEGER * MAX_WATCHED),
         ("region", Region * MAX_REGIONS),
         ("known", Known * KNOWN),
+        ("branch", Branch * KNOWN),
     ]
 
     def forget(self) -> None:
         """Forget all blocks that were counted."""
         ctypes.memset(ctypes.addressof(self.known), 0xFF, ctypes.sizeof(self.known))
 
-
-def is_access(half: int) -> bool:
-    """Whether an instruction loads or stores, by its first two bytes."""
-    if half & 3 == 3:
-        return half & 0x7F in (0x03, 0x07, 0x23, 0x27, 0x2F)
-    return half & 3 != 1 and half >> 13 & 7 not in (0, 4)
-
-
-def is_multiply(word: int) -> bool:
-    """Whether an instruction multiplies or divides."""
-    return word & 0x77 == 0x33 and word >> 25 == 1
+    def take_back(self, pc: int) -> None:
+        """Take back the instructions from `pc` on of the block that was begun last, since they were not executed."""
+        _native().halpipe_take_back(ctypes.byref(self), INTEGER(pc))
 
 
 @cache
+def _native() -> ctypes.CDLL:
+    return library(Path(__file__).parent / "native", "block")
+
+
 def _function(name: str) -> int:
-    native = library(Path(__file__).parent / "native", "block")
-    return ctypes.cast(native[name], ctypes.c_void_p).value or 0
+    return ctypes.cast(_native()[name], ctypes.c_void_p).value or 0
 
 
 def install(engine: Any, page: Page, *, is_strict: bool) -> None:

@@ -1,7 +1,7 @@
 """One hart: an emulated core with its own clock, interrupts and traps, and the memory that its protection leaves.
 
 The emulator (Unicorn) executes; what it does not do is done here: the clock, waiting for interrupts, taking traps, the
-registers of `csr`, and physical memory protection. A clock advances by one cycle for each instruction, and is looked at
+registers of `csr`, and physical memory protection. A clock advances by the cycles of instructions, and is looked at
 between basic blocks, so that everything a hart does is exact to the length of one block.
 """
 
@@ -16,6 +16,7 @@ from halpipe.deploy.riscv.board import block_hook, registers
 from halpipe.deploy.riscv.board.block_hook import Page
 from halpipe.deploy.riscv.board.memory import PAGE
 from halpipe.deploy.riscv.board.registers import ADDRESS, Level, Protection, Right
+from halpipe.deploy.riscv.target import CLASSES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -98,7 +99,7 @@ class Hart:
 
     @property
     def count(self) -> int:
-        """Instructions executed so far."""
+        """Cycles of a simple instruction so far."""
         return int(self._page.count)
 
     @property
@@ -111,9 +112,12 @@ class Hart:
         if instant > self.now:
             self._origin = instant - self._page.count * self._cycle
 
-    def weigh(self, access: int = 0, multiply: int = 0) -> None:
-        """Have every load and store, and every multiplication and division, take so many instructions' time more."""
-        self._page.weight, self._page.multiply = access, max(multiply, 0)
+    def weigh(self, access: int = 0, **cycles: int) -> None:
+        """Have every load and store take so many cycles more, and classes of instructions (`CLASSES`) so many."""
+        self._page.weight = access
+        for number, name in enumerate(CLASSES):
+            self._page.cycles[number] = cycles.get(name, 1)
+        self._page.forget()
 
     def wake(self) -> int:
         """Return when the sleeping hart wakes by what is known now; `NEVER` if nothing would wake it."""
@@ -183,7 +187,7 @@ class Hart:
             assert self.world is not None
             self.world.reached(self, address)
         elif not page.full:
-            self._rewind(pc)  # a block does not end where the core goes to sleep
+            self._page.take_back(pc)  # a block does not end where the core goes to sleep
             self.asleep = True
             self._enabled = self._interrupts_enabled()
             assert self.world is not None
@@ -240,7 +244,7 @@ class Hart:
         return cause, value
 
     def _trap(self, cause: int, value: int, pc: int) -> bool:
-        self._rewind(pc)
+        self._page.take_back(pc)
         self._page.count += 1  # of its own, so that a core that only traps gets on, too
         assert self.world is not None
         if self.world.trapped(self, cause, pc, value):
@@ -363,7 +367,7 @@ class Hart:
                 self._change_level(Level.MACHINE if self._register("MSTATUS") >> 11 & 3 else Level.USER)
         elif access is not None and access.csr in registers.OURS:
             self._on_own_register(access)
-            self._rewind(address + 4)
+            self._page.take_back(address + 4)
             self.pc = address + 4
 
     def _on_own_register(self, access: registers.Access) -> None:
@@ -390,25 +394,6 @@ class Hart:
             return self.now // self._cycle if number in (registers.MCYCLE, registers.CYCLE) else self.count
         return self.protection.read(number)
 
-    def _rewind(self, pc: int) -> None:
-        """Take back the instructions from `pc` on of the block that was begun last, since they were not executed."""
-        page = self._page
-        start, end = page.block, page.block + page.size
-        if start < 0 or not start <= pc < end:
-            return
-        code = self._memory.view(pc, end - pc)
-        at = number = 0
-        while code is not None and at < len(code):
-            number += 1
-            word = int.from_bytes(code[at : at + 4], "little")
-            if page.weight and block_hook.is_access(word & 0xFFFF):
-                number += page.weight
-            if page.multiply and block_hook.is_multiply(word):
-                number += page.multiply
-            at += 4 if code[at] & 3 == 3 else 2
-        page.count -= number
-        page.block = -1
-
     # ------------------------------------------------------------------------------------------ memory
 
     def forget_code(self, address: int, size: int) -> None:
@@ -420,6 +405,7 @@ class Hart:
     def _fill_page(self) -> None:
         page = self._page
         page.block = page.skip = page.hit = -1
+        page.cycles[:] = [1] * len(page.cycles)
         start = self.number * block_hook.HEADER
         page.span = self._memory.size - start
         placed = self._memory.placed()

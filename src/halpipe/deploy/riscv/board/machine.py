@@ -118,7 +118,7 @@ class Machine:
         for hart in self.harts:
             hart.world = self
             if hart.number:
-                hart.weigh(multiply=math.ceil(site.multiply / Fraction(jobs)) - 1)
+                hart.weigh(**{name: math.ceil(cycles / Fraction(jobs)) for name, cycles in site.classes.items()})
             hart.pc = program.entry
             hart.scramble()
         self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.management))

@@ -24,7 +24,7 @@ from halpipe.deploy.riscv.judge.figures import due_of, waits
 from halpipe.deploy.riscv.judge.tables import Tables
 from halpipe.deploy.riscv.run.cosimulation import load_program
 from halpipe.deploy.riscv.run.recording import Flag, Kind, measurements, read_calibration
-from halpipe.deploy.riscv.target import MEMORIES, read_site
+from halpipe.deploy.riscv.target import CLASSES, MEMORIES, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -40,8 +40,8 @@ WIDEST = Fraction(120, 100)
 WORST = 330
 """Instructions of the longest operation, which a run may not have: a job that fails, with its health rule."""
 
-_TURN, _OTHERS = 14, 2  # of its instructions in one turn of a loop; those that count it
-_ADD, _MULTIPLY, _DIVIDE, _ACCESS, _MANAGEMENT = range(4, 9)
+_TURN, _PAIRS = 16, 7  # instructions in one turn of a loop of additions; pairs in one of another class
+_ADD, *_CLASSES, _TAKEN, _OTHERS, _MANAGEMENT = range(4, 13)  # kinds of measurements; classes as in `CLASSES`
 
 
 @record
@@ -104,10 +104,10 @@ def wrong_measurements(target: Target, run: Run) -> Iterator[Diagnostic]:
     except HalpipeError as failure:
         yield from failure.diagnostics
         return
-    steps = math.ceil(site.multiply / site.cpi) * site.cpi
     second, times = site.timebase, dict[str, tuple[Fraction, Fraction, Fraction]]()
-    for name, stated in (("jobs", site.cpi), ("management", site.management_cpi), ("multiply", steps)):
-        times[f"cycles ({name})"] = Fraction(stated), found.cycles[name], Fraction(1, 100)
+    steps = {name: math.ceil(cycles / site.cpi) * site.cpi for name, cycles in site.classes.items()}
+    for name, stated in {"jobs": site.cpi, "management": site.management_cpi, **steps}.items():
+        times[f"cycles ({name})"] = stated, found.cycles[name], Fraction(1, 100)
     if site.dma.kind == "pdma":
         limits = [r.bandwidth for r in target.model.resources if site.channels.get(r.name) == 0 and r.bandwidth]
         for number, memory in enumerate(MEMORIES, 1):
@@ -138,13 +138,12 @@ def constants_of(
         for size, ticks in points[number]
     ]
     turns = {kind: _cycles(points[kind], site) for kind in range(_ADD, _MANAGEMENT + 1)}  # cycles of a turn
-    add = turns[_ADD] / (_TURN + _OTHERS)
-    others = {kind: (turns[kind] - _OTHERS * add) / _TURN for kind in (_MULTIPLY, _DIVIDE, _ACCESS)}
-    cycles = {
-        "jobs": max(add, others[_ACCESS]),
-        "management": turns[_MANAGEMENT] / (_TURN + _OTHERS),
-        "multiply": max(others[_MULTIPLY], others[_DIVIDE]),
-    }
+    simple = (15 * turns[_ADD] - turns[_TAKEN]) / (15 * 15 - 1)  # one is taken in a turn of the first, 15 in the second
+    taken = turns[_ADD] - 15 * simple
+    each = [(turns[kind] - simple - taken) / _PAIRS - simple for kind in _CLASSES]
+    other = (turns[_OTHERS] - 2 * simple - taken) / _PAIRS - simple * Fraction(5, 2)
+    cycles = {"jobs": simple, "management": turns[_MANAGEMENT] / _TURN}
+    cycles |= dict(zip(CLASSES, [*each, taken, other - taken + simple], strict=True))
     return Constants(
         into,
         _rounded(max(Fraction(1, second), *waits) * LONGER),  # no clock tells less than a tick

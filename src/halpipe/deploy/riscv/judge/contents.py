@@ -7,32 +7,36 @@ has to be the one that the profile describes.
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.core.diagnostics import Diagnostic, HalpipeError
-from halpipe.core.durations import Duration
-from halpipe.core.files import parse_yaml, read_bytes
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
-from halpipe.deploy.riscv.target import MEMORIES, Area, DmaSite
+from halpipe.deploy.riscv.target import CLASSES, MEMORIES, Area, DmaSite, each
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from halpipe.core.bundles import Bundle
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.expectation import Image
     from halpipe.deploy.riscv.target import Site, UnitSite
 
+T = TypeVar("T")
+
 PROFILES = Path(__file__).parents[3] / "profiles"
 OWN_PROFILE = "profile.yaml"
 FLAT = "bundle.bin"
 AGAIN = "export the bundle again; edit the model or its sources, not the bundle"
 MAILBOX, RESERVED = 256, 4096
-_ENGINE = {"channels": "1", "base": "", "stride": "4096"}
-_DEFAULTS = {"stack": "8KiB", "finisher": "0", "qemu": [], "cpi": "1", "latency": "0ns"}
+_LIKE = {"multiply-word": "multiply", "divide": "multiply", "load-byte": "load"}
+"""Classes of instructions that take the time of another one, where the profile states none."""
 
 
 def contradictions(
@@ -64,59 +68,71 @@ def machine_faults(bundle: Bundle, site: Site) -> Iterator[Diagnostic]:
         yield FOREIGN_MACHINE(message, at=at, help=AGAIN)
         return
     text = read_bytes(PROFILES / f"{name}.yaml") if known else bundle.files[OWN_PROFILE]
+    findings = Findings()
     try:
-        stated = _described(parse_yaml(text, f"{name}.yaml"), site)
+        document = parse_yaml(text, f"{name}.yaml")
+        data = document if isinstance(document, YamlMap) else YamlMap(0)
+        stated = _described(Fields(f"{name}.yaml", findings, data, "", written=(FOREIGN_MACHINE, AGAIN)), site)
+        findings.stop_on_errors()
     except HalpipeError as failure:
         yield from failure.diagnostics
-        return
-    except (ValueError, KeyError, TypeError, AttributeError, ZeroDivisionError) as failure:
-        message = f'its profile "{name}" cannot be understood: {failure}'
-        yield FOREIGN_MACHINE(message, at=bundle.at(OWN_PROFILE), help=AGAIN)
         return
     for path, found, value in _differences("", site, stated):
         message = f'{path} is {found}, profile "{name}" says {value}'
         yield FOREIGN_MACHINE(message, at=at, path=path, help=AGAIN)
 
 
-def _described(profile: Mapping[str, Any], site: Site) -> Site:
-    """Return the target with the machine that a profile describes."""
-    text, main, dma = {**_DEFAULTS, **profile}, profile["main"], profile["dma"]
-    each = dma["bandwidth"] if isinstance(dma["bandwidth"], dict) else dict.fromkeys(MEMORIES, dma["bandwidth"])
-    into = {memory: parse_bandwidth(each[memory]) for memory in MEMORIES}
-    engine = DmaSite(dma["kind"], 0, 0, 0, into, Duration.parse(dma["setup"]))
-    if dma["kind"] != "copy":
-        channels, base, stride = (int(str(dma.get(key, d)), 0) for key, d in _ENGINE.items())
-        bus = parse_bandwidth(dma["bus"]) if "bus" in dma else channels * min(into.values())
-        engine = replace(engine, base=base, stride=stride, channels=channels, bus=bus)
-    cycles = text["cpi"] if isinstance(text["cpi"], dict) else {"jobs": text["cpi"]}
-    jobs, management, multiply = (
-        parse_rational(str(cycles.get(kind, cycles["jobs"]))) for kind in ("jobs", "management", "multiply")
-    )
+def _described(f: Fields, site: Site) -> Site:
+    """Return the target with the machine that a profile describes; findings go where those of the fields go."""
+    main, cycles = f.part("main"), f.part("cpi") if f.is_mapping("cpi") else f
+    jobs = _own(cycles, "cpi" if cycles is f else "jobs", parse_rational, Fraction(1))
+    classes: dict[str, Fraction] = {}
+    for name in CLASSES:
+        classes[name] = _own(cycles, name, parse_rational, classes.get(_LIKE.get(name, ""), jobs))
     return replace(
         site,
-        clock=int(profile["clock"]),
-        timebase=int(profile["timebase"]),
-        main=Area(_address(main["base"]), parse_size(main["size"])),
-        clint=_address(profile["clint"]),
-        uart=_address(profile["uart"]["base"]),
-        dma=engine,
-        finisher=_address(text["finisher"]) or None,
-        stack=parse_size(text["stack"]),
-        units=tuple(_unit(unit, profile) for unit in site.units),
-        qemu=tuple(str(word) for word in text["qemu"]),
-        service=Duration.parse(profile["service"]),
+        clock=f.value("clock", int, 0),
+        timebase=f.value("timebase", int, 0),
+        main=Area(main.value("base", _address, 0), main.value("size", parse_size, 0)),
+        clint=f.value("clint", _address, 0),
+        uart=f.part("uart").value("base", _address, 0),
+        dma=_engine(f.part("dma")),
+        finisher=_own(f, "finisher", _address, 0) or None,
+        stack=_own(f, "stack", parse_size, 8192),
+        units=tuple(_unit(unit, f.part("ispm"), f.part("dspm")) for unit in site.units),
+        qemu=tuple(word.value for word in f.texts("qemu", str)) if "qemu" in f else (),
+        service=f.value("service", Duration.parse, ZERO),
         cpi=jobs,
-        management_cpi=management,
-        multiply=multiply,
-        latency=Duration.parse(text["latency"]),
+        management_cpi=_own(cycles, "management", parse_rational, jobs),
+        classes=classes,
+        latency=_own(f, "latency", Duration.parse, ZERO),
     )
 
 
-def _unit(unit: UnitSite, profile: Mapping[str, Any]) -> UnitSite:
+def _own(f: Fields, key: str, read: Callable[[str], T], default: T) -> T:
+    """Read a value that may be absent."""
+    return f.value(key, read, default) if key in f else default
+
+
+def _engine(dma: Fields) -> DmaSite:
+    into = each(dma, "bandwidth", MEMORIES, lambda f, key: f.value(key, parse_bandwidth, 1))
+    engine = DmaSite(dma.text("kind"), 0, 0, 0, into, dma.value("setup", Duration.parse, ZERO))
+    if engine.kind == "copy":
+        return engine
+    channels = _own(dma, "channels", int, 1)
+    bus = dma.value("bus", parse_bandwidth, 1) if "bus" in dma else channels * min(into.values())
+    base, stride = dma.value("base", _address, 0), _own(dma, "stride", _address, 4096)
+    return replace(engine, base=base, stride=stride, channels=channels, bus=bus)
+
+
+def _unit(unit: UnitSite, *rows: Fields) -> UnitSite:
     """Return a unit with the scratchpads that the profile's rows have for its core."""
     ispm, dspm = (
-        Area(_address(row["base"]) + (unit.hart - 1) * _address(row["stride"]), parse_size(row["size"]))
-        for row in (profile["ispm"], profile["dspm"])
+        Area(
+            row.value("base", _address, 0) + (unit.hart - 1) * row.value("stride", _address, 0),
+            row.value("size", parse_size, 0),
+        )
+        for row in rows
     )
     return replace(unit, ispm=ispm, dspm=dspm, mailbox=dspm.end - MAILBOX, reserved=dspm.end - RESERVED)
 
@@ -124,7 +140,7 @@ def _unit(unit: UnitSite, profile: Mapping[str, Any]) -> UnitSite:
 def _differences(path: str, found: Any, stated: Any) -> Iterator[tuple[str, Any, Any]]:
     """Yield path and values of the fields in which two records differ, at any depth."""
     if is_dataclass(found) and is_dataclass(stated):
-        for name in (each.name for each in fields(found)):
+        for name in (field.name for field in fields(found)):
             yield from _differences(f"{path} {name}".strip(), getattr(found, name), getattr(stated, name))
     elif isinstance(found, tuple) and path == "units":
         for one, other in zip(found, stated, strict=True):
@@ -133,8 +149,8 @@ def _differences(path: str, found: Any, stated: Any) -> Iterator[tuple[str, Any,
         yield path, found, stated
 
 
-def _address(text: Any) -> int:
-    return int(str(text), 0)
+def _address(text: str) -> int:
+    return int(text, 0)
 
 
 # ------------------------------------------------------------------------------------------------ the programs

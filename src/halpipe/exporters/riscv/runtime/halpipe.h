@@ -176,9 +176,9 @@ _Static_assert((sizeof(hp_operation) == 48U) && (sizeof(hp_record) == 48U) && (s
 #define CALIBRATE_ISPM 1U /* bytes from main memory, and ticks */
 #define CALIBRATE_DSPM 2U
 #define CALIBRATE_MAIN 3U /* bytes to it */
-#define CALIBRATE_LOOP 4U /* turns of a loop, and ticks: additions, multiplications, divisions, accesses */
-#define CALIBRATE_LOOPS 4U
-#define CALIBRATE_MANAGEMENT 8U /* the same additions on the management core */
+#define CALIBRATE_LOOP 4U /* turns of a loop, and ticks; as in loops.S */
+#define CALIBRATE_LOOPS 8U
+#define CALIBRATE_MANAGEMENT 12U /* the same additions on the management core */
 
 typedef struct {
     uint64_t kind;

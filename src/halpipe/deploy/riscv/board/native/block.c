@@ -1,8 +1,11 @@
-/* What the emulator calls before every basic block: it counts instructions and knows when to stop. In Python, the call
- * would cost a hundred times as much as the block itself.
+/* What the emulator calls before every basic block: it counts cycles and knows when to stop. In Python, the call would cost
+ * a hundred times as much as the block itself.
  *
  * All it knows is in one page of integers per hart (`Page` in block_hook.py), which stands in the same allocation as the
- * memories of the machine, so that it can also look at the instructions that it counts. */
+ * memories of the machine, so that it can also look at the instructions that it counts.
+ *
+ * A core issues an instruction in each cycle, in order, when what it uses is there. It multiplies and divides in one
+ * unit that does one thing at a time. What a block has begun is over at its end. */
 
 #include <stdint.h>
 
@@ -14,10 +17,11 @@
 
 _Static_assert(sizeof(void *) == 8, "an address fills a word of the page");
 
-enum { MAX_WATCHED = 64, MAX_REGIONS = 136, KNOWN = 512 };
+enum { MAX_WATCHED = 64, MAX_REGIONS = 136, KNOWN = 512, CLASSES = 8 };
+enum { LOAD, LOAD_BYTE, MULTIPLY, MULTIPLY_WORD, DIVIDE, TAKEN, MISPREDICTED, OTHER }; /* places in `cycles` */
 
 typedef struct {
-    int64_t count;    /* instructions that were begun */
+    int64_t count;    /* cycles of a simple instruction that were begun */
     int64_t limit;    /* stop before the first block at or beyond this count */
     int64_t block;    /* address of the block that was begun last, -1 for none */
     int64_t size;     /* its size in bytes */
@@ -31,36 +35,96 @@ typedef struct {
     int64_t misaligned; /* the address of an access that is not aligned, -1 for none */
     int64_t stores;     /* 1 if that is a store */
     int64_t weight;     /* what a load or store counts beyond one */
-    int64_t multiply;   /* what a multiplication or division counts beyond one */
-    int64_t unused;
+    int64_t cycles[CLASSES]; /* until the result of an instruction can be used; of a branch until the next begins */
     int64_t watched[MAX_WATCHED];
     struct { int64_t base, end, offset; } region[MAX_REGIONS]; /* offset from the page */
-    struct { int64_t address; uint32_t instructions, size; } known[KNOWN]; /* blocks counted before, by address */
+    struct { int64_t address; uint32_t count; uint16_t size, returns; } known[KNOWN]; /* blocks counted before, by address */
+    struct { int64_t end, next; } branch[KNOWN]; /* what followed a block, by the address behind it */
 } Page;
 
-/* Whether an instruction loads or stores, by its first two bytes. */
-static int is_access(uint32_t half) {
-    uint32_t opcode = half & 0x7f, quadrant = half & 3, kind = half >> 13 & 7;
-    if (quadrant == 3)
-        return opcode == 0x03 || opcode == 0x07 || opcode == 0x23 || opcode == 0x27 || opcode == 0x2f;
-    return quadrant != 1 && kind != 0 && kind != 4;
+/* An instruction: registers that it uses and sets, 0 for none. */
+typedef struct {
+    uint32_t kind, size, access, uses, also, sets, returns;
+} Instruction;
+
+static Instruction decoded(const uint8_t *code, int64_t left) {
+    uint32_t half = code[0] | (uint32_t)code[1] << 8, kind = half >> 13, low = half >> 2 & 31, high = half >> 7 & 31;
+    Instruction i = {OTHER, 2, 0, high, low, high, half == 0x8082};
+    if ((half & 3) == 3) {
+        uint32_t word = left < 4 ? half : half | (uint32_t)code[2] << 16 | (uint32_t)code[3] << 24;
+        uint32_t opcode = word & 0x7f, function = word >> 12 & 7, is_word = opcode == 0x3b;
+        i = (Instruction){OTHER, 4, 0, word >> 15 & 31, 0, word >> 7 & 31, word == 0x8067};
+        i.access = opcode == 0x03 || opcode == 0x07 || opcode == 0x23 || opcode == 0x27 || opcode == 0x2f;
+        if (opcode == 0x33 || is_word || opcode == 0x63 || opcode == 0x23 || opcode == 0x2f) i.also = word >> 20 & 31;
+        if (opcode == 0x63 || opcode == 0x23) i.sets = 0;
+        if (opcode == 0x17 || opcode == 0x37 || opcode == 0x6f) i.uses = 0;
+        if (opcode == 0x2f || opcode == 0x03) i.kind = (function & 3) < 2 ? LOAD_BYTE : LOAD;
+        if ((opcode & 0x77) == 0x33 && word >> 25 == 1)
+            i.kind = function >= 4 ? DIVIDE : is_word ? MULTIPLY_WORD : MULTIPLY;
+        return i;
+    }
+    uint32_t shorter = 8 + (high & 7), short_low = 8 + (low & 7);
+    if ((half & 3) == 1) { /* what computes, and branches */
+        i.also = 0;
+        if (kind == 2 || kind == 3) i.uses = 0;
+        if (kind == 4) i = (Instruction){OTHER, 2, 0, shorter, (high >> 3 & 3) == 3 ? short_low : 0, shorter, 0};
+        if (kind >= 5) i = (Instruction){OTHER, 2, 0, kind == 5 ? 0 : shorter, 0, 0, 0};
+    } else if (kind != 0 && kind != 4) {
+        i.access = 1;
+        i.kind = kind < 4 ? LOAD : OTHER;
+        if ((half & 3) == 2) {
+            i.uses = 2;
+            i.also = kind < 4 ? 0 : low;
+            i.sets = kind < 4 ? high : 0;
+        } else {
+            i.uses = shorter;
+            i.also = kind < 4 ? 0 : short_low;
+            i.sets = kind < 4 ? short_low : 0;
+        }
+    } else if ((half & 3) == 0) {
+        i = (Instruction){OTHER, 2, 0, 2, 0, short_low, 0};
+    } else if (kind == 0) {
+        i.also = 0;
+    } else if (low != 0 && (half >> 12 & 1) == 0) {
+        i.uses = 0;
+    }
+    return i;
 }
 
-/* Whether four bytes are an instruction that multiplies or divides: of opcode 0x33, or 0x3b for words. */
-static int is_multiply(const uint8_t *code) { return (code[0] & 0x77) == 0x33 && code[3] >> 1 == 1; }
-
-/* The number of instructions in [position, end): of two bytes, or four where the two lowest bits are set. */
-static int64_t instructions(const uint8_t *memory, int64_t position, int64_t end, const Page *page) {
-    int64_t weight = page->weight;
-    int64_t number = 0;
-    for (; position < end; number++) {
-        if (weight && position + 1 < end && is_access(memory[position] | (uint32_t)memory[position + 1] << 8))
-            number += weight;
-        if (page->multiply && position + 3 < end && is_multiply(memory + position))
-            number += page->multiply;
-        position += (memory[position] & 3) == 3 ? 4 : 2;
+/* The cycles of the instructions in [from, to), and whether the last one returns. */
+static int64_t cycles(const Page *page, int64_t from, int64_t to, uint32_t *returns) {
+    int64_t ready[32] = {0}, unit = 0, now = 0, number = 0;
+    *returns = 0;
+    while (number < page->memories && !(page->region[number].base <= from && from < page->region[number].end)) number++;
+    if (number == page->memories) return 0;
+    int64_t position = page->region[number].offset + from - page->region[number].base, end = position + to - from;
+    if (end > page->span) end = page->span;
+    for (const uint8_t *memory = (const uint8_t *)page; position + 1 < end;) {
+        Instruction i = decoded(memory + position, end - position);
+        if (ready[i.uses] > now) now = ready[i.uses];
+        if (ready[i.also] > now) now = ready[i.also];
+        int is_long = i.kind == MULTIPLY || i.kind == MULTIPLY_WORD || i.kind == DIVIDE;
+        if (is_long && unit > now) now = unit;
+        int64_t known = now + page->cycles[i.kind];
+        if (is_long) unit = known;
+        if (i.sets) ready[i.sets] = known;
+        now += 1 + (i.access ? page->weight : 0);
+        position += i.size;
+        *returns = i.returns;
     }
-    return number;
+    return unit > now ? unit : now;
+}
+
+/* What the core waits between the block that was begun last and the one at an address. It expects what followed last
+ * time, at first what lies behind, and of a return what it returns to. */
+static int64_t branched(Page *page, int64_t at) {
+    int64_t end = page->block + page->size, place = end >> 1 & (KNOWN - 1), last = page->block >> 1 & (KNOWN - 1);
+    if (page->block < 0) return 0;
+    int64_t expected = page->branch[place].end == end ? page->branch[place].next : end;
+    if (page->known[last].address == page->block && page->known[last].returns) expected = at;
+    page->branch[place].end = end;
+    page->branch[place].next = at;
+    return (at == end ? 0 : page->cycles[TAKEN] - 1) + (at == expected ? 0 : page->cycles[MISPREDICTED] - 1);
 }
 
 EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size, void *data) {
@@ -81,25 +145,27 @@ EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size
         }
     }
     page->skip = -1;
+    page->count += branched(page, at);
     page->block = at;
     page->size = size;
-    int64_t place = (at >> 1) & (KNOWN - 1);
-    if (page->known[place].address == at && page->known[place].size == size) {
-        page->count += page->known[place].instructions;
-        return;
+    int64_t place = at >> 1 & (KNOWN - 1);
+    uint32_t returns;
+    if (page->known[place].address != at || page->known[place].size != size) {
+        page->known[place].address = at;
+        page->known[place].size = (uint16_t)size;
+        page->known[place].count = (uint32_t)cycles(page, at, at + size, &returns);
+        page->known[place].returns = (uint16_t)returns;
     }
-    for (int64_t i = 0; i < page->memories; i++) {
-        if (page->region[i].base <= at && at < page->region[i].end) {
-            int64_t position = page->region[i].offset + at - page->region[i].base;
-            int64_t end = position + size < page->span ? position + size : page->span;
-            int64_t number = instructions(data, position, end, page);
-            page->count += number;
-            page->known[place].address = at;
-            page->known[place].size = size;
-            page->known[place].instructions = (uint32_t)number;
-            break;
-        }
-    }
+    page->count += page->known[place].count;
+}
+
+/* The instructions from an address on of the block that was begun last were not executed. */
+EXPORTED void halpipe_take_back(Page *page, int64_t from) {
+    int64_t end = page->block + page->size;
+    uint32_t returns;
+    if (page->block < 0 || from < page->block || from >= end) return;
+    page->count -= cycles(page, page->block, end, &returns) - cycles(page, page->block, from, &returns);
+    page->block = -1;
 }
 
 /* Before every load and store of an application core: emulators allow what the cores of the board trap on. */
