@@ -166,17 +166,11 @@ class Site:
 
     def unit(self, name: str) -> UnitSite:
         """Return the unit called `name`; raise ``KeyError`` if there is none."""
-        for unit in self.units:
-            if unit.name == name:
-                return unit
-        raise KeyError(name)
+        return {unit.name: unit for unit in self.units}[name]
 
     def unit_of(self, hart: int) -> UnitSite:
         """Return the unit that is `hart`; raise ``KeyError`` if there is none."""
-        for unit in self.units:
-            if unit.hart == hart:
-                return unit
-        raise KeyError(hart)
+        return {unit.hart: unit for unit in self.units}[hart]
 
 
 def read_site(bundle: Bundle) -> Site:

@@ -100,10 +100,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
             shop.write(name, content)
         stage_runtime(shop)
         slots = slots_of(schedule, site.cores, site.copies.tasks)
-        shop.write(
-            "runtime/platform.h",
-            render.platform(site, slots.count, len(schedule.modes)),
-        )
+        shop.write("runtime/platform.h", render.platform(site, slots.count, len(schedule.modes)))
         needs = compile_parts(shop, site.parts, tree, render)
         measured = measure(shop, needs, profile, render)
         drivers = compile_drivers(shop, site.drivers, site.driver_sources, tree)
@@ -211,13 +208,7 @@ def _monitors(shop: Workshop, render: Renderer, site: Site) -> list[Elf]:
 
 
 def _program(
-    shop: Workshop,
-    render: Renderer,
-    site: Site,
-    name: str,
-    plan: Plan,
-    monitors: list[Elf],
-    drivers: tuple[str, ...],
+    shop: Workshop, render: Renderer, site: Site, name: str, plan: Plan, monitors: list[Elf], drivers: tuple[str, ...]
 ) -> bytes:
     """Link runtime, tables and images to the one program that is loaded."""
     pieces, places = [], []
@@ -254,11 +245,8 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
         tables=plan.tables,
         buffers=memory.buffers,
     )
-    target = target_json(
-        site.profile, title, cores, site.channels, memory, plan.images, plan.tables, plan.backlog, site.copies
-    )
     return {
-        "target.json": target,
+        "target.json": target_json(site, title, plan),
         "profile.yaml": site.profile.text,
         "README.md": readme.encode(),
         "Makefile": render.makefile(shop).encode(),

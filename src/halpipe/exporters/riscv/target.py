@@ -11,30 +11,20 @@ from halpipe.exporters.riscv.phases import COPIES
 from halpipe.exporters.riscv.render import DECISION, margin
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
+    from halpipe.exporters.riscv.bundle import Plan, Site
     from halpipe.exporters.riscv.copies import Copies
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Image
-    from halpipe.exporters.riscv.operations import Backlog, Table
+    from halpipe.exporters.riscv.operations import Table
     from halpipe.exporters.riscv.profile import Profile, Region
 
 VERSION = 2
 
 
-def target_json(
-    profile: Profile,
-    toolchain: str,
-    cores: Sequence[Core],
-    channels: dict[str, int],
-    memory: MainMemory,
-    images: Sequence[Image],
-    tables: Sequence[Table],
-    backlog: Backlog,
-    copies: Copies,
-) -> bytes:
+def target_json(site: Site, toolchain: str, plan: Plan) -> bytes:
     """Return the memory map, the clocks, and the place of everything; see docs/reference/riscv-bundle.md."""
-    buffers = memory.buffers.items()
+    profile, memory, copies = site.profile, site.memory, site.copies
+    resources = ((name, channel) for name, channel in site.channels.items() if name)
     return _json(
         {
             "halpipe-target": VERSION,
@@ -43,15 +33,15 @@ def target_json(
             **_board(profile),
             "stack": profile.stack,
             "entry": hex(memory.base),
-            "units": [_unit(core) for core in cores],
-            "resources": [{"name": name, "channel": channel} for name, channel in channels.items() if name],
+            "units": [_unit(core) for core in site.cores.values()],
+            "resources": [{"name": name, "channel": channel} for name, channel in resources],
             "control": hex(memory.control),
             "trace": {"base": hex(memory.trace), "capacity": TRACE_RECORDS, "record": TRACE_RECORD},
             "faults": {"base": hex(memory.faults), "capacity": FAULT_RECORDS, "record": FAULT_RECORD},
-            "tables": [{**_table(t), "lateness": str(backlog.tables[i])} for i, t in enumerate(tables)],
-            "buffers": [{"name": name, "address": hex(r.base), "size": r.size} for name, r in buffers],
-            "images": [_image(image) for image in images],
-            **({"copies": _copies(copies, channels[COPIES], memory)} if copies.turns else {}),
+            "tables": [{**_table(t), "lateness": str(plan.backlog.tables[i])} for i, t in enumerate(plan.tables)],
+            "buffers": [{"name": name, "address": hex(r.base), "size": r.size} for name, r in memory.buffers.items()],
+            "images": [_image(image) for image in plan.images],
+            **({"copies": _copies(copies, site.channels[COPIES], memory)} if copies.turns else {}),
         }
     )
 
@@ -126,7 +116,7 @@ def _region(region: Region) -> dict[str, Any]:
 
 def _table(table: Table) -> dict[str, Any]:
     ends = {"mode": table.origin} if table.is_mode else {"from": table.origin, "to": table.target}
-    return {"name": table.name, **ends, "length": table.length, "releases": len(table.releases)}
+    return {"name": table.name, **ends, "length": table.length}
 
 
 def _image(image: Image) -> dict[str, Any]:

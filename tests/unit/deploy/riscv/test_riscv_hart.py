@@ -198,7 +198,7 @@ def test_changed_code_is_counted_anew(core):
     hart, memory = core(NOP, NOP, WFI)
     hart.run(NEVER)
     write(memory, CODE, C_NOP, C_NOP, C_NOP, C_NOP, WFI)
-    hart.forget_code(CODE, 16)
+    hart.take_code(CODE, memory.read(CODE, 16))
     hart.pc, hart.asleep = CODE, False
     hart.run(NEVER)
     assert hart.count == 3 + 5

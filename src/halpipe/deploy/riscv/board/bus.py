@@ -76,7 +76,6 @@ class _Flow:
     spent: _Spent = field(default_factory=_Spent)
     covered: Fraction = NONE
     opening: Opening | None = None
-    is_shut: bool = False
 
     def copy(self) -> _Flow:
         """Return a copy of the flow, to look ahead."""
@@ -91,7 +90,6 @@ class _Flow:
             moved = self.transfer.size - self.left
             self.covered = min(-moved % self.gate.burst, self.left)
             self.opening = next(self.gate.openings(now), None)
-            self.is_shut = self.opening is None
         if self.opening is not None and now >= self.opening.begin:
             used = self.spent.used if self.spent.window == self.opening.begin else 0
             more, cost = _covered(self.opening.budget - used, int(self.left - self.covered), self.gate)

@@ -396,11 +396,12 @@ class Hart:
 
     # ------------------------------------------------------------------------------------------ memory
 
-    def forget_code(self, address: int, size: int) -> None:
-        """Drop what the emulator has translated of memory that changed."""
+    def take_code(self, address: int, code: bytes) -> None:
+        """Drop what the emulator has translated of memory that changed, and hook the registers of what is there now."""
         self.is_fenced = False
-        self.engine.ctl_remove_cache(address, address + size)
+        self.engine.ctl_remove_cache(address, address + len(code))
         self._page.forget()
+        self.hook_registers(code, address)
 
     def _fill_page(self) -> None:
         page = self._page

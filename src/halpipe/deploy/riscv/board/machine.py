@@ -391,15 +391,13 @@ class Machine:
         """Have a core that stands at `address` execute something else."""
         self.memory.write(address, code)
         self._code = {at: data for at, data in self._code.items() if not at <= address < at + len(data)}
-        self.harts[hart].forget_code(address, len(code))
-        self.harts[hart].hook_registers(code, address)
+        self.harts[hart].take_code(address, code)
 
     def _copied(self, transfer: Transfer) -> None:
         region = self.memory.region(transfer.target)
         if region is not None and region.hart and self._code.get(transfer.target) != transfer.data:
             self._code[transfer.target] = transfer.data
-            self.harts[region.hart].forget_code(transfer.target, transfer.size)
-            self.harts[region.hart].hook_registers(transfer.data, transfer.target)
+            self.harts[region.hart].take_code(transfer.target, transfer.data)
         self.observer.arrived(transfer)
 
     def _bring_up(self, address: int, size: int, instant: int) -> None:
@@ -413,6 +411,4 @@ class Machine:
             return
         view[:] = data
         if region.hart:
-            hart = self.harts[region.hart]
-            hart.forget_code(address, len(data))
-            hart.hook_registers(data, address)
+            self.harts[region.hart].take_code(address, data)

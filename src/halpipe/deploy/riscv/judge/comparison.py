@@ -383,7 +383,5 @@ def _nearest(planned: Sequence[tuple[int, Seen, int]], instant: int) -> tuple[in
 
 def _remedy(reason: str) -> str:
     if reason.startswith("transfer"):
-        return (
-            "give the phase more time: `halpipe deploy prepare` with the profile that tells how fast the DMA engine is"
-        )
+        return _MORE_TIME
     return FROM_EXPORT if not reason else "see what is reported of the job, or of the one before it on the unit"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, named
+from halpipe.core.diagnostics import named
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.codes import COLD_START
 from halpipe.deploy.riscv.judge.conditions import REPORT
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation
 from halpipe.deploy.riscv.run.drivers import Plant
@@ -62,7 +61,6 @@ def _suspended(image: Image, hart: int) -> Iterator[tuple[int, int]]:
 
 def leftovers(plain: Iterable[Seen], other: Iterable[Seen]) -> Iterator[Diagnostic]:
     """Yield which bytes that leave a core differ in two runs, for jobs that read the same in both."""
-    findings = Findings()
     known = set()
     for one, two in zip(plain, other, strict=True):
         moved = list(zip(one.planned.transfers, one.transfers, two.transfers, strict=True))
@@ -79,8 +77,7 @@ def leftovers(plain: Iterable[Seen], other: Iterable[Seen]) -> Iterator[Diagnost
                 )
                 message += f"scratchpad held before, the first of them byte {places[0]}"
                 help = "give every byte of the variable a value in each job, and every local variable before it is read"
-                findings.add(codes.LEFTOVER(message, at=job.at, path=one.planned.path, help=help))
-    yield from findings.items
+                yield codes.LEFTOVER(message, at=job.at, path=one.planned.path, help=help)
 
 
 class _Witness(Plant):
@@ -107,7 +104,7 @@ def cold_start(target: Target, budget: Budget, limit: Duration) -> Iterator[Diag
     first = target.schedule.modes[0].name
     if witness.first != first:
         does = f'"{witness.first}" begins' if witness.first else "no table begins"
-        yield COLD_START(f'after a cold start {does}; it has to be "{first}"', help=REPORT)
+        yield codes.COLD_START(f'after a cold start {does}; it has to be "{first}"', help=REPORT)
     for name in witness.full:
         message = "holds after a cold start what the memory held before"
-        yield COLD_START(message, path=named("buffer", name), help=REPORT)
+        yield codes.COLD_START(message, path=named("buffer", name), help=REPORT)

@@ -63,30 +63,21 @@ static Instruction decoded(const uint8_t *code, int64_t left) {
             i.kind = function >= 4 ? DIVIDE : is_word ? MULTIPLY_WORD : MULTIPLY;
         return i;
     }
-    uint32_t shorter = 8 + (high & 7), short_low = 8 + (low & 7);
+    uint32_t shorter = 8 + (high & 7), short_low = 8 + (low & 7), is_load = kind < 4, by_stack = (half & 3) == 2;
     if ((half & 3) == 1) { /* what computes, and branches */
-        i.also = 0;
-        if (kind == 2 || kind == 3) i.uses = 0;
-        if (kind == 4) i = (Instruction){OTHER, 2, 0, shorter, (high >> 3 & 3) == 3 ? short_low : 0, shorter, 0};
-        if (kind >= 5) i = (Instruction){OTHER, 2, 0, kind == 5 ? 0 : shorter, 0, 0, 0};
-    } else if (kind != 0 && kind != 4) {
+        i.also = kind == 4 && (high >> 3 & 3) == 3 ? short_low : 0;
+        if (kind >= 4) i.uses = kind == 5 ? 0 : shorter;
+        if (kind >= 4) i.sets = kind == 4 ? shorter : 0;
+    } else if (kind & 2) {
         i.access = 1;
-        i.kind = kind < 4 ? LOAD : OTHER;
-        if ((half & 3) == 2) {
-            i.uses = 2;
-            i.also = kind < 4 ? 0 : low;
-            i.sets = kind < 4 ? high : 0;
-        } else {
-            i.uses = shorter;
-            i.also = kind < 4 ? 0 : short_low;
-            i.sets = kind < 4 ? short_low : 0;
-        }
-    } else if ((half & 3) == 0) {
-        i = (Instruction){OTHER, 2, 0, 2, 0, short_low, 0};
-    } else if (kind == 0) {
+        i.kind = is_load ? LOAD : OTHER;
+        i.uses = by_stack ? 2 : shorter;
+        i.also = is_load ? 0 : by_stack ? low : short_low;
+        i.sets = !is_load ? 0 : by_stack ? high : short_low;
+    } else if (kind == 0) { /* c.addi4spn, c.slli */
+        i.uses = by_stack ? high : 2;
         i.also = 0;
-    } else if (low != 0 && (half >> 12 & 1) == 0) {
-        i.uses = 0;
+        i.sets = by_stack ? high : short_low;
     }
     return i;
 }
