@@ -21,7 +21,6 @@ from halpipe.importers.arxml.embedded import find_embedded, read_embedded
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.files.words import legal_name, listed
 from halpipe.importers.arxml.options import BUDGET
-from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations, group, slack_of
 from halpipe.importers.arxml.tasks.calls import join_calls, report_other_rates, with_one_rate
@@ -123,7 +122,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     locks = find_locks(system, drafts)
     ledger.mapped(*(lock.place for lock in locks))
     note_timing(ledger, system, tree)
-    coverage = ledger.close(tree, container_kinds(tree))
+    coverage = ledger.close(tree, system.configuration.kinds)
     for draft in drafts:
         if draft.os_task is not None and not draft.os_task.schedule:
             at = draft.os_task.place.at

@@ -14,7 +14,7 @@ from halpipe.importers.arxml.files.sniff import read_whole
 from halpipe.importers.arxml.files.tree import qualified
 from halpipe.importers.arxml.files.words import NS, legal_name, listed
 from halpipe.importers.arxml.system.components import place_of
-from halpipe.importers.arxml.system.containers import container_kinds, data_of
+from halpipe.importers.arxml.system.containers import Containers, data_of
 from halpipe.importers.native import parse_model
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _is_marked(package: etree._Element) -> bool:
 
 def _account(tree: Tree, package: Node) -> Coverage:
     """Account for every element: those of the package are in the native model, others are left out."""
-    ledger, kinds = Ledger(), container_kinds(tree)
+    ledger, kinds = Ledger(), Containers(tree).kinds
     strangers = []
     for node in tree.nodes():
         own = node.path == package.path or node.path.startswith(package.path + "/")

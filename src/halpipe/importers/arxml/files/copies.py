@@ -17,7 +17,7 @@ from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.slim import Slimming
 from halpipe.importers.arxml.files.variants import path_of
-from halpipe.importers.arxml.files.words import NS, parse_number, steps_of
+from halpipe.importers.arxml.files.words import NS, child_text, parse_number, steps_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,10 +110,10 @@ def _statements(module: etree._Element) -> dict[tuple[str, str, str], tuple[str,
     for element in module.iter(*(NS + kind for kind in kinds)):
         if element.tag != f"{NS}ECUC-REFERENCE-VALUE" and slim.drops(element):
             continue
-        text = (element.findtext(f"{NS}VALUE") or element.findtext(f"{NS}VALUE-REF") or "").strip()
+        text = (child_text(element, "VALUE") or child_text(element, "VALUE-REF")).strip()
         if text or element.tag.endswith("CONTAINER-VALUE"):
             number = parse_number(text)
             key = _WORDS.get(text.lower(), text) if number is None else str(number)
-            name = steps_of(element.findtext(f"{NS}DEFINITION-REF"))[-1]
+            name = steps_of(child_text(element, "DEFINITION-REF"))[-1]
             found[path_of(element), name, key] = text or "present", element.sourceline or 0
     return found

@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from halpipe.importers.arxml.files.words import NS, compiled, module_of, steps_of
+from halpipe.importers.arxml.files.words import NS, child_text, compiled, module_of, steps_of
 
 if TYPE_CHECKING:
     from lxml import etree
 
 _CONTAINER, _ADMIN, _PACKAGE = "ECUC-CONTAINER-VALUE", "ADMIN-DATA", "AR-PACKAGE"
+_SHORT_NAME, _DEFINITION = NS + "SHORT-NAME", NS + "DEFINITION-REF"
+_NUMERICAL = NS + "ECUC-NUMERICAL-PARAM-VALUE"
 _PARAMETERS = ("ECUC-NUMERICAL-PARAM-VALUE", "ECUC-TEXTUAL-PARAM-VALUE")
 # How the definitions of containers begin that say what runs, when and where, by their module; of parameters last.
 _BEGINNINGS = {
@@ -87,7 +89,7 @@ class Slimming:
 
     def _count(self, element: etree._Element) -> bool:
         """Count what is dropped with an element."""
-        for name in element.iter(NS + "SHORT-NAME"):
+        for name in element.iter(_SHORT_NAME):
             holder = name.getparent()
             if holder is not None:
                 self.dropped[holder.tag.removeprefix(NS)] += 1
@@ -101,7 +103,7 @@ class Slimming:
         return False
 
     def _drops_container(self, container: etree._Element) -> bool:
-        steps = self._steps(container)
+        steps = steps_of(child_text(container, "DEFINITION-REF"))
         module = module_of(steps)
         kinds = _KEPT[module] if module else ()
         is_kept = bool(kinds) and (self._marks or steps[-1].startswith(kinds))
@@ -112,16 +114,11 @@ class Slimming:
 
     def _drops_parameter(self, value: etree._Element) -> bool:
         """Drop a parameter that nothing reads; one that a symbolic period may be the name of is remembered."""
-        steps = self._steps(value)
-        if steps[-1].startswith(_KEPT[""]) or (value.tag == NS + _PARAMETERS[0] and module_of(steps) == "Os"):
+        definition = next(value.iterchildren(_DEFINITION), None)
+        steps = steps_of("" if definition is None else definition.text or "")
+        if steps[-1].startswith(_KEPT[""]) or (value.tag == _NUMERICAL and module_of(steps) == "Os"):
             return False
-        definition = value.find(NS + "DEFINITION-REF")
-        if definition is not None and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF"):
-            text = (value.findtext(NS + "VALUE") or "").strip()
-            if text:
-                self.symbols.setdefault(steps[-1], {}).setdefault(text, value.sourceline or 0)
+        is_float = definition is not None and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF")
+        if is_float and (text := child_text(value, "VALUE").strip()):
+            self.symbols.setdefault(steps[-1], {}).setdefault(text, value.sourceline or 0)
         return True
-
-    def _steps(self, element: etree._Element) -> list[str]:
-        """Return the short names of the path of a definition."""
-        return steps_of(next((definition.text for definition in element.iterchildren(NS + "DEFINITION-REF")), None))

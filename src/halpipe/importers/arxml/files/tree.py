@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.sniff import Document
     from halpipe.importers.arxml.files.variants import Choice
 
+_NAMED = [NS + tag for tag in NAMED]
 # A reference may name any class that its target is derived from instead of the target's own.
 _BASE_CLASSES = frozenset(
     {
@@ -149,6 +150,8 @@ def qualified(path: str) -> str:
 @lru_cache(maxsize=256)
 def _finder(path: str) -> Callable[[etree._Element], list[etree._Element]]:
     """Return a relative path as a compiled query, which is twice as fast as the search of ElementTree."""
+    if "/" not in path and path not in ("*", "."):
+        return lambda element: list(element.iterchildren(NS + path))
     steps = (step if step in ("*", ".") else f"ar:{step}" for step in path.split("/"))
     return compiled("/".join(steps))
 
@@ -202,7 +205,7 @@ class Tree:
                 ancestor = ancestor.getparent()
             owner = owners[ancestor] if ancestor is not None else self.root
             owners[element] = self._enter(owner, local(element), name, Part(element, document.name))
-        for element in document.root.iter(*(NS + tag for tag in NAMED)):
+        for element in document.root.iter(*_NAMED):
             if element not in owners and element.find(NS + "SHORT-NAME") is None:
                 self._report_nameless(element, "has no SHORT-NAME", place(element, document.name))
         self._add_bases(document, owners)

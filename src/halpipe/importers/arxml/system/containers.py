@@ -13,7 +13,7 @@ from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.codes import EDITED
 from halpipe.importers.arxml.files.tree import Stated, place, qualified
-from halpipe.importers.arxml.files.words import NS, module_with, parse_number, steps_of
+from halpipe.importers.arxml.files.words import NS, child_text, module_with, parse_number, steps_of
 from halpipe.importers.arxml.system.values import Place
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def edited(data: Data, message: str) -> None:
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
 _MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
-_VALUE_PATHS = tuple(map(qualified, ("VALUE-REF", "VALUE-IREF/TARGET-REF")))
+_VALUES = tuple(map(qualified, ("VALUE-REF", "VALUE-IREF/TARGET-REF")))
 
 
 class Container:
@@ -113,8 +113,8 @@ class Container:
         self.node = node
         self.kind = kind
         self._tree = tree
-        self._parameters: dict[str, list[tuple[etree._Element, str]]] | None = None
-        self._references: dict[str, list[tuple[etree._Element, str]]] | None = None
+        self._parameters: dict[str, list[Stated]] | None = None
+        self._references: dict[str, list[Ref]] | None = None
 
     def data(self) -> list[Data]:
         """Return the special data of a container that halpipe put on top of a project."""
@@ -128,9 +128,11 @@ class Container:
     def value(self, name: str) -> Stated | None:
         """Return the parameter `name`; report a conflict if two parts of the container state it differently."""
         if self._parameters is None:
-            self._parameters = self._by_definition("PARAMETER-VALUES/*")
-        found = (Stated(_text(e), place(e, file)) for e, file in self._parameters.get(name, ()))
-        return self._tree.agreed(self.node, name, found)
+            self._parameters = {}
+            for key, element, file in _by_definition(self.node, "PARAMETER-VALUES/*"):
+                found = Stated(child_text(element, "VALUE").strip(), place(element, file))
+                self._parameters.setdefault(key, []).append(found)
+        return self._tree.agreed(self.node, name, self._parameters.get(name, ()))
 
     def number(self, name: str) -> Fraction | None:
         """Return the parameter `name` as an exact number; report it if it is none."""
@@ -157,23 +159,13 @@ class Container:
     def refs(self, *names: str) -> list[Ref]:
         """Return the targets of the references called one of `names`."""
         if self._references is None:
-            self._references = self._by_definition("REFERENCE-VALUES/*")
-        found: dict[str, Ref] = {}
-        for name in names:
-            for element, file in self._references.get(name, ()):
-                for path in _VALUE_PATHS:
-                    value = element.find(path)
+            self._references = {}
+            for key, element, file in _by_definition(self.node, "REFERENCE-VALUES/*"):
+                for value in (element.find(path) for path in _VALUES):
                     ref = self._tree.reference(self.node, value, file) if value is not None else None
                     if ref is not None:
-                        found[ref.path] = ref
-        return list(found.values())
-
-    def _by_definition(self, path: str) -> dict[str, list[tuple[etree._Element, str]]]:
-        """Return values with their files by the short names of their definitions."""
-        found: dict[str, list[tuple[etree._Element, str]]] = {}
-        for element, file in self.node.elements(path):
-            found.setdefault(_last(element.findtext(NS + "DEFINITION-REF")), []).append((element, file))
-        return found
+                        self._references.setdefault(key, []).append(ref)
+        return list({ref.path: ref for name in names for ref in self._references.get(name, ())}.values())
 
     def targets(self, *names: str) -> list[str]:
         """Return the paths of the existing targets of references; report those that dangle."""
@@ -186,32 +178,35 @@ class Container:
         return next(iter(self.targets(*names)), None)
 
 
-def _text(value: etree._Element) -> str:
-    return (value.findtext(NS + "VALUE") or "").strip()
-
-
-def _last(definition: str | None) -> str:
-    return "".join((definition or "").split()).rpartition("/")[2]
+def _by_definition(node: Node, path: str) -> Iterator[tuple[str, etree._Element, str]]:
+    """Yield the values of a container with the short names of their definitions, and their files."""
+    for element, file in node.elements(path):
+        yield steps_of(child_text(element, "DEFINITION-REF"))[-1], element, file
 
 
 class Containers:
-    """Every container of the modules Os, Rte and EcuC, by path; of `modules` only, if given (paths)."""
+    """Every container of the modules Os, Rte and EcuC, by path; of `modules` only, if given (paths).
+
+    `kinds` has the short names of the definitions of all of them.
+    """
 
     def __init__(self, tree: Tree, modules: frozenset[str] | None = None) -> None:
         self.tree = tree
         self.by_path: dict[str, Container] = {}
         self.added: dict[str, Container] = {}
         self._waits: dict[str, frozenset[str]] | None = None
+        self.kinds: dict[str, str] = {}
         standard = standard_modules(tree)
         for node in tree.tagged(_CONTAINER):
-            module = _module_of(node).path
-            if module not in standard or (modules is not None and module not in modules):
+            holder = node.parent.path if node.parent is not None else ""
+            if holder not in self.kinds and holder not in standard:
                 continue
             definition = tree.text(node, "DEFINITION-REF")
-            container = Container(tree, node, steps_of(definition.text if definition else None)[-1])
-            self.by_path[node.path] = container
-            if container.data():
-                self.added[node.path] = container
+            kind = self.kinds[node.path] = steps_of(definition.text if definition else "")[-1]
+            if holder in self.by_path or (holder in standard and (modules is None or holder in modules)):
+                container = self.by_path[node.path] = Container(tree, node, kind)
+                if container.data():
+                    self.added[node.path] = container
 
     def of(self, *kinds: str) -> list[Container]:
         """Return the project's own containers of the given definitions, in document order.
@@ -262,8 +257,8 @@ def standard_modules(tree: Tree) -> dict[str, str]:
     others: list[tuple[Node, str]] = []
     for node in tree.tagged(_MODULE):
         definition = _first_definition(node)
-        inside = (_last(_first_definition(container)) for container in node.inside(_CONTAINER))
-        module = module_with(definition, ()) or module_with(None, inside)
+        inside = (steps_of(_first_definition(container))[-1] for container in node.inside(_CONTAINER))
+        module = module_with(definition, ()) or module_with("", inside)
         if module and module == module_with(definition, ()):
             found[node.path] = module
         elif module:
@@ -273,14 +268,9 @@ def standard_modules(tree: Tree) -> dict[str, str]:
     return found | {node.path: module for node, module in others}
 
 
-def _first_definition(node: Node) -> str | None:
+def _first_definition(node: Node) -> str:
     """Return the definition that the first part of a node states; contradictions count only where it is used."""
-    return next((element.text for element, _ in node.elements("DEFINITION-REF")), None)
-
-
-def container_kinds(tree: Tree) -> dict[str, str]:
-    """Return the short name of the definition of every container of Os, Rte and EcuC, by the container's path."""
-    return {path: container.kind for path, container in Containers(tree).by_path.items()}
+    return next((element.text or "" for element, _ in node.elements("DEFINITION-REF")), "")
 
 
 def symbolic_values(tree: Tree) -> dict[str, list[Stated]]:
@@ -290,8 +280,7 @@ def symbolic_values(tree: Tree) -> dict[str, list[Stated]]:
     """
     found = {name: list(texts) for name, texts in tree.symbols.items()}
     for node in tree.tagged(_CONTAINER):
-        for element, file in node.elements("PARAMETER-VALUES/*"):
-            name = _last(element.findtext(NS + "DEFINITION-REF"))
-            if name and (text := _text(element)):
+        for name, element, file in _by_definition(node, "PARAMETER-VALUES/*"):
+            if name and (text := child_text(element, "VALUE").strip()):
                 found.setdefault(name, []).append(Stated(text, place(element, file)))
     return found

@@ -52,6 +52,7 @@ def read_configuration(tree: Tree, modules: frozenset[str] | None = None) -> Con
         modules=tuple(sorted(modules or ())),
         routines=tuple(_routines(containers, applications)),
         spinlocks=tuple(_spinlocks(containers, applications)),
+        kinds=containers.kinds,
     )
 
 

@@ -219,9 +219,11 @@ def read_system(tree: Tree, ecu: str = "") -> System:
 
 def _report_unmapped(tree: Tree, configuration: Configuration, components: Sequence[Component]) -> None:
     """Report a configuration of the Rte that maps no event to one of the OsTasks that there are."""
-    found = [path for path, module in standard_modules(tree).items() if module == "Rte"]
     is_timed = any(event.is_timing for component in components for event in component.events)
-    if found and is_timed and configuration.tasks and not any(m.is_called for m in configuration.mappings):
+    if not is_timed or not configuration.tasks or any(m.is_called for m in configuration.mappings):
+        return
+    found = [path for path, module in standard_modules(tree).items() if module == "Rte"]
+    if found:
         tree.nodes_at(found[0])[0].report(
             tree.findings,
             codes.MAPS_NOTHING,

@@ -279,7 +279,8 @@ class Configuration:
     """The ECU configuration of Os, Rte and EcuC; `instances` are the component instances that Rte names.
 
     `modules` are the module configurations (paths) of the ECU that was chosen, of whatever kind; empty if none was.
-    `spinlocks` are those with the OsTasks (paths) that take them, where it is clear which those are.
+    `spinlocks` are those with the OsTasks (paths) that take them, where it is clear which those are. `kinds` has the
+    short name of the definition of every container (path), of any ECU.
     """
 
     cores: tuple[Core, ...] = ()
@@ -291,6 +292,7 @@ class Configuration:
     modules: tuple[str, ...] = ()
     routines: tuple[OsIsr, ...] = ()
     spinlocks: tuple[tuple[Place, tuple[str, ...]], ...] = ()
+    kinds: dict[str, str] = field(default_factory=dict)
 
 
 @record(kw_only=True)
