@@ -2,12 +2,14 @@
 
     python benchmarks/beyond_valid.py chains --seeds 5 --first-seed 1
     python benchmarks/beyond_valid.py near --seeds 24 --first-seed 7200 [-- --precedence 30%]
+    python benchmarks/beyond_valid.py margin --seeds 10 --first-seed 7300
     python benchmarks/beyond_valid.py fleet --variants 100
 
 Whole commands, each in a process of its own; times are of the processor (user), and by the clock. `chains` draws sets
 like engine control: 16 strictly periodic tasks on four cores at 60 % load, with four chains. `near` makes one to three
-WCETs of a generated set of 100 tasks 5, 20 or 50 % longer, at a load of 60, 70 or 80 % in turn. `fleet` schedules
-variants of one set, with 90 to 100 % of each WCET. What stands after ``--`` is for `halpipe generate`.
+WCETs of a generated set of 100 tasks 5, 20 or 50 % longer, at a load of 60, 70 or 80 % in turn. `margin` compares what
+`--optimise margin` reaches on sets of 20 tasks on two units with the bound that it proves. `fleet` schedules variants
+of one set, with 90 to 100 % of each WCET. What stands after ``--`` is for `halpipe generate`.
 """
 
 from __future__ import annotations
@@ -56,9 +58,9 @@ class Took(NamedTuple):
 
 
 def main() -> None:
-    """Measure one of the three."""
+    """Measure one of the four."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("chains", "near", "fleet"))
+    parser.add_argument("what", choices=("chains", "near", "margin", "fleet"))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--variants", type=int, default=100)
@@ -71,6 +73,8 @@ def main() -> None:
             chains(Path(folder), seeds)
         elif chosen.what == "near":
             near(Path(folder), seeds, options)
+        elif chosen.what == "margin":
+            margins(Path(folder), seeds, options)
         else:
             fleet(Path(folder), chosen.variants, options)
 
@@ -157,6 +161,24 @@ def scaled(version: Version, factor: Fraction, *, up: bool = False) -> Version:
     count = version.wcet.fraction * factor / MICROSECOND
     wcet = Duration((-(-count // 1) if up else count // 1) * MICROSECOND)
     return replace(version, wcet=max([wcet, *(access.end for access in version.accesses)]))
+
+
+# ---------------------------------------------------------------------------------------------- margin
+
+
+def margins(folder: Path, seeds: range, options: Sequence[str]) -> None:
+    """Print the share of the proven bound that the margin of each set reaches."""
+    model, shares = folder / "m.xml", []
+    for seed in seeds:
+        words = ("--tasks", "20", "--units", "2", "--unit-types", "1", "--utilisation", ("60%", "70%", "80%")[seed % 3])
+        halpipe("generate", "--seed", str(seed), *words, *options, "-o", str(model))
+        took = halpipe("schedule", str(model), "-o", str(folder / "s.xml"), "--optimise", "margin")
+        [line] = re.findall(r"least margin of a WCET .*at first.*", took.said)
+        reached, *bound = (Fraction(value) for value in re.findall(r"([0-9.]+) %", re.sub("at first[^;]*", "", line)))
+        shares.append(reached / bound[0] if bound and bound[0] else Fraction(1))
+        print(f"seed {seed}: {line}; {took.user:.1f} s of processor", flush=True)
+    print(f"{len(shares)} sets: margins are {float(min(shares)):.2f} of the bound at least, median "
+          f"{float(statistics.median(shares)):.2f}")  # fmt: skip
 
 
 # ----------------------------------------------------------------------------------------------- fleet
