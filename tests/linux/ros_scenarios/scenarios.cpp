@@ -200,6 +200,7 @@ int hanging() {
 
 // A lidar that is no task publishes 0.3 ms after each instant of the sink, which is 2 ms after that of a table of 10 ms.
 int waiting() {
+  table::rows[1].wait = 900000;
   Pipe pipe(false, false);
   std::atomic<int64_t> published{0};
   std::atomic_int fresh{0};
@@ -216,6 +217,13 @@ int waiting() {
   lidar.join();
   std::printf("seen %d fresh %d\n", int(pipe.seen > 20), int(2 * fresh > pipe.seen));
   return status;
+}
+
+// The sink waits for a publisher that is dead, and its mode follows.
+int missing() {
+  table::rows[1].wait = 900000;
+  table::rows[1].missing = 1;
+  return Pipe(false, false).play(3000);
 }
 
 // Nodes that the tables run have the clock of the tables.
@@ -380,6 +388,7 @@ int main(int argc, char ** argv) {
   if (name == "throwing") {return throwing();}
   if (name == "hanging") {return hanging();}
   if (name == "waiting") {return waiting();}
+  if (name == "missing") {return missing();}
   if (name == "slow_simulation") {return in_simulation(50);}
   if (name == "fast_simulation") {return in_simulation(300);}
   if (name == "node_simulated") {return node_simulated();}
