@@ -19,17 +19,17 @@ from halpipe.core.durations import Duration
 from halpipe.core.files import write_directory
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
-from halpipe.exporters.ros.packaging import Binding
-from halpipe.importers.ros.traced import Bound, callbacks_of
+from halpipe.importers.ros.traced import callbacks_of
 from halpipe.models import Chain, Part, Split
+from halpipe.models.trace import BoundCallback
 from support import job, model, ms, schedule, task, version
 
 STUBS = Path(__file__).with_name("ros_stubs")
 GRAPH = Path(__file__).parents[2] / "examples" / "roboracer" / "graph" / "architecture.yaml"
 HUMBLE, JAZZY, ROLLING = 16, 28, 29
 BINDINGS = {
-    "/source": Binding(node="/source", kind="timer", period=10_000_000),
-    "/sink": Binding(node="/sink", kind="subscription", topic="/a"),
+    "/source": BoundCallback(node="/source", kind="timer", period=10_000_000),
+    "/sink": BoundCallback(node="/sink", kind="subscription", topic="/a"),
 }
 needs_compiler = pytest.mark.skipif(not shutil.which("g++"), reason="the declarations are checked by g++")
 
@@ -162,8 +162,10 @@ def any_package(seed):
     bindings = {}
     for number, name in enumerate(names):
         node, order = f"/{dice.choice(['a', 'a/b_c', 'x' * 200])}{number}", dice.randint(0, 3)
-        timer = Binding(node=node, kind="timer", period=dice.randint(1, 10**12), order=order)
-        bindings[name] = dice.choice([timer, Binding(node=node, kind="subscription", topic=f"{node}/_1", order=order)])
+        timer = BoundCallback(node=node, kind="timer", period=dice.randint(1, 10**12), order=order)
+        bindings[name] = dice.choice(
+            [timer, BoundCallback(node=node, kind="subscription", topic=f"{node}/_1", order=order)]
+        )
     waiting = {name: ms("0.5ms") for name in names if bindings[name].topic and dice.randint(0, 1)}
     owner = replace(owner, name=dice.choice(["a$b", "a%b", "a/b:c", "2wd", "a.b~c@d"]))
     return package(
@@ -306,7 +308,10 @@ def test_tasks_without_a_callback_are_named():
 @pytest.mark.parametrize("name", ['/si"nk', "sink", "//sink", "/sink/", "/2sink", "/a-b", "/" + "x" * 250])
 def test_names_that_are_none_of_ros_are_refused(name):
     """The container would wait for their callbacks for ever."""
-    for wrong in (Binding(node=name, kind="timer", period=1), Binding(node="/sink", kind="subscription", topic=name)):
+    for wrong in (
+        BoundCallback(node=name, kind="timer", period=1),
+        BoundCallback(node="/sink", kind="subscription", topic=name),
+    ):
         assert refusal(bindings={**BINDINGS, "/sink": wrong}) == {BAD_TEXT.id}
 
 
@@ -341,7 +346,7 @@ def test_chains_with_limits_do_not_read_the_oldest_message(limit, messages):
 def test_equal_timers_of_different_groups_are_refused(groups, period, fits):
     """Where the group of one is not known, the container decides when it runs."""
     same = [
-        Binding(node="/pair", kind="timer", period=p * 1_000_000, group=g)
+        BoundCallback(node="/pair", kind="timer", period=p * 1_000_000, group=g)
         for p, g in zip((10, period), groups, strict=True)
     ]
     bindings = dict(zip(("/source", "/sink"), same, strict=True))
@@ -362,7 +367,7 @@ def test_equal_timers_of_different_groups_are_refused(groups, period, fits):
     ],
 )
 def test_a_timer_without_a_row_that_is_nearly_equal_to_one_is_refused(node, period, fits):
-    bindings = {**BINDINGS, "/spare": Binding(node=node, kind="timer", period=period)}
+    bindings = {**BINDINGS, "/spare": BoundCallback(node=node, kind="timer", period=period)}
     if fits:
         assert package(bindings=bindings)
     else:
@@ -433,7 +438,7 @@ def test_a_callback_may_be_interrupted_anywhere():
 def test_a_trace_says_which_callbacks_the_tasks_are(tmp_path):
     found = callbacks_of([str(ros_trace(3).write(tmp_path))])
     assert found == {
-        "/source": Bound("/source", "timer", "", 10_000_000, 0, longest=1_002_000),
-        "/sink/callback_0": Bound("/sink", "timer", "", 20_000_000, 0, "/sink/callback_group_0", 3_000_000),
-        "/sink/callback_1": Bound("/sink", "subscription", "/a", 0, 0, "/sink/callback_group_0", 700_000),
+        "/source": BoundCallback("/source", "timer", "", 10_000_000, 0, longest=1_002_000),
+        "/sink/callback_0": BoundCallback("/sink", "timer", "", 20_000_000, 0, "/sink/callback_group_0", 3_000_000),
+        "/sink/callback_1": BoundCallback("/sink", "subscription", "/a", 0, 0, "/sink/callback_group_0", 700_000),
     }

@@ -8,10 +8,10 @@ from test_ros_package import BINDINGS
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.ros import RosOptions, codes
-from halpipe.exporters.ros.packaging import Binding
 from halpipe.exporters.ros.waits import with_late_starts
 from halpipe.flow.formats import export_with_remarks
 from halpipe.models import Anchor, Chain, Precedence
+from halpipe.models.trace import BoundCallback
 from halpipe.pipeline.verify import broken_rules
 from support import access, job, model, ms, schedule, task, version
 
@@ -36,7 +36,7 @@ def system(*rows, accesses=(), other=(), wcet=3, sink=2, after=(), beside=6, cha
 
 
 def refused(owner, tables, wait=WAIT, **chosen):
-    bindings = {**BINDINGS, "/other": Binding(node="/other", kind="timer", period=10_000_000)}
+    bindings = {**BINDINGS, "/other": BoundCallback(node="/other", kind="timer", period=10_000_000)}
     options = RosOptions(package=True, bindings=bindings, wait=wait, cpus={"u1": 0, "u2": 1}, **chosen)
     try:
         assert export_with_remarks("ros", owner, tables, options).contents

@@ -267,11 +267,9 @@ def _refuse_late_starts(model: TaskModel, schedule: Schedule, options: Any) -> N
 
 def _with_bindings(options: Any) -> ExportOptions:
     """Return options of a ROS package with the callbacks that its graphs or traces have."""
-    from halpipe.exporters.ros.packaging import Binding
     from halpipe.importers.ros.traced import callbacks_of
 
-    found = callbacks_of(options.graphs).items()
-    bound: ExportOptions = replace(options, bindings={task: Binding(**vars(callback)) for task, callback in found})
+    bound: ExportOptions = replace(options, bindings=callbacks_of(options.graphs))
     return bound
 
 

@@ -28,6 +28,23 @@ NONE = -(2**63)
 """What stands in a column of numbers for a value that the trace does not state."""
 
 
+@record
+class BoundCallback:
+    """The ROS callback of a task: `kind` timer or subscription, `topic` of a subscription, `period` of a timer in ns.
+
+    `order` counts equal ones of the node in their order of construction; `group` is its callback group, empty where
+    the graph does not tell; `longest` its longest traced job in ns, or 0.
+    """
+
+    node: str
+    kind: str
+    topic: str = ""
+    period: int = 0
+    order: int = 0
+    group: str = ""
+    longest: int = 0
+
+
 @record(kw_only=True)
 class Execution:
     """One job as it was seen: from the first instant at which it ran to the last, on the clock of the trace.

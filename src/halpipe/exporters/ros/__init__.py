@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.exporters.ros.packaging import Binding
     from halpipe.models import Schedule, TaskModel
+    from halpipe.models.trace import BoundCallback
 
 PRIORITY = 80
 HIGHEST_PRIORITY = 99
@@ -72,7 +72,7 @@ class RosOptions(ExportOptions):
         metavar="TASK=MODE,...",
         form=Form.NAMES,
     )
-    bindings: Mapping[str, Binding] | None = None
+    bindings: Mapping[str, BoundCallback] | None = None
 
     def unused(self) -> tuple[str, ...]:
         """Return the options without effect: only a package plays messages."""

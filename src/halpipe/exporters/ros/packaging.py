@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Schedule, TaskModel
+    from halpipe.models.trace import BoundCallback
 
 FOLDER = Path(__file__).parent / "package"
 _RUNTIME = Path(__file__).parents[1] / "linux" / "runtime"
@@ -38,23 +39,6 @@ _PLACES = {
 }
 _SHIM = ("table_executor.hpp", "threads.hpp", "container.cpp")
 _ROS_NAME = re.compile(r"(?=.{2,250}$)(/[A-Za-z_][A-Za-z0-9_]*)+")
-
-
-@record(kw_only=True)
-class Binding:
-    """The callback of a task: `kind` timer or subscription, `topic` of a subscription, `period` of a timer in ns.
-
-    `order` counts equal ones of the node in their order of construction; `group` is its callback group, if known,
-    and `longest` its longest traced job in ns, or 0.
-    """
-
-    node: str
-    kind: str
-    topic: str = ""
-    period: int = 0
-    order: int = 0
-    group: str = ""
-    longest: int = 0
 
 
 @record
@@ -177,7 +161,7 @@ def _refuse_equal(model: TaskModel, tasks: Iterable[str], options: RosOptions, f
                 findings.add(EQUAL_CALLBACKS(text, at=model.task(task).at, path=about(task=task), help=help))
 
 
-def _are_equal(one: Binding, other: Binding) -> bool:
+def _are_equal(one: BoundCallback, other: BoundCallback) -> bool:
     """Return whether the executor takes both for the same callback: it finds the period that is nearest."""
     return (one.node, one.kind, one.topic, one.period) == (other.node, other.kind, other.topic, other.period)
 

@@ -13,11 +13,20 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
-from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.dot import DEADLINE, STATISTICS
-from halpipe.importers.ros.graph import MEASURED, STATED, Callback, Certainty, Kind, Publication, RosGraph, snap
+from halpipe.importers.ros.graph import (
+    MEASURED,
+    STATED,
+    Callback,
+    Certainty,
+    Kind,
+    Publication,
+    RosGraph,
+    snap,
+    snapped,
+)
 from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.traced import TRACE
 
@@ -25,8 +34,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.importers.common.base import Supplement
-    from halpipe.importers.ros.graph import Rate
+    from halpipe.importers.ros.graph import Rate, Tolerance
 
 _PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)
 
@@ -114,7 +124,10 @@ def activate(
     for sources_only in (True, False):
         for topic, rate in best.items():
             if _lacks_period(wiring, topic, active, sources_only) and topic not in seeds.topics:
-                seeds.topics[topic] = (_rounded(rate, findings), f'topic "{topic}", from a {rate.source}')
+                period = snapped(
+                    rate.period, _tolerance(rate), rate.at, named("topic", topic), findings, f" of the {rate.source}"
+                )
+                seeds.topics[topic] = (period, f'topic "{topic}", from a {rate.source}')
                 used.add(rate)
         active = _settle(wiring, seeds)
     _report_several(wiring, seeds, active, findings)
@@ -205,39 +218,18 @@ def _best_rates(rates: Iterable[Rate], findings: Findings) -> dict[str, Rate]:
     best: dict[str, Rate] = {}
     for rate in ranked:
         first = best.setdefault(rate.topic, rate)
-        if rate.source == first.source == ROSBAG and _snapped(rate) != _snapped(first):
-            findings.add(
-                codes.BAG_CONFLICT(
-                    f"period {_snapped(rate)} here, {_snapped(first)} in {first.at.file}",
-                    at=rate.at,
-                    path=named("topic", rate.topic),
-                    help="state the period under sources: in the overlay",
-                )
+        here, before = (snap(one.period, _tolerance(one)) for one in (rate, first))
+        if rate.source == first.source == ROSBAG and here != before:
+            text, help = (
+                f"period {here} here, {before} in {first.at.file}",
+                "state the period under sources: in the overlay",
             )
+            findings.add(codes.BAG_CONFLICT(text, at=rate.at, path=named("topic", rate.topic), help=help))
     return best
 
 
-def _snapped(rate: Rate) -> Duration:
-    return snap(rate.period, STATED if rate.source == DEADLINE else MEASURED)
-
-
-def _rounded(rate: Rate, findings: Findings) -> Duration:
-    period = _snapped(rate)
-    if period != rate.period:
-        findings.add(
-            codes.SNAPPED(
-                f"period {_readable(rate.period)} of the {rate.source} rounded to {period}",
-                at=rate.at,
-                path=named("topic", rate.topic),
-                help="state another period under sources: in the overlay if this one is wrong",
-            )
-        )
-    return period
-
-
-def _readable(period: Duration) -> str:
-    """Return a period to the nanosecond; recorded ones are ratios with many digits."""
-    return str(Duration(round(period.fraction)))
+def _tolerance(rate: Rate) -> Tolerance:
+    return STATED if rate.source == DEADLINE else MEASURED
 
 
 def _report_several(wiring: Wiring, seeds: _Seeds, active: dict[str, Activation], findings: Findings) -> None:

@@ -34,7 +34,7 @@ from halpipe.importers.ros.graph import (
     RosGraph,
     Step,
     Subscription,
-    snap,
+    snapped,
 )
 from halpipe.importers.ros.yaml_reader import Reader
 
@@ -284,12 +284,7 @@ class NodeReader:
             help = "state the period as a positive whole number of nanoseconds"
             reader.findings.add(codes.BAD_PERIOD(shown, at=at, path=path, help=help))
             return None
-        measured = Duration(int(value))
-        period = snap(measured, STATED)
-        if period != measured:
-            help = "nothing to do unless the odd period is meant"
-            reader.findings.add(codes.SNAPPED(f"period {measured} rounded to {period}", at=at, path=path, help=help))
-        return period
+        return snapped(Duration(int(value)), STATED, at, path, reader.findings)
 
     def _group(self, entry: YamlMap) -> Group:
         reader = self._reader

@@ -237,6 +237,18 @@ def snap(period: Duration, tolerance: Tolerance) -> Duration:
     return period
 
 
+def snapped(
+    period: Duration, tolerance: Tolerance, at: Location, path: str, findings: Findings, what: str = ""
+) -> Duration:
+    """Return the roundest period within `tolerance`; report one that differs, as that of `what`."""
+    found = snap(period, tolerance)
+    if found != period:
+        shown = Duration(round(period.fraction))  # recorded periods are ratios with many digits
+        help = "state another period in the overlay if this one is wrong"
+        findings.add(codes.SNAPPED(f"period {shown}{what} rounded to {found}", at=at, path=path, help=help))
+    return found
+
+
 def _candidates(period: Duration, rates_first: bool) -> Iterator[Duration]:
     if rates_first:
         usual = (_SECOND / rate for rate in _USUAL_RATES + _FAST_RATES)

@@ -6,7 +6,7 @@ Names are CARET's: ``<node>/callback_<i>``, the timers of a node before its subs
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -31,10 +31,12 @@ from halpipe.importers.ros.graph import (
     Subscription,
     printable,
     snap,
+    snapped,
     task_names,
 )
 from halpipe.importers.ros.sniff import FileKind, find
 from halpipe.importers.traces.ros2 import SERVICE, SUBSCRIPTION, TIMER, Key, RosTrace, read_ros_trace
+from halpipe.models.trace import BoundCallback
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -113,14 +115,10 @@ def _callback(key: Key, name: str, at: Location, findings: Findings, is_one_shot
         text = f"its timer of {measured} ran once and never again, so it is no periodic task"
         findings.add(codes.ONE_SHOT(text, at=at, path=named("callback", name), help=help))
         return Callback(name=name, node=node, kind=Kind.TIMER, period=None, at=at)
-    period = snap(measured, STATED) if measured else None
+    period = snapped(measured, STATED, at, named("callback", name), findings) if measured else None
     if period is None:
         help = "trace from before the nodes start"
         findings.add(codes.BAD_PERIOD("its timer has no period", at=at, path=named("callback", name), help=help))
-    elif period != measured:
-        text = f"period {measured} rounded to {period}"
-        help = "nothing to do unless the odd period is meant"
-        findings.add(codes.SNAPPED(text, at=at, path=named("callback", name), help=help))
     return Callback(name=name, node=node, kind=Kind.TIMER, period=period, at=at)
 
 
@@ -277,23 +275,7 @@ def _subject(key: Key) -> str:
     return str(Duration(int(key.subject))) if key.kind == TIMER else printable(key.subject)
 
 
-@dataclass(frozen=True)
-class Bound:
-    """A callback by node, kind (timer or subscription), topic or period in ns, and order among equal ones.
-
-    `group` is its callback group, empty where the graph does not tell; `longest` its longest traced job in ns, or 0.
-    """
-
-    node: str
-    kind: str
-    topic: str
-    period: int
-    order: int
-    group: str = ""
-    longest: int = 0
-
-
-def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
+def callbacks_of(paths: Sequence[str]) -> dict[str, BoundCallback]:
     """Return the callbacks of an architecture.yaml or a trace, by the names of their tasks."""
     inputs, findings = find(paths), Findings()
     trace = read_ros_trace(inputs.traces[0], findings) if inputs.traces else None
@@ -322,7 +304,7 @@ def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
             key = (callback.node, "subscription", callback.inputs[0], 0)
         else:
             continue
-        found[names[callback.name]] = Bound(
+        found[names[callback.name]] = BoundCallback(
             *key, count[key], groups.get(callback.name, ""), longest.get(callback.name, 0)
         )
         count[key] += 1
