@@ -30,6 +30,21 @@ def test_a_console_that_prints_something_else_is_found(mutant, what, instead, pa
     assert all(d.path == path for d in found)
 
 
+@pytest.mark.parametrize(
+    ("profile", "what"),
+    [
+        ("vcu118", "(*transmit & 0x80000000U) != 0U"),
+        ("virt", "(registers[LINE_STATUS] & LINE_EMPTY) == 0U"),
+        ("mpfs", "registers[LINE_STATUS]"),
+    ],
+)
+def test_a_console_that_does_not_wait_for_the_line_is_found(mutant, export, profile, what):
+    assert list(wrong_reports(export(profile=profile), Budget())) == []
+    instead = "registers[0]" if profile == "mpfs" else "HP_CONTROL == 0U"
+    found = list(wrong_reports(mutant("console.c", what, instead, profile=profile), Budget(calls=10**6)))
+    assert found
+
+
 def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):
     target = mutant("runtime.c", "    calibrate();\n", "", calibrate=True)
     found = {d.code for d in DEPLOYMENT.check(target, CheckOptions(inject="none")).diagnostics if d.is_error}

@@ -108,6 +108,8 @@ def _of_tree(nodes: Sequence[_Node]) -> dict[str, Any]:
         raise ValueError(f"it has {counts}: each hart has both, but for hart 0")
     way = max(_number(core, "i-cache-sets") for core in cores) * _LINE  # of the ITIM, one stays a cache
     uart = _first(nodes, "compatible", r"sifive,uart|ns16550")
+    kind = "ns16550x4" if _number(uart, "reg-shift") == 2 else "ns16550"
+    kind = "sifive" if "sifive" in uart["compatible"] else kind
     engine = [node for node in nodes if "pdma" in node["compatible"]]
     return {
         "cores": len(data),
@@ -120,7 +122,7 @@ def _of_tree(nodes: Sequence[_Node]) -> dict[str, Any]:
         "service": "16us",
         "cycles": _BIG,
         "clint": _area(_first(nodes, "compatible", "clint"))[0],
-        "uart": ("sifive" if "sifive" in uart["compatible"] else "ns16550", _area(uart)[0]),
+        "uart": (kind, _area(uart)[0]),
         "dma": f"{{kind: pdma, base: {_area(engine[0])[0]:#x}, channels: 4, {_RATES}}}" if engine else _COPY,
     }
 

@@ -245,7 +245,7 @@ def _profile(name: str, f: Fields) -> Profile:
         classes=classes,
         latency=f.value("latency", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
-        uart_kind=uart.value("kind", Words("sifive", "ns16550", "litex"), "") if uart else "",
+        uart_kind=uart.value("kind", Words("sifive", "ns16550", "ns16550x4", "litex"), "") if uart else "",
         uart=uart.value("base", _address, 0) if uart else 0,
         dma=_dma(f),
         finisher=f.value("finisher", _address, 0),

@@ -81,6 +81,10 @@ def test_regions_of_64_bits_and_a_system_without_an_engine(tmp_path):
     wide = wide.replace("sifive,fu540-c000-pdma", "other,engine").replace("sifive,uart0", "ns16550a")
     found = read(tmp_path, "board.dts", wide)
     assert (found.main, found.dma.kind, found.uart_kind) == (Region(0x80000000, 64 << 20), "copy", "ns16550")
+    assert (
+        read(tmp_path, "board.dts", wide.replace('"ns16550a";', '"ns16550a"; reg-shift = <2>;')).uart_kind
+        == "ns16550x4"
+    )
 
 
 @pytest.mark.parametrize(

@@ -178,22 +178,31 @@ class Clint:
 
 
 class Uart:
-    """A serial line that is always ready to send, of either kind (SiFive or 16550): what is written is kept."""
+    """A serial line of any kind (SiFive, LiteX, 16550 with registers of one or four bytes) that keeps what it sends.
+
+    After each byte it is busy for some looks at it; what is written meanwhile is lost.
+    """
 
     size = PAGE
 
     def __init__(self, base: int) -> None:
         self.base = base
         self.text = bytearray()
+        self._busy = 0
 
     def load(self, hart: Hart, offset: int, size: int) -> int:
-        """Return the status: nothing received, room to send."""
-        return 0x60 if offset == 5 else 0
+        """Return whether there is room to send."""
+        is_busy = self._busy > 0
+        self._busy -= is_busy
+        if offset in (5, 20):  # of a 16550
+            return 0 if is_busy else 0x60
+        return {0: 1 << 31, 4: 1}.get(offset, 0) if is_busy else 0
 
     def store(self, hart: Hart, offset: int, size: int, value: int) -> None:
         """Keep what is sent."""
-        if offset == 0:
+        if offset == 0 and not self._busy:
             self.text.append(value & 0xFF)
+            self._busy = 2
 
 
 class DmaPort:

@@ -6,9 +6,20 @@
 #define EXIT_EXTENDED 0x20UL
 #define APPLICATION_EXIT 0x20026UL
 
+#define LINE_STATUS 5U
+#define LINE_EMPTY 0x20U
+#if HP_UART_KIND == HP_UART_NS16550X4
+typedef uint32_t uart_register;
+#else
+typedef uint8_t uart_register;
+#endif
+
 static void put(char c) {
-#if HP_UART_KIND == HP_UART_NS16550
-    *(volatile uint8_t *)HP_UART = (uint8_t)c;
+#if (HP_UART_KIND == HP_UART_NS16550) || (HP_UART_KIND == HP_UART_NS16550X4)
+    volatile uart_register *registers = (volatile uart_register *)HP_UART;
+    while ((registers[LINE_STATUS] & LINE_EMPTY) == 0U) {
+    }
+    registers[0] = (uint8_t)c;
 #elif HP_UART_KIND == HP_UART_LITEX
     volatile uint32_t *data = (volatile uint32_t *)HP_UART; /* then: whether there is no room */
     while ((data[1] & 1U) != 0U) {

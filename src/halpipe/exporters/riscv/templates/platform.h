@@ -20,6 +20,7 @@
 #define HP_UART_NS16550 0
 #define HP_UART_SIFIVE 1
 #define HP_UART_LITEX 2
+#define HP_UART_NS16550X4 3
 #define HP_UART_KIND HP_UART_{{ profile.uart_kind | upper }}
 #define HP_UART {{ profile.uart | hex }}UL
 
