@@ -30,13 +30,21 @@ def _padded(raw):
     return raw + bytes(-len(raw) % 4)
 
 
-def tree_of(isa, clint):
-    """Return the tree of one core without address translation, and its CLINT."""
-    interrupts = {"#interrupt-cells": [1], "interrupt-controller": [], "compatible": "riscv,cpu-intc", "phandle": [1]}
-    core = {"device_type": "cpu", "reg": [0], "status": "okay", "compatible": "riscv", "riscv,isa": isa}
-    core |= {"riscv,pmpregions": [16], "riscv,pmpgranularity": [4], "interrupt-controller": interrupts}
-    timer = {"compatible": "riscv,clint0", "interrupts-extended": [1, 3, 1, 7], "reg": [0, clint, 0, 0xC0000]}
+def tree_of(isa, clint, cores=1, uart=None):
+    """Return the tree of cores without address translation, their CLINT, and a serial line where one is stated."""
+    described = {"#address-cells": [1], "#size-cells": [0], "timebase-frequency": [10**7]}
+    for hart in range(cores):
+        interrupts = {"#interrupt-cells": [1], "interrupt-controller": [], "compatible": "riscv,cpu-intc"}
+        core = {"device_type": "cpu", "reg": [hart], "status": "okay", "compatible": "riscv", "riscv,isa": isa}
+        core |= {"riscv,pmpregions": [16], "riscv,pmpgranularity": [4]}
+        described[f"cpu@{hart}"] = core | {"interrupt-controller": interrupts | {"phandle": [hart + 1]}}
+    wired = [number for hart in range(cores) for number in (hart + 1, 3, hart + 1, 7)]
+    timer = {"compatible": "riscv,clint0", "interrupts-extended": wired, "reg": [0, clint, 0, 0xC0000]}
     wide = {"#address-cells": [2], "#size-cells": [2]}
-    cores = {"#address-cells": [1], "#size-cells": [0], "timebase-frequency": [10**7], "cpu@0": core}
     soc = {**wide, "compatible": "simple-bus", "ranges": [], f"clint@{clint:x}": timer}
-    return blob({**wide, "compatible": "bench", "model": "bench", "cpus": cores, "soc": soc})
+    if uart is not None:
+        line = {"compatible": "ns16550a", "reg": [0, uart, 0, 0x100], "reg-shift": [0], "reg-io-width": [1]}
+        soc[f"serial@{uart:x}"] = line | {"clock-frequency": [10**7], "interrupts": [1]}
+        inputs = {"riscv,ndev": [31], "riscv,max-priority": [15], "reg": [0, 0xC000000, 0, 0x1000000]}
+        soc["plic@c000000"] = {"compatible": "riscv,plic0", **inputs}
+    return blob({**wide, "compatible": "bench", "model": "bench", "cpus": described, "soc": soc})
