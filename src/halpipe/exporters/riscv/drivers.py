@@ -109,30 +109,26 @@ def read_drivers(path: str) -> Drivers:
 
 
 def _drivers(fields: Fields) -> Drivers:
-    found = [_driver(each, AccessKind.READ, "input") for each in fields.items("inputs", _DRIVER, "input")]
-    found += [_driver(each, AccessKind.WRITE, "output") for each in fields.items("outputs", _DRIVER, "output")]
-    found += [_request(each) for each in fields.items("requests", _REQUEST, "request")]
+    kinds = (("input", AccessKind.READ, _DRIVER), ("output", AccessKind.WRITE, _DRIVER))
+    found = [
+        _driver(each, kind, what, keys)
+        for what, kind, keys in (*kinds, ("request", AccessKind.WRITE, _REQUEST))
+        for each in fields.items(f"{what}s", keys, what)
+    ]
     return Drivers(tuple(found), fields.texts("sources", str))
 
 
-def _driver(fields: Fields, kind: AccessKind, what: str) -> Driver:
+def _driver(fields: Fields, kind: AccessKind, what: str, keys: tuple[str, ...]) -> Driver:
     fields.path = f'{what} "{fields.value("buffer", str, "")}"'
-    fields.require("buffer", "function", "time")
+    fields.require(*keys[:-1])
     return Driver(
         buffer=fields.value("buffer", str, ""),
-        function=fields.value("function", _function, ""),
+        function=fields.value("function", _function, "") if "function" in keys else REQUEST,
         time=fields.value("time", _time, ZERO),
         kind=kind,
         task=fields.value("task", str, ""),
         at=fields.at(),
     )
-
-
-def _request(fields: Fields) -> Driver:
-    fields.path = f'request "{fields.value("buffer", str, "")}"'
-    fields.require("buffer")
-    buffer, task = fields.value("buffer", str, ""), fields.value("task", str, "")
-    return Driver(buffer, REQUEST, ZERO, AccessKind.WRITE, task, fields.at())
 
 
 def _function(text: str) -> str:

@@ -130,11 +130,10 @@ class Operations:
             Table(m.name, index[m.name], index[m.name], self.clock.up(m.hyperperiod), self._releases(m.jobs))
             for m in schedule.modes
         ]
-        for t in schedule.transitions:
-            name = t.name
-            jobs = self._releases(t.jobs)
-            found.append(Table(name, index[t.source], index[t.target], self.clock.up(t.length), jobs))
-        return found
+        return found + [
+            Table(t.name, index[t.source], index[t.target], self.clock.up(t.length), self._releases(t.jobs))
+            for t in schedule.transitions
+        ]
 
     def _releases(self, jobs: Iterable[Job]) -> tuple[Release, ...]:
         found = [Release(self.clock.up(self.copies.release(job)), self._program(job), job) for job in jobs]
@@ -164,19 +163,10 @@ class Operations:
             begin_at, end_at = self.clock.up(shape.begin(start)), self.clock.down(shape.end(over))
             for rank, image in enumerate(images):
                 begin, size = image.bss if position == 0 else (0, 0)
-                yield Operation(
-                    at=begin_at,
-                    kind=RUN,
-                    unit=image.core.index,
-                    source=image.entries[position],
-                    target=begin,
-                    size=size,
-                    limit=end_at - begin_at,
-                    rank=rank,
-                    ranks=len(images),
-                    what=functions[position],
-                )
-                yield Operation(at=end_at, kind=STOP, unit=image.core.index, what=functions[position])
+                stop = Operation(at=end_at, kind=STOP, unit=image.core.index, what=functions[position])
+                entry, limit, ranks = image.entries[position], end_at - begin_at, len(images)
+                run = replace(stop, at=begin_at, kind=RUN, source=entry, target=begin, size=size, limit=limit)
+                yield from (replace(run, rank=rank, ranks=ranks), stop)
 
     def _phase(self, access: Access, images: list[Image], shape: Shape) -> Iterable[Operation]:
         """Yield the transfers of a phase, one after the other, and the check at its end that they are complete."""
@@ -185,18 +175,9 @@ class Operations:
         transfers = list(self._transfers(access, images))
         drivers = list(self._drivers(access, images[0])) if not self.copies.of(images[0].part.task) else []
         yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
+        move = Operation(at=at, kind=COPY, unit=0, channel=channel, access=access)
         moves = [
-            Operation(
-                at=at,
-                kind=COPY,
-                unit=unit,
-                channel=channel,
-                source=source,
-                target=target,
-                size=size,
-                what=what,
-                access=access,
-            )
+            replace(move, source=source, target=target, size=size, unit=unit, what=what)
             for source, target, size, unit, what, _ in transfers
         ]
         times = [self.clock.transfer(access.resource, size, memory) for _, _, size, _, _, memory in transfers]

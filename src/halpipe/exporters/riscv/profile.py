@@ -222,20 +222,15 @@ def read_profile(name: str) -> Profile:
 
 def _profile(name: str, f: Fields) -> Profile:
     f.require("cores", "clock", "timebase", "main", "ispm", "dspm", "service", "clint", "uart", "dma")
-    main = f.section("main", ("base", "size"), "main")
+    main, uart = _section(f, "main", "base", "size"), _section(f, "uart", "kind", "base")
     jobs, management, classes = _cpi(f)
-    uart = f.section("uart", ("kind", "base"), "uart")
-    if main is not None:
-        main.require("base", "size")
-    if uart is not None:
-        uart.require("kind", "base")
     return Profile(
         name=name,
         summary=f.value("summary", str, ""),
         cores=f.value("cores", whole(1, 64), 1),
         clock=f.value("clock", whole(1000, 10**11), 1000),
         timebase=f.value("timebase", whole(1000, 10**9), 1000),
-        main=Region(main.value("base", _address, 0), main.value("size", _size, 0)) if main else Region(0, 0),
+        main=Region(main.value("base", _address, 0), main.value("size", _size, 0)),
         ispm=_scratchpads(f, "ispm"),
         dspm=_scratchpads(f, "dspm", "lr-sc"),
         stack=f.value("stack", _size, 8192),
@@ -245,8 +240,8 @@ def _profile(name: str, f: Fields) -> Profile:
         classes=classes,
         latency=f.value("latency", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
-        uart_kind=uart.value("kind", Words("sifive", "ns16550", "ns16550x4", "litex"), "") if uart else "",
-        uart=uart.value("base", _address, 0) if uart else 0,
+        uart_kind=uart.value("kind", Words("sifive", "ns16550", "ns16550x4", "litex"), ""),
+        uart=uart.value("base", _address, 0),
         dma=_dma(f),
         finisher=f.value("finisher", _address, 0),
         qemu=tuple(stated.value for stated in f.texts("qemu", str)),
@@ -255,11 +250,10 @@ def _profile(name: str, f: Fields) -> Profile:
 
 def _cpi(f: Fields) -> tuple[Fraction, Fraction, dict[str, Fraction]]:
     """Read the cycles of an instruction: of jobs, of the management core, and of a job's instructions by class."""
-    each = f.section("cpi", ("jobs", "management", *CLASSES), "cpi") if f.is_mapping("cpi") else None
-    if each is None:
+    if not f.is_mapping("cpi"):
         jobs = f.value("cpi", _cycles, Fraction(1))
         return jobs, jobs, dict.fromkeys(CLASSES, jobs)
-    each.require("jobs")
+    each = _section(f, "cpi", "jobs", also=("management", *CLASSES))
     jobs = each.value("jobs", _cycles, Fraction(1))
     classes: dict[str, Fraction] = {}
     for name, like in CLASSES.items():
@@ -267,11 +261,17 @@ def _cpi(f: Fields) -> tuple[Fraction, Fraction, dict[str, Fraction]]:
     return jobs, each.value("management", _cycles, jobs), classes
 
 
+def _section(f: Fields, key: str, *keys: str, also: tuple[str, ...] = ()) -> Fields:
+    """Return a mapping that needs `keys` and may have others; an empty one where it is absent or wrong."""
+    found = f.section(key, (*keys, *also), key)
+    if found is None:
+        return Fields("", Findings(), YamlMap(0), key)
+    found.require(*keys)
+    return found
+
+
 def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
-    section = f.section(key, ("base", "stride", "size", *others), key)
-    if section is None:
-        return Scratchpads(0, 0, 0)
-    section.require("base", "stride", "size")
+    section = _section(f, key, "base", "stride", "size", also=others)
     return Scratchpads(
         section.value("base", _address, 0),
         section.value("stride", _address, 0),
@@ -281,10 +281,7 @@ def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
 
 
 def _dma(f: Fields) -> Dma:
-    section = f.section("dma", ("kind", "base", "stride", "channels", "bandwidth", "bus", "setup"), "dma")
-    if section is None:
-        return Dma("", 0, 0, 0, dict.fromkeys(MEMORIES, 1), 1, Duration(0))
-    section.require("kind", "bandwidth", "setup")
+    section = _section(f, "dma", "kind", "bandwidth", "setup", also=("base", "stride", "channels", "bus"))
     kind = section.value("kind", Words("pdma", "copy"), "")
     if kind == "pdma":
         section.require("base")
@@ -305,10 +302,7 @@ def _into(dma: Fields) -> dict[str, int]:
     """Read a bandwidth for each memory that bytes are moved into, or one for all."""
     if not dma.is_mapping("bandwidth"):
         return dict.fromkeys(MEMORIES, dma.value("bandwidth", _bandwidth, 1))
-    each = dma.section("bandwidth", MEMORIES, "bandwidth")
-    if each is None:
-        return dict.fromkeys(MEMORIES, 1)
-    each.require(*MEMORIES)
+    each = _section(dma, "bandwidth", *MEMORIES)
     return {memory: each.value(memory, _bandwidth, 1) for memory in MEMORIES}
 
 
