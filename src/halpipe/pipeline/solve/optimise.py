@@ -37,8 +37,9 @@ if TYPE_CHECKING:
 DELAYS, UNITS = "delays", "units"
 """Stages of the cost F: less delay of all jobs, and fewer units."""
 
-POLISH_BUDGET = 300
-"""Moves per task for one step of improving a valid schedule."""
+POLISH_BUDGET, MARGIN_BUDGET = 300, 2000
+"""Moves per task for one step of improving a valid schedule, and where the margin comes first, as much as for `size`:
+longer jobs hardly fit beside each other where the valid schedule has them."""
 
 
 @record
@@ -111,7 +112,8 @@ def polish_of(
         return report.cost is not None and report.cost.total <= target
 
     judge = Judge(model, expansion, goals.objectives)
-    return Polish(goals, judge, min(POLISH_BUDGET, budget or POLISH_BUDGET), seed, is_enough, on_better)
+    most = MARGIN_BUDGET if goals.objectives[0] is Objective.MARGIN else POLISH_BUDGET
+    return Polish(goals, judge, min(most, budget or most), seed, is_enough, on_better)
 
 
 @record
