@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 ECUS, RUNNABLES, FRAMES = 10, 500, 200
 PERIODS, SHARES = (1, 2, 5, 10, 20, 50, 100), (3, 2, 2, 25, 25, 3, 20)
-FRAME = Duration(120_000)
+FRAME = Duration(60_000)
 """Transmission time of a frame."""
 LOAD = Fraction(6, 10)
 KINDS = 20

@@ -87,14 +87,6 @@ NO_ASSIGNMENT = error(
     "Each of these tasks keeps all its jobs on one unit. Every assignment of them to the units that they may use was "
     "tried: in each, some unit has more work than time, or two tasks share a unit on which their jobs must meet.",
 )
-COARSE_GRID = note(
-    "HAL0447",
-    "Answered on a coarser grid",
-    "The times of the mode are too fine for an engine, so they were rounded to a coarser grid. Where a proof is asked "
-    "for, all is rounded so that the mode can only get easier: what has no schedule then has none as it is. Where a "
-    "schedule is asked for, all is rounded so that it can only get harder, and the schedule is checked with the times "
-    "as they are.",
-)
 TABLE_TOO_SHORT = error(
     "HAL1410",
     "Transition table is too short for an entering task",

@@ -11,18 +11,18 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, HalpipeError, Subject, about
+from halpipe.core.diagnostics import Exit, Subject, about
 from halpipe.core.options import Form, option, positive_duration, time_limit_of
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
 from halpipe.models import Schedule
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.conflict import Conflict, coarser_grid, describe, find_conflict
+from halpipe.pipeline.explain.conflict import describe, find_conflict
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible, tasks_of
 from halpipe.pipeline.jobs import expand, natural_tick
-from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN, TOO_LARGE
+from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
@@ -200,23 +200,11 @@ class _Question:
         is_asked_as_is = self.search.shipped is None and self.search.tick is None
         if conflict is not None and conflict.answer is Answer.FEASIBLE and is_asked_as_is:
             help = "schedule it without --budget, or with --engine exact"
-            return Verdict.SCHEDULABLE, [
-                *self._rounded(conflict),
-                self._schedulable("the exact engine finds one", help),
-            ]
+            return Verdict.SCHEDULABLE, [self._schedulable("the exact engine finds one", help)]
         if conflict is not None and conflict.kept is not None:
             tasks = tuple(active.name for active in conflict.kept.tasks)
-            proof = [*self._rounded(conflict), describe(self.mode, conflict)]
-            return Verdict.INFEASIBLE, [*proof, *self._remedies(tasks)]
+            return Verdict.INFEASIBLE, [describe(self.mode, conflict), *self._remedies(tasks)]
         return Verdict.NOT_FOUND, [*found, *self._remedies(tasks_of(self.model, broken))]
-
-    def _rounded(self, conflict: Conflict) -> list[Diagnostic]:
-        """Say on which grid the exact engine has answered, if not on that of the mode."""
-        if conflict.grid is None:
-            return []
-        how = "easier" if conflict.answer is Answer.INFEASIBLE else "harder"
-        text = f"its times are too fine for the exact engine; rounded to {conflict.grid}, so that it can only be {how}"
-        return [codes.COARSE_GRID(text, at=place(self.mode), path=about(mode=self.mode.name))]
 
     def _schedulable(self, how: str, help: str = "nothing to do") -> Diagnostic:
         text = f"has a valid schedule; {how}"
@@ -253,15 +241,6 @@ class _Question:
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
         options = replace(self.search, budget=budget, modes=(self.mode.name,))
-        try:
-            return self._searched(options)
-        except HalpipeError as failure:
-            grid = coarser_grid(expand(self.model, self.mode))
-            if grid is None or {found.code for found in failure.diagnostics} != {TOO_LARGE.id}:
-                raise
-        return self._searched(replace(options, tick=grid))
-
-    def _searched(self, options: SearchOptions) -> tuple[Schedule, tuple[Diagnostic, ...]]:
         from halpipe.pipeline.solve.schedule import schedule_model
         from halpipe.pipeline.stable import schedule_near
 
