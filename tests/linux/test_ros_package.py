@@ -263,9 +263,9 @@ non_ros_threads:
   - {name: /task, policy: SCHED_FIFO, priority: 9}
 """
 PLACED = [
-    "t.yaml:3\tSCHED_FIFO\t5\t\t\t\t0,2\t/a@Timer(7)",
-    "t.yaml:8\tSCHED_DEADLINE\t\t2000\t3000\t4000\t\t/c",
-    "t.yaml:10\tSCHED_FIFO\t9\t\t\t\t\t/task",
+    "t.yaml:3 SCHED_FIFO 5 - - - 0,2 /a@Timer(7)",
+    "t.yaml:8 SCHED_DEADLINE - 2000 3000 4000 - /c",
+    "t.yaml:10 SCHED_FIFO 9 - - - - /task",
 ]
 
 
@@ -280,6 +280,8 @@ PLACED = [
         ("callback_groups: [x]\n", "t.yaml:1: expected keys and values"),
         ("callback_groups: {a: b}\n", "t.yaml:1: expected a list"),
         ("callback_groups: ~\n", []),
+        ("", []),
+        (THREADS.replace("id: /c,", 'id: "/c: d",'), "t.yaml:8: expected a number or a word"),
     ],
 )
 def test_the_launch_file_reads_the_file_of_the_callback_isolated_executor(tmp_path, monkeypatch, capsys, text, found):
@@ -297,7 +299,9 @@ def test_the_launch_file_reads_the_file_of_the_callback_isolated_executor(tmp_pa
         with pytest.raises(ValueError, match="^" + found + "$"):
             space["read_threads"](str(tmp_path / "t.yaml"))
     else:
-        assert space["read_threads"](str(tmp_path / "t.yaml")) == found
+        lines = space["read_threads"](str(tmp_path / "t.yaml"))
+        assert lines == found
+        assert [yaml.safe_load(line) for line in lines] == found  # evaluate_parameter_dict of launch_ros does so
         assert ("t.yaml:1: hardware_info is not used" in capsys.readouterr().err) == ("hardware_info" in text)
 
 

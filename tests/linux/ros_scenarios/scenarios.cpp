@@ -273,7 +273,7 @@ int reservations() {
     groups.push_back(other->create_callback_group(Group::MutuallyExclusive));
     timers.push_back(other->create_wall_timer(std::chrono::seconds(i), [] {}, groups.back()));
     rclcpp::stub_parameters::threads.push_back(
-      "t.yaml:" + std::to_string(i) + "\tSCHED_DEADLINE\t\t9900000\t10000000\t10000000\t\t/other@Timer(" + std::to_string(i) + "000000000)");
+      "t.yaml:" + std::to_string(i) + " SCHED_DEADLINE - 9900000 10000000 10000000 - /other@Timer(" + std::to_string(i) + "000000000)");
   }
   Pipe pipe;
   pipe.container->stub_load(other);
@@ -393,23 +393,23 @@ int main(int argc, char ** argv) {
   if (name == "fast_simulation") {return in_simulation(300);}
   if (name == "node_simulated") {return node_simulated();}
   if (name == "no_cpu") {return no_cpu("u1=");}
-  const std::string own = "\t/other@Timer(7000000)";
+  const std::string own = " /other@Timer(7000000)";
   if (name == "threads") {
-    return threads({"t.yaml:2\tSCHED_OTHER\t5\t\t\t\t0" + own, "t.yaml:7\tSCHED_OTHER\t0\t\t\t\t\t/sink@Subscription(/a)"});
+    return threads({"t.yaml:2 SCHED_OTHER 5 - - - 0" + own, "t.yaml:7 SCHED_OTHER 0 - - - - /sink@Subscription(/a)"});
   }
   if (name == "task_threads") {
-    return threads({"t.yaml:1\tSCHED_FIFO\t20\t\t\t\t0\t/source", "t.yaml:2\tSCHED_FIFO\t20\t\t\t\t\t/sink@Subscription(/a)"});
+    return threads({"t.yaml:1 SCHED_FIFO 20 - - - 0 /source", "t.yaml:2 SCHED_FIFO 20 - - - - /sink@Subscription(/a)"});
   }
   if (name == "wrong_threads") {
     return threads({
-      "t.yaml:1\tSCHED_SOON\t5\t\t\t\t" + own, "t.yaml:2\tSCHED_FIFO\t0\t\t\t\t" + own, "t.yaml:3\tSCHED_OTHER\t20\t\t\t\t" + own,
-      "t.yaml:4\tSCHED_OTHER\t1\t\t\t\t0,x" + own, "t.yaml:5\tSCHED_DEADLINE\t\t2000\t1999\t5000\t" + own,
-      "t.yaml:6\tSCHED_DEADLINE\t\t2000\t3000\t5000\t0" + own});
+      "t.yaml:1 SCHED_SOON 5 - - - -" + own, "t.yaml:2 SCHED_FIFO 0 - - - -" + own, "t.yaml:3 SCHED_OTHER 20 - - - -" + own,
+      "t.yaml:4 SCHED_OTHER 1 - - - 0,x" + own, "t.yaml:5 SCHED_DEADLINE - 2000 1999 5000 -" + own,
+      "t.yaml:6 SCHED_DEADLINE - 2000 3000 5000 0" + own});
   }
-  if (name == "unknown_threads") {return threads({"t.yaml:1\tSCHED_OTHER\t1\t\t\t\t\t/sink@Subscription(/b)"});}
-  if (name == "reserved_task") {return threads({"t.yaml:1\tSCHED_DEADLINE\t\t2000\t3000\t5000\t\t/sink"});}
+  if (name == "unknown_threads") {return threads({"t.yaml:1 SCHED_OTHER 1 - - - - /sink@Subscription(/b)"});}
+  if (name == "reserved_task") {return threads({"t.yaml:1 SCHED_DEADLINE - 2000 3000 5000 - /sink"});}
   if (name == "apart") {
-    return threads({"t.yaml:1\tSCHED_FIFO\t20\t\t\t\t0\t/source", "t.yaml:2\tSCHED_FIFO\t21\t\t\t\t0\t/sink"});
+    return threads({"t.yaml:1 SCHED_FIFO 20 - - - 0 /source", "t.yaml:2 SCHED_FIFO 21 - - - 0 /sink"});
   }
   if (name == "reservations") {return reservations();}
   if (name == "two_cpus") {return no_cpu("u1=0,u1=1");}

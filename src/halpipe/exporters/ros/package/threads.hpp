@@ -1,7 +1,8 @@
 // Threads as a file states them: policy, priority and CPUs of callback groups and tasks. Written by halpipe.
 //
 // The file is that of the callback isolated executor (cie_thread_configurator): a callback group is known by its node and
-// its callbacks. The launch file passes each entry on as a line: place, policy, priority, runtime, deadline, period, CPUs, ID.
+// its callbacks. The launch file passes each entry on as a line: place, policy, priority, runtime, deadline, period, CPUs, ID, with
+// - for what is not stated.
 #pragma once
 #include <sched.h>
 #include <sys/syscall.h>
@@ -77,8 +78,11 @@ private:
   std::string read(const std::string & line) {
     std::istringstream fields(line);
     std::vector<std::string> field(7);
-    for (std::string & one : field) {std::getline(fields, one, '\t');}
-    std::getline(fields, id);
+    for (std::string & one : field) {
+      fields >> one;
+      if (one == "-") {one.clear();}
+    }
+    fields >> id;
     place = field[0];
     const std::map<std::string, uint32_t> policies = {
       {"SCHED_OTHER", SCHED_OTHER}, {"SCHED_BATCH", SCHED_BATCH}, {"SCHED_IDLE", SCHED_IDLE},
