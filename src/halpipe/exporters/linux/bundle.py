@@ -82,6 +82,11 @@ class Program:
         return f"{self.target}.so"
 
     @property
+    def shell_defines(self) -> tuple[str, ...]:
+        """The definitions as options of a compiler that a shell runs."""
+        return tuple(shlex.quote(f"-D{define}") for define in self.defines)
+
+    @property
     def plain_defines(self) -> tuple[str, ...]:
         """The definitions as CMake takes them."""
         return tuple('"{}"'.format(re.sub(r'([\\";$])', r"\\\1", define)) for define in self.defines)
@@ -91,9 +96,11 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     """Return the files of the bundle, sealed; raise `HalpipeError` with everything that prevents it."""
     findings = Findings()
     tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
-    cpus = cpus_for(model, schedule, options, findings)
+    cpus = cpus_for(model, schedule, options.cpus, findings)
     buffers = _buffers(model)
-    programs, numbers = _programs(model, schedule, buffers, options, tree)
+    used = versions_used(model, schedule)
+    numbers = {(task.name, version.name): number for number, (task, version) in enumerate(used)}
+    programs = [_program(*pair, number, buffers, options, tree) for number, pair in enumerate(used)]
     check_texts(model, schedule, buffers, findings)
     findings.stop_on_errors()
     if not tree.files:
@@ -104,13 +111,12 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     copies = copies_of(model, schedule, programs, numbers, findings)
     findings.stop_on_errors()
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
-    used = sorted({worker.cpu for worker in tables.workers})
     values: dict[str, Any] = {
         "name": name,
-        "compiled": [_quoted(p) for p in programs if not p.is_ready],
+        "compiled": [p for p in programs if not p.is_ready],
         "ready": [p for p in programs if p.is_ready],
         "priority": options.priority,
-        "cpus": used,
+        "cpus": sorted({worker.cpu for worker in tables.workers}),
         "places": [(unit, cpus[unit]) for unit in cpus if unit in {worker.unit for worker in tables.workers}],
         "unrealised": [text for text, _ in sentences(model, schedule, options)],
     }
@@ -179,19 +185,15 @@ def _rendered(values: dict[str, Any], programs: list[Program]) -> dict[str, byte
     return files
 
 
-def _quoted(program: Program) -> dict[str, Any]:
-    defines = [shlex.quote(f"-D{define}") for define in program.defines]
-    plain = {"library": program.library, "target": program.target, "files": program.files}
-    return {**plain, "defines": defines, "plain_defines": program.plain_defines}
-
-
-def cpus_for(model: TaskModel, schedule: Schedule, options: LinuxOptions, findings: Findings) -> dict[str, int]:
+def cpus_for(
+    model: TaskModel, schedule: Schedule, stated: Mapping[str, int] | None, findings: Findings
+) -> dict[str, int]:
     """Return the CPU of each unit; report units with jobs that have none."""
     used = {unit for job in schedule.all_jobs() for unit in job.units}
-    cpus = placed(model, options.cpus)
+    cpus = placed(model, stated)
     for unit in model.units:
         is_other = any(word in unit.type.lower() for word in _ACCELERATORS)
-        if unit.name in used and (unit.name not in cpus or (is_other and options.cpus is None)):
+        if unit.name in used and (unit.name not in cpus or (is_other and stated is None)):
             text = f'its type is "{unit.type}"' if is_other else "it has jobs, but no CPU"
             help = "state the CPU of every unit that is one: --cpus unit=number,...; move its jobs elsewhere otherwise"
             findings.add(NOT_A_CPU(text, at=unit.at, path=about(unit=unit.name), help=help))
@@ -209,18 +211,10 @@ def _buffers(model: TaskModel) -> dict[str, int]:
     return dict(sorted(sizes.items()))
 
 
-def _programs(
-    model: TaskModel, schedule: Schedule, buffers: dict[str, int], options: LinuxOptions, tree: SourceTree
-) -> tuple[list[Program], dict[tuple[str, str], int]]:
+def versions_used(model: TaskModel, schedule: Schedule) -> list[tuple[Task, Version]]:
+    """Return the versions that have jobs, in the order of the model."""
     used = {(job.task, job.version) for job in schedule.all_jobs()}
-    programs: list[Program] = []
-    numbers: dict[tuple[str, str], int] = {}
-    for task in model.tasks:
-        for version in task.versions:
-            if (task.name, version.name) in used:
-                numbers[task.name, version.name] = len(programs)
-                programs.append(_program(task, version, len(programs), buffers, options, tree))
-    return programs, numbers
+    return [(task, v) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
 
 
 def _program(

@@ -126,7 +126,7 @@ def _refuse_overlaps(
         for name, (end, job) in written.items():
             for place, begin in _following(number, end, lengths, after):
                 again = min((release for other, release in released[place] if other.task == name), default=None)
-                if again is not None and begin + again < end and place >= 0:
+                if again is not None and begin + again < end:
                     text = (
                         f'job {job.index} of table "{titles[number]}" writes {end - begin - again} after the release '
                         f'of the next one, in table "{titles[place]}"'

@@ -12,8 +12,15 @@ from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
-from halpipe.exporters.linux import LinuxOptions
-from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, filled, rendered_tables
+from halpipe.exporters.linux.bundle import (
+    RUNTIME,
+    Program,
+    check_texts,
+    cpus_for,
+    filled,
+    rendered_tables,
+    versions_used,
+)
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
@@ -58,10 +65,8 @@ class Row:
 def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str, bytes]:
     """Return the files of the package, sealed; raise `HalpipeError` with everything that prevents it."""
     findings = Findings()
-    linux = LinuxOptions(cpus=options.cpus, priority=options.priority)
-    cpus = cpus_for(model, schedule, linux, findings)
-    used = {(job.task, job.version) for job in schedule.all_jobs()}
-    keys = [(task.name, v.name) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
+    cpus = cpus_for(model, schedule, options.cpus, findings)
+    keys = [(task.name, version.name) for task, version in versions_used(model, schedule)]
     modes = [mode.name for mode in schedule.modes]
     rows = [row for task, _ in keys if (row := _row(task, model, modes, options, findings)) is not None]
     refuse_waits(model, dict(keys), modes, options, findings)
