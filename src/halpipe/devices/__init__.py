@@ -67,6 +67,7 @@ DEVICES: Mapping[str, Device] = {
             settings={
                 "depth": Setting("1024", least=2, most=65280),
                 "switches": Setting("needed", "word", words=("needed", "all")),
+                "base": Setting("", "address"),
             },
         ),
         Device(

@@ -72,11 +72,7 @@ class RegisterFile:
 
     def words_of(self, name: str) -> list[Register]:
         """Return the words of a name in order."""
-        first = self._first[name]
-        found: list[Register] = []
-        while (word := self.words.get(first.offset + 4 * len(found))) is not None and word.name == name:
-            found.append(word)
-        return found
+        return [word for word in self.words.values() if word.name == name]
 
 
 @record

@@ -1,15 +1,25 @@
 """Programs and tables of regulators in one bundle: checked together, and wrong tables are found."""
 
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+import halpipe
 from command_line import run_here
 from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.regulator.codes import FORMS_DIFFER, USED_ABOVE_BUDGET
+from halpipe.deploy.regulator.codes import FORMS_DIFFER, PLAYED_ELSEWHERE, USED_ABOVE_BUDGET
 from halpipe.deploy.riscv import DEPLOYMENT
 from halpipe.deploy.riscv.codes import TRANSFER_OUTSIDE_PHASE
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation
+from halpipe.deploy.riscv.run.regulators import RegulatorPort
+from halpipe.exporters.riscv import FORMAT, RiscvOptions
+from halpipe.exporters.riscv.codes import REGULATORS_LEFT_ALONE
+from support import ms
 
+RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "table" / "rtl"
 PLATFORM = """halpipe-regulator: 1
 resource: memory
 clock: 100MHz
@@ -106,3 +116,61 @@ def test_tables_that_are_wrong_are_found(regulated):
 
 def test_a_bundle_without_regulators_says_nothing_of_them(sound):
     assert not any("regulators:" in line for line in DEPLOYMENT.check(sound, CheckOptions(inject="none")).lines)
+
+
+DRIVEN = PLATFORM + "table: {base: 0x60000000}\n"
+
+
+@pytest.fixture(scope="module")
+def driven(export):
+    return export(platform=DRIVEN)
+
+
+def test_the_runtime_starts_and_switches_the_regulators(driven):
+    """Their first table begins a cycle after that of the runtime, and so do their switches: HAL1507 compares them."""
+    checked = DEPLOYMENT.check(driven, CheckOptions(inject="none"))
+    assert [d for d in checked.diagnostics if d.is_error] == []
+    assert "regulators: their tables begin 10ns after those of the runtime" in checked.lines
+
+
+SLOW = DRIVEN.replace("100MHz", "4MHz").replace("5000", "200").replace("400MB", "16MB").replace("440MB", "17.6MB")
+
+
+@pytest.mark.skipif(shutil.which("iverilog") is None, reason="iverilog is not installed")
+def test_the_verilog_plays_what_the_runtime_writes(export, tmp_path):
+    """Every table begins a cycle after that of the runtime; the timer has a tick in 4 cycles."""
+    simulation = CoSimulation(export(platform=SLOW), requests=[(ms(3), "calm"), (ms(13), "halt")], cycles=5)
+    run = simulation.run()
+    cycles = {at: at * 4 * 10**6 // run.rate for at, _, _ in simulation.port.writes}
+    lines = [f"{cycles[at]} {offset:x} {value:x}\n" for at, offset, value in simulation.port.writes]
+    (tmp_path / "writes.txt").write_text("".join(lines))
+    zero = run.zero * 4 * 10**6 // run.rate
+    bench = [Path(__file__).parents[2] / "rtl" / "runtime_bench.v", *sorted(RTL.glob("*.v"))]
+    subprocess.run(["iverilog", "-g2005-sv", "-s", "runtime_bench", "-o", "bench", *bench], cwd=tmp_path, check=True)
+    end = zero + int(run.tables[-1].start.fraction * 4 // 1000)
+    said = subprocess.run(
+        ["vvp", "-n", "bench", f"+first={zero - 4000}", f"+last={end + 9}"],
+        cwd=tmp_path, check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    begun = [[int(word) for word in line.split()] for line in said.splitlines() if "finish" not in line]
+    numbers = {"full": 0, "calm": 1, "halt": 2}
+    played = [table for table in run.tables if table.name in numbers]  # the others have no length
+    assert begun == [[numbers[t.name], zero + 1 + int(t.start.fraction * 4 // 1000)] for t in played]
+    assert len({number for number, _ in begun}) == 3
+
+
+def test_a_switch_that_the_regulators_do_not_make_is_found(driven, monkeypatch):
+    """As with a runtime that requests nothing of them."""
+    store = RegulatorPort.store
+    lost = 0x1C
+    monkeypatch.setattr(
+        RegulatorPort, "store", lambda port, hart, at, size, n: at == lost or store(port, hart, at, size, n)
+    )
+    found = {d.code for d in DEPLOYMENT.check(driven, CheckOptions(inject="none")).diagnostics}
+    assert PLAYED_ELSEWHERE.id in found
+
+
+def test_regulators_that_the_runtime_leaves_alone_are_named(regulated, driven):
+    for target, expected in ((regulated, {REGULATORS_LEFT_ALONE.id}), (driven, set())):
+        remarks = FORMAT.remarks(target.model, target.schedule, RiscvOptions(profile="vcu118"), target.bundle.files)
+        assert {d.code for d in remarks} & {REGULATORS_LEFT_ALONE.id} == expected

@@ -27,9 +27,21 @@ inputs: [{buffer: input, function: get, time: 1us}]
 """
 
 
-@pytest.fixture(scope="module", params=["vcu118", "virt", "drivers", "calibrate"])  # with a DMA engine, without, more
+PLATFORM = """halpipe-regulator: 1
+clock: 100MHz
+bus: 64bit
+burst: 64B
+window: 1000
+guaranteed: 400MB/s
+capacity: 440MB/s
+table: {base: 0x60000000}
+units: {left: {manager: 0}, right: {manager: 1}, u1: {manager: 2}}
+"""
+
+
+@pytest.fixture(scope="module", params=["vcu118", "virt", "drivers", "calibrate", "regulators"])
 def runtime(request, tmp_path_factory):
-    """A bundle's folder; its runtime has the generated headers and tables, too."""
+    """A bundle's folder, with a DMA engine or without, or more; it has the generated headers and tables, too."""
     folder = tmp_path_factory.mktemp(request.param)
     system, schedule = single()
     has_drivers = request.param == "drivers"
@@ -39,6 +51,9 @@ def runtime(request, tmp_path_factory):
     if has_drivers:
         folder.joinpath("drivers.yaml").write_text(DRIVERS)
         options = replace(options, drivers=str(folder / "drivers.yaml"))
+    if request.param == "regulators":
+        folder.joinpath("platform.yaml").write_text(PLATFORM)
+        options = replace(options, regulator=str(folder / "platform.yaml"))
     write_directory(str(folder / "b"), export("riscv", model, tables, options))
     assert ("HP_DRIVERS" in (folder / "b" / "runtime" / "platform.h").read_text()) == has_drivers
     return folder / "b"

@@ -28,13 +28,18 @@ class RegulatorDeployment:
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Check the tables, then play them; a simulation of tables that are wrong is only made when asked for."""
-        from halpipe.core.diagnostics import sort_diagnostics
+        from halpipe.core.diagnostics import Exit, HalpipeError, sort_diagnostics
+        from halpipe.core.suggest import did_you_mean
         from halpipe.deploy.base import Checked
         from halpipe.deploy.regulator.arithmetic import Arithmetic
+        from halpipe.deploy.regulator.codes import NO_ENGINE
         from halpipe.deploy.regulator.forms import check_forms
         from halpipe.deploy.regulator.reading import compare_facts, read_facts, read_tables
 
-        _refuse_unknown(options.engine)
+        if options.engine not in self.engines:
+            help = did_you_mean(options.engine, self.engines, "engines: " + ", ".join(self.engines))
+            text = f'there is no engine "{options.engine}" for regulators'
+            raise HalpipeError(NO_ENGINE(text, help=help), exit=Exit.USAGE)
         tables, facts = read_tables(target.bundle), read_facts(target.bundle)
         arithmetic = Arithmetic(target, tables)
         findings = [*compare_facts(target.bundle, tables, facts), *arithmetic.findings()]
@@ -58,17 +63,6 @@ class RegulatorDeployment:
             findings += found
             lines += remarks
         return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines))
-
-
-def _refuse_unknown(engine: str) -> None:
-    from halpipe.core.diagnostics import Exit, HalpipeError
-    from halpipe.core.suggest import did_you_mean
-    from halpipe.deploy.regulator.codes import NO_ENGINE
-
-    known = RegulatorDeployment.engines
-    if engine not in known:
-        help = did_you_mean(engine, known, "engines: " + ", ".join(known))
-        raise HalpipeError(NO_ENGINE(f'there is no engine "{engine}" for regulators', help=help), exit=Exit.USAGE)
 
 
 def _execute(

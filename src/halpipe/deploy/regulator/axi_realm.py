@@ -135,7 +135,8 @@ def _set_up(case: Case, name: str, steps: Sequence[Write | Range]) -> None:
     for register in sorted(expected.keys() | device.values.keys()):
         have, want = device.values.get(register), expected.get(register)
         if have != want:
-            text = f"{_named(register)} is {_shown(have)} after the set-up, it must be {_shown(want)}"
+            said, due = ("not written" if value is None else f"{value:#x}" for value in (have, want))
+            text = f"{_named(register)} is {said} after the set-up, it must be {due}"
             case.note(GRANTS_DIFFER, name, text)
     for register, loaded in sorted(device.loaded.items()):
         direction = register[0].partition("_")[0]
@@ -222,10 +223,6 @@ def _named(register: Register) -> str:
     name, manager, region = register
     is_one_of = name in BOUNDS or name.endswith(("_budget", "_period"))
     return f"the {name}" + (f" of manager {manager}, region {region}" if is_one_of else f" register {manager}")
-
-
-def _shown(value: int | None) -> str:
-    return "not written" if value is None else f"{value:#x}"
 
 
 # ------------------------------------------------------------------------------------------------- tables

@@ -1,4 +1,4 @@
-"""The diagnostics of the check of regulator bundles: HAL1010 to HAL1029, and HAL1060 to HAL1079."""
+"""The diagnostics of the check of regulator bundles: HAL1010 to HAL1029, HAL1060 to HAL1079, and HAL1507."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -148,6 +148,12 @@ BROKEN_COUNTERS = error(
     "Bandwidth counters cannot be used",
     "The file has other columns than the documented ones, a row has a value that is none, or names a table, unit or "
     "direction that the bundle does not have.",
+)
+PLAYED_ELSEWHERE = error(
+    "HAL1507",
+    "Regulators play another table than the runtime",
+    "The runtime has the regulators begin with its first table and requests their switches. At a table of the runtime "
+    "they play another one, or began it at another instant, so that jobs run with the budgets of others.",
 )
 SHARED_ISOLATION = warning(
     "HAL1068",

@@ -134,6 +134,7 @@ def _definitions(tables: Tables) -> dict[str, str]:
         "BW_CAPACITY_BYTES": str(tables.capacity_bytes),
         "BW_UNITS": str(len(tables.units)),
         "BW_TABLES": str(len(tables.tables)),
+        "BW_SWITCHES": str(len(tables.switches)),
         "BW_SCHEDULE_SHA256": tables.schedule_sha256,
     }
 

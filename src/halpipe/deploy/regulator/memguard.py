@@ -15,6 +15,7 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
+from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_rational, parse_size
 from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
@@ -22,6 +23,8 @@ from halpipe.deploy.regulator.loading import choices, scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.loading import Case, Line, Script
     from halpipe.deploy.regulator.reading import Table
@@ -64,7 +67,7 @@ class Module:
         self.line = parse_size(settings["line"])
         self.brings = {d: parse_rational(settings[name]) for d, name in BROUGHT.items()}
         period = settings["period"]
-        self.period = _microseconds(period) if period else case.facts.seconds * 10**6
+        self.period = Duration.parse(period).in_unit("us") if period else case.facts.seconds * 10**6
         self.limits: Limits = {}
 
     def owner(self, core: int, direction: str) -> str:
@@ -89,12 +92,6 @@ class Module:
     def events(self, rate: Fraction) -> int:
         """Return the least events that give a rate."""
         return ceil(rate * self.period / (self.line * 10**6))
-
-
-def _microseconds(text: str) -> Fraction:
-    from halpipe.core.durations import Duration
-
-    return Duration.parse(text).in_unit("us")
 
 
 def execute(case: Case) -> None:
@@ -137,7 +134,7 @@ def _table(case: Case, module: Module, plan: Planned, script: Script, formers: l
     for (_, block), wanted in zip(settings, known, strict=False):
         lines = _limits(case, script, block)
         for former in formers:
-            _rise(case, name, table, former, lines)
+            rates.rise(case, name, table, former, _changes(case, lines), module.rate)
         writes: list[tuple[str, int]] = []
         for line, direction, text in lines:
             case.steps += 1
@@ -208,14 +205,12 @@ def _last(case: Case, script: Script) -> Limits:
     return module.limits
 
 
-def _rise(case: Case, name: str, table: Table, before: Limits, lines: list[tuple[Line, str, str]]) -> None:
-    module = Module(case)
-    module.limits = dict(before)
+def _changes(case: Case, lines: list[tuple[Line, str, str]]) -> Iterator[tuple[str, Limits]]:
+    """Yield the limits that each line sets."""
     for line, direction, text in lines:
+        module = Module(case)
         module.write(direction, text)
-        granted = {owner: module.rate(n) for owner, n in module.limits.items()}
-        if rates.hold(case, name, table, granted, f" while limits change in line {line.number}"):
-            return
+        yield f" while limits change in line {line.number}", module.limits
 
 
 def _wanted(module: Module, promised: dict[str, Fraction]) -> Limits:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.core.diagnostics import Code, Diagnostic, Location
-    from halpipe.deploy.regulator.reading import Table, Tables
+    from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.deploy.regulator.stimuli import Expected, Run
 
 FIELDS = 13
@@ -80,12 +79,9 @@ class _Judge:
         self._times: dict[tuple[Code, str], int] = {}
         self._faults = 0
         self._reads = {(cycle, address): value for cycle, address, value in run.reads}
-        self._budgets = _Budgets(tables)
-        self._silence = _Silence(tables) if run.traffic.is_silent else None
+        self._budgets: dict[tuple[int, int, str], list[int]] = {}
 
     def line(self, text: str) -> None:
-        if self._silence is not None and self._is_silent(text, self._silence):
-            return
         words = text.split()
         try:
             numbers = [int(word) for word in words[1:]]
@@ -95,21 +91,6 @@ class _Judge:
             self._register(*numbers)
         elif words[:1] == ["W"]:
             self._window(numbers[0], numbers[1:])
-
-    def _is_silent(self, text: str, silence: _Silence) -> bool:
-        """Count a window without requests that is as it must be; return whether the window was such a one."""
-        number = self.verdict.windows
-        if number >= len(self._run.expected) or any(self._owed):
-            return False
-        expected = self._run.expected[number]
-        if not expected.running:
-            return False
-        line, granted = silence.of(expected)
-        if text != f"W {number} " + line.replace("@", str(expected.window)):
-            return False
-        self.verdict.windows += 1
-        self.verdict.granted += granted
-        return True
 
     def finish(self) -> None:
         """Make the findings of what was seen, and of what should have been."""
@@ -153,7 +134,7 @@ class _Judge:
             self._protocol(number, unit.name, fields[base + 10])
             for half, direction in enumerate(DIRECTIONS):
                 count = Count(*fields[base + 2 + 3 * half : base + 5 + 3 * half])
-                budget = self._budgets.of(expected, unit.index, direction)
+                budget = self._budget(expected, unit, direction)
                 self._row(number, 2 * unit.index + half, count, budget, fields[base + 11 + half])
                 total += count.taken
         self.verdict.largest_sum = max(self.verdict.largest_sum, total)
@@ -200,6 +181,14 @@ class _Judge:
                 self._note(code, about(unit=unit), f"{what}, seen in window {number}")
         self._faults |= faults
 
+    def _budget(self, expected: Expected, unit: Unit, direction: str) -> int:
+        if not expected.running:
+            return 0 if expected.is_calm else unit.default[direction]
+        key = (expected.table, unit.index, direction)
+        if key not in self._budgets:
+            self._budgets[key] = self._tables.tables[expected.table].budgets(unit.name, direction)
+        return self._budgets[key][expected.window]
+
     def _where(self, number: int) -> str:
         expected = self._run.expected[number]
         if not expected.running:
@@ -209,54 +198,3 @@ class _Judge:
     def _name(self, table: int) -> str:
         known: Sequence[Table] = self._tables.tables
         return known[table].name if 0 <= table < len(known) else "unknown"
-
-
-class _Budgets:
-    """The budget of every row in every window of every table, expanded when a table is first met."""
-
-    def __init__(self, tables: Tables) -> None:
-        self._tables = tables
-        self._expanded: dict[tuple[int, int, str], list[int]] = {}
-
-    def of(self, expected: Expected, unit: int, direction: str) -> int:
-        owner = self._tables.units[unit]
-        if not expected.running:
-            return 0 if expected.is_calm else owner.default[direction]
-        key = (expected.table, unit, direction)
-        if key not in self._expanded:
-            self._expanded[key] = self._tables.tables[expected.table].budgets(owner.name, direction)
-        return self._expanded[key][expected.window]
-
-
-class _Silence:
-    """Return the line that a window without requests must have in the trace, with "@" for its number in the table.
-
-    It is written once for all windows from one entry, of any unit, to the next.
-    """
-
-    def __init__(self, tables: Tables) -> None:
-        self._tables = tables
-        self._lines: dict[int, list[tuple[str, int]]] = {}
-
-    def of(self, expected: Expected) -> tuple[str, int]:
-        """Return the line, and what is granted in all."""
-        if expected.table not in self._lines:
-            self._lines[expected.table] = self._of_table(self._tables.tables[expected.table])
-        return self._lines[expected.table][expected.window]
-
-    def _of_table(self, table: Table) -> list[tuple[str, int]]:
-        starts = sorted({entry.window for entries in table.entries.values() for entry in entries})
-        places = dict.fromkeys(table.entries, 0)
-        found: list[tuple[str, int]] = []
-        for start, end in pairwise([*starts, table.windows]):
-            units, granted = [], 0
-            for unit in self._tables.units:
-                entries = table.entries[unit.name]
-                here = places[unit.name]
-                here += here + 1 < len(entries) and entries[here + 1].window <= start
-                places[unit.name] = here
-                now = entries[here]
-                granted += now.read + now.write
-                units.append(f"{table.index} @ {'0 ' * (FIELDS - 4)}{now.read} {now.write}")
-            found += [(" ".join(units), granted)] * (end - start)
-        return found

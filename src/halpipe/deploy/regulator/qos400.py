@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.loading import Case, Write
     from halpipe.deploy.regulator.promise import Row
-    from halpipe.deploy.regulator.reading import Table
 
 STEPS = 4096
 DESCRIPTION = port_registers("qos400")
@@ -166,7 +165,8 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
             before = [final.get(t.index, {}) for t in case.tables.before(table)] if instant == 0 else [dict(state)]
             rates.fall_first(case, name, table, orders, before)
             for start in before:
-                _rise(case, name, table, start, orders, step, instant)
+                when = f" while rates change at {instant} ns"
+                rates.rise(case, name, table, start, [(when, {o: n}) for o, n in orders], lambda n: n * step)
             for owner, value in orders:
                 if state.get(owner) == value:
                     case.note(GRANTS_DIFFER, name, f"{owner} has that rate already", path=about(table=table.name))
@@ -174,24 +174,6 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
             rates.compare(
                 case, name, table, state, promised, lambda rate: max(1, ceil(rate / step)), lambda n: n * step
             )
-
-
-def _rise(
-    case: Case,
-    name: str,
-    table: Table,
-    start: dict[str, int],
-    orders: list[tuple[str, int]],
-    step: Fraction,
-    instant: int,
-) -> None:
-    """Note the first write after which all rates together are above the capacity."""
-    state = dict(start)
-    for owner, value in orders:
-        state[owner] = value
-        granted = {who: count * step for who, count in state.items()}
-        if rates.hold(case, name, table, granted, f" while rates change at {instant} ns"):
-            return
 
 
 def _promised(case: Case, plan: Planned, step: Fraction) -> list[Setting]:

@@ -9,33 +9,29 @@ from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, GRANTS_DIFFER
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from fractions import Fraction
 
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.loading import Case
-    from halpipe.deploy.regulator.promise import Row
+    from halpipe.deploy.regulator.promise import Phase, Row
     from halpipe.deploy.regulator.reading import Table
 
 
 def peaks(case: Case, plan: Planned) -> dict[Row, Fraction]:
     """Return the highest rate promised to every row in a table, in bytes per second; only rows that have any."""
-    found: dict[Row, Fraction] = {}
-    for row, phases in plan.timeline.by_row().items():
-        highest = max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO)
-        if highest:
-            found[row] = highest * case.facts.guaranteed
-    return found
+    highest = {row: _highest(case, plan, phases) for row, phases in plan.timeline.by_row().items()}
+    return {row: rate for row, rate in highest.items() if rate}
 
 
 def unit_peaks(case: Case, plan: Planned) -> dict[str, Fraction]:
     """Return for every unit its highest rates of reads and of writes together, in bytes per second."""
-    found = {unit.name: ZERO for unit in case.tables.units}
-    for unit in found:
-        phases = [phase for phase in plan.timeline.phases if phase.row[0] == unit]
-        highest = max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO)
-        found[unit] = highest * case.facts.guaranteed
-    return found
+    phases = plan.timeline.phases
+    return {u.name: _highest(case, plan, [p for p in phases if p.row[0] == u.name]) for u in case.tables.units}
+
+
+def _highest(case: Case, plan: Planned, phases: Sequence[Phase]) -> Fraction:
+    return max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO) * case.facts.guaranteed
 
 
 def limit(case: Case) -> Fraction:
@@ -73,6 +69,22 @@ def hold(case: Case, name: str, table: Table, granted: Mapping[str, Fraction], w
         message = f"{text(total)} are granted together{when}, there is room for {text(limit(case))}"
         case.note(DEVICE_OVER_CAPACITY, name, message, path=about(table=table.name))
     return total > limit(case)
+
+
+def rise(
+    case: Case,
+    name: str,
+    table: Table,
+    before: Mapping[str, int],
+    changes: Iterable[tuple[str, Mapping[str, int]]],
+    rate: Callable[[int], Fraction],
+) -> None:
+    """Note the first of the changes (instant and settings) after which all settings together exceed the capacity."""
+    state = dict(before)
+    for when, settings in changes:
+        state |= settings
+        if hold(case, name, table, {owner: rate(setting) for owner, setting in state.items()}, when):
+            return
 
 
 def fall_first(

@@ -45,7 +45,8 @@ class FileSystem:
             least, step = (0, 1) if self.kind == "amd" else (10, 10)
         self.least, self.step = int(settings["min"] or least), int(settings["step"] or step)
         self.most = int(settings["max"] or (2048 if self.kind == "amd" else 100))
-        self.levels = _levels(settings["levels"])
+        words = (word.split("=") for word in settings["levels"].split())
+        self.levels = {int(n): Fraction(parse_bandwidth(rate)) for n, rate in words}
         self.domain = settings["domain"]
         self.domains = sorted([int(self.domain), *map(int, settings["others"].split())])
         self.others = [str(domain) for domain in self.domains if str(domain) != self.domain]
@@ -104,10 +105,6 @@ def round_half_up(value: Fraction) -> int:
     return floor(value + Fraction(1, 2))
 
 
-def _levels(text: str) -> dict[int, Fraction]:
-    return {int(n): Fraction(parse_bandwidth(rate)) for n, rate in (word.split("=") for word in text.split())}
-
-
 def execute(case: Case) -> None:
     """Execute the script of every table, after each that may come before it."""
     _, numbered = scripts_of(case, ".sh")
@@ -135,8 +132,9 @@ def execute(case: Case) -> None:
         formers = [final[t.index] for t in case.tables.before(table) if t.index in final]
         befores = [{g: d.get(system.domain, system.most) for g, d in former.groups.items()} for former in formers]
         rates.fall_first(case, script.name, table, made, befores)
-        for before in case.tables.before(table):
-            _rise(case, final, before.index, script, names, table.index)
+        for before in befores:
+            changes = [(f" while {group} changes", {group: value}) for group, value in made]
+            rates.rise(case, script.name, table, before, changes, system.rate)
         have = {
             names.get(g, g): domains[system.domain] for g, domains in system.groups.items() if system.domain in domains
         }
@@ -173,22 +171,6 @@ def _run(case: Case, system: FileSystem, script: Script, *, is_noted: bool = Tru
     if not is_noted:
         del case.findings[known:]
     return made
-
-
-def _rise(
-    case: Case, final: dict[int, FileSystem], before: int, script: Script, names: dict[str, str], index: int
-) -> None:
-    """Note the first write after which all shares together are above the capacity."""
-    if before not in final:
-        return
-    system, table = FileSystem(case), case.tables.tables[index]
-    system.groups = {group: dict(domains) for group, domains in final[before].groups.items()}
-    for group, in_force in _run(case, FileSystem(case), script, is_noted=False):
-        system.groups.setdefault(group, {})[system.domain] = in_force
-        values = {names.get(g, g): d[system.domain] for g, d in system.groups.items() if system.domain in d}
-        granted = {owner: system.rate(value) for owner, value in values.items()}
-        if rates.hold(case, script.name, table, granted, f" while {group} changes"):
-            return
 
 
 def _begin(system: FileSystem, groups: int) -> tuple[str, ...]:

@@ -70,6 +70,11 @@ class Player:
         _call([*self.command, *arguments], folder, RUN_SECONDS)
 
 
+def _lacking(*tools: str) -> str:
+    lacking = [tool for tool in tools if shutil.which(tool) is None]
+    return f"{', '.join(lacking)} not installed" if lacking else ""
+
+
 class Verilator:
     """Compiles the design to a native program: millions of cycles a second, after a build of some seconds."""
 
@@ -79,19 +84,22 @@ class Verilator:
 
     def missing(self) -> str:
         """Return why this engine cannot be used here, empty if it can."""
-        lacking = [tool for tool in ("verilator", "g++", "make") if shutil.which(tool) is None]
-        return f"{', '.join(lacking)} not installed" if lacking else ""
+        return _lacking("verilator", "g++", "make")
 
     def build(self, design: Design, folder: str) -> Player:
         """Compile, or take what an earlier check compiled."""
-        versions = [_version([tool, "--version"]) for tool in ("verilator", "g++")]
-        name = design.digest(self.name, *versions, *_FLAGS)
+        versions = [run([tool, "--version"]).stdout.partition("\n")[0] for tool in ("verilator", "g++")]
+        digest = design.digest(self.name, *versions, *_FLAGS)
         kept = cache_folder(CACHE)
-        if kept is not None and is_ours(kept / name) and os.access(kept / name, os.X_OK):
-            return Player((str(kept / name),))
-        program = _verilate(design, folder)
-        if kept is not None and keep(kept / name, program.read_bytes(), executable=True):
-            program = kept / name
+        if kept is not None and is_ours(kept / digest) and os.access(kept / digest, os.X_OK):
+            return Player((str(kept / digest),))
+        names = [name for name in _write(folder, design.sources) if name != f"{_ICARUS_TOP}.v"]
+        parameters = [f"-G{name}={value}" for name, value in design.parameters.items()]
+        quiet = ["-Wno-fatal", "-Wno-lint", "-Wno-style", "--top-module", TOP, "--Mdir", "made", "-o", TOP]
+        _call(["verilator", *_FLAGS, *quiet, *parameters, *names], folder, BUILD_SECONDS)
+        program = Path(folder, "made", TOP)
+        if kept is not None and keep(kept / digest, program.read_bytes(), executable=True):
+            program = kept / digest
         return Player((str(program),))
 
 
@@ -103,8 +111,7 @@ class Icarus:
 
     def missing(self) -> str:
         """Return why this engine cannot be used here, empty if it can."""
-        lacking = [tool for tool in ("iverilog", "vvp") if shutil.which(tool) is None]
-        return f"{', '.join(lacking)} not installed" if lacking else ""
+        return _lacking("iverilog", "vvp")
 
     def build(self, design: Design, folder: str) -> Player:
         """Compile to the interpreter's form."""
@@ -126,22 +133,10 @@ _FLAGS = (
 )
 
 
-def _verilate(design: Design, folder: str) -> Path:
-    names = [name for name in _write(folder, design.sources) if name != f"{_ICARUS_TOP}.v"]
-    parameters = [f"-G{name}={value}" for name, value in design.parameters.items()]
-    quiet = ["-Wno-fatal", "-Wno-lint", "-Wno-style", "--top-module", TOP, "--Mdir", "made", "-o", TOP]
-    _call(["verilator", *_FLAGS, *quiet, *parameters, *names], folder, BUILD_SECONDS)
-    return Path(folder, "made", TOP)
-
-
 def _write(folder: str, contents: Mapping[str, bytes]) -> list[str]:
     for name, content in contents.items():
         Path(folder, name).write_bytes(content)
     return [name for name in sorted(contents) if not name.endswith(".h")]
-
-
-def _version(command: Sequence[str]) -> str:
-    return run(command).stdout.partition("\n")[0]
 
 
 def _call(command: Sequence[str], folder: str, seconds: int) -> None:

@@ -307,10 +307,11 @@ class _Software:
         """
         made: set[tuple[str, str]] = set()
         left = {table.mode for table in self._tables.tables if not table.is_transition}
-        mode = self._tables.tables[0].mode
+        mode, tables = self._tables.tables[0].mode, self._tables.tables
+        with_tables = {(s.source, s.target) for s in self._tables.switches if tables[s.request].is_transition}
         while len(self.expected) < windows:
             left.discard(mode)
-            if tables_only and not left and made >= self._with_tables():
+            if tables_only and not left and made >= with_tables:
                 self._play(self._mode_table(mode), 1)
                 return
             path = self._path(mode, made)
@@ -328,11 +329,6 @@ class _Software:
                 return
             self._restart(self._mode_table(mode), self._mode_table(rest[0]))
             mode = rest[0]
-
-    def _with_tables(self) -> set[tuple[str, str]]:
-        """Return the switches that have a table of their own."""
-        tables = self._tables.tables
-        return {(s.source, s.target) for s in self._tables.switches if tables[s.request].is_transition}
 
     def _restart(self, table: int, begin: int) -> None:
         """Stop in the first window of `table`; one window later go on with the first of `begin`."""

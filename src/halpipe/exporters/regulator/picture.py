@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from functools import cache
 from importlib import resources
-from itertools import accumulate, pairwise
+from itertools import accumulate, groupby, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, seconds
@@ -116,7 +116,9 @@ def _bounds(frame: Frame, grid: Grid) -> Panel:
 
 def _svg(panels: Sequence[Panel], units: Sequence[str], title: str) -> str:
     used = {row for panel in panels for row in panel.rows}
-    colours = {row: _colour(units.index(row.unit), row.direction) for row in sorted(used)}
+    colours = {
+        row: FILLS[units.index(row.unit) % _TONES + 2 * _TONES * (row.direction != READ)] for row in sorted(used)
+    }
     order = [Row(unit, d) for unit in units for d in DIRECTIONS if Row(unit, d) in used]
     top = 62 + 18 * (-(-len(order) // 4))
     pitch = HEIGHT + 70
@@ -129,10 +131,6 @@ def _svg(panels: Sequence[Panel], units: Sequence[str], title: str) -> str:
         total=top + pitch * len(panels),
         ink=INK,
     )
-
-
-def _colour(unit: int, direction: str) -> str:
-    return FILLS[unit % _TONES + (0 if direction == READ else 2 * _TONES)]
 
 
 def _draw(panel: Panel, order: Sequence[Row], colours: dict[Row, str], y: int) -> Drawing:
@@ -166,30 +164,12 @@ def _heights(edges: Sequence[int], areas: Sequence[int], full: int) -> list[int]
 def _path(xs: Sequence[int], low: Sequence[int], high: Sequence[int]) -> str:
     """Return the area between two step functions, leaving out the columns in which it is empty."""
     parts = []
-    i = 0
-    while i < len(low):
-        if low[i] == high[i]:
-            i += 1
-            continue
-        j = i
-        while j < len(low) and low[j] != high[j]:
-            j += 1
-        upper = _outline(xs, high, range(i, j))
-        lower = _outline(xs, low, range(i, j))
-        points = [*upper, *reversed(lower)]
-        parts.append("M" + "L".join(f"{_number(x)} {_number(HEIGHT * 100 - y)}" for x, y in points) + "Z")
-        i = j
+    for is_filled, run in groupby(range(len(low)), key=lambda k: low[k] != high[k]):
+        columns = list(run) if is_filled else []
+        upper, lower = ([(x, side[k]) for k in columns for x in xs[k : k + 2]] for side in (high, low))
+        points = [point for point, _ in groupby([*upper, *reversed(lower)])]
+        parts += ["M" + "L".join(f"{_number(x)} {_number(HEIGHT * 100 - y)}" for x, y in points) + "Z"] * is_filled
     return "".join(parts)
-
-
-def _outline(xs: Sequence[int], heights: Sequence[int], columns: range) -> list[tuple[int, int]]:
-    points: list[tuple[int, int]] = []
-    for k in columns:
-        if not points or points[-1][1] != heights[k]:
-            points.append((xs[k], heights[k]))
-        if k + 1 not in columns or heights[k + 1] != heights[k]:
-            points.append((xs[k + 1], heights[k]))
-    return points
 
 
 def _number(hundredths: int) -> str:

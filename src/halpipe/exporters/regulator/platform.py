@@ -383,11 +383,6 @@ def _ratio(text: str) -> str:
     return text
 
 
-def _numbers(text: str) -> str:
-    """Read whole numbers with spaces between them."""
-    return " ".join(str(_INDEX(word)) for word in text.split())
-
-
 def levels_of(text: str) -> dict[int, int]:
     """Read measured bandwidths by value, as ``10=4GB/s 20=6.1GB/s``; both ascend."""
     pairs = [word.partition("=") for word in text.split()]
@@ -407,10 +402,6 @@ def _size_text(text: str) -> str:
     return text
 
 
-def _frequency_text(text: str) -> str:
-    return f"{read_frequency(text)}Hz"
-
-
 def _reader(setting: Setting) -> Callable[[str], str]:
     """Return the reader of a setting's kind; it keeps values as texts."""
     if setting.kind == "number":
@@ -421,10 +412,10 @@ def _reader(setting: Setting) -> Callable[[str], str]:
 
 _KINDS: Mapping[str, Callable[[str], str]] = {
     "address": _address,
-    "frequency": _frequency_text,
+    "frequency": lambda text: f"{read_frequency(text)}Hz",
     "size": _size_text,
     "period": _period,
     "ratio": _ratio,
-    "numbers": _numbers,
+    "numbers": lambda text: " ".join(str(_INDEX(word)) for word in text.split()),
     "levels": _levels,
 }

@@ -83,9 +83,10 @@ def _below_burst(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
                 continue
             seen.add(phase.access)
             least = phase.access.bound / per_window
+            thousandths = format_rational(Fraction(int(per_window * 1000), 1000))
             cycles = ceil(p.cycles / per_window)
             message = (
-                f"bound {format_rational(phase.access.bound)} is {_three(per_window)} bursts of {p.burst} bytes per "
+                f"bound {format_rational(phase.access.bound)} is {thousandths} bursts of {p.burst} bytes per "
                 f'window for unit "{phase.row.unit}": one burst every {ceil(1 / per_window)} windows'
             )
             named = f"a bound of at least {format_rational(least)}, or " if least <= 1 else ""
@@ -124,19 +125,10 @@ def _short(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
                 message = f"{int(promised)} bytes are promised, its transfers need {needed}"
                 bound = access.bound * needed / promised
                 help = f"let it last at least {ceil(longer)}ns" + (
-                    f", or bind it to {_up(bound)}" if bound <= 1 else ""
+                    f", or bind it to {format_rational(Fraction(ceil(bound * 1000), 1000))}" if bound <= 1 else ""
                 )
                 path = about(task=task.name, version=version.name)
                 yield SHORT_PHASE(message, at=access.at, path=path, help=help)
-
-
-def _up(value: Fraction) -> str:
-    """Return a number rounded up to three decimals."""
-    return format_rational(Fraction(ceil(value * 1000), 1000))
-
-
-def _three(value: Fraction) -> str:
-    return format_rational(Fraction(int(value * 1000), 1000))
 
 
 VERSION = 1
@@ -347,12 +339,12 @@ def summarise(tables: Tables, backend: Backend, digest: str) -> str:
     ]
     rows: list[tuple[str, ...]] = [("table", "windows", "then", "rounding", "peak", "mean", "worst lag", "entries")]
     rows += [_line(tables, table) for table in tables.tables]
-    facts = [f"{key.replace('_', ' ')}: {value}" for key, value in backend.facts(tables).items() if _is_plain(value)]
+    facts = [
+        f"{key.replace('_', ' ')}: {value}"
+        for key, value in backend.facts(tables).items()
+        if isinstance(value, int | str)
+    ]
     return "\n".join([*head, "", *_aligned(rows), "", *facts, f"schedule {digest}", ""])
-
-
-def _is_plain(value: object) -> bool:
-    return isinstance(value, int | str)
 
 
 def _line(tables: Tables, table: Table) -> tuple[str, ...]:

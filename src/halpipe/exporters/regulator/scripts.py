@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.exporters.regulator.writing import comment, render
+from halpipe.exporters.regulator.writing import comment
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -45,8 +45,3 @@ def script(tables: Tables, digest: str, title: str, meaning: str, steps: Iterabl
     """Return a script; its comments state what it is for."""
     origin = f"model {comment(tables.model)}, platform {comment(tables.platform.name)}; schedule {digest}"
     return "\n".join([f"// {comment(title)}, {origin}", f"// {meaning}", *map(str, steps), ""]).encode()
-
-
-def loader(digest: str, base: str = "0x0") -> bytes:
-    """Return the shell script that does the reads and the first writes of a register script by devmem."""
-    return render("load.sh.j2", base=base, digest=digest)

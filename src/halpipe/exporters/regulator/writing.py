@@ -45,23 +45,18 @@ class Backend(Protocol):
     @property
     def name(self) -> str:
         """The name of the device."""
-        ...
 
     def overshoot(self, platform: Platform) -> int:
         """Return the bytes that may pass above a budget, per window and direction."""
-        ...
 
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return everything about `tables` that this kind of regulator cannot do, or not well."""
-        ...
 
     def facts(self, tables: Tables) -> dict[str, Any]:
         """Return what the report says of this back-end, as JSON values."""
-        ...
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
         """Return the files by name, which go into a folder of the back-end; `digest` is the schedule's hash."""
-        ...
 
 
 def predecessors(tables: Tables, table: Table) -> list[Table]:
@@ -115,7 +110,7 @@ def _environment() -> jinja2.Environment:
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_source),
+        loader=jinja2.FunctionLoader(lambda name: resources.files(__package__).joinpath(name).read_text("utf-8")),
         autoescape=False,  # C and shell; names are checked by the schema and by `comment`
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -124,10 +119,6 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["comment"] = comment
     return environment
-
-
-def _source(name: str) -> str:
-    return resources.files(__package__).joinpath(name).read_text("utf-8")
 
 
 def backend(name: str) -> Backend:

@@ -110,13 +110,7 @@ class RiscvExporter(PlainExporter):
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = replace(model, modes=(model.mode(options.mode),), transitions=())
-        wanted = specific(RiscvOptions, options)
-        bundle = build(model, chosen, wanted)
-        if not wanted.regulator:
-            return bundle
-        from halpipe.exporters.riscv.bundle import with_regulators
-
-        return with_regulators(bundle, model, chosen, wanted.regulator)
+        return build(model, chosen, specific(RiscvOptions, options))
 
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
@@ -125,11 +119,17 @@ class RiscvExporter(PlainExporter):
         from halpipe.core.diagnostics import version_of
         from halpipe.exporters.regulator.report import findings_of
         from halpipe.exporters.riscv.bundle import REGULATORS
+        from halpipe.exporters.riscv.codes import REGULATORS_LEFT_ALONE
         from halpipe.exporters.riscv.phases import written_alone
 
         found = list(written_alone((version_of(t.name, v.name), v) for t in model.tasks for v in t.versions))
         report = contents.get(f"{REGULATORS}report.json")
-        return found + ([] if report is None else findings_of(report))
+        if report is None:
+            return found
+        if b"HP_REGULATORS" not in contents["runtime/platform.h"]:
+            help = 'state "backend: table" and "table: {base: 0x...}", the address of their registers'
+            found.append(REGULATORS_LEFT_ALONE("the platform states no registers for the runtime", help=help))
+        return found + findings_of(report)
 
 
 FORMAT = RiscvExporter()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
+from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
 from halpipe.exporters.riscv.copies import Copies, copies_of
 from halpipe.exporters.riscv.cores import (
@@ -73,6 +75,7 @@ class Site:
     inputs: dict[str, bytes]
     calibrates: bool
     copies: Copies
+    regulators: Regulators
 
 
 @record
@@ -99,6 +102,9 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         for name, content in tree.files.items():
             shop.write(name, content)
         stage_runtime(shop)
+        if site.regulators.base:
+            for name in ("table/bw_tables.h", "table/linux/bw_unit.h"):
+                shop.write(f"runtime/{Path(name).name}", site.regulators.files[name])
         slots = slots_of(schedule, site.cores, site.copies.tasks)
         shop.write("runtime/platform.h", render.platform(site, slots.count, len(schedule.modes)))
         needs = compile_parts(shop, site.parts, tree, render)
@@ -122,13 +128,15 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
         files |= ({DRIVERS: site.drivers.text} if site.drivers else {}) | site.inputs
     files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
+    own = (MANIFEST, MODEL, SCHEDULE)
+    files |= {f"{REGULATORS}{n}": data for n, data in site.regulators.files.items() if n not in own}
     facts = {
         "model": model.name,
         "profile": profile.name,
         "toolchain": toolchain.title,
         "generator": f"halpipe {__version__}",
     }
-    return seal("riscv", files, facts)
+    return seal("riscv", files, facts | ({"regulator": site.regulators.backend} if site.regulators.files else {}))
 
 
 def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree, options: RiscvOptions) -> Site:
@@ -161,10 +169,11 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
     health = health_of(model, schedule)
-    calibrates = options.calibrate
+    regulators = _regulators(model, schedule, options.regulator, profile.timebase)
     return Site(
-        profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs, calibrates, copies
-    )
+        profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs, options.calibrate,
+        copies, regulators,
+    )  # fmt: skip
 
 
 def stage_runtime(shop: Workshop) -> None:
@@ -228,6 +237,7 @@ def _program(
     shop.write("runtime/tables.c", tables)
     shop.write("link/bundle.ld", render.fill("bundle.ld", memory=site.memory))
     names = (*MANAGEMENT, *(CALIBRATION if site.calibrates else ()), "tables.c", "images.S")
+    names += ("regulator.c",) if site.regulators.base else ()
     objects = _compile_runtime(shop, names)
     _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, *drivers, MINIMAL.target))])
     return shop.read("build/bundle.elf")
@@ -257,7 +267,7 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
 def _built(shop: Workshop) -> dict[str, bytes]:
     """Return what the program was made of: sources, scripts and images."""
     kept = {step.source for step in shop.compiles} | {step.script for step in shop.links}
-    kept |= {f"runtime/{name}" for name in ("halpipe.h", "platform.h")} | set(_task_sources(shop))
+    kept |= {f"runtime/{path.name}" for path in (shop.folder / "runtime").glob("*.h")} | set(_task_sources(shop))
     files = {name: shop.read(name) for name in sorted(kept)}
     return files | {step.target.removeprefix("build/"): shop.read(step.target) for step in shop.links[:-1]}
 
@@ -277,21 +287,27 @@ def _flat(elf: bytes, base: int) -> bytes:
 
 
 REGULATORS = "regulator/"
-_OF_THE_SEAL = ("halpipe-bundle", "kind", "files")
 
 
-def with_regulators(
-    bundle: Mapping[str, bytes], model: TaskModel, schedule: Schedule, platform: str
-) -> dict[str, bytes]:
-    """Return the bundle with what the regulators of a platform load, sealed anew.
+@record
+class Regulators:
+    """Files of a bundle for regulators; and for the runtime their base, and the ticks from START to the first table.
 
-    Model and schedule are those of the bundle, whose hashes the tables state. Raise `HalpipeError` where the export of
-    the regulators refuses.
+    The base is 0 where the platform states none or the device is another: the runtime leaves that alone.
     """
-    tables = RegulatorExporter().write(model, schedule, RegulatorOptions(platform=platform))
-    assert all(tables[name] == bundle[name] for name in (MODEL, SCHEDULE))
-    stated = load_json(bundle[MANIFEST])
-    facts = {key: value for key, value in stated.items() if key not in _OF_THE_SEAL}
-    own = {name: data for name, data in bundle.items() if name != MANIFEST}
-    rest = {f"{REGULATORS}{name}": data for name, data in tables.items() if name not in (MANIFEST, MODEL, SCHEDULE)}
-    return seal("riscv", own | rest, facts | {"regulator": load_json(tables[MANIFEST])["backend"]})
+
+    files: Mapping[str, bytes]
+    backend: str = ""
+    base: int = 0
+    lead: int = 0
+
+
+def _regulators(model: TaskModel, schedule: Schedule, path: str, timebase: int) -> Regulators:
+    """Return what the regulators of a platform load; raise `HalpipeError` where their export refuses."""
+    if not path:
+        return Regulators({})
+    files = RegulatorExporter().write(model, schedule, RegulatorOptions(platform=path))
+    platform, backend = read_platform(path), load_json(files[MANIFEST])["backend"]
+    base = int(platform.settings["table"]["base"] or "0", 16) if backend == "table" else 0
+    lead = int(platform.window.in_unit("s") * timebase + Fraction(timebase, platform.clock))
+    return Regulators(files, backend, base, lead)

@@ -1,4 +1,4 @@
-"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, HAL1489, and HAL1490."""
+"""The codes of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, HAL1489, 1490, 1505."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -177,6 +177,12 @@ BAD_HARDWARE = error(
     "Hardware description makes no profile",
     "A profile is made from the device tree of a Rocket system, with a hart 0 that manages and an ITIM and a DTIM for "
     "each other one, or from the csr.json of a LiteX system with several Rocket cores.",
+)
+REGULATORS_LEFT_ALONE = warning(
+    "HAL1505",
+    "Runtime does not start the regulators",
+    "The runtime loads, starts and switches regulators of the back-end table whose registers have a stated address. "
+    "Others must be started with the run and switched by something else, or their budgets do not fit the jobs.",
 )
 COPIES_UNFIT = error(
     "HAL1489",

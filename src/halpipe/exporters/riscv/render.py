@@ -141,6 +141,7 @@ class Renderer:
             memory=site.memory,
             health=site.health,
             drivers=site.drivers.functions,
+            regulators=site.regulators,
             calibrate=site.calibrates,
             decision=DECISION,
             margin=margin(self.profile),

@@ -32,7 +32,7 @@ def bundle(tmp_path_factory):
 @pytest.fixture(scope="module")
 def driver(bundle, tmp_path_factory):
     folder = tmp_path_factory.mktemp("driver")
-    for name in ("bw_regulator.c", "bw_tables.h"):
+    for name in ("bw_regulator.c", "bw_tables.h", "bw_unit.h"):
         (folder / name).write_bytes(next(data for path, data in bundle.items() if path.endswith(f"/{name}")))
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", "driver", "bw_regulator.c"]
     subprocess.run(command, cwd=folder, check=True)
@@ -219,10 +219,9 @@ def test_manual_driver_bench_and_verilog_have_the_registers_of_the_description(b
         inner = ("LO", "HI", "WR", "RD", "START")  # of a header, and of an entry
         single = {name: fact for name, fact in registers.items() if fact[0] < 0x800 and name not in inner}
         assert {name: (int(at, 16), kind) for at, name, kind in rows} == single
-    source = (TABLE / "linux" / "bw_regulator.c").read_text()
-    for name, at in re.findall(r"\b([A-Z_]+) = (0x[0-9a-f]+)", source):
-        known = {"REQUEST": "REQ_TABLE", "HEADERS": "HDR", "ENTRIES": "TAB"}.get(name, name)
-        assert int(at, 16) in {registers[known][0] for registers in (unit, windows) if known in registers}
+    source = (TABLE / "linux" / "bw_unit.h").read_text() + (TABLE / "linux" / "bw_regulator.c").read_text()
+    for name, at in re.findall(r"(?:#define BW_|\b)([A-Z_]+) (?:= )?(0x[0-9a-f]{2})U?\b", source):
+        assert int(at, 16) in {registers[name][0] for registers in (unit, windows) if name in registers}
     bench = {
         "GO": "CTRL",
         "REQUEST": "REQ_TABLE",

@@ -23,7 +23,7 @@ from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
 from halpipe.deploy.riscv.target import CONTROL_SIZE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from halpipe.deploy.riscv.board.bus import Gate
     from halpipe.deploy.riscv.board.devices import Channel
@@ -80,6 +80,7 @@ class Machine:
         bandwidths: Mapping[tuple[int, str], int],
         cpi: Fraction | int | None = None,
         budget: Budget | None = None,
+        others: Callable[[Machine], Sequence[Device]] = lambda machine: (),
     ) -> None:
         self.site = site
         jobs, management = (site.cpi, site.management_cpi) if cpi is None else (cpi, cpi)
@@ -107,7 +108,7 @@ class Machine:
         self._bus = Bus(self.timing.rate, site.dma.bus)
         self._code: dict[int, bytes] = {}
         self._begun: set[int] = set()
-        devices = self._devices()
+        devices = [*self._devices(), *others(self)]
         self.harts = [
             Hart(n, self.memory, devices, self.timing.cycle if n else self.timing.management, self.timing.tick)
             for n in range(1 + len(site.units))

@@ -20,7 +20,7 @@ from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, Plant, places, rea
 from halpipe.deploy.riscv.run.expectation import Expectation, Image
 from halpipe.deploy.riscv.run.observation import Recorder
 from halpipe.deploy.riscv.run.recording import Word, meaning, read_recording
-from halpipe.deploy.riscv.run.regulators import regulators_playing
+from halpipe.deploy.riscv.run.regulators import RegulatorPort, Regulators, regulators_playing
 from halpipe.deploy.riscv.run.sequence import Request, tables_named
 from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
 from halpipe.models import AccessKind
@@ -82,6 +82,7 @@ class Run:
     instructions: int
     is_modelled: bool
     exhausted: str = ""
+    regulators: Regulators | None = None  # that the runtime has started
     requests: list[Request] = field(default_factory=list)
     status: int | None = None  # with which the runtime ended the emulation
 
@@ -163,7 +164,9 @@ class CoSimulation:
         self._recorder = Recorder(self.site, list(self.images.values()), self._told)
         try:
             bandwidths = self._bandwidths(bandwidth)
-            self._machine = Machine(self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget)
+            self._machine = Machine(
+                self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget, others=self._beside
+            )
         except ModuleNotFoundError:
             help = "pip install ziglang pyelftools unicorn, or choose --engine qemu"
             raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
@@ -171,9 +174,6 @@ class CoSimulation:
         self._attend(hears=hears)
         self._recorder.before_read = self._before_read
         self._recorder.after_write = self._after_write
-        self._regulators = regulators_playing(target, self.site, self._machine.timing.rate)
-        if self._regulators is not None:
-            self._machine.gate = self._regulators.gate
         self._saboteur = saboteur
         self._health = health
         if saboteur is not None:
@@ -187,6 +187,16 @@ class CoSimulation:
         self._made: list[Request] = []
         self._asked: list[tuple[int, int]] = []
         self._leaves = 0
+
+    def _beside(self, machine: Machine) -> list[RegulatorPort]:
+        """Put the regulators between DMA engine and memory; return their registers if the runtime has them."""
+        self._regulators = regulators_playing(self._target, self.site, machine.timing.rate)
+        if self._regulators is not None:
+            machine.gate = self._regulators.gate
+            if self._regulators.base:
+                self.port = RegulatorPort(self._regulators, machine.timing, machine.gates_changed)
+                return [self.port]
+        return []
 
     def _attend(self, *, hears: bool) -> None:
         """Put the plant in the place of the drivers, and have the runtime take what tasks ask for, or not."""
@@ -284,6 +294,7 @@ class CoSimulation:
             is_modelled=self._execution == EXECUTIONS[1],
             exhausted=machine.exhausted,
             status=machine.status,
+            regulators=self._regulators if self._regulators is not None and self._regulators.base else None,
             requests=sorted([*self._made, *self._of_tasks()], key=lambda request: request.instant),
         )
 
@@ -344,7 +355,7 @@ class CoSimulation:
         if index >= len(self.site.tables):
             return
         table = self.site.tables[index]
-        if self._regulators is not None:
+        if self._regulators is not None and not self._regulators.base:
             self._regulators.begin(table.name, (self._zero or 0) + self._next)
             self._machine.gates_changed()
         now = self._duration(self._next)

@@ -12,7 +12,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from halpipe.core.bundles import MODEL, SCHEDULE, Bundle
-from halpipe.core.diagnostics import sort_diagnostics
+from halpipe.core.diagnostics import about, sort_diagnostics
 from halpipe.core.durations import Duration
 from halpipe.core.files import YamlMap
 from halpipe.core.quantities import format_rational
@@ -21,18 +21,21 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import ARITHMETIC
 from halpipe.deploy.regulator import DEPLOYMENT as REGULATORS
 from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
+from halpipe.deploy.regulator.codes import PLAYED_ELSEWHERE
 from halpipe.deploy.regulator.counters import Judge, Sample
-from halpipe.deploy.regulator.reading import TABLES, read_tables
+from halpipe.deploy.regulator.reading import TABLES, read_facts, read_tables
 from halpipe.deploy.riscv.board.bus import Opening
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.deploy.base import Checked, Target
     from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.deploy.riscv.board.devices import Transfer
+    from halpipe.deploy.riscv.board.hart import Hart
+    from halpipe.deploy.riscv.board.machine import Timing
     from halpipe.deploy.riscv.judge.check import Outcome
     from halpipe.deploy.riscv.target import Site
 
@@ -56,36 +59,52 @@ def regulators_playing(target: Target, site: Site, rate: int) -> Regulators | No
     """
     own = regulators_of(target)
     tables = read_tables(own.bundle) if own is not None else None
-    return Regulators(tables, site, rate) if tables is not None and tables.backend not in RATES else None
+    if own is None or tables is None or tables.backend in RATES:
+        return None
+    base = read_facts(own.bundle).settings["table"]["base"] if tables.backend == "table" else ""
+    return Regulators(tables, site, rate, int(base or "0", 16))
 
 
 class Regulators:
-    """They follow the runtime: with each of its tables begins their own, unless that of a switch is still in force.
+    """Tables that are played, in the machine's units of time; before the first one nothing is regulated.
 
-    Before the first one nothing is regulated. What they will play is the successor of each table, until the runtime
-    begins another one.
+    Of a platform that states where their registers are, the runtime starts and switches them (see `RegulatorPort`).
+    Others follow the runtime: with each of its tables begins their own, unless that of a switch is still in force.
     """
 
-    def __init__(self, tables: Tables, site: Site, rate: int) -> None:
+    def __init__(self, tables: Tables, site: Site, rate: int, base: int = 0) -> None:
         self.width = tables.platform.window_ns * rate / 10**9
+        self.cycle = Fraction(rate, tables.platform.clock_hz)
         self._tables = tables.tables
+        self.base, self.units = base, len(tables.units)
         self._named = {table.name: table for table in tables.tables}
         self._channel = site.channels.get(tables.platform.resource)
         units = {unit.name: unit for unit in tables.units}
         self._units = {unit.hart: units[unit.name] for unit in site.units if unit.name in units}
         self._platform = tables.platform
-        self._begun: list[tuple[Fraction, Table]] = []
+        self.begun: list[tuple[Fraction, Table]] = []
+
+    def request(self, number: int, instant: Fraction | int) -> None:
+        """Go to a table at the end of the one in force; a request counts two cycles before it, and the latest alone."""
+        _, _, end = self.playing(Fraction(instant))
+        if instant > end - 2 * self.cycle:
+            _, _, end = self.playing(end)
+        self.begun = [*((start, table) for start, table in self.begun if start < end), (end, self._tables[number])]
+
+    def start(self, number: int, instant: Fraction) -> None:
+        """Begin with a table at an instant."""
+        self.begun = [(instant, self._tables[number])]
 
     def begin(self, name: str, start: Fraction | int) -> None:
         """Follow the runtime to its next table."""
         table = self._named.get(name)
-        if table is not None and (not self._begun or start >= self._end(*self._begun[-1])):
-            self._begun.append((Fraction(start), table))
+        if table is not None and (not self.begun or start >= self._end(*self.begun[-1])):
+            self.begun.append((Fraction(start), table))
 
     def gate(self, channel: int, hart: int, writes: bool) -> TableGate | None:
         """Return what a transfer has to pass; None where nothing regulates its unit or the memory of its channel."""
         unit = self._units.get(hart)
-        if channel != self._channel or unit is None or not self._begun:
+        if channel != self._channel or unit is None or not self.begun:
             return None
         direction = "write" if writes else "read"
         p = self._platform
@@ -107,9 +126,9 @@ class Regulators:
 
     def playing(self, instant: Fraction) -> tuple[Fraction, Table, Fraction]:
         """Return the table that is played at an instant, with its begin and end; before all of them, the first."""
-        number = max(bisect_right(self._begun, instant, key=itemgetter(0)) - 1, 0)
-        start, table = self._begun[number]
-        later = [begin for begin, _ in self._begun[number + 1 : number + 2]]
+        number = max(bisect_right(self.begun, instant, key=itemgetter(0)) - 1, 0)
+        start, table = self.begun[number]
+        later = [begin for begin, _ in self.begun[number + 1 : number + 2]]
         while self._end(start, table) <= instant:
             turns = (instant - start) // (table.windows * self.width) if table.successor == table.index else 1
             start, table = start + turns * table.windows * self.width, self._tables[table.successor]
@@ -117,6 +136,36 @@ class Regulators:
 
     def _end(self, start: Fraction, table: Table) -> Fraction:
         return start + table.windows * self.width
+
+
+_CTRL, _CYCLES, _REQUEST, _START_LO, _START_HI, _ARM = 0x08, 0x18, 0x1C, 0x2C, 0x30, 2
+
+
+class RegulatorPort:
+    """Registers of the regulators: what is loaded is kept, and what starts and switches them has its effect."""
+
+    def __init__(self, regulators: Regulators, timing: Timing, changed: Callable[[], None]) -> None:
+        self.base, self.size = regulators.base, (1 + regulators.units) << 20
+        self.writes: list[tuple[int, int, int]] = []
+        """Instants, offsets and values of what was written."""
+        self._words = {0: 0x48425746}
+        self._regulators, self._tick, self._changed = regulators, timing.tick, changed
+
+    def load(self, hart: Hart, offset: int, size: int) -> int:
+        """Return a register."""
+        return self._words.get(offset, 0)
+
+    def store(self, hart: Hart, offset: int, size: int, value: int) -> None:
+        """Set a register; START counts in ticks of the timer, and a window without budgets follows it."""
+        self.writes.append((hart.now, offset, value))
+        self._words[offset] = value
+        if offset == _CTRL and value == _ARM:
+            ticks = self._words.get(_START_HI, 0) << 32 | self._words.get(_START_LO, 0)
+            first = ticks * self._tick + self._regulators.cycle + self._regulators.width
+            self._regulators.start(self._words.get(_REQUEST, 0), first)
+        elif offset == _REQUEST and self._words.get(_CTRL) == _ARM:
+            self._regulators.request(value, hart.now)
+            self._changed()
 
 
 @record
@@ -187,7 +236,28 @@ def hold_transfers(target: Target, outcomes: Sequence[Outcome]) -> Held:
     for outcome in outcomes:
         findings += judge.rows(list(_samples(tables, outcome)), f"{own.bundle.path}/{TABLES}")
     phases = [phase for outcome in outcomes for phase in _phases(tables, judge, outcome)]
-    return Held(tuple(findings), tuple(_figures(phases)), _csv(phases))
+    findings += [found for outcome in outcomes for found in _elsewhere(tables, outcome, own.bundle.at(TABLES))]
+    lines, run = [*_figures(phases)], outcomes[0].run
+    if run.regulators is not None:
+        late = Duration((run.regulators.begun[0][0] - (run.zero or 0)) * 10**9 / run.rate)
+        lines.append(f"regulators: their tables begin {late} after those of the runtime")
+    return Held(tuple(findings), tuple(lines), _csv(phases))
+
+
+def _elsewhere(tables: Tables, outcome: Outcome, at: Location) -> Iterator[Diagnostic]:
+    """Yield the first table of the runtime with which its regulators do not play theirs."""
+    own, wanted = outcome.run.regulators, _followed(tables, outcome)
+    if own is None:
+        return
+    for played in outcome.tables:
+        start, want, _ = wanted.playing(played.start.fraction)
+        instant = own.begun[0][0] + start * outcome.run.rate / 10**9
+        have_start, have, _ = own.playing(instant)
+        if (have.index, have_start) != (want.index, instant):
+            text = f'they play "{have.name}" where the runtime plays "{want.name}", {start} ns after its begin'
+            help = "ask for a mode after the table of the switch before has ended"
+            yield PLAYED_ELSEWHERE(text, at=at, path=about(table=played.name), help=help)
+            return
 
 
 @record
@@ -285,18 +355,15 @@ def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
                 moved.setdefault(row, []).append((begin, end, seen.size))
     width = tables.platform.window_ns
     for (unit, direction), several in sorted(moved.items()):
-        last: tuple[Fraction, Sample] | None = None  # with the begin of its table: each cycle has windows of its own
+        found: list[tuple[Fraction, Sample]] = []  # with the begin of its table: each cycle has windows of its own
         for begin, end, size in sorted(several):
             start, table, _ = regulators.playing(begin)
             sample = Sample(table, regulated[unit], direction, begin - start, end - start, size, 0)
-            if last is not None and last[0] == start and sample.start // width < ceil(last[1].end / width):
-                last = start, replace(last[1], end=max(last[1].end, sample.end), used=last[1].used + size)
-                continue
-            if last is not None:
-                yield last[1]
-            last = start, sample
-        if last is not None:
-            yield last[1]
+            if found and found[-1][0] == start and sample.start // width < ceil(found[-1][1].end / width):
+                _, last = found.pop()
+                sample = replace(last, end=max(last.end, sample.end), used=last.used + size)
+            found.append((start, sample))
+        yield from (sample for _, sample in found)
 
 
 def _followed(tables: Tables, outcome: Outcome) -> Regulators:

@@ -22,8 +22,8 @@ from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, SHORT_BURSTS, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS
-from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, loader, script
-from halpipe.exporters.regulator.writing import file_names
+from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, script
+from halpipe.exporters.regulator.writing import file_names, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -88,9 +88,10 @@ class AxiRealm:
             title = (
                 f"AXI-REALM budgets of {table.frame.path}, {table.windows} windows of {tables.platform.cycles} cycles"
             )
-            steps = [*_entry(tables, table), *_changes(tables, table)]
+            steps = [Write(START, offset, values[0]) for offset, values in _programmed(tables, table).items()]
+            steps += _changes(tables, table)
             files[f"{stem}.txt"] = script(tables, digest, title, meaning, steps)
-        files["load.sh"] = loader(digest, tables.platform.settings[self.name]["base"])
+        files["load.sh"] = render("load.sh.j2", base=tables.platform.settings[self.name]["base"], digest=digest)
         return files
 
 
@@ -185,11 +186,6 @@ def _programmed(tables: Tables, table: Table) -> dict[int, list[int]]:
         ]
         for unit, d in bound
     }
-
-
-def _entry(tables: Tables, table: Table) -> list[Write]:
-    """Return the writes before the first window, to be done in the last window of whatever ran before."""
-    return [Write(START, offset, values[0]) for offset, values in _programmed(tables, table).items()]
 
 
 def _changes(tables: Tables, table: Table) -> list[Write]:

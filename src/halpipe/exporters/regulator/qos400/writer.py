@@ -30,8 +30,8 @@ from halpipe.exporters.regulator.rates import (
     rate_text,
     segments,
 )
-from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, loader, script
-from halpipe.exporters.regulator.writing import falls_first, file_names, predecessors
+from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, script
+from halpipe.exporters.regulator.writing import falls_first, file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,9 +89,11 @@ class Qos400:
         stems = file_names(table.name for table in tables.tables)
         for stem, table, several in zip(stems, tables.tables, settings, strict=True):
             title = f"QoS-400 rates of {table.frame.path}"
-            steps = _read_back(list(_writes(tables, _before(tables, settings, table), several)))
+            steps = _read_back(
+                list(_writes(tables, [settings[t.index][-1].steps for t in predecessors(tables, table)], several))
+            )
             files[f"{stem}.txt"] = script(tables, digest, title, meaning, steps)
-        return {**files, "load.sh": loader(digest)}
+        return {**files, "load.sh": render("load.sh.j2", base="0x0", digest=digest)}
 
 
 def _is_phased(tables: Tables) -> bool:
@@ -122,11 +124,6 @@ def _steps(tables: Tables, bounds: dict[Row, Fraction]) -> dict[Row, int]:
         for unit in tables.units
         for d in DIRECTIONS
     }
-
-
-def _before(tables: Tables, settings: list[list[Setting]], table: Table) -> list[dict[Row, int]]:
-    """Return the steps that may be in force when a table begins."""
-    return [settings[t.index][-1].steps for t in predecessors(tables, table)]
 
 
 def _writes(tables: Tables, before: list[dict[Row, int]], several: list[Setting]) -> Iterator[Write]:
@@ -168,17 +165,12 @@ def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
                 where = about(path, unit=row.unit)
                 found[where] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=where, help=help)
         given = {names[row]: count * step for row, count in steps.items()}
-        can_help = not _is_phased(tables) and _fits_by_phase(tables, table)
+        by_phase = (sum(_steps(tables, s.bounds).values()) * step for s in segments(table.frame))
+        can_help = not _is_phased(tables) and max(by_phase, default=0) <= limit_of(tables)
         fault = over_limit(tables, table, given, promised, _OTHERWISE[not can_help])
         if fault:
             found.setdefault("sum", fault[0])
     return list(found.values())
-
-
-def _fits_by_phase(tables: Tables, table: Table) -> bool:
-    """Return whether the rates of every stretch of constant bounds fit together."""
-    step, limit = _step(tables.platform), limit_of(tables)
-    return all(sum(_steps(tables, s.bounds).values()) * step <= limit for s in segments(table.frame))
 
 
 _OTHERWISE = {

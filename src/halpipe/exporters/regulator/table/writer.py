@@ -76,7 +76,18 @@ class TableUnit:
         for words in units:
             files[f"unit{words.unit.index}.tab.memh"] = words.table_image()
             files[f"unit{words.unit.index}.hdr.memh"] = words.header_image()
-        files["bw_tables.h"] = _header(tables, units, digest)
+        names = identifiers(table.name for table in tables.tables)
+        files["bw_tables.h"] = render(
+            "table/bw_tables.h.j2",
+            tables=list(zip(names, tables.tables, strict=True)),
+            units=units,
+            switches=tables.switches,
+            number={table.name: table.index for table in tables.tables},
+            platform=tables.platform,
+            capacity=tables.platform.window_capacity,
+            model=tables.model,
+            digest=digest,
+        )
         return files | _descriptions(tables, units, sorted(files)) | unit_sources()
 
 
@@ -105,21 +116,6 @@ def header_lines(tables: int) -> int:
     return min(MOST_HEADERS, max(LEAST_HEADERS, 1 << tables.bit_length()))
 
 
-def _header(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
-    names = identifiers(table.name for table in tables.tables)
-    return render(
-        "table/bw_tables.h.j2",
-        tables=list(zip(names, tables.tables, strict=True)),
-        units=units,
-        switches=tables.switches,
-        number={table.name: table.index for table in tables.tables},
-        platform=tables.platform,
-        capacity=tables.platform.window_capacity,
-        model=tables.model,
-        digest=digest,
-    )
-
-
 def _descriptions(tables: Tables, units: list[_UnitWords], made: list[str]) -> dict[str, bytes]:
     """Return registers in SystemRDL and the component in IP-XACT, built as these tables need it."""
     platform, sources = tables.platform, unit_sources()
@@ -142,7 +138,7 @@ def _descriptions(tables: Tables, units: list[_UnitWords], made: list[str]) -> d
         ("rtl", "verilogSource", [name for name in sources if name.startswith("rtl/") and name.endswith(".v")]),
         ("constraints", "SDC", [name for name in sources if name.endswith(".sdc")]),
         ("images", "", [name for name in made if name.endswith(".memh")]),
-        ("software", "cSource", ["bw_tables.h", *(name for name in sources if name.endswith(".c"))]),
+        ("software", "cSource", ["bw_tables.h", *(name for name in sources if name.endswith((".c", ".h")))]),
     )
     return {
         name: render(f"table/{name}.j2", units=units, parameters=parameters, file_sets=file_sets)
@@ -150,7 +146,7 @@ def _descriptions(tables: Tables, units: list[_UnitWords], made: list[str]) -> d
     }
 
 
-_SHIPPED = (".v", ".sdc", ".core", ".c", ".dtso")
+_SHIPPED = (".v", ".sdc", ".core", ".c", ".h", ".dtso")
 
 
 def unit_sources() -> dict[str, bytes]:

@@ -125,6 +125,7 @@ typedef struct {
 #define STATE_FINISHED 2U
 #define STATE_NO_CORE 3U /* 4, trapped, is set in start.S */
 #define STATE_STOPPED 5U
+#define STATE_NO_REGULATOR 6U
 
 #define FLAG_LATE 1U
 #define FLAG_OVERRUN 2U
@@ -257,6 +258,10 @@ uint32_t health_fires(uint32_t index, uint64_t flags, uint32_t table, uint32_t c
 /* The mode that health rules want, + 1, and forgets it; 0: none. */
 uint32_t health_mode(void);
 uint32_t health_stops(void);
+/* With HP_REGULATORS: 0 where none take their tables; the first table at an instant; another at the end of that in force. */
+uint32_t regulators_load(void);
+void regulators_start(uint32_t mode, uint64_t instant);
+void regulators_request(uint32_t from, uint32_t to);
 void print_report(void);
 void leave(uint64_t status) __attribute__((noreturn));
 void runtime(void) __attribute__((noreturn));

@@ -345,6 +345,9 @@ static void decide(void) {
         uint32_t index = (wanted <= HP_MODES) ? hp_switches[current.mode][wanted - 1U] : HP_NO_TABLE;
         if (index != HP_NO_TABLE) {
             current.next = index;
+#ifdef HP_REGULATORS
+            regulators_request(current.mode, (uint32_t)wanted - 1U);
+#endif
         } else {
             refuse(wanted);
         }
@@ -451,10 +454,20 @@ void runtime(void) {
     calibrate();
 #endif
     cursor = TRACE;
+    uint32_t first = (CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U;
+#ifdef HP_REGULATORS
+    if (regulators_load() == 0U) {
+        CONTROL->state = STATE_NO_REGULATOR;
+        leave(1U);
+    }
+#endif
     base = MTIME + CONTROL->offset;
+#ifdef HP_REGULATORS
+    regulators_start(first, base);
+#endif
     CONTROL->base = base;
     CONTROL->state = STATE_RUNNING;
-    begin_table((CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U, base);
+    begin_table(first, base);
     play();
     uint64_t ended = STATE_FINISHED;
     if (health_stops() != 0U) {

@@ -37,6 +37,10 @@
 #define HP_CALIBRATE
 #define CALIBRATE_TURNS 5000
 {%- endif %}
+{%- if regulators.base %}
+#define HP_REGULATORS {{ regulators.base | hex }}UL
+#define HP_REGULATORS_LEAD {{ regulators.lead }}U /* ticks from START to the first table: a window and a cycle */
+{%- endif %}
 #define HP_CONTROL {{ memory.control | hex }}UL
 #define HP_BUFFERS {{ memory.buffers_base | hex }}UL
 #define HP_BUFFERS_END {{ memory.buffers_end | hex }}UL

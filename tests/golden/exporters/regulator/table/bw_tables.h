@@ -14,6 +14,7 @@
 #define BW_CAPACITY_BYTES 7400u
 #define BW_UNITS 2u
 #define BW_TABLES 4u
+#define BW_SWITCHES 2u
 
 #define BW_TABLE_FAST 0u /* fast */
 #define BW_TABLE_SLOW 1u /* slow */
@@ -21,13 +22,24 @@
 #define BW_TABLE_SLOW_TO_FAST 3u /* slow->fast */
 
 /* Budgets from window start_window on, until the next entry or the end of the table. */
-struct bw_entry { uint32_t start_window, rd_bytes, wr_bytes; };
+struct bw_entry {
+  uint32_t start_window;
+  uint32_t rd_bytes;
+  uint32_t wr_bytes;
+};
 /* A mode or a transition: its length, the table played after it, and its first entry. */
-struct bw_table { uint32_t windows, successor, base; };
+struct bw_table {
+  uint32_t windows;
+  uint32_t successor;
+  uint32_t base;
+};
 /* A regulator: bus manager, budgets before regulation starts, and its memories. */
 struct bw_unit {
   const char *name;
-  uint32_t manager, def_rd, def_wr, entries;
+  uint32_t manager;
+  uint32_t def_rd;
+  uint32_t def_wr;
+  uint32_t entries;
   const struct bw_table *tables;
   const struct bw_entry *table;
 };
@@ -78,7 +90,11 @@ static const struct bw_unit bw_units[BW_UNITS] = {
 };
 
 /* To go from one mode to another, request this table in REQ_TABLE; it is taken at the end of the table being played. */
-static const struct { uint32_t from, to, request; } bw_switches[2] = {
+static const struct {
+  uint32_t from;
+  uint32_t to;
+  uint32_t request;
+} bw_switches[BW_SWITCHES] = {
   {0u, 1u, 2u}, /* fast to slow */
   {1u, 0u, 3u}, /* slow to fast */
 };

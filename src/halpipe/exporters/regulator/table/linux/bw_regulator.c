@@ -10,6 +10,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
 #include <fcntl.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,18 +18,14 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "bw_tables.h"
-
-enum { UNIT = 1 << 20, SPACE = (BW_UNITS + 1) * UNIT, INTERFACE = 4, RUNNING = 1 << 8, PENDING = 1 << 9 };
-enum { ID = 0x00, PARAMS = 0x04, CTRL = 0x08, STATUS = 0x0c, WINDOW = 0x10, DEF_RD = 0x14, DEF_WR = 0x18, REQUEST = 0x1c };
-enum { CYCLES = 0x18, EXTRA = 0x20, OF = 0x24, LONGEST = 0x28, START_LO = 0x2c, START_HI = 0x30, LOCK = 0x34, MINE = 2, BUFFER = 0x38 };
-enum { RD_BYTES = 0x28, WR_BYTES = 0x2c, HEADERS = 0x800, ENTRIES = 0x1000, GO = 1, ARM = 2 };
+enum { UNIT = 1 << 20, INTERFACE = 4, RUNNING = 1 << 8, PENDING = 1 << 9, MINE = 2, BUFFER = 0x38, RD_BYTES = 0x28, WR_BYTES = 0x2c };
 
 static volatile uint32_t *device;
 
-static uint32_t get(uint32_t at) { return device[at / 4]; }
-static void put(uint32_t at, uint32_t value) { device[at / 4] = value; }
-static uint32_t unit(uint32_t number, uint32_t at) { return (number + 1) * UNIT + at; }
+static uint32_t bw_get(uint32_t block, uint32_t at) { return device[(block * UNIT + at) / 4]; }
+static void bw_put(uint32_t block, uint32_t at, uint32_t value) { device[(block * UNIT + at) / 4] = value; }
+
+#include "bw_unit.h"
 
 static int fail(const char *text)
 {
@@ -39,16 +36,16 @@ static int fail(const char *text)
 /* Returns 0, or 1 with a message where the device is none of ours or too small. */
 static int refuse(void)
 {
-  uint32_t params = get(PARAMS), banks = (params >> 16 & 0xf) == 2 ? 2 : 1, beat = 0;
+  uint32_t params = bw_get(0, BW_PARAMS), banks = (params >> 16 & 0xf) == 2 ? 2 : 1, beat = 0;
   while (1u << beat < BW_BUS_BYTES) beat++;
-  if (get(ID) != 0x48425746u) return fail("there is no regulator at this address");
+  if (bw_get(0, BW_ID) != BW_HBWF) return fail("there is no regulator at this address");
   if (params >> 24 != INTERFACE) return fail("the regulator has another version of its registers");
   if ((params & 0xff) < BW_UNITS) return fail("the regulator has fewer units than the tables");
   if ((params >> 8 & 0xff) != beat) return fail("the regulator is built for another width of the bus");
-  if (get(BUFFER) && get(BUFFER) << beat < BW_BURST_BYTES) return fail("the write buffers are shorter than the longest burst");
+  if (bw_get(0, BUFFER) && bw_get(0, BUFFER) << beat < BW_BURST_BYTES) return fail("the write buffers are shorter than the longest burst");
   for (uint32_t n = 0; n < BW_UNITS; n++) {
-    uint32_t built = get(unit(n, PARAMS)), tables = built >> 16 & 0xff;
-    if (get(unit(n, ID)) != 0x48425754u || built >> 24 != INTERFACE) return fail("a unit does not answer as one");
+    uint32_t built = bw_get(n + 1, BW_PARAMS), tables = built >> 16 & 0xff;
+    if (bw_get(n + 1, BW_ID) != 0x48425754u || built >> 24 != INTERFACE) return fail("a unit does not answer as one");
     if ((built & 0xffff) / banks < bw_units[n].entries + 1) return fail("a unit has too few table entries");
     if ((tables ? tables : 256) / banks < BW_TABLES) return fail("a unit has too few tables");
   }
@@ -58,84 +55,57 @@ static int refuse(void)
 /* Returns the tables of a bank of a unit: half of all where there are two banks. */
 static uint32_t bank_tables(void)
 {
-  uint32_t tables = get(unit(0, PARAMS)) >> 16 & 0xff, banks = get(PARAMS) >> 16 & 0xf;
+  uint32_t tables = bw_get(1, BW_PARAMS) >> 16 & 0xff, banks = bw_get(0, BW_PARAMS) >> 16 & 0xf;
   return (tables ? tables : 256) / (banks == 2 ? 2 : 1);
 }
 
 /* Returns the bank whose table is played; the lower one where none is. */
-static uint32_t played(void) { return (get(unit(0, STATUS)) & 0xff) / bank_tables(); }
+static uint32_t played(void) { return (bw_get(1, BW_STATUS) & 0xff) / bank_tables(); }
 
 static int take(void)
 {
-  put(LOCK, 1);
-  return (get(PARAMS) >> 20 & 0xf) > 1 && !(get(LOCK) & MINE) ? fail("the other port writes tables; try again") : 0;
+  bw_put(0, BW_LOCK, 1);
+  return (bw_get(0, BW_PARAMS) >> 20 & 0xf) > 1 && !(bw_get(0, BW_LOCK) & MINE) ? fail("the other port writes tables; try again") : 0;
 }
 
 static int control(uint32_t value)
 {
   if (take()) return 1;
-  put(CTRL, value);
-  put(LOCK, 0);
+  bw_put(0, BW_CTRL, value);
+  bw_put(0, BW_LOCK, 0);
   return 0;
-}
-
-static void write_tables(uint32_t bank)
-{
-  uint32_t table = bank * bank_tables();
-  for (uint32_t n = 0; n < BW_UNITS; n++) {
-    const struct bw_unit *one = &bw_units[n];
-    uint32_t first = bank * ((get(unit(n, PARAMS)) & 0xffff) / 2);
-    for (uint32_t t = 0; t < BW_TABLES; t++) {
-      put(unit(n, HEADERS + 8 * (table + t)), one->tables[t].windows);
-      put(unit(n, HEADERS + 8 * (table + t) + 4), (one->tables[t].successor + table) << 24 | (one->tables[t].base + first));
-    }
-    for (uint32_t e = 0; e <= one->entries; e++) {  /* the last one ends the memory */
-      struct bw_entry end = {0xffffffffu, 0, 0}, entry = e < one->entries ? one->table[e] : end;
-      put(unit(n, ENTRIES + 16 * (first + e)), entry.wr_bytes);
-      put(unit(n, ENTRIES + 16 * (first + e) + 4), entry.rd_bytes);
-      put(unit(n, ENTRIES + 16 * (first + e) + 8), entry.start_window);
-    }
-  }
 }
 
 static int has_windows(void)
 {
-  return get(CYCLES) == BW_WINDOW_CYCLES && get(EXTRA) == BW_WINDOW_EXTRA && get(OF) == BW_WINDOW_OF && get(LONGEST) == BW_BURST_BYTES;
+  return bw_get(0, BW_CYCLES) == BW_WINDOW_CYCLES && bw_get(0, BW_EXTRA) == BW_WINDOW_EXTRA && bw_get(0, BW_OF) == BW_WINDOW_OF && bw_get(0, BW_LONGEST) == BW_BURST_BYTES;
 }
 
 static int load(void)
 {
-  if (get(CTRL) & GO) return fail("tables are being played; stop first, or replace them");
+  if (bw_get(0, BW_CTRL) & BW_GO) return fail("tables are being played; stop first, or replace them");
   if (take()) return 1;
-  put(CYCLES, BW_WINDOW_CYCLES);
-  put(EXTRA, BW_WINDOW_EXTRA);
-  put(OF, BW_WINDOW_OF);
-  put(LONGEST, BW_BURST_BYTES);
-  for (uint32_t n = 0; n < BW_UNITS; n++) {
-    put(unit(n, DEF_RD), bw_units[n].def_rd);
-    put(unit(n, DEF_WR), bw_units[n].def_wr);
-  }
-  write_tables(0);
-  put(LOCK, 0);
+  bw_load();
+  bw_put(0, BW_LOCK, 0);
   return has_windows() ? 0 : fail("the device did not take the windows");
 }
 
 static int replace(uint32_t number)
 {
   uint32_t bank = 1 - played();
-  if ((get(PARAMS) >> 16 & 0xf) != 2) return fail("the regulator has one bank of tables; stop, and load");
+  if ((bw_get(0, BW_PARAMS) >> 16 & 0xf) != 2) return fail("the regulator has one bank of tables; stop, and load");
   if (!has_windows()) return fail("these tables have other windows; stop, and load");
   if (take()) return 1;
   for (uint32_t n = 0; n < BW_UNITS; n++) {
-    uint32_t now = get(unit(n, STATUS));
+    uint32_t now = bw_get(n + 1, BW_STATUS);
     if ((now & (RUNNING | PENDING)) != RUNNING || (now & 0xff) / bank_tables() == bank) {
-      put(LOCK, 0);
+      bw_put(0, BW_LOCK, 0);
       return fail("a table is requested, or none is played; try again");
     }
   }
-  write_tables(bank);
-  put(REQUEST, bank * bank_tables() + number);
-  put(LOCK, 0);
+  for (uint32_t n = 0; n < BW_UNITS; n++) bw_load_unit(n, bank * bank_tables(), bank * ((bw_get(n + 1, BW_PARAMS) & 0xffff) / 2));
+  bw_put(0, BW_REQ_TABLE, bank * bank_tables() + number);
+  bw_put(0, BW_LOCK, 0);
   return 0;
 }
 
@@ -147,17 +117,17 @@ static int counters(double seconds)
   uint64_t parts = (uint64_t)BW_CLOCK_HZ * BW_WINDOW_OF;
   uint32_t before[BW_UNITS][2], tables[BW_UNITS], first[BW_UNITS];
   for (uint32_t n = 0; n < BW_UNITS; n++) {
-    tables[n] = get(unit(n, STATUS)) & 0x1ff;
-    first[n] = get(unit(n, WINDOW));
-    before[n][0] = get(unit(n, RD_BYTES));
-    before[n][1] = get(unit(n, WR_BYTES));
+    tables[n] = bw_get(n + 1, BW_STATUS) & 0x1ff;
+    first[n] = bw_get(n + 1, BW_WINDOW);
+    before[n][0] = bw_get(n + 1, RD_BYTES);
+    before[n][1] = bw_get(n + 1, WR_BYTES);
   }
   while (nanosleep(&pause, &pause) && errno == EINTR) continue;
   printf("unit,direction,bytes,start_s,end_s\n");
   for (uint32_t n = 0; n < BW_UNITS; n++) {
-    uint32_t moved[2] = {get(unit(n, RD_BYTES)) - before[n][0], get(unit(n, WR_BYTES)) - before[n][1]};
-    uint32_t last = get(unit(n, WINDOW));
-    if (tables[n] != (get(unit(n, STATUS)) & 0x1ff) || !(tables[n] & RUNNING) || last < first[n])
+    uint32_t moved[2] = {bw_get(n + 1, RD_BYTES) - before[n][0], bw_get(n + 1, WR_BYTES) - before[n][1]};
+    uint32_t last = bw_get(n + 1, BW_WINDOW);
+    if (tables[n] != (bw_get(n + 1, BW_STATUS) & 0x1ff) || !(tables[n] & RUNNING) || last < first[n])
       return fail("a table began or ended meanwhile; look for a shorter time, or again");
     for (uint32_t d = 0; d < 2; d++)
       printf("%s,%s,%u,%llu/%llu,%llu/%llu\n", bw_units[n].name, d ? "write" : "read", (unsigned)moved[d],
@@ -170,8 +140,8 @@ static int counters(double seconds)
 static int status(void)
 {
   for (uint32_t n = 0; n < BW_UNITS; n++) {
-    uint32_t now = get(unit(n, STATUS));
-    printf("%s: table %u, window %u%s%s%s\n", bw_units[n].name, (unsigned)((now & 0xff) % bank_tables()), (unsigned)get(unit(n, WINDOW)),
+    uint32_t now = bw_get(n + 1, BW_STATUS);
+    printf("%s: table %u, window %u%s%s%s\n", bw_units[n].name, (unsigned)((now & 0xff) % bank_tables()), (unsigned)bw_get(n + 1, BW_WINDOW),
            now & RUNNING ? "" : ", defaults", now >> 10 & 1 ? ", a read was too long" : "",
            now >> 11 & 1 ? ", a write was too long" : "");
   }
@@ -186,16 +156,16 @@ static int command(const char *verb, const char *value)
   if (value && (*end || end == value)) return fail("the value is no number");
   if (!strcmp(verb, "load")) return load();
   if (!strcmp(verb, "status")) return status();
-  if (!strcmp(verb, "go")) return control(GO);
+  if (!strcmp(verb, "go")) return control(BW_GO);
   if (!strcmp(verb, "stop")) return control(0);
   if (!strcmp(verb, "start") && value) {
     if (take()) return 1;
-    put(START_LO, (uint32_t)number);
-    put(START_HI, (uint32_t)(number >> 32));
-    return control(ARM);
+    bw_start(number);
+    bw_put(0, BW_LOCK, 0);
+    return 0;
   }
   if (!strcmp(verb, "replace") && value && number < BW_TABLES) return replace((uint32_t)number);
-  if (!strcmp(verb, "request") && value && number < BW_TABLES) return put(REQUEST, played() * bank_tables() + (uint32_t)number), 0;
+  if (!strcmp(verb, "request") && value && number < BW_TABLES) return bw_put(0, BW_REQ_TABLE, played() * bank_tables() + (uint32_t)number), 0;
   return fail("usage: bw_regulator DEVICE load | replace N | go | stop | start T | request N | status | counters SECONDS");
 }
 
@@ -203,7 +173,7 @@ int main(int count, char **words)
 {
   if (count < 3) return command("", NULL);
   int file = open(words[1], O_RDWR | O_SYNC);
-  void *memory = file < 0 ? MAP_FAILED : mmap(NULL, SPACE, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+  void *memory = file < 0 ? MAP_FAILED : mmap(NULL, (BW_UNITS + 1) * UNIT, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
   if (memory == MAP_FAILED) {
     perror(words[1]);
     return 1;
