@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import halpipe
-from halpipe.models import Mode, Run, Split, Task, TaskModel, Unit, Version
+from halpipe.models import Interrupt, Mode, Run, Split, Task, TaskModel, Unit, Version
 
 
 def model(first, second, *versions, split=False):
@@ -54,3 +54,21 @@ def test_one_mode_may_use_any_version():
         for mode in halpipe.schedule(alone, seed=seed, budget=300).modes
         for job in mode.jobs
     } == {frozenset(("u0", "u1")), frozenset(("u1", "u2"))}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_jobs_that_have_shipped_in_a_later_mode_decide(seed):
+    both = model("v", "v", ANY)
+    shipped = halpipe.schedule(both, modes=["B"], seed=seed)
+    found = halpipe.schedule(both, freeze=shipped, seed=seed + 1, budget=300)
+    assert {job.units for mode in found.modes for job in mode.jobs} == {shipped.modes[0].jobs[0].units}
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("length", ["3ms", "5ms"])  # with the interrupts of u0, 4 and 7 ms
+def test_the_units_serve_in_time_in_every_mode(seed, length):
+    long = replace(version("w", "u0 u1"), wcet=length)
+    two = model("v", "w", version("v", "u0 u1"), long)
+    busy = Unit(name="u0", interrupts=(Interrupt(name="i", distance="4ms", wcet="1ms"),))
+    found = halpipe.schedule(replace(two, units=(busy, *two.units[1:])), seed=seed, budget=300)
+    assert len({job.units for mode in found.modes for job in mode.jobs}) == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from halpipe.core.settings import Words
 from halpipe.models import Binding, Schedule, Status
 from halpipe.pipeline.jobs import Expansion, common_sets, expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
 from halpipe.pipeline.solve.workers import Workers
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import TaskModel, Version
+    from halpipe.models import Task, TaskModel, Unit, Version
     from halpipe.pipeline.solve.checkpoint import Checkpoint
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.lanes import Pins
@@ -189,7 +190,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     """Search a schedule for every mode of a validated model; a mode without one has status ``not-found``."""
     chosen = [mode for mode in model.modes if not options.modes or mode.name in options.modes]
     expansions = [expand(model, mode) for mode in chosen]
-    common = _common_units(model, options.seed + options.attempt)
+    common = _common_units(model, options.seed + options.attempt) | _shipped_units(model, options.shipped)
     by_number = _Modes(model, expansions, options, on_progress, common).search()
     found = [by_number[number] for number in sorted(by_number)]
     schedule = Schedule(
@@ -278,7 +279,9 @@ def _common_units(model: TaskModel, turn: int) -> dict[str, Pins]:
 
     Of sets for gangs one is taken in `turn`: any of its units serve in every mode, those of several sets do not.
     """
-    listed = {task.name: {v.name: v for v in task.versions} for task in model.tasks if task.binding is Binding.SYSTEM}
+    units = {unit.name: unit for unit in model.units}
+    bound = [task for task in model.tasks if task.binding is Binding.SYSTEM]
+    listed = {task.name: {v.name: _fitting(task, v, units) for v in task.versions} for task in bound}
     modes: dict[str, list[list[Version]]] = {name: [] for name in listed}
     for run in (run for mode in model.modes for run in mode.runs if run.task in listed):
         modes[run.task].append([listed[run.task][name] for name in run.versions])
@@ -292,3 +295,20 @@ def _common_units(model: TaskModel, turn: int) -> dict[str, Pins]:
                 if sets
             }
     return found
+
+
+def _fitting(task: Task, version: Version, units: Mapping[str, Unit]) -> Version:
+    """Return a version with those of its units on which a job of it ends in time."""
+    if not any(unit.interrupts for unit in units.values()) or version.wcet is None or task.period is None:
+        return version
+    room = task.deadline or task.distance or task.period
+    room = min(room if task.distance is None else room - task.period, task.let or room)
+    found = (name for name in version.units if reserved_length(version.wcet, service_of(units, [name])) <= room)
+    return replace(version, units=tuple(found) or version.units)
+
+
+def _shipped_units(model: TaskModel, shipped: Schedule | None) -> dict[str, Pins]:
+    """Return the units of the tasks bound in the whole system whose jobs have shipped in some mode."""
+    bound = {task.name for task in model.tasks if task.binding is Binding.SYSTEM}
+    jobs = (job for mode in (shipped.modes if shipped else ()) for job in mode.jobs if job.task in bound)
+    return {job.task: {len(job.units): frozenset(job.units)} for job in jobs}
