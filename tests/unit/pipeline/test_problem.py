@@ -1,5 +1,8 @@
 """From names to arrays: lanes, options, quanta, rounding to a tick, and what is refused."""
 
+from dataclasses import replace
+from fractions import Fraction
+
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
@@ -251,3 +254,12 @@ def test_numbers_that_could_overflow_are_refused(system, tick):
     assert (found.code, found.path) == (codes.TOO_LARGE.id, 'mode "all"')
     assert "ticks of" in found.message
     assert "--tick" in found.help
+
+
+def test_a_polling_task_may_run_for_longer_than_arrivals_are_apart():
+    polled = replace(task("a", 4, version("v", 5, "u1 u2")), slack=Fraction(1), distance=ms(4), deadline=ms(12))
+    other = task("b", 8, version("v", 1, "u1"))
+    system = model(polled, other, units="u1 u2")
+    assert options_of(build(system))
+    assert schedule_model(system, SearchOptions(budget=100), lambda *_: True).is_complete
+    assert not options_of(build(model(replace(polled, deadline=ms(8)), other, units="u1 u2")))

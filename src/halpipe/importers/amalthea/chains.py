@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import CALLS, everything, steps
+from halpipe.importers.amalthea.graph import CALLS, everything, is_at_edge, steps
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
@@ -86,6 +86,20 @@ class Entities:
     def writers(self, label: Item) -> list[Draft]:
         """Return the drafts that write a label."""
         return list(self._writers.get(label, ()))
+
+    def is_inner(self, event: Item | None) -> bool:
+        """Return whether an event of a runnable happens within jobs, not at their start or end alone."""
+        entity = self._forest.ref(event, "entity") if event is not None and event.kind == "RunnableEvent" else None
+        if event is None or entity is None:
+            return False
+        return self.is_within(self._drafts(event, entity), entity, end=event.get("eventType") in _ENDS)
+
+    def is_within(self, drafts: Sequence[Draft], runnable: Item, *, end: bool) -> bool:
+        """Return whether the start, or the end, of a runnable is not that of each of some drafts."""
+        return any(
+            self.calls(draft).count(runnable) > 1 or not is_at_edge(self._forest, draft.part.steps, runnable, end=end)
+            for draft in drafts
+        )
 
     def place(self, event: Item | None) -> Place | None:
         """Return where an event happens; None if in no task."""
@@ -164,7 +178,8 @@ class Chained:
     """A chain of drafts in the order of the data, with its limits.
 
     `is_polled`: it begins at the arrivals that its first task polls for, so that its latency is a reaction time.
-    `is_triggered`: it begins at the activations of a task that others trigger.
+    `is_triggered`: it begins at the activations of a task that others trigger. `is_inner`: an end of it lies within a
+    job, so that the limits count over more of the job.
     """
 
     name: str
@@ -177,6 +192,7 @@ class Chained:
     to: Anchor | None = None
     is_polled: bool = False
     is_triggered: bool = False
+    is_inner: bool = False
 
     @property
     def stated(self) -> dict[str, Any]:
@@ -198,6 +214,10 @@ def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
     stricter = [item for item, same in by_item.items() if _is_stricter(same, entities)]
     help = "state the limits of one activation or writer as chains in an overlay, if the others may be late"
     forest.report_each(codes.STRICTER, "chains keep their limits for each activation or writer alone", stricter, help)
+    inner = list(dict.fromkeys(chain.item for chain in chains if chain.is_inner and _limited(chain)))
+    help = "let the chain begin with the first runnable of its task and end with the last one, or name the tasks"
+    what = "chains count from the start or to the end of a job, though a runnable within it begins or ends them"
+    forest.report_each(codes.WHOLE_JOB, what, inner, help)
     partial = [item for item in reader.partial if any(map(_limited, by_item.get(item, ())))]
     help = "state the limits of the other activations as chains in an overlay"
     what = "chains pass tasks that wait, of which the first activation alone keeps their limits"
@@ -256,7 +276,11 @@ class _Reader:
                 event.use()
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
         return [
-            replace(_begun(Chained(name, path, item), self._begin(way)), to=self._end(way))
+            replace(
+                _begun(Chained(name, path, item), self._begin(way)),
+                to=self._end(way),
+                is_inner=any(map(self.entities.is_inner, (way.events[0], way.events[-1]))),
+            )
             for name, (way, path) in zip(names, paths, strict=True)
         ]
 

@@ -1,4 +1,4 @@
-"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420, HAL1421 and HAL1423."""
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254, HAL1420, HAL1421, HAL1423 and HAL1520."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -240,6 +240,13 @@ STRICTER = warning(
     "Each activation of a task is a task of the model. An age then counts from the data of each activation or writer "
     "alone, and a reaction to each activation of the last task, where AMALTHEA takes the newest or the next of all. "
     "Jobs start within a period of their activation, however long the limit of the response time is.",
+)
+WHOLE_JOB = warning(
+    "HAL1520",
+    "Limit of a runnable counts over its whole job",
+    "The instants of a task model are the start and the end of jobs. A chain, order or upper delay that begins or "
+    "ends at a runnable within a job counts from the start, or to the end, of the job: it is stricter than in "
+    "AMALTHEA, and may have no schedule where the runnable is in time. A lower delay alone counts between the jobs.",
 )
 RETURNS = warning(
     "HAL1423",

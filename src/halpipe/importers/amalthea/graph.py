@@ -72,6 +72,7 @@ GROUPS = ("Group", "CallSequence", "WhileLoop")
 SWITCHES = ("ModeSwitch", "Switch", "RunnableModeSwitch", "ProbabilitySwitch", "RunnableProbabilitySwitch")
 CALLS = {"RunnableCall": "runnable", "TaskRunnableCall": "runnable", "SynchronousServerCall": "serverRunnable"}
 _POINTS = ("SchedulePoint", "ModeLabelAssignment")
+_INSTANTS = (*_POINTS, "InterProcessTrigger", "InterProcessActivation", "CustomEventTrigger", "SetEvent", "ClearEvent")
 _MOST_LEVELS = 100
 
 
@@ -121,6 +122,27 @@ def everything(forest: Forest, found: Iterable[Item]) -> Iterator[Item]:
         else:
             inner = steps(step)
         rest += reversed(inner)
+
+
+def is_at_edge(forest: Forest, found: list[Item], runnable: Item, *, end: bool) -> bool:
+    """Return whether a runnable begins, or ends, what some steps do, if only in one of their branches."""
+    seen: set[Item] = set()
+    rest = [found]
+    while rest:
+        timed = [step for step in rest.pop() if step.kind not in _INSTANTS]
+        if not timed:
+            continue
+        step = timed[-1 if end else 0]
+        if step.kind in SWITCHES:
+            rest += [steps(entry) for entry in branches(step)]
+            continue
+        called = forest.ref(step, CALLS[step.kind]) if step.kind in CALLS else step
+        if called is runnable:
+            return True
+        if called is not None and called not in seen:
+            seen.add(called)
+            rest.append(steps(called))
+    return False
 
 
 def is_uninterrupted(step: Item) -> bool:

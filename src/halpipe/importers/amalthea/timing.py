@@ -266,7 +266,8 @@ def _least(limits: dict[Item, Duration], task: Item, time: Duration) -> None:
 
 
 def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
-    bad = []
+    bad: list[Item] = []
+    within: list[Item] = []
     for item in forest.kinds("DelayConstraint"):
         source, target = (entities.place(forest.ref(item, end)) for end in ("source", "target"))
         low, high = forest.time(item.one("lower")), forest.time(item.one("upper"))
@@ -280,7 +281,12 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
         if anchor is Anchor.RELEASE and any(earlier.release is None for earlier, _ in pairs):
             bad.append(item)
             continue
-        windows = [Window(earlier, later, item, low or ZERO, high, anchor, target.is_end) for earlier, later in pairs]
+        to_end = target.is_end
+        if inner := [end for end in ("source", "target") if entities.is_inner(forest.ref(item, end))]:
+            within.append(item)
+            anchor = _widest(high, at_end=False) if "source" in inner else anchor
+            to_end = _widest(high, at_end=True) is Anchor.END if "target" in inner else to_end
+        windows = [Window(earlier, later, item, low or ZERO, high, anchor, to_end) for earlier, later in pairs]
         mapping = item.get("mappingType")
         if mapping not in (*MAPPINGS, *_NO_MAPPING):
             help = f"write one of {', '.join(MAPPINGS)}"
@@ -302,6 +308,14 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             timing.reactions += [(mapping, window) for window in windows]
     help = "let it connect starts and ends of tasks; the source may also be the activation of a periodic task"
     forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two instants of tasks", bad, help)
+    help = "let them name tasks, or runnables that begin or end their task"
+    what = "delay constraints count from the start or to the end of a job, though they name a runnable within it"
+    forest.report_each(codes.WHOLE_JOB, what, within, help)
+
+
+def _widest(high: Duration | None, *, at_end: bool) -> Anchor:
+    """Return the instant of a job for an event within it: an upper limit counts over all of the job."""
+    return Anchor.END if at_end is (high is not None) else Anchor.START
 
 
 def _use_events(forest: Forest, item: Item) -> None:
@@ -338,7 +352,8 @@ def _pairs(forest: Forest, item: Item, source: Place | None, target: Place | Non
 
 def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
     """Order tasks whose runnables a sequencing constraint orders; runnables of one task have their order already."""
-    bad = []
+    bad: list[Item] = []
+    within: list[Item] = []
     for item in forest.kinds("RunnableSequencingConstraint"):
         groups = [forest.refs(group, "runnables") for group in item.all("runnableGroups")]
         callers = [[draft for runnable in group for draft in entities.callers(runnable)] for group in groups]
@@ -355,8 +370,21 @@ def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
         for earlier, later in itertools.pairwise(groups):
             _report_order(forest, entities, earlier, later, item)
         timing.windows += windows
+        ends = [(group, True) for group in groups[:-1]] + [(group, False) for group in groups[1:]]
+        if windows and any(_is_inner(entities, group, end) for group, end in ends):
+            within.append(item)
     help = "let it name runnables that tasks call"
     forest.report_each(codes.BAD_CHAIN, "sequencing constraints order no tasks", bad, help)
+    help = "let the earlier runnables end their tasks and the later ones begin theirs"
+    what = "sequencing constraints order whole jobs, though they name runnables within them"
+    forest.report_each(codes.WHOLE_JOB, what, within, help)
+
+
+def _is_inner(entities: Entities, group: Sequence[Item], end: bool) -> bool:
+    """Return whether some task runs the runnables of a group, and none of them at the end, or start, of its jobs."""
+    drafts = dict.fromkeys(draft for runnable in group for draft in entities.callers(runnable))
+    called = [(draft, [each for each in group if each in entities.calls(draft)]) for draft in drafts]
+    return any(all(entities.is_within([draft], each, end=end) for each in names) for draft, names in called)
 
 
 def _report_order(

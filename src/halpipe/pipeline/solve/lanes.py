@@ -148,10 +148,10 @@ class Lanes:
         if task.period is None or version.wcet is None:
             return 0
         slack, due = task.period * task.slack, task.period if task.deadline is None else task.deadline
-        due = due if task.let is None else min(due, task.let)
         if task.distance is not None:
-            due = min(task.let or task.distance, (task.deadline or task.distance) - task.period)
+            due = (task.deadline or task.distance) - task.period
             slack = min(slack, task.distance - task.period)
+        due = due if task.let is None else min(due, task.let)
         if self._expansion.is_released_at_start(active):
             slack = ZERO
         room = due - reserved_length(version.wcet, service)
