@@ -20,8 +20,8 @@ class Use:
     name: str
     malfunction: str
     measure: str
-    impact: str = "TI2"
     detection: str = "TD2"
+    impact: str = "TI2"
 
     @property
     def level(self) -> str:
@@ -43,24 +43,15 @@ USES = (
     Use(
         "import --overlay", "a value is put on the wrong element", "every replaced value is reported; review the report"
     ),
-    Use(
-        "validate",
-        "a contradiction of the model is not reported",
-        "verify judges the schedule all the same",
-        "TI2",
-        "TD1",
-    ),
-    Use(
-        "schedule", "a schedule that is not valid", "`halpipe verify` and the second checker on the files", "TI2", "TD1"
-    ),
+    Use("validate", "a contradiction of the model is not reported", "verify judges the schedule all the same", "TD1"),
+    Use("schedule", "a schedule that is not valid", "`halpipe verify` and the second checker on the files", "TD1"),
     Use(
         "schedule --quantise",
         "phases or limits are rounded to the unsafe side",
         "verify against the model as it is",
-        "TI2",
         "TD1",
     ),
-    Use("schedule --freeze", "a shipped job is moved", "`halpipe diff` of both schedules", "TI2", "TD1"),
+    Use("schedule --freeze", "a shipped job is moved", "`halpipe diff` of both schedules", "TD1"),
     Use(
         "verify",
         "a schedule that is not valid is accepted",
@@ -70,34 +61,31 @@ USES = (
         "explain",
         "a model is called infeasible that is not",
         "the witness, which a person can check; nothing is released",
-        "TI1",
+        impact="TI1",
     ),
-    Use("size, sensitivity", "a wrong figure", "schedule and verify the changed model", "TI2", "TD1"),
-    Use(
-        "compare", "a deviation of the target is not reported", "inspect the recording with another tool", "TI2", "TD2"
-    ),
+    Use("size, sensitivity", "a wrong figure", "schedule and verify the changed model", "TD1"),
+    Use("compare", "a deviation of the target is not reported", "inspect the recording with another tool"),
     Use("export amalthea", "the file differs from the schedule", _ROUND_TRIP),
     Use("export arxml", "an expiry point, an offset or a priority is wrong", f"{_ROUND_TRIP}; {_COMPARE}"),
-    Use("export btf", "an event is wrong", "`halpipe compare` of the file with the schedule", "TI2", "TD1"),
+    Use("export btf", "an event is wrong", "`halpipe compare` of the file with the schedule", "TD1"),
     Use("export feo", "an order of the table is not kept", _COMPARE),
-    Use("export graph", "the picture misleads", "pictures are no basis of a release", "TI1"),
+    Use("export graph", "the picture misleads", "pictures are no basis of a release", impact="TI1"),
     Use("export launch-manager", "a mode or a recovery action is wrong", "the project's validator and a review"),
     Use("export linux", "the dispatcher plays another table", f"`halpipe deploy check`; {_COMPARE}"),
     Use(
         "export regulator",
         "a budget is larger than the schedule allows",
         "`halpipe deploy check`, which computes it again",
-        "TI2",
         "TD1",
     ),
-    Use("export report", "the page misleads", "verify decides; the page is for people", "TI1"),
+    Use("export report", "the page misleads", "verify decides; the page is for people", impact="TI1"),
     Use("export riscv", "the bundle plays another table, or protects less", f"`halpipe deploy check`; {_COMPARE}"),
     Use("export ros", "the package starts something else", _COMPARE),
     Use("export timpani", "a release time, a CPU or a budget is wrong", _COMPARE),
-    Use("export trace", "the picture misleads", "pictures are no basis of a release", "TI1"),
-    Use("export xlsx", "the workbook misleads", "verify decides; the workbook is for people", "TI1"),
+    Use("export trace", "the picture misleads", "pictures are no basis of a release", impact="TI1"),
+    Use("export xlsx", "the workbook misleads", "verify decides; the workbook is for people", impact="TI1"),
     Use("deploy check", "a faulty bundle is accepted", _COMPARE),
-    Use("run", "a step is left out", "every step is reported; run verify on what was written", "TI2", "TD1"),
+    Use("run", "a step is left out", "every step is reported; run verify on what was written", "TD1"),
 )
 
 

@@ -50,7 +50,7 @@ def folder(outcome: Outcome, mutants: int, seed: int, results: Results = NO_RUN)
         "hashes.json": hashes,
     }
     files = arguments() | {FIGURES: second.path(FIGURES).read_bytes()}
-    files |= {name: _json(value) for name, value in values.items()}
+    files |= {name: (json.dumps(value, indent=1) + "\n").encode() for name, value in values.items()}
     files[WALK] = _walk(second.path(WALK).read_text(encoding="utf-8"), _summary(values, outcome)).encode()
     return seal("evidence", files, {"halpipe": __version__})
 
@@ -100,10 +100,6 @@ def arguments() -> dict[str, bytes]:
 def argument_hash() -> str:
     """Return one hash of the arguments: of the hashes of its files, by name."""
     return sha256("".join(f"{sha256(text)}  {name}\n" for name, text in sorted(arguments().items())).encode())
-
-
-def _json(value: Any) -> bytes:
-    return (json.dumps(value, indent=1, ensure_ascii=True) + "\n").encode()
 
 
 def _environment(commit: Commit | None) -> dict[str, Any]:

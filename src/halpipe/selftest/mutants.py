@@ -32,7 +32,8 @@ def scaled(root: etree._Element, factor: Fraction) -> None:
     """Multiply every duration of a document: what was valid stays valid, with times that no decimal can write."""
     for element in root.iter():
         for name in {*TIMES, *LIMITS} & set(element.attrib):
-            _put(element, name, _get(element, name) * factor) if _is_time(element, name) else None
+            if name not in ("from", "to") or element.tag == f"{SCHEDULE}part":  # elsewhere these two are names
+                _put(element, name, _get(element, name) * factor)
         if element.tag == f"{MODEL}version" and element.get("split", "none") not in ("none", "anywhere"):
             element.set("split", " ".join(str(Duration.parse(p) * factor) for p in element.get("split").split()))
 
@@ -48,11 +49,6 @@ def with_tables(schedule: etree._Element) -> None:
             running = {job.get("task") for job in modes[table.get("from")].iter(f"{SCHEDULE}job")}
             jobs = modes[table.get("to")].iter(f"{SCHEDULE}job")
             table.extend(deepcopy(job) for job in jobs if job.get("task") in running)
-
-
-def _is_time(element: etree._Element, name: str) -> bool:
-    """Tell whether the attribute holds a time: `from` and `to` are names elsewhere."""
-    return name not in ("from", "to") or element.tag == f"{SCHEDULE}part"
 
 
 def _get(element: etree._Element, name: str) -> Duration:

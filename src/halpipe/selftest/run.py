@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import deepcopy
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cache
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -42,10 +41,6 @@ TABLES = Fraction(1, 2)
 """Of the systems with switches, those whose switches get a table."""
 
 
-def _none() -> dict[str, int]:
-    return {rule.name: 0 for rule in RULES if rule is not PRIORITY_RULE}
-
-
 @dataclass(slots=True)
 class Outcome:
     """Verdicts of the checkers; `differing` names the schedules on which they do not agree.
@@ -58,7 +53,7 @@ class Outcome:
     broken: int = 0
     differing: list[str] = field(default_factory=list)
     by_fault: dict[str, list[int]] = field(default_factory=dict)
-    alone: dict[str, int] = field(default_factory=_none)
+    alone: dict[str, int] = field(default_factory=lambda: {rule.name: 0 for rule in RULES if rule is not PRIORITY_RULE})
 
     @property
     def unseen(self) -> list[str]:
@@ -115,7 +110,7 @@ def cases(mutants: int, seed: int) -> Iterator[Case]:
     for edge in edges():
         for files, words, broken in zip(edge.pairs, ("kept", "broken"), ((), edge.rules), strict=False):
             yield Case("edge", f"{' and '.join(edge.rules)} {words}", *files, frozenset(broken), edge.by_second)
-    known = _texts(seed)
+    known = [(name, format_model(model), format_schedule(schedule)) for name, model, schedule in systems(seed)]
     for number in range(mutants):
         if number % MUTANTS_OF_ONE == 0:
             name, *pair = _sound(known, seed, number // MUTANTS_OF_ONE)
@@ -154,11 +149,6 @@ def _sound(known: Sequence[tuple[str, bytes, bytes]], seed: int, group: int) -> 
     if rng.random() < TABLES:
         with_tables(schedule)
     return name, model, schedule
-
-
-@cache
-def _texts(seed: int) -> list[tuple[str, bytes, bytes]]:
-    return [(name, format_model(model), format_schedule(schedule)) for name, model, schedule in systems(seed)]
 
 
 def _broken(model: str, schedule: str) -> frozenset[str]:

@@ -13,7 +13,7 @@ from halpipe.importers.amalthea.graph import CALLS, everything, is_at_edge, step
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.parts import Draft, Drafts
@@ -113,16 +113,13 @@ class Entities:
         anchor = Anchor.END if is_end else Anchor.RELEASE if is_release else Anchor.START
         drafts = self._drafts(event, entity)
         if event.kind == "ProcessEvent":  # the parts of a task that waits: its start is that of the first
-            drafts = [d for d in drafts if d.part.index == (self._last(d) if is_end else 0)]
+            drafts = [d for d in drafts if d.part.index == max(o.part.index for o in self.of(d.task)) * is_end]
         if not drafts:
             return None
         if event.kind != "LabelEvent":
             return Place(tuple(drafts), anchor)
         writers = self.writers(entity) if event.get("eventType") != "read" else []
         return Place(tuple(drafts), anchor, entity, tuple(draft for draft in drafts if draft in writers))
-
-    def _last(self, draft: Draft) -> int:
-        return max(other.part.index for other in self._by_task[draft.task])
 
     def _drafts(self, event: Item, entity: Item) -> list[Draft]:
         if event.kind == "ProcessEvent":
@@ -138,16 +135,11 @@ class Entities:
             if runnable is not None:
                 found = [draft for draft in found if draft in self.callers(runnable)]
         elif event.kind == "StimulusEvent":
-            found = [
-                d for drafts in self._by_task.values() for d in drafts if _stimulus(d) is entity and not d.part.index
-            ]
+            firsts = (d for drafts in self._by_task.values() for d in drafts if not d.part.index)
+            found = [d for d in firsts if d.activation is not None and d.activation.stimulus is entity]
         else:
             found = []
         return [draft for draft in found if process is None or draft.task is process]
-
-
-def _stimulus(draft: Draft) -> Item | None:
-    return None if draft.activation is None else draft.activation.stimulus
 
 
 _MOST_COMBINATIONS = 20_000
@@ -344,10 +336,8 @@ class _Reader:
 
     def _end(self, way: _Way) -> Anchor | None:
         """Return the instant of the last task to which a chain counts; None: its end."""
-        return Anchor.START if way.events[-1].kind == "ProcessEvent" and self._is_begin(way.events[-1]) else None
-
-    def _is_begin(self, event: Item) -> bool:
-        return event.get("eventType") in _BEGINS
+        last = way.events[-1]
+        return Anchor.START if last.kind == "ProcessEvent" and last.get("eventType") in _BEGINS else None
 
     def _ways(self, item: Item) -> list[_Way]:
         """Return each way through a chain; refuse one of too many levels or events."""
@@ -481,11 +471,9 @@ class _Reader:
             item.use_all()
             kept = limits.setdefault(scope, {})
             kept[kind] = min(time, kept.get(kind, time))
-        return [self._with_limits(chain, limits.get(chain.item, {})) for chain in chains]
-
-    def _with_limits(self, chain: Chained, limits: Mapping[str, Duration]) -> Chained:
-        """Return a chain with its limits; a reaction counts from each stimulus event, as a latency does."""
-        return replace(_within(chain, limits.get("Reaction")), age=limits.get("Age"))
+        found = ((chain, limits.get(chain.item, {})) for chain in chains)
+        # A reaction counts from each stimulus event, as a latency does.
+        return [replace(_within(chain, kept.get("Reaction")), age=kept.get("Age")) for chain, kept in found]
 
     # ------------------------------------------------------------------------- processes and data ages
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import field, replace
 from fractions import Fraction
 from math import ceil
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
@@ -195,11 +195,6 @@ def _count(forest: Forest, step: Item, *spellings: str) -> Fraction:
     return Fraction(1 if number is None else ceil(number))
 
 
-def _sum(amounts: Sequence[Amount]) -> Amount:
-    """Return what several steps come to, one after another."""
-    return _joined(sum((a.cycles for a in amounts), Fraction(0)), amounts, lambda one, other: one + other)
-
-
 def _repeated(amount: Amount, count: Fraction) -> Amount:
     """Return what some steps come to that are made so often."""
     if count == 1:
@@ -208,20 +203,16 @@ def _repeated(amount: Amount, count: Fraction) -> Amount:
     return replace(amount, cycles=amount.cycles * count, reads=reads, writes=writes)
 
 
-def _largest(amounts: Sequence[Amount]) -> Amount:
-    """Return the upper bound of several branches: most cycles, and of every label the most accesses."""
-    return _joined(max((a.cycles for a in amounts), default=Fraction(0)), amounts, max)
-
-
-def _joined(total: Fraction, amounts: Sequence[Amount], join: Callable[[Fraction, Fraction], Fraction]) -> Amount:
+def _joined(join: Callable[[Iterable[Any]], Any], amounts: Sequence[Amount]) -> Amount:
+    """Return what steps come to one after another, by `sum`, or several branches at most, by `max`."""
     reads: dict[Item, Fraction] = {}
     writes: dict[Item, Fraction] = {}
     for amount in amounts:
         for into, found in ((reads, amount.reads), (writes, amount.writes)):
             for label, count in found.items():
-                into[label] = join(into[label], count) if label in into else count
+                into[label] = join((into[label], count)) if label in into else count
     return Amount(
-        total,
+        join((Fraction(0), *(amount.cycles for amount in amounts))),
         any(amount.is_timed for amount in amounts),
         all(amount.is_known for amount in amounts),
         all(amount.is_possible for amount in amounts),
@@ -255,7 +246,7 @@ class Evaluator:
     def amount(self, found: Sequence[Item], mode: SystemMode, unit: Pu) -> Amount:
         """Return what steps come to in a mode on a kind of unit."""
         self._depth += 1
-        total = _sum([self._step(step, mode, unit) for step in found])
+        total = _joined(sum, [self._step(step, mode, unit) for step in found])
         self._depth -= 1
         return total
 
@@ -371,4 +362,4 @@ class Evaluator:
             self.branched[switch] = None
         for entry in found:
             entry.use()
-        return _largest([self.amount(steps(entry), mode, unit) for entry in found])
+        return _joined(max, [self.amount(steps(entry), mode, unit) for entry in found])

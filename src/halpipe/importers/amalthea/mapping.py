@@ -11,7 +11,7 @@ from halpipe.importers.amalthea.xmi import Names, legal
 from halpipe.models import Interrupt
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Evaluator
@@ -127,7 +127,8 @@ def _targets(forest: Forest, mapping: Allocations) -> dict[Item, list[tuple[list
     unmapped = []
     for item in forest.within("ConstraintsModel", "affinityConstraints"):
         units = _target_units(forest, item, mapping)
-        tasks = [task for group in item.all("group", "groups") for task in _processes(forest, group)]
+        processes = (task for group in item.all("group", "groups") for task in forest.refs(group, "processes"))
+        tasks = [task for task in processes if task.kind in ("Task", "ISR")]
         if not units or not tasks:
             unmapped.append(item)
             continue
@@ -145,10 +146,6 @@ def _target_units(forest: Forest, item: Item, mapping: Allocations) -> list[Item
         units += forest.refs(target, "cores")
         units += [unit for s in forest.refs(target, "schedulers") for unit in mapping.responsible(s)]
     return units
-
-
-def _processes(forest: Forest, group: Item) -> Iterable[Item]:
-    return [task for task in forest.refs(group, "processes") if task.kind in ("Task", "ISR")]
 
 
 _ACTIVATES = ("InterProcessTrigger", "InterProcessActivation", "CustomEventTrigger", "SetEvent")

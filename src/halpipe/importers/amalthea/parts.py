@@ -141,7 +141,7 @@ class _Drafting:
         return True
 
     def run(self) -> Drafts:
-        settable = self._settable()
+        settable = {event for item in self.forest.kinds("SetEvent") for event in _events(self.forest, item)}
         for task in self.tasks:
             self.result.parts[task] = _cut(self.forest, task, settable)
         self._report_waits(settable)
@@ -157,9 +157,6 @@ class _Drafting:
         return self.result
 
     # ---------------------------------------------------------------------------------------- cutting
-
-    def _settable(self) -> set[Item]:
-        return {event for item in self.forest.kinds("SetEvent") for event in _events(self.forest, item)}
 
     def _report_waits(self, settable: set[Item]) -> None:
         cut = [part.task for parts in self.result.parts.values() for part in parts if part.index == 1]

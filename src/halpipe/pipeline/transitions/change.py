@@ -136,12 +136,9 @@ class Change:
         return max(1, most)
 
     @cached_property
-    def _most(self) -> dict[str, int]:
+    def most(self) -> dict[str, int]:
+        """The longest distance of two starts of each periodic task of both modes."""
         return {pace.task: pace.most for pace in self.paces}
-
-    def most(self, task: str) -> int:
-        """Return the longest distance of two starts of a periodic task of both modes."""
-        return self._most[task]
 
     # ---- who precedes whom
 
@@ -156,7 +153,8 @@ class Change:
             for job in self.after.jobs
             for window in (stated.of(job.shape) for stated in self.after.windows[job.task, job.shape.version])
             for number in range(self._cycles_before_steady(window, job))
-            if not self._is_met_later(job.start + number * self.after.hyperperiod, window)
+            for start in (job.start + number * self.after.hyperperiod,)
+            if not self.has_future(window, start - window.high, start - window.low)
         ]
 
     def _cycles_before_steady(self, window: Window, job: LineJob) -> int:
@@ -170,9 +168,6 @@ class Change:
         longest = max((shape.length for shape in self.after.shapes.get(window.task, ())), default=0)
         longest += self.after.hyperperiod if window.origin is Anchor.RELEASE else 0
         return min(MOST_CYCLES, 2 - (-(window.low + longest) // self.after.hyperperiod))
-
-    def _is_met_later(self, start: int, window: Window) -> bool:
-        return self.has_future(window, start - window.high, start - window.low)
 
     def has_past(self, window: Window, low: int, high: int) -> bool:
         """Return whether a predecessor of the mode before lies in [low, high]."""

@@ -206,10 +206,10 @@ class Table:
         before = self._paced.get((want.task, want.number - 1))
         if before is not None:
             earliest = max(earliest, before.end)
-            latest = min(latest, before.start + self.change.most(want.task))
+            latest = min(latest, before.start + self.change.most[want.task])
         after = self._paced.get((want.task, want.number + 1)) if want.number else None
         if after is not None:
-            earliest = max(earliest, after.start - self.change.most(want.task))
+            earliest = max(earliest, after.start - self.change.most[want.task])
             latest = min(latest, after.start - shape.length)
         return earliest, latest
 

@@ -17,7 +17,7 @@ from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import check, place, version_path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -107,7 +107,7 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
     serving = {name for name, unit in context.units.items() if unit.interrupts}
     for task, version in context.versions_of_tasks:
         is_served = bool(version.units) and serving.issuperset(version.units)
-        if not is_served and _are_apart(version.accesses):
+        if not is_served and all(a.start.ns < a.end.ns <= b.start.ns for a, b in pairwise(version.accesses)):
             continue
         by_resource: dict[str, list[Access]] = {}
         for access in version.accesses:
@@ -122,11 +122,6 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
                     task, version, accesses, [service_of(context.units, [name]) for name in version.units]
                 )
             yield from found
-
-
-def _are_apart(accesses: Sequence[Access]) -> bool:
-    """Tell whether each phase ends before the next one starts, so that no two overlap: in most versions."""
-    return all(a.start.ns < a.end.ns <= b.start.ns for a, b in pairwise(accesses))
 
 
 def _stretched(

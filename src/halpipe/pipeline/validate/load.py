@@ -196,7 +196,7 @@ def check_length(context: Context) -> Iterator[Diagnostic]:
             continue
         for active in mode.tasks.values():
             lengths = {v.name: least_length(context.units, v) for v in active.versions}
-            long = [v for v in active.versions if _is_beyond(lengths[v.name], hyperperiod) and not _is_late(active, v)]
+            long = [v for v in active.versions if (lengths[v.name] or ZERO) > hyperperiod and not _is_late(active, v)]
             severity = None if len(long) == len(active.versions) else Severity.WARNING
             for version in long:
                 text = f'version "{version.name}" needs {lengths[version.name]}, longer than the hyperperiod of '
@@ -205,10 +205,6 @@ def check_length(context: Context) -> Iterator[Diagnostic]:
                 path = about(mode.path, task=active.task.name)
                 help = "shorten the WCET, or lengthen a period of the mode"
                 yield codes.WCET_BEYOND_HYPERPERIOD(text, at=at, path=path, help=help, severity=severity)
-
-
-def _is_beyond(length: Duration | None, hyperperiod: Duration) -> bool:
-    return length is not None and length > hyperperiod
 
 
 def _is_late(active: ActiveTask, version: Version) -> bool:

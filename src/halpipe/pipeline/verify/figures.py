@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import CostTerms, HealthRule, ModeSchedule, Schedule, TaskModel
-    from halpipe.pipeline.verify.sharing import Claim
     from halpipe.pipeline.verify.tables import Clock, ModeTable
     from halpipe.pipeline.verify.ticks import Found
 
@@ -121,16 +120,12 @@ def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
         if shared.scale is None:
             continue  # rule access has said that these bounds are out of reach
         claims = list(wrap(shared.claims, table.period))
-        peak = Fraction(_peak(claims), shared.scale)
+        peak = Fraction(max((excess.peak for excess in excesses(claims, 0)), default=0), shared.scale)
         mean = Fraction(sum((end - start) * weight for start, end, weight, _ in claims), shared.scale * table.period)
         for name, stated, found in (("peak", load.peak, peak), ("mean", load.mean, mean)):
             if stated is not None and stated != found:
                 text = f"{name} {_number(stated)}; the jobs make it {_number(found)}"
                 yield _wrong(table, about(resource_load=load.resource), text)
-
-
-def _peak(claims: list[Claim]) -> int:
-    return max((excess.peak for excess in excesses(claims, 0)), default=0)
 
 
 def _chain_latencies(table: ModeTable) -> Iterator[Diagnostic]:

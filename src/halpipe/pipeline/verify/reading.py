@@ -308,19 +308,15 @@ def switches(
         elif pair in seen:
             found.add(codes.REPEATED_TABLE("has two tables", at=given.at, path=path, help="keep one of them"))
         else:
-            found.extend(_not_found(given))
+            if given.status is not Status.VALID:
+                text = "no table was found for it, so it must not be performed"
+                help = "allow a longer transition, or relax the model"
+                found.add(codes.SWITCH_NOT_FOUND(text, at=given.at, path=switch_path(given), help=help))
             if pair[0] in tables and pair[1] in tables and (given.jobs or given.status is Status.VALID):
                 source, target = tables[pair[0]], tables[pair[1]]
                 yield _switch(model, given, source, target, allowed[pair], clock, found)
         seen.add(pair)
     found.extend(_no_table(schedule, source, target) for source, target in allowed if (source, target) not in seen)
-
-
-def _not_found(given: TransitionTable) -> Iterator[Diagnostic]:
-    if given.status is not Status.VALID:
-        text = "no table was found for it, so it must not be performed"
-        help = "allow a longer transition, or relax the model"
-        yield codes.SWITCH_NOT_FOUND(text, at=given.at, path=switch_path(given), help=help)
 
 
 def _no_table(schedule: Schedule, source: str, target: str) -> Diagnostic:

@@ -152,12 +152,9 @@ class _Releases:
         if self._active.let is not None:
             return False
         exact = self._active.task.slack * period  # not rounded to ticks
-        rooms = ((delay, exact if self._is_free(p) else self._room(p.span or 0)) for p, delay in self.delays())
+        is_polled = self._active.task.distance is not None  # then another rule bounds the delay
+        rooms = ((delay, exact if is_polled or p.span is None else self._room(p.span)) for p, delay in self.delays())
         return all(self.phase - period + delay < min(exact, room) for delay, room in rooms)
-
-    def _is_free(self, placed: Placed) -> bool:
-        """Tell whether no deadline of this rule bounds the delay of a job."""
-        return placed.span is None or self._active.task.distance is not None
 
     def _suits(self, tried: Sequence[int], latest: Sequence[int], rooms: Sequence[int]) -> list[int]:
         """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it.
