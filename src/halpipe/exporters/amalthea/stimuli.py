@@ -41,11 +41,6 @@ class Stimulus:
     version: str = ""
     units: tuple[str, ...] = ()
 
-    @property
-    def is_placed(self) -> bool:
-        """Whether a schedule gave its instants."""
-        return bool(self.units)
-
 
 def stimuli_of(model: TaskModel, schedule: Schedule | None) -> dict[str, list[Stimulus]]:
     """Return the stimuli of every task."""
@@ -104,7 +99,7 @@ def write_stimuli(
 def _write(parent: etree._Element, task: Task, stimulus: Stimulus) -> None:
     kind = kind_of(stimulus)
     element = named(parent, "stimuli", kind, stimulus.name, typed=True)
-    if stimulus.is_placed:
+    if stimulus.units:  # then a schedule gave its instants
         add_property(element, "units", " ".join(stimulus.units))
     if stimulus.version and len(task.versions) > 1:
         label = ref("ModeLabel", version_label(task.name))

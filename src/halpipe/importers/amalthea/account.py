@@ -74,10 +74,6 @@ class Rules:
             return self.harmless.get(kind, "")
         return self.harmless.get(f"{kind}.{feature}") or self.harmless.get(f"*.{feature}", "")
 
-    def is_understood(self, kind: str, feature: str, value: str) -> bool:
-        """Return whether an attribute may stand without a warning."""
-        return value in _UNSTATED or bool(self.reason(kind, feature)) or self.reads(kind, feature, value)
-
 
 def _rules() -> Rules:
     read: dict[str, dict[str, tuple[str, ...]]] = {}
@@ -175,7 +171,10 @@ class _Accounting:
     def attributes(self, item: Item) -> None:
         """Note the attributes that are neither read nor harmless."""
         for name, value in item.element.attrib.items():
-            if not name.startswith("{") and not RULES.is_understood(item.kind, str(name), str(value)):
+            kind, feature, stated = item.kind, str(name), str(value)
+            if feature.startswith("{") or stated in _UNSTATED or RULES.reason(kind, feature):
+                continue
+            if not RULES.reads(kind, feature, stated):
                 shown = str(value) if name in RULES.read.get(item.kind, {}) else ""
                 self.features[item.kind, str(name), shown].append(item)
 

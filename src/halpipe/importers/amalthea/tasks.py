@@ -85,7 +85,10 @@ class TaskBuilder:
             self._next[draft] = _to_next(draft, drafts)
             several = sum(other.part is draft.part for other in drafts.of(draft.task)) > 1
             self._versions(draft, several=several)
-        self._report_unbound(len(drafts.items))
+        if self._mapping is not None and len(self._hardware.units) > 1:
+            help = "bind them under units: in an overlay, or leave the choice to the scheduler"
+            what = f"of {len(drafts.items)} tasks are bound to no unit"
+            self._forest.report_each(codes.UNMAPPED, what, self._unbound, help)
         chains = [self._chain(chain.name, chain.drafts, chain.item, **chain.stated) for chain in timing.chains]
         limits = {
             draft: (FREE, None) if draft.part.index else self._limits(draft, drafts, timing, chains)
@@ -123,12 +126,6 @@ class TaskBuilder:
         if draft.part.index == 0:
             self._unbound.append(draft.task)
         return list(self._hardware.units)
-
-    def _report_unbound(self, count: int) -> None:
-        if self._mapping is not None and len(self._hardware.units) > 1:
-            what = f"of {count} tasks are bound to no unit"
-            help = "bind them under units: in an overlay, or leave the choice to the scheduler"
-            self._forest.report_each(codes.UNMAPPED, what, self._unbound, help)
 
     # ------------------------------------------------------------------------------------------ limits
 

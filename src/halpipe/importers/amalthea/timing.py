@@ -276,7 +276,9 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             bad.append(item)
             continue
         item.use_all()
-        _use_events(forest, item)
+        for end in ("source", "target"):
+            if (event := forest.ref(item, end)) is not None:
+                event.use()
         anchor = source.anchor
         if anchor is Anchor.RELEASE and any(earlier.release is None for earlier, _ in pairs):
             bad.append(item)
@@ -316,12 +318,6 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
 def _widest(high: Duration | None, *, at_end: bool) -> Anchor:
     """Return the instant of a job for an event within it: an upper limit counts over all of the job."""
     return Anchor.END if at_end is (high is not None) else Anchor.START
-
-
-def _use_events(forest: Forest, item: Item) -> None:
-    for end in ("source", "target"):
-        if (event := forest.ref(item, end)) is not None:
-            event.use()
 
 
 def reactions_of(timing: Timing) -> list[Reaction]:

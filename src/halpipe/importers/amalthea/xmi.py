@@ -70,13 +70,7 @@ class Names:
 _NUMBER = re.compile(r"[+-]?(?:[0-9]{1,60}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")
 _MAX_EXPONENT = 60
 
-TIME_NS = {
-    "s": Fraction(10**9),
-    "ms": Fraction(10**6),
-    "us": Fraction(10**3),
-    "ns": Fraction(1),
-    "ps": Fraction(1, 1000),
-}
+TIME_NS = {unit: Fraction(10) ** power for unit, power in (("s", 9), ("ms", 6), ("us", 3), ("ns", 0), ("ps", -3))}
 HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 _DECIMAL = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _BINARY = {"Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
@@ -120,32 +114,16 @@ semaphores channels sections osOverheads osDataConsistency dataStability nonAtom
 schedulingParameterDefinitions physicalSectionMapping physicalSectionConstraints dataCoherencyGroups
 dataStabilityGroups namespaces coreClassifiers memoryClassifiers
 """
-_CLASSES = {tag: tag[0].upper() + tag[1:].removesuffix("s") for tag in _REGULAR.split()} | {
-    "commonElements": "CommonElements",
-    "swModel": "SWModel",
-    "hwModel": "HWModel",
-    "osModel": "OSModel",
-    "isrs": "ISR",
-    "literals": "ModeLiteral",
-    "structures": "HwStructure",
-    "featureCategories": "HwFeatureCategory",
-    "features": "HwFeature",
-    "ecus": "ECU",
-    "quartzes": "Quartz",
-    "memories": "Memory",
-    "scheduler": "TaskScheduler",
-    "isrAllocation": "ISRAllocation",
-    "customProperties": "CustomProperty",
-    "customEntities": "CustomEntity",
-    "apiOverhead": "OsAPIOverhead",
-    "isrCategory1Overhead": "OsISROverhead",
-    "isrCategory2Overhead": "OsISROverhead",
-    "connections": "HwConnection",
-    "internalConnections": "HwConnection",
-    "ports": "HwPort",
-    "accessElements": "HwAccessElement",
-    "eventsToTrace": "EventConfig",
-}
+_NAMED = """
+commonElements=CommonElements swModel=SWModel hwModel=HWModel osModel=OSModel isrs=ISR literals=ModeLiteral
+structures=HwStructure featureCategories=HwFeatureCategory features=HwFeature ecus=ECU quartzes=Quartz memories=Memory
+scheduler=TaskScheduler isrAllocation=ISRAllocation customProperties=CustomProperty customEntities=CustomEntity
+apiOverhead=OsAPIOverhead isrCategory1Overhead=OsISROverhead isrCategory2Overhead=OsISROverhead
+connections=HwConnection internalConnections=HwConnection ports=HwPort accessElements=HwAccessElement
+eventsToTrace=EventConfig
+"""
+_CLASSES = {tag: tag[0].upper() + tag[1:].removesuffix("s") for tag in _REGULAR.split()}
+_CLASSES |= dict(pair.split("=") for pair in _NAMED.split())
 _QUALIFIED = ("HwFeature", "HwPort", "ModeLiteral")  # referred to as owner/name
 _ALIASES = {"Periodic": "PeriodicStimulus", "Core": "ProcessingUnit", "Mode": "EnumMode"}
 _TOO_LONG_NS = 10**39
@@ -281,15 +259,11 @@ class Forest:
             first = self._by_name.get((item.name, _ALIASES.get(item.kind, item.kind)), item)
             if first is item or self._by_id.get(item.get(_XMI_ID)) is item:
                 continue
+            code, text, help = codes.REPEATED, f"has the name of another, at line {first.at.line}", "rename one of them"
             if first.file != item.file:
+                code, text = codes.DUPLICATE, f"is also defined at {first.at}"
                 help = "import the files of one model only"
-                self.findings.add(
-                    codes.DUPLICATE(f"is also defined at {first.at}", at=item.at, path=item.path, help=help)
-                )
-            else:
-                help = "rename one of them"
-                message = f"has the name of another, at line {first.at.line}"
-                self.findings.add(codes.REPEATED(message, at=item.at, path=item.path, help=help))
+            self.findings.add(code(text, at=item.at, path=item.path, help=help))
 
     # -------------------------------------------------------------------------------------------- items
 
