@@ -84,16 +84,18 @@ def test_nothing_is_found_and_drivers_are_reported(driven):
 
 
 @pytest.mark.slow  # the quicker one is the one before, without injected faults
-@pytest.mark.parametrize("profile", ["fu540", "virt"])  # with a DMA engine, and with a core that copies
-def test_nothing_is_found_under_either_engine_with_faults_injected(export, profile):
+@pytest.mark.parametrize(
+    ("profile", "engine", "inject"),  # with a DMA engine, and with a core that copies
+    [("vcu118", "cosim", "all"), ("virt", "cosim", "all"), ("fu540", "qemu", "all"), ("virt", "qemu", "")],
+)
+def test_nothing_is_found_under_either_engine_with_faults_injected(export, profile, engine, inject):
     longer = lambda text: text.replace('end="150us"', 'end="200us"')  # noqa: E731 - the core copies slowly
     target = export(drivers=ASKING, sources={"board.c": BOARD}, profile=profile, change=longer)
-    for engine in ("cosim", "qemu"):
-        try:
-            checked = DEPLOYMENT.check(target, CheckOptions(engine=engine, inject="all"))
-        except HalpipeError as failure:
-            pytest.skip(failure.diagnostics[0].message)
-        assert [str(d) for d in checked.diagnostics if d.is_error] == []
+    try:
+        checked = DEPLOYMENT.check(target, CheckOptions(engine=engine, inject=inject))
+    except HalpipeError as failure:
+        pytest.skip(failure.diagnostics[0].message)
+    assert [str(d) for d in checked.diagnostics if d.is_error] == []
 
 
 RUNTIMES = {

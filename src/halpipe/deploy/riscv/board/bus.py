@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.board.devices import Transfer
 
 NONE = Fraction(0)
+LANES = 8
+"""Bytes of a beat, in which source and target of a transfer may lie differently."""
 
 
 @record
@@ -69,7 +71,7 @@ class _Flow:
     """The bytes of one transfer: `left` have still to move, of which `covered` are of bursts that were admitted."""
 
     transfer: Transfer
-    ready: int
+    ready: Fraction
     rate: Fraction  # bytes in a unit of time, if it has the bus for itself
     left: Fraction
     gate: Gate | None
@@ -120,7 +122,8 @@ class Bus:
         self._pass(transfer.begin)
         spent = _Spent() if gate is None else self._spent.setdefault(gate, _Spent())
         rate = Fraction(bandwidth, self._units)
-        self._flows.append(_Flow(transfer, ready, rate, Fraction(transfer.size), gate, spent))
+        begin = ready + _lag(transfer) / rate
+        self._flows.append(_Flow(transfer, begin, rate, Fraction(transfer.size), gate, spent))
         self._plan()
 
     def replan(self, now: int) -> None:
@@ -150,20 +153,28 @@ class Bus:
             transfer.held = NEVER if end is None else ceil(end - flow.ready - transfer.size / flow.rate)
 
 
+def _lag(transfer: Transfer) -> int:
+    """Return the bytes in whose time a misaligned transfer ends later than an aligned one: it has more beats.
+
+    One that begins in a lower lane than it is read from has another, for its bytes come from two beats each.
+    """
+    source, target, size = transfer.source % LANES, transfer.target % LANES, transfer.size
+    beats = -(-(target + size) // LANES) + (source > target)
+    return beats * LANES - size if source or target else 0
+
+
 def _flow(
     flows: Sequence[_Flow], now: Fraction, until: Fraction | None, capacity: Fraction | None
 ) -> list[tuple[_Flow, Fraction | None]]:
     """Let bytes move up to an instant, or to the end; return when each was over, None for one that never will be."""
-    over: list[tuple[_Flow, Fraction | None]] = [
-        (flow, max(now, Fraction(flow.ready))) for flow in flows if not flow.left
-    ]
+    over: list[tuple[_Flow, Fraction | None]] = [(flow, max(now, flow.ready)) for flow in flows if not flow.left]
     waiting = [flow for flow in flows if flow.left]
     while waiting and (until is None or now < until):
         ready = [flow for flow in waiting if flow.ready <= now]
         for flow in ready:
             flow.admit(now)
         rates = _shared([flow.rate if flow.covered else NONE for flow in ready], capacity)
-        changes = [Fraction(flow.ready) for flow in waiting if flow.ready > now]
+        changes = [flow.ready for flow in waiting if flow.ready > now]
         changes += [change for flow, rate in zip(ready, rates, strict=True) for change in flow.changes(now, rate)]
         if not changes:
             break
