@@ -133,9 +133,9 @@ wheels: $(VENV)/.test-ready
 	done
 	WHEELS=dist $(BIN)/pytest -p no:xdist tests/unit/test_wheels.py
 
-# The documentation as a site, in site/: index.html is the first page.
+# The documentation as a site, in site/VERSION/, beside the versions that are there: index.html leads to the newest.
 site: $(VENV)/.test-ready
-	$(BIN)/python docs/site/build.py site
+	$(BIN)/python docs/site/build.py site $(VERSION)
 	@echo "open site/index.html"
 
 docs: $(VENV)/.test-ready
