@@ -27,8 +27,11 @@ BAD_EDIT = error(
 
 TASK_FIELDS = ("period", "offset", "deadline", "slack", "binding")
 VERSION_FIELDS = ("wcet", "units")
-WINDOW_FIELDS = ("min", "max")
-ACCESS_FIELDS = ("start", "end", "bound")
+ROWS = {
+    "window": (("min", "max"), "precedences", "task", "windows after task"),
+    "access": (("start", "end", "bound"), "accesses", "resource", "accesses to"),
+}
+"""Attributes of the rows of a version, where the rows are, what they name, and the words for them."""
 LIMITS = ("max_latency", "max_reaction", "max_age")
 CHAIN_FIELDS = ("tasks", *LIMITS)
 OPTIONAL = ("offset", "deadline", *LIMITS)
@@ -71,8 +74,8 @@ def edited(model: TaskModel, edit: Edit) -> TaskModel:
     makers: dict[str, Callable[[TaskModel, Edit], TaskModel]] = {
         "task": _task,
         "version": _version,
-        "window": _window,
-        "access": _access,
+        "window": _row,
+        "access": _row,
         "chain": _chain,
         "mode": _mode,
         "add": _added,
@@ -102,32 +105,21 @@ def _with_version(model: TaskModel, edit: Edit, change: Callable[[Version], Vers
     return replace(model, tasks=_exchanged(model.tasks, task, changed))
 
 
-def _window(model: TaskModel, edit: Edit) -> TaskModel:
-    _known(edit, edit.field, WINDOW_FIELDS)
+def _row(model: TaskModel, edit: Edit) -> TaskModel:
+    """Return the model with an edited window or access, of which the version has one that fits."""
+    fields, rows, key, what = ROWS[edit.kind]
+    _known(edit, edit.field, fields)
 
     def change(version: Version) -> Version:
-        window = _only(edit, [w for w in version.precedences if w.task == edit.after], "windows after task")
-        return replace(version, precedences=_exchanged(version.precedences, window, _with(edit, window)))
+        own = getattr(version, rows)
+        found = [row for row in own if getattr(row, key) == edit.after]
+        if len(found) != 1:
+            help = "change the file" if found else "choose one of the model"
+            raise _bad(edit, f'has {len(found) or "no"} {what} "{edit.after}"', help)
+        exchanged: Any = {rows: _exchanged(own, found[0], _with(edit, found[0]))}
+        return replace(version, **exchanged)
 
     return _with_version(model, edit, change)
-
-
-def _access(model: TaskModel, edit: Edit) -> TaskModel:
-    _known(edit, edit.field, ACCESS_FIELDS)
-
-    def change(version: Version) -> Version:
-        access = _only(edit, [a for a in version.accesses if a.resource == edit.after], "accesses to")
-        return replace(version, accesses=_exchanged(version.accesses, access, _with(edit, access)))
-
-    return _with_version(model, edit, change)
-
-
-def _only(edit: Edit, found: list[Any], what: str) -> Any:
-    """Return the only one found; raise `HalpipeError` where the edit does not say which."""
-    if len(found) != 1:
-        help = "change the file" if found else "choose one of the model"
-        raise _bad(edit, f'has {len(found) or "no"} {what} "{edit.after}"', help)
-    return found[0]
 
 
 def _chain(model: TaskModel, edit: Edit) -> TaskModel:

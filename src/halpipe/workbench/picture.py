@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.report.chains import latency_of
 from halpipe.exporters.report.scene import scene
 from halpipe.flow.formats import EXPORTERS, formats
-from halpipe.workbench.edits import ACCESS_FIELDS, LIMITS, WINDOW_FIELDS
+from halpipe.workbench.edits import LIMITS, ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,15 +89,13 @@ def _windows(model: TaskModel) -> Iterator[Plain]:
         for version in task.versions:
             names = (task.name, version.name)
             edit = {"name": task.name, "inner": version.name}
-            count = Counter(window.task for window in version.precedences)
-            for window in (w for w in version.precedences if count[w.task] == 1):
-                fields = [_field(name, getattr(window, name)) for name in WINDOW_FIELDS]
-                yield _form("windows", edit | {"kind": "window", "after": window.task}, *names, window.words, *fields)
-            count = Counter(access.resource for access in version.accesses)
-            for access in (a for a in version.accesses if count[a.resource] == 1):
-                fields = [_field(name, getattr(access, name)) for name in ACCESS_FIELDS]
-                words = f"access to {access.resource}: from, to, share"
-                yield _form("windows", edit | {"kind": "access", "after": access.resource}, *names, words, *fields)
+            for kind, (fields, rows, key, _) in ROWS.items():
+                count = Counter(getattr(row, key) for row in getattr(version, rows))
+                for row in (row for row in getattr(version, rows) if count[getattr(row, key)] == 1):
+                    after = getattr(row, key)
+                    words = row.words if kind == "window" else f"access to {after}: from, to, share"
+                    cells = [_field(name, getattr(row, name)) for name in fields]
+                    yield _form("windows", edit | {"kind": kind, "after": after}, *names, words, *cells)
 
 
 def _modes(model: TaskModel) -> Iterator[Plain]:
