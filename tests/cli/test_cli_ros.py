@@ -38,7 +38,7 @@ def test_a_schedule_is_written_for_the_cpus_named(place, capsys):
     arguments = ["export", "ros", "model.xml", "s.xml", "--cpus", "c1=2,c2=5", "--priority", "70", "-o", "-"]
     assert invoke(arguments) == 0
     written = yaml.safe_load(capsys.readouterr().out)
-    assert [(one["name"], one["cpu"]) for one in written["modes"][0]["executors"]] == [("c1", 2)]
+    assert [(one["name"], one["cpu"]) for one in written["modes"][0]["executors"]] == [("c1", 2), ("c2", 5)]
     assert written["scheduling"]["priority"] == 70
 
 

@@ -130,7 +130,7 @@ OBJECTIVES = tuple(Objective)
 
 def check_objectives(system, objectives, **options):
     """No named objective is worse than in the first schedule, and none is better than what is called the best."""
-    first, better = table(system, **options), found(system, optimise=objectives, **options)
+    first, better = table(system, optimise=(), **options), found(system, optimise=objectives, **options)
     judge = Judge(system, expand(system, system.modes[0]), objectives)
     before, after = (judge.worth(plan.modes[0].jobs) for plan in (first, better.schedule))
     assert all(now <= then for then, now in zip(before.values, after.values, strict=True))

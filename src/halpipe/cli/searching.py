@@ -235,16 +235,10 @@ def workers_of(count: int | None) -> Workers:
 
 
 def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
-    from fractions import Fraction
-
-    from halpipe.core.quantities import format_rational
-    from halpipe.pipeline.measure.objectives import margin_of
-
     schedule = scheduled.schedule
     for mode in schedule.modes:
-        margin = format_rational(Fraction(int(margin_of(mode) * 1000), 10))
-        text = f"{counted(len(mode.jobs), 'job')} in {mode.hyperperiod}, valid; least margin of a WCET {margin} %"
-        output.inform(f"mode {mode.name}: {text}")
+        text = f"{counted(len(mode.jobs), 'job')} in {mode.hyperperiod}, valid"
+        output.inform(f"mode {mode.name}: {text}; least margin of a WCET {mode.margin_words}")
     for told in scheduled.diagnostics:
         if told.code == NEAR and not output.Settings.verbose:
             output.inform(f"{told.path}: {told.message}")

@@ -144,6 +144,8 @@ def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> N
         _show_jobs(mode.jobs, letters)
     else:
         output.result(f"  {counted(len(mode.jobs), 'job')}; --jobs lists them")
+    if mode.margin_words:
+        output.result(f"  least margin of a WCET: {mode.margin_words}")
     for unit in mode.unit_loads:
         output.result(f"  {unit.unit}: busy {unit.busy}, {_percent(unit.share)}")
     for load in mode.resource_loads:

@@ -40,6 +40,9 @@ _OPTION = "option"
 EMPTY = "the text is empty; give a value, or omit the option"
 """Refusal of a text as a variable of a shell leaves it: the option would count as not stated."""
 
+NONE = "none"
+"""The empty list, where that is not the default."""
+
 WITHOUT_EFFECT = error(
     "HAL0025",
     "Option has no effect beside the others",
@@ -66,7 +69,8 @@ class Option:
     - `is_path` returns whether a text names a file or folder: those of a pipeline file are relative to it.
     - `takes` are types that Python callers may give instead of a text.
     - `otherwise` describes the default where its value does not; `completes` names what a shell completes.
-    - A list that `splits` may be stated as one text with commas, and has nothing twice.
+    - A list that `splits` may be stated as one text with commas, and has nothing twice. Where its default is not the
+      empty list, the word `none` is.
     """
 
     attribute: str
@@ -92,7 +96,7 @@ class Option:
     @property
     def words(self) -> tuple[str, ...]:
         """The texts that may be given, where these are known."""
-        return tuple(getattr(self.read, "words", ()))
+        return (*getattr(self.read, "words", ()), *((NONE,) if self.splits and self.default is None else ()))
 
     @property
     def shown_default(self) -> str:
@@ -120,6 +124,8 @@ class Option:
         items = [item.strip() for text in texts for item in text.split(",")]
         if "" in items:
             raise ValueError(EMPTY)
+        if items == [NONE] and self.default is None:
+            return ()
         for place, item in enumerate(items):
             if item in items[:place]:
                 raise ValueError(f"{quoted(item)} is named twice; name it once")

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, word
 from halpipe.models.words import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
-    from fractions import Fraction
-
     from halpipe.core.durations import Duration
 
 
@@ -126,12 +126,40 @@ class ModeSchedule:
     name: str = field(metadata=attribute(NAME))
     hyperperiod: Duration = field(metadata=attribute(DURATION))
     status: Status = field(metadata=attribute(word(Status), "A claim; only verify decides."))
+    margin: Fraction | None = field(
+        default=None,
+        metadata=attribute(
+            NUMBER,
+            "Share of its length by which every job could stay longer on its units before the next one begins there, "
+            "the least of all; 100 at most.",
+        ),
+    )
+    margin_bound: Fraction | None = field(
+        default=None,
+        metadata=attribute(
+            NUMBER, "No valid schedule has a larger margin; equal where that is proven best.", name="margin-bound"
+        ),
+    )
     jobs: tuple[Job, ...]
     cost: CostTerms | None = None
     unit_loads: tuple[UnitLoad, ...] = ()
     resource_loads: tuple[ResourceLoad, ...] = ()
     chains: tuple[ChainLatency, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    @property
+    def margin_words(self) -> str:
+        """The least margin in percent, rounded down, with the largest that is possible; empty where none is stated."""
+        if self.margin is None:
+            return ""
+        bound = self.margin_bound
+        if bound is None or self.margin >= bound:
+            return f"{_percent(self.margin)}{'' if bound is None else ', the best possible'}"
+        return f"{_percent(self.margin)}, at most {_percent(bound)} is possible"
+
+
+def _percent(share: Fraction) -> str:
+    return f"{format_rational(Fraction(int(share * 1000), 10))} %"
 
 
 def _latencies(mode: ModeSchedule) -> str:

@@ -101,7 +101,7 @@ class _Doubt:
 
     def on_progress(self, mode: str, moves: int, allowed: int, cost: int) -> bool:
         """Pass a report on; False also if the system is proven infeasible."""
-        self._reports += 1
+        self._reports += cost != 0  # later ones are about a schedule that is valid
         if self._reports > PATIENCE and self._found():
             return False
         return self._tell(mode, moves, allowed, cost)
@@ -145,15 +145,18 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
     """Place the modes with their switches; an improvement that loses a switch is given up, mode by mode."""
     from halpipe.pipeline.health import with_reactions
 
-    found, is_whole = _with_switches(model, options, on_progress)
-    if options.optimise and not is_whole and found.is_complete and not found.unimproved:
+    attempts = ATTEMPTS if options.optimise is not None else 1  # if that is not enough, the first schedules are tried
+    found, is_whole = _with_switches(model, options, on_progress, attempts)
+    if options.optimise != () and not is_whole and found.is_complete and not found.unimproved:
         plain, _ = _with_switches(model, replace(options, optimise=(), keeper=None), on_progress)
         if len(plain.schedule.transitions) > len(found.schedule.transitions):
-            found = _improved_where_switched(model, plain, found, options.workers, on_progress)
+            found = _improved_where_switched(model, plain, found, options, on_progress)
     return replace(found, schedule=with_reactions(model, found.schedule))
 
 
-def _with_switches(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> tuple[Scheduled, bool]:
+def _with_switches(
+    model: TaskModel, options: SearchOptions, on_progress: OnProgress, attempts: int = ATTEMPTS
+) -> tuple[Scheduled, bool]:
     """Place the modes, and find tables between them; where some are missing, try other placements of the modes.
 
     Return the schedule with the most tables, and whether it has all.
@@ -163,7 +166,7 @@ def _with_switches(model: TaskModel, options: SearchOptions, on_progress: OnProg
     best: Scheduled | None = None
     doubtful: tuple[tuple[str, str], ...] | None = None
     moves = 0
-    for attempt in range(ATTEMPTS):
+    for attempt in range(attempts):
         scheduled = search(model, replace(options, attempt=attempt), on_progress)
         _refuse_broken_claims(model, scheduled.schedule)
         moves += scheduled.moves
@@ -188,7 +191,7 @@ def _with_switches(model: TaskModel, options: SearchOptions, on_progress: OnProg
 
 
 def _improved_where_switched(
-    model: TaskModel, plain: Scheduled, improved: Scheduled, workers: Workers, on_progress: OnProgress
+    model: TaskModel, plain: Scheduled, improved: Scheduled, options: SearchOptions, on_progress: OnProgress
 ) -> Scheduled:
     """Return the `plain` modes, of which there are more switches, with those `improved` that lose none of them."""
     kept = plain
@@ -197,7 +200,7 @@ def _improved_where_switched(
         modes = (*kept.schedule.modes[:number], mode, *kept.schedule.modes[number + 1 :])
         other = replace(kept, schedule=kept.schedule.alone(modes))
         if not any(found.is_error for found in verify_schedule(model.alone(*(m.name for m in modes)), other.schedule)):
-            tables = _switched(model, other, workers, on_progress, None).tables
+            tables = _switched(model, other, options.workers, on_progress, None).tables
             if len(tables) >= len(kept.schedule.transitions):
                 kept = replace(other, schedule=replace(other.schedule, transitions=tables))
                 continue
@@ -205,7 +208,7 @@ def _improved_where_switched(
     text, help = "a switch has no table with the improved one", "relax the switch, or raise --budget"
     warnings = [
         KEPT_FOR_SWITCHES(f"keeps its first schedule: {text}", at=model.mode(name).at, path=about(mode=name), help=help)
-        for name in given_up
+        for name in (given_up if options.optimise else ())
     ]
     reached = tuple(_at_first(model, kept.schedule, row) if row.mode in given_up else row for row in improved.reached)
     return replace(kept, diagnostics=(*kept.diagnostics, *warnings), reached=reached)

@@ -68,6 +68,7 @@ def schedule_near(
     model: TaskModel, options: SearchOptions, earlier: Schedule, solve: Callable[[SearchOptions], Scheduled]
 ) -> Scheduled:
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
+    options = replace(options, optimise=options.optimise or ())  # a margin would move jobs
     changed = _changed(model, earlier)
     held = _displaced(earlier, options.shipped)
     conflicts = _conflicts(model, earlier, options.modes)

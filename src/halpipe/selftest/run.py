@@ -163,3 +163,5 @@ def _without_costs(schedule: object) -> None:
     for kind in ("cost", "unit-load", "resource-load"):
         for element in list(schedule.iter(SCHEDULE + kind)):  # type: ignore[attr-defined]
             element.getparent().remove(element)
+    for mode in schedule.iter(SCHEDULE + "mode"):  # type: ignore[attr-defined]
+        mode.attrib.pop("margin", None)

@@ -22,7 +22,7 @@ from support import job, model, schedule, task, version
 
 
 def scheduled(owner, near=None):
-    found = schedule_model(owner, SearchOptions(near=near), lambda *_: True)
+    found = schedule_model(owner, SearchOptions(near=near, optimise=()), lambda *_: True)
     assert found.is_complete
     assert not [d for d in verify(owner, found.schedule) if d.is_error]
     return found

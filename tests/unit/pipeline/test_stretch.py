@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Objective, least_margin, margin_of
+from halpipe.pipeline.measure.margins import LARGEST_MARGIN, least_margin
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.optimise import lower_bound, stretched
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -17,7 +17,7 @@ from support import after, job, model, schedule, task, version
 
 
 def margin(system, jobs):
-    return -least_margin(system, Placement.of(expand(system, system.modes[0]), jobs))
+    return least_margin(Placement.of(expand(system, system.modes[0]), jobs))
 
 
 def stretch(system, *starts, most=10):
@@ -86,7 +86,6 @@ def test_the_least_margin_of_a_schedule_is_that_of_the_tightest_stay():
         units="u1 u2",
     )
     jobs = [job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"), job(system, "c", 0, 9, "u2")]
-    (table,) = schedule(system, 10, *jobs).modes
-    assert margin_of(table) == Fraction(1, 4)
-    assert margin_of(replace(table, jobs=table.jobs[::2])) == 4
-    assert margin_of(replace(table, jobs=())) == LARGEST_MARGIN
+    assert margin(system, jobs) == Fraction(1, 4)
+    assert margin(system, jobs[::2]) == 4
+    assert margin(system, []) == LARGEST_MARGIN

@@ -31,6 +31,8 @@ GOOD = {
         occupancy=Fraction(1, 2),
         timeliness=Fraction(1),
     ),
+    "margin": Fraction(3, 2),
+    "margin_bound": Fraction(3, 2),
     "unit_loads": (
         UnitLoad(unit="u1", busy=ms(4), share=Fraction(2, 5)),
         UnitLoad(unit="u3", busy=ms(0), share=Fraction(0)),
@@ -126,6 +128,8 @@ def test_cost_terms_that_contradict_an_invalid_schedule():
         (latency("c", 22, 13), "reaction 22ms, the jobs make 23ms"),
         (latency("c", 23, None), "age none, the jobs make 13ms"),
         (latency("x", None, None), "the mode has no such chain"),
+        ({"margin": Fraction(1)}, "margin: 1; the jobs make it 1.5"),
+        ({"margin": Fraction(3, 2), "margin_bound": Fraction(1)}, "margin: 1.5 is more than its bound 1"),
     ],
 )
 def test_loads_and_latencies_that_contradict_the_jobs(change, text):

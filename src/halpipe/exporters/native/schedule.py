@@ -31,7 +31,8 @@ def format_schedule(schedule: Schedule) -> bytes:
 
 
 def _write_mode(parent: etree._Element, mode: ModeSchedule) -> None:
-    element = add_element(parent, "mode", mode)
+    margin, bound = (each if each is None or is_writable(each) else None for each in (mode.margin, mode.margin_bound))
+    element = add_element(parent, "mode", replace(mode, margin=margin, margin_bound=bound))
     _write_jobs(element, mode.jobs)
     if mode.cost is not None and all(is_writable(getattr(mode.cost, term.name)) for term in fields(mode.cost)):
         add_element(element, "cost", mode.cost)

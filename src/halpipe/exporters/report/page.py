@@ -178,6 +178,7 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str, drawn: Row) -> Row:
         "job_count": len(table.jobs),
         "task_count": len({job.task for job in table.jobs}),
         "unit_count": len({unit for job in table.jobs for unit in job.units}),
+        "margin": table.margin_words,
         "cost": "" if cost is None else approximate(cost.total),
         "terms": [] if cost is None else [(name, approximate(getattr(cost, name)), text) for name, text in _TERMS],
         "strip": drawn["strip"],

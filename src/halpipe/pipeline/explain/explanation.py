@@ -96,7 +96,7 @@ class ExplainOptions:
         """Return the options of the searches that are explained."""
         from halpipe.pipeline.solve.schedule import SearchOptions
 
-        return SearchOptions(seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near)
+        return SearchOptions(seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near, optimise=())
 
 
 EXITS = {

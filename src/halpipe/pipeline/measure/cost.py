@@ -16,6 +16,7 @@ from halpipe.core.durations import ZERO
 from halpipe.models import Anchor, CostTerms, Edge, Match, ModeSchedule, ResourceLoad, Status, UnitLoad
 from halpipe.pipeline.jobs import demands_of, expand
 from halpipe.pipeline.measure.latency import chain_latencies, members_of, worst_age, worst_latency, worst_reaction
+from halpipe.pipeline.measure.margins import largest_margin, least_margin
 from halpipe.pipeline.measure.placement import Instants, Interval, Placement, sweep
 from halpipe.pipeline.measure.splitting import splitting_cost
 from halpipe.pipeline.parts import interrupt_load
@@ -238,10 +239,13 @@ def mode_report(model: TaskModel, expansion: Expansion, jobs: Iterable[Job], sta
     """Return the schedule of a mode with all its metrics; jobs by start, task and index."""
     ordered = tuple(sorted(jobs, key=lambda job: (job.start, job.task, job.index)))
     placement = Placement.of(expansion, ordered, model.units)
+    is_valid = status is Status.VALID
     return ModeSchedule(
         name=expansion.mode.name,
         hyperperiod=expansion.hyperperiod,
         status=status,
+        margin=least_margin(placement) if is_valid else None,
+        margin_bound=largest_margin(expansion) if is_valid else None,
         jobs=ordered,
         cost=cost_terms(model, placement),
         unit_loads=_unit_loads(model, placement),

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
+from halpipe.pipeline.measure.margins import least_margin
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.parts import latest_phase
 
@@ -25,14 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Chain, Job, ModeSchedule, TaskModel
+    from halpipe.models import Chain, Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
-
-Stays = dict[str, "list[tuple[int | Fraction, int | Fraction]]"]
-"""When each unit is occupied, from start to end."""
-
-LARGEST_MARGIN = Fraction(100)
-"""Growth beyond a hundred times the WCET is of no interest; a job alone on its unit would have no bound."""
 
 NEVER = Fraction(10**30)
 """Latency of a chain through which no data arrives: worse than any."""
@@ -125,35 +120,9 @@ def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:
     return Fraction(placement.tick.ns) * total
 
 
-def least_margin(model: TaskModel, placement: Placement) -> Fraction:
-    """Return, negated, by what share of its length every stay on a unit could last longer."""
-    stays: Stays = {}
-    for job in placement.jobs:
-        for unit in dict.fromkeys(job.units):
-            stays.setdefault(unit, []).extend(job.occupations())
-    return -_least_of(stays, placement.hyperperiod)
-
-
-def margin_of(table: ModeSchedule) -> Fraction:
-    """Return the least margin of a mode that has been scheduled, at most `LARGEST_MARGIN`."""
-    stays: Stays = {}
-    for job in table.jobs:
-        spans = [(start.ns, end.ns) for start, end in job.occupations()]
-        for unit in dict.fromkeys(job.units):
-            stays.setdefault(unit, []).extend(spans)
-    return _least_of(stays, table.hyperperiod.ns)
-
-
-def _least_of(stays: Stays, length: int | Fraction) -> Fraction:
-    """Compare each stay with the start of the next one on its unit, round the hyperperiod."""
-    least = LARGEST_MARGIN
-    for spans in stays.values():
-        on_unit = sorted((start % length, end - start) for start, end in spans)
-        following = [*(start for start, _ in on_unit[1:]), on_unit[0][0] + length]
-        for (start, own), then in zip(on_unit, following, strict=True):
-            if then - start - own < own * least:
-                least = Fraction(then - start - own) / own
-    return least
+def negated_margin(model: TaskModel, placement: Placement) -> Fraction:
+    """Return the least margin, negated."""
+    return -least_margin(placement)
 
 
 def number_of_gaps(model: TaskModel, placement: Placement) -> Fraction:
@@ -169,7 +138,7 @@ def cost(model: TaskModel, placement: Placement) -> Fraction:
 MEASURES: dict[Objective, Callable[[TaskModel, Placement], Fraction]] = {
     Objective.CHAINS: sum_of_latencies,
     Objective.JITTER: sum_of_jitters,
-    Objective.MARGIN: least_margin,
+    Objective.MARGIN: negated_margin,
     Objective.PREEMPTIONS: number_of_gaps,
     Objective.COST: cost,
 }

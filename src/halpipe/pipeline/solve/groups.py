@@ -127,6 +127,7 @@ def _search_one(
     number: int,
 ) -> Found:
     on_progress = partial(progress.report, number)
+    options = replace(options, spare=options.spare // len(groups))
     return search(models[number], groups[number], options, f"{key}{number}", on_progress)
 
 

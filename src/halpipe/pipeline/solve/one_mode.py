@@ -12,6 +12,9 @@ from halpipe.core.records import record
 from halpipe.models import ModeSchedule, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
+from halpipe.pipeline.measure.margins import largest_margin, least_margin
+from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
@@ -19,6 +22,7 @@ from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, Goals, poli
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from fractions import Fraction
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -47,6 +51,9 @@ TURN_SEED = 1000
 
 FEW_TASKS = 200
 """Tasks of a mode up to which its independent groups are searched together: a few moves more."""
+
+SHARE = 20
+"""A margin takes so many times fewer moves than the search for the valid schedule, if that was long."""
 
 POLISH_TABLES = 4000
 """Whole tables of preemptive jobs that are tried at least to improve a valid one."""
@@ -324,7 +331,7 @@ class _WholeJobs(_Search):
         path, at = about(mode=self.name), self.expansion.mode.at
         if answer is not None:
             notes.append(OTHER_ANSWERED(f"the answer is that of: {EXACT}", at=at, path=path))
-            return self.bettered(answer, notes, EXACT, outcome.moves)
+            return self._wider(answer, notes, EXACT, outcome.moves)
         if self.may_ask and not is_installed() and outcome.cost:
             help = "pip install ortools"
             notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
@@ -332,12 +339,49 @@ class _WholeJobs(_Search):
         if outcome.cost:
             table = self.report(outcome.jobs, Status.NOT_FOUND)
             return Found(table, notes, outcome.moves, outcome.stopped)
+        if self.widens:
+            return self._wider(outcome.jobs, notes, ANNEAL, outcome.moves)
         is_cut = outcome.unimproved
         is_free = not (self.shipped or self.pinned or is_cut) and self.tick is None and self.options.is_open
         end = self.finished(outcome.jobs, self.seed, self._go_on(outcome), is_free=is_free)
         table = self.report(end.jobs, Status.VALID)
         unimproved = is_cut or end.stopped
         return Found(table, notes, outcome.moves, outcome.stopped, unimproved, reached=end.reached)
+
+    @property
+    def widens(self) -> bool:
+        """Whether the margin is raised first; jobs that have shipped stay when no objectives are stated, too."""
+        stated = self.options.optimise
+        return stated is None or (stated[:1] == (Objective.MARGIN,) and not self.shipped)
+
+    def _wider(self, jobs: tuple[Job, ...], notes: list[Diagnostic], engine: str, moves: int) -> Found:
+        """Raise the margin of valid jobs with little effort before their improvement, if any is stated."""
+        if not self.widens:
+            return self.bettered(jobs, notes, engine, moves)
+        from halpipe.pipeline.solve.kernel.search import Search
+        from halpipe.pipeline.solve.kernel.widen import wide, widened
+
+        def begin(margin: Fraction, number: int, kept: Kept | None) -> Search:
+            separate = lambda: wide(self.problem if self.shipped else self._stated(grouped=False), margin)  # noqa: E731
+            seed = self.seed + number
+            return Search(wide(self.problem, margin), separate, seed, self.earlier, shipped=self.shipped, kept=kept)
+
+        tasks, jobs_of_all = len(self.expansion.tasks), max(1, self.expansion.job_count)
+        effort = max(self.options.spare * tasks // jobs_of_all, moves // SHARE)
+        now = least_margin(Placement.of(self.expansion, jobs, self.model.units))
+        tell = lambda made, best: self.on_progress(self.name, moves + made, self.budget, best)  # noqa: E731
+        wider = widened(begin, tasks, now, largest_margin(self.expansion), effort, tell, self.kept)
+        if self.polish is None:
+            jobs = wider.jobs or jobs
+        else:
+            judge = self.polish.judge
+            self.polish.first[:] = [first] = [judge.worth(jobs)]
+            if wider.jobs and judge.keeps(first, worth := judge.worth(wider.jobs)):
+                jobs = wider.jobs
+                self.polish.on_better(worth)
+        if wider.stopped:
+            return Found(self.report(jobs, Status.VALID), notes, moves + wider.moves, unimproved=True, engine=engine)
+        return self.bettered(jobs, notes, engine, moves + wider.moves)
 
     def _anneal(self, moves: int) -> Outcome:
         """Let the annealer continue to so many moves in all."""
@@ -353,7 +397,7 @@ class _WholeJobs(_Search):
             lambda: self.problem if self.shipped else self._stated(grouped=False),
             self.seed,
             self.earlier,
-            None if self.polish is None else (self.polish, lambda: self._stated(every_chain=True)),
+            None if self.polish is None or self.widens else (self.polish, lambda: self._stated(every_chain=True)),
             self.shipped,
             self.kept,
         )

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 from fractions import Fraction
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
@@ -23,11 +23,12 @@ from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.models import Status
 from halpipe.pipeline.measure.cost import mode_report
-from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Judge, Objective
+from halpipe.pipeline.measure.margins import largest_margin, least_wcet
+from halpipe.pipeline.measure.objectives import Judge, Objective
 from halpipe.pipeline.solve.exact import Effort, violations
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from halpipe.models import Chain, Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
@@ -221,7 +222,7 @@ def lower_bound(objective: Objective, model: TaskModel, expansion: Expansion) ->
         case Objective.JITTER | Objective.PREEMPTIONS:
             return Fraction(0)
         case Objective.MARGIN:
-            return -_largest_margin(expansion)
+            return -largest_margin(expansion)
         case _:
             return None
 
@@ -238,7 +239,7 @@ def chain_bounds(model: TaskModel, expansion: Expansion) -> list[tuple[Chain, tu
 
 def _reaction(members: list[ActiveTask]) -> Duration:
     first = members[0]
-    work = sum((_least(member) for member in members), ZERO)
+    work = sum((least_wcet(member) for member in members), ZERO)
     if first.task.period is None:
         return work
     period = first.task.period
@@ -248,7 +249,7 @@ def _reaction(members: list[ActiveTask]) -> Duration:
 
 def _age(members: list[ActiveTask]) -> Duration:
     last = members[-1]
-    work = sum((_least(member) for member in members), ZERO)
+    work = sum((least_wcet(member) for member in members), ZERO)
     return work + max((_spread(last, member) for member in members[:-1]), default=ZERO)
 
 
@@ -261,57 +262,10 @@ def _spread(seen_from: ActiveTask, member: ActiveTask) -> Duration:
     return max(ZERO, gained)
 
 
-def _least(active: ActiveTask) -> Duration:
-    return min((version.wcet for version in active.versions if version.wcet is not None), default=ZERO)
-
-
 def _late(active: ActiveTask) -> Duration:
     """Return how far the jobs of a task may be from strictly periodic."""
     period = active.task.period
     return ZERO if period is None or active.jobs < 2 else period * active.task.slack
-
-
-def _largest_margin(expansion: Expansion) -> Fraction:
-    """Return by what share all WCETs could grow before the units were too few for the work, or a job for its circle."""
-    units = {name for active in expansion.tasks for version in active.versions for name in version.units}
-    work = Fraction(0)
-    least = LARGEST_MARGIN
-    for active in expansion.tasks:
-        if active.task.period is None or not active.jobs:
-            continue
-        times = [v.wcet.fraction * v.gang for v in active.versions if v.wcet]
-        work += active.jobs * min(times, default=Fraction(0))
-        shortest = min((v.wcet.fraction for v in active.versions if v.wcet), default=Fraction(0))
-        if shortest:
-            least = min(least, expansion.hyperperiod.fraction / shortest - 1)
-    if work:
-        least = min(least, len(units) * expansion.hyperperiod.fraction / work - 1)
-    return min([least, *_margins_of_units(expansion)])
-
-
-def _margins_of_units(expansion: Expansion) -> Iterator[Fraction]:
-    """Yield by what share WCETs could grow before a unit had too much of what runs there alone, or two jobs met."""
-    by_unit: dict[str, list[ActiveTask]] = {}
-    for active in expansion.tasks:
-        sets = {(frozenset(version.units), version.gang) for version in active.versions}
-        if active.task.period is not None and _least(active) and len(sets) == 1:
-            units, gang = sets.pop()
-            for unit in units if gang == len(units) else ():
-                by_unit.setdefault(unit, []).append(active)
-    for own in by_unit.values():
-        yield 1 / sum((_least(each).fraction / _period(each).fraction for each in own), Fraction(0)) - 1
-        longest: dict[Duration, list[Duration]] = {}
-        for each in own:
-            if not each.task.slack and not any(version.split.is_allowed for version in each.versions):
-                longest.setdefault(_period(each), []).append(_least(each))
-        tops = [(period, wcet) for period, wcets in longest.items() for wcet in sorted(wcets, reverse=True)[:2]]
-        for (period, wcet), (other, its) in combinations(tops, 2):
-            yield greatest_common_divisor([period, other]).fraction / (wcet + its).fraction - 1
-
-
-def _period(active: ActiveTask) -> Duration:
-    assert active.task.period is not None, "it was asked for"
-    return active.task.period
 
 
 MOST_WORK = 300_000

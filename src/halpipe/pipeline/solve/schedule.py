@@ -41,6 +41,9 @@ UNBOUNDED = 10**12
 LEAST_MOVES = 1_000_000
 """Moves that a mode gets at least, where no budget is stated: small sets may be as hard as larger ones."""
 
+SPARE = 80_000
+"""Placements of jobs for a margin of all modes together, about 0.2 s."""
+
 LEAST_TABLES, MOST_TABLED = 300, 10_000_000
 """Tables of a mode of preemptive jobs that are tried at least, without a budget; but no more jobs in all of them."""
 
@@ -67,7 +70,8 @@ class SearchOptions:
       `like` is tried first.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - Objectives to `optimise` come one before the other, none worse than at first. A cost F of at most `target` is the
-      end of it.
+      end of it. Without any, the first schedule stays; where None are stated, its margin is raised with little effort,
+      for which each mode may `spare` so many placements of jobs.
     - `on_better` gets a mode and its objectives, whenever a better schedule is found.
     - `keeper` saves the search on its way, or restores one that was saved.
     - `workers` are the threads for modes and groups of tasks; their number changes the time alone.
@@ -104,14 +108,16 @@ class SearchOptions:
     target: Fraction | None = option(
         None, "With cost among the objectives: stop once the cost F is at most this.", parse_signed, metavar="F"
     )
-    optimise: tuple[Objective, ...] = option(
-        (),
-        f"Objectives after the first valid schedule, the most important first: {', '.join(Objective)}.",
+    optimise: tuple[Objective, ...] | None = option(
+        None,
+        f"Objectives after the first valid schedule, the most important first: {', '.join(Objective)}; or none.",
         Words(*Objective, mean=Objective),
         metavar="LIST",
         form=Form.LIST,
         splits=True,
+        otherwise="a margin, with little effort",
     )
+    spare: int = SPARE
     effort: float | None = DEFAULT_WORK
     shipped: Schedule | None = option(
         None,
@@ -142,7 +148,7 @@ class SearchOptions:
 
     def unused(self) -> tuple[str, ...]:
         """Return the fields that have no effect beside the others; stating one is refused."""
-        idle = () if Objective.COST in self.optimise else ("target",)
+        idle = () if Objective.COST in (self.optimise or ()) else ("target",)
         return (*idle, *(("budget",) if self.engine == EXACT else ()))
 
     @property
@@ -239,7 +245,8 @@ class _Modes:
 
     def _search_one(self, ready: tuple[int, Earlier]) -> Found:
         number, earlier = ready
-        return schedule_mode(self.model, self.expansions[number], self.options, number, self.on_progress, earlier)
+        options = replace(self.options, spare=self.options.spare // len(self.expansions))
+        return schedule_mode(self.model, self.expansions[number], options, number, self.on_progress, earlier)
 
     def _alike(self, expansion: Expansion) -> Earlier:
         """Return where the schedule that is tried first has the tasks of a mode."""

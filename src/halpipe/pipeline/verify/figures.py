@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
@@ -30,6 +31,8 @@ def check_figures(table: ModeTable) -> Iterator[Diagnostic]:
     """Recompute every figure reported; figures that are not reported are not missed (D)."""
     if table.schedule.cost is not None:
         yield from _cost(table, table.schedule.cost)
+    if table.schedule.margin is not None:
+        yield from _margin(table, table.schedule.margin, table.schedule.margin_bound)
     yield from _unit_loads(table)
     yield from _resource_loads(table)
     yield from _chain_latencies(table)
@@ -92,6 +95,21 @@ def _penalty(
         yield _wrong(table, "cost", f"{name} {_number(value)}, but the schedule breaks: {rules}")
     if value > 0 and not possible & table.broken and table.sound:
         yield _wrong(table, "cost", f"{name} {_number(value)}, but no rule of that kind is broken")
+
+
+def _margin(table: ModeTable, stated: Fraction, bound: Fraction | None) -> Iterator[Diagnostic]:
+    """Check the least share of its length by which a claim could last until the next one, 100 at most (D)."""
+    found = Fraction(100)
+    for claims in unit_claims(table.jobs).values():
+        starts = sorted(start % table.period for start, _, _, _ in claims)
+        for start, end, _, _ in claims:
+            later = bisect_right(starts, start % table.period)
+            following = starts[later] if later < len(starts) else starts[0] + table.period
+            found = min(found, Fraction(following - start % table.period - (end - start), end - start))
+    if stated != found and "exclusive" not in table.broken:
+        yield _wrong(table, "margin", f"{_number(stated)}; the jobs make it {_number(found)}")
+    if bound is not None and bound < stated:
+        yield _wrong(table, "margin", f"{_number(stated)} is more than its bound {_number(bound)}")
 
 
 def _unit_loads(table: ModeTable) -> Iterator[Diagnostic]:
@@ -161,8 +179,8 @@ def _number(value: Fraction) -> str:
 
 FIGURES = Rule(
     "figures",
-    "Every cost, load and latency that the schedule reports follows from its jobs; the cost is at most 0 if and only "
-    "if no rule is broken.",
+    "Every cost, margin, load and latency that the schedule reports follows from its jobs; the cost is at most 0 if "
+    "and only if no rule is broken.",
     check_figures,
 )
 

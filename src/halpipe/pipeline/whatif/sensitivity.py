@@ -235,7 +235,7 @@ def with_searches(
     model: TaskModel, rows: Iterable[Sensitivity], options: SensitivityOptions, on_progress: OnProgress
 ) -> list[Sensitivity]:
     """Return the rows with what searches find beyond the schedule."""
-    search = Search(SearchOptions(seed=options.seed, budget=options.budget), on_progress)
+    search = Search(SearchOptions(seed=options.seed, budget=options.budget, optimise=()), on_progress)
     return [replace(row, searched=searched(model, row, search, options.step)) for row in rows]
 
 

@@ -259,5 +259,5 @@ def question_of(model: TaskModel, options: SizeOptions) -> Question:
 
 def answer_of(question: Question, options: SizeOptions, on_progress: OnProgress) -> Answer:
     """Answer a question by searches with these options."""
-    chosen = SearchOptions(seed=options.seed, budget=options.budget, tick=options.tick)
+    chosen = SearchOptions(seed=options.seed, budget=options.budget, tick=options.tick, optimise=())
     return ask(question, Search(chosen, on_progress, options.switches))

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import partial
 from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
-from halpipe.pipeline.measure import objectives
+from halpipe.pipeline.measure.margins import largest_margin
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import optimise
 from halpipe.pipeline.solve.integers import Table, ints
@@ -36,12 +35,15 @@ from halpipe.pipeline.solve.kernel.kernel import (
     worst_reaction,
 )
 from halpipe.pipeline.solve.kernel.slices import run
+from halpipe.pipeline.solve.kernel.widen import following, margins, reserved
 from halpipe.pipeline.solve.optimise import chain_bounds
 from halpipe.pipeline.solve.problem import NO_TICK
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from halpipe.models import Job
-    from halpipe.pipeline.measure.objectives import Worth
+    from halpipe.pipeline.measure.objectives import Judge, Worth
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
     from halpipe.pipeline.solve.optimise import Polish
@@ -52,11 +54,6 @@ CHAIN_STEPS = (8, 64)
 
 TRIFLE = 1000
 """A round of wishes that brings all latencies together down by less than one part in so many is the last."""
-
-MARGIN_STEPS = 64
-"""WCET margins are tried in steps of one part in so many."""
-
-LARGEST_MARGIN = int(objectives.LARGEST_MARGIN) * MARGIN_STEPS
 
 JITTERY = 32
 """Tasks whose jitter is looked at one by one, those with the most first."""
@@ -113,7 +110,7 @@ class _Improvement:
         for stage, leading in self.polish.goals.stages:
             steps = _wishes(self.best, self.plain, stage, self.polish)
             granted = None
-            while (arrays := _next(steps, granted)) is not None:
+            while (arrays := following(steps, granted)) is not None:
                 if self.polish.is_enough(self.best.jobs):
                     return False
                 step = kept and kept.stage(f"step{number}")
@@ -196,7 +193,7 @@ def improve(
     """Grant one wish after the other; the steps of an earlier run that were `kept` are not searched again."""
     jobs = named(problem, state, units)
     best = _Best(problem, state, units, jobs, polish.judge.worth(jobs))
-    polish.first[:] = [best.worth]
+    polish.first[:] = polish.first or [best.worth]
     improvement = _Improvement(best, polish, on_slice, named)
     stopped = improvement.run(kept)
     return Improved(best.problem, best.state, best.units, improvement.moves, stopped)
@@ -227,14 +224,6 @@ Wishes = Generator["Arrays", "bool | None", None]
 """Yields tighter arrays one after the other; it is sent whether a placement was found for the last ones."""
 
 
-def _next(steps: Wishes, granted: bool | None) -> Arrays | None:
-    """Say what became of the last wish, and return the next; None at the end."""
-    try:
-        return steps.send(granted)
-    except StopIteration:
-        return None
-
-
 def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
     """Hold what other objectives have reached, and ask for more of one; `plain` are the arrays of the first problem."""
     judge = polish.judge
@@ -244,7 +233,7 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
         best.tighten(option_late=_lateness(best, _delays(best)))
     if Objective.MARGIN in judge.objectives and stage != Objective.MARGIN:
         margin = -best.worth.values[judge.objectives.index(Objective.MARGIN)]
-        best.tighten(rect=_reserved(plain, best.problem, margin))
+        best.tighten(rect=reserved(best.problem, margin, plain))
     match stage:
         case optimise.UNITS:
             yield from _fewer_units(best)
@@ -258,7 +247,7 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
         case Objective.JITTER:
             yield from _less_jitter(best)
         case Objective.MARGIN:
-            yield from _more_margin(best, plain)
+            yield from _more_margin(best, plain, judge)
 
 
 def _fewer_units(best: _Best) -> Wishes:
@@ -411,25 +400,9 @@ def _lateness(best: _Best, delays: list[int]) -> Ints:
 # ---- margin
 
 
-def _more_margin(best: _Best, plain: Arrays) -> Wishes:
-    """Ask for jobs that reserve their units for longer: double the margin while it works, then halve the gap."""
-
-    def arrays(steps: int) -> Arrays:
-        return replace(best.arrays, rect=_reserved(plain, best.problem, Fraction(steps, MARGIN_STEPS)))
-
-    found, step = 0, 1
-    while found < LARGEST_MARGIN and (yield arrays(found + step)):
-        found, step = found + step, 2 * step
-    while step > 1:
-        step //= 2
-        if (yield arrays(found + step)):
-            found += step
-
-
-def _reserved(plain: Arrays, problem: Problem, margin: Fraction) -> Table:
-    """Return rectangles in which every job keeps its units longer than its WCET, by this share of it."""
-    rect = plain.rect.copy()
-    for number, (lane, _, length, _) in enumerate(plain.rect):
-        if lane < len(problem.groups):
-            rect[number, 2] = min(length + ceil(length * margin), plain.hyperperiod)
-    return rect
+def _more_margin(best: _Best, plain: Arrays, judge: Judge) -> Wishes:
+    """Ask for jobs that reserve their units for longer, see `margins`."""
+    now, most = -best.worth.values[judge.objectives.index(Objective.MARGIN)], largest_margin(judge.expansion)
+    asked, granted = margins(now, most), None
+    while (margin := following(asked, granted)) is not None:
+        granted = yield replace(best.arrays, rect=reserved(best.problem, margin, plain))

@@ -8,7 +8,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, NEVER, State, load, new_state
-from halpipe.pipeline.solve.kernel.slices import run
+from halpipe.pipeline.solve.kernel.slices import FIRST_STAGE, run
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, freeze, hints, known_first, named_jobs, rename_units
 from halpipe.pipeline.solve.problem import SAME_CYCLE, Option
 
@@ -76,7 +76,7 @@ class Search:
     def run(self, budget: int, on_slice: OnSlice) -> Outcome:
         """Continue until `budget` moves have been made in all."""
         problem, state = self._problem, self._state
-        kept = self._kept and self._kept.stage("groups")
+        kept = self._kept and self._kept.stage(FIRST_STAGE)
         if not self._is_begun:
             self._is_begun = True
             if _is_constructed(problem):

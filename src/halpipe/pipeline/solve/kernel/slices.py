@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 SLICE_WORK = 20_000
 """Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
 
+FIRST_STAGE = "groups"
+"""Name of the stage of a search in which the units of a group are one lane."""
+
 OnSlice = Callable[[int, int], bool]
 """Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
 

@@ -1,0 +1,118 @@
+"""Wider schedules: searches from nothing in which every job reserves its units for longer than its WCET.
+
+To begin again takes milliseconds; to move the jobs of a dense schedule apart takes a hundred times as long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from math import ceil
+from typing import TYPE_CHECKING, TypeVar
+
+from halpipe.core.records import record
+from halpipe.pipeline.solve.integers import ints
+from halpipe.pipeline.solve.kernel.slices import FIRST_STAGE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator
+
+    from halpipe.models import Job
+    from halpipe.pipeline.solve.integers import Table
+    from halpipe.pipeline.solve.kernel.search import Search
+    from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
+    from halpipe.pipeline.solve.problem import Arrays, Problem
+
+T = TypeVar("T")
+
+STEP, FIRST = Fraction(1, 64), Fraction(1, 8)
+"""Margins are tried in such steps; a larger one at first, since most systems have it."""
+
+ROUNDS = (30, 300)
+"""Moves per task for one margin: few at first, for what is found easily."""
+
+
+@record
+class Wider:
+    """The jobs with the largest margin that was found, if any; the moves made, and whether to stop."""
+
+    jobs: tuple[Job, ...] | None
+    moves: int
+    stopped: bool
+
+
+def widened(
+    begin: Callable[[Fraction, int, Kept | None], Search],
+    tasks: int,
+    first: Fraction,
+    most: Fraction,
+    moves: int,
+    on_slice: OnSlice,
+    kept: Kept | None,
+) -> Wider:
+    """Search for margins above the `first` one up to `most`, in so many moves.
+
+    `begin` takes a margin, a round, and what is kept of the try in an earlier run.
+    """
+    jobs: tuple[Job, ...] | None = None
+    made = tries = 0
+    for number, each in enumerate(ROUNDS):
+        asked, granted = margins(first, most), None
+        while made < moves and (margin := following(asked, granted)) is not None:
+            stage = kept and kept.stage(f"margin{tries}")
+            failed = stage and stage.stage(FIRST_STAGE).noted()  # in an earlier run
+            tries += 1
+            if failed:
+                made, granted = made + failed["moves"][0], False
+                continue
+            tell = partial(_told, on_slice, made)
+            outcome = begin(margin, number, stage).run(min(each * tasks, moves - made), tell)
+            made += outcome.moves
+            if outcome.stopped:
+                return Wider(jobs, made, stopped=True)
+            granted = not outcome.cost
+            if granted:
+                jobs, first = outcome.jobs, margin
+            elif stage is not None:
+                stage.stage(FIRST_STAGE).note({"moves": ints([outcome.moves])})
+    return Wider(jobs, made, stopped=False)
+
+
+def _told(on_slice: OnSlice, before: int, made: int, _: int) -> bool:
+    """Report the moves of all searches; that a schedule is valid is known."""
+    return on_slice(before + made, 0)
+
+
+def margins(found: Fraction, most: Fraction) -> Generator[Fraction, bool | None, None]:
+    """Yield margins to try up to `most`: larger by twice the step while they are granted, then by halves of the gap."""
+    step = FIRST
+    while found < most and (yield min(found + step, most)):
+        found, step = found + step, 2 * step
+    while step > STEP and found < most:
+        step /= 2
+        if (yield min(found + step, most)):
+            found += step
+
+
+def following(steps: Generator[T, bool | None, None], granted: bool | None) -> T | None:
+    """Say what became of the last wish, and return the next; None at the end."""
+    try:
+        return steps.send(granted)
+    except StopIteration:
+        return None
+
+
+def reserved(problem: Problem, margin: Fraction, plain: Arrays | None = None) -> Table:
+    """Return rectangles in which every job keeps its units longer than its WCET, by this share of it."""
+    plain = plain or problem.arrays
+    rect = plain.rect.copy()
+    for number, (lane, _, length, _) in enumerate(plain.rect):
+        if lane < len(problem.groups):
+            rect[number, 2] = min(length + ceil(length * margin), plain.hyperperiod)
+    return rect
+
+
+def wide(problem: Problem, margin: Fraction) -> Problem:
+    """Return the problem in which every job reserves its units longer by the margin."""
+    return replace(problem, arrays=replace(problem.arrays, rect=reserved(problem, margin)))
