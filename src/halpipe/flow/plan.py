@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
-from halpipe.core.options import from_fields, names_of, refuse_unused
+from halpipe.core.options import file_name, from_fields, names_of, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.settings import Fields
 from halpipe.exporters.arxml.options import OF_PROJECT
@@ -102,9 +102,7 @@ class _Reader:
         )
 
     def _path(self, text: str) -> str:
-        if not text:
-            raise ValueError("the file name is empty; name a file")
-        return str(self._base / text)
+        return str(self._base / file_name(text))
 
     def _import(self, f: Fields) -> ImportStep:
         f.require("format", "inputs")

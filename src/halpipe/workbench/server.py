@@ -12,6 +12,7 @@ import json
 import secrets
 from functools import partial
 from importlib import resources
+from operator import methodcaller
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
@@ -245,11 +246,6 @@ def _keep(stated: dict[str, Any]) -> Order:
     return lambda session: session.keep(name)
 
 
-def _take(stated: dict[str, Any]) -> Order:
-    name = _text(stated, "name")
-    return lambda session: session.take(name)
-
-
 def _draw_under(stated: dict[str, Any]) -> Order:
     kind, name = _text(stated, "kind"), _text(stated, "name")
     if kind not in LOWER:
@@ -274,15 +270,15 @@ def _explain(stated: dict[str, Any]) -> Order:
 ORDERS: dict[str, Callable[[dict[str, Any]], Order]] = {
     "edit": _edit,
     "pin": _pin,
-    "unpin": lambda _: lambda session: session.unpin(),
-    "undo": lambda _: lambda session: session.undo(),
-    "redo": lambda _: lambda session: session.redo(),
+    "unpin": lambda _: methodcaller("unpin"),
+    "undo": lambda _: methodcaller("undo"),
+    "redo": lambda _: methodcaller("redo"),
     "keep": _keep,
-    "take": _take,
+    "take": lambda stated: methodcaller("take", _text(stated, "name")),
     "beside": _draw_under,
     "save": _save,
     "explain": _explain,
-    "sensitivity": lambda _: lambda session: session.margins(),
+    "sensitivity": lambda _: methodcaller("margins"),
 }
 
 
@@ -313,19 +309,15 @@ def _exported(format: str, stated: dict[str, Any]) -> Order:
 
 
 def _files(format: str, options: ExportOptions, session: Session) -> tuple[str, str, bytes]:
+    import io
+    import zipfile
+
     files = session.exported(format, options)
     suffix = exporter(format).suffix
     if set(files) == {""}:
         return f"export{suffix}", "application/octet-stream", files[""]
-    return f"{format}.zip", "application/zip", _zipped(files, f"export{suffix}")
-
-
-def _zipped(files: dict[str, bytes], main: str) -> bytes:
-    import io
-    import zipfile
-
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(files):
-            archive.writestr(zipfile.ZipInfo(name or main), files[name])
-    return packed.getvalue()
+            archive.writestr(zipfile.ZipInfo(name or f"export{suffix}"), files[name])
+    return f"{format}.zip", "application/zip", packed.getvalue()
