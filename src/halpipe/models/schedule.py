@@ -127,18 +127,10 @@ class ModeSchedule:
     hyperperiod: Duration = field(metadata=attribute(DURATION))
     status: Status = field(metadata=attribute(word(Status), "A claim; only verify decides."))
     margin: Fraction | None = field(
-        default=None,
-        metadata=attribute(
-            NUMBER,
-            "Share of its length by which every job could stay longer on its units before the next one begins there, "
-            "the least of all; 100 at most.",
-        ),
+        default=None, metadata=attribute(NUMBER, "Least share of its length by which every job could stay longer.")
     )
     margin_bound: Fraction | None = field(
-        default=None,
-        metadata=attribute(
-            NUMBER, "No valid schedule has a larger margin; equal where that is proven best.", name="margin-bound"
-        ),
+        default=None, metadata=attribute(NUMBER, "No valid schedule has a larger margin.", name="margin-bound")
     )
     jobs: tuple[Job, ...]
     cost: CostTerms | None = None
@@ -150,16 +142,12 @@ class ModeSchedule:
     @property
     def margin_words(self) -> str:
         """The least margin in percent, rounded down, with the largest that is possible; empty where none is stated."""
-        if self.margin is None:
-            return ""
-        bound = self.margin_bound
-        if bound is None or self.margin >= bound:
-            return f"{_percent(self.margin)}{'' if bound is None else ', the best possible'}"
-        return f"{_percent(self.margin)}, at most {_percent(bound)} is possible"
-
-
-def _percent(share: Fraction) -> str:
-    return f"{format_rational(Fraction(int(share * 1000), 10))} %"
+        now, most = (
+            "" if share is None else f"{format_rational(Fraction(int(share * 1000), 10))} %"
+            for share in (self.margin, self.margin_bound)
+        )
+        best = ", the best possible" if self.margin == self.margin_bound else f", at most {most} is possible"
+        return now and now + (best if most else "")
 
 
 def _latencies(mode: ModeSchedule) -> str:

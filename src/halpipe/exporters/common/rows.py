@@ -100,13 +100,8 @@ def as_json(schedule: Schedule) -> str:
         "halpipe-show": 1,
         "model": schedule.model,
         "modes": [
-            {
-                "name": mode.name,
-                "hyperperiod_ms": _plain(_ms(mode.hyperperiod)),
-                "status": str(mode.status),
-                "margin": _plain(mode.margin),
-                "margin_bound": _plain(mode.margin_bound),
-            }
+            {"name": mode.name, "hyperperiod_ms": _plain(_ms(mode.hyperperiod)), "status": str(mode.status)}
+            | {"margin": _plain(mode.margin), "margin_bound": _plain(mode.margin_bound)}
             for mode in schedule.modes
         ],
         "jobs": _all_plain(job_rows(schedule)),

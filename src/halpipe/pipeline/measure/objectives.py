@@ -120,11 +120,6 @@ def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:
     return Fraction(placement.tick.ns) * total
 
 
-def negated_margin(model: TaskModel, placement: Placement) -> Fraction:
-    """Return the least margin, negated."""
-    return -least_margin(placement)
-
-
 def number_of_gaps(model: TaskModel, placement: Placement) -> Fraction:
     """Return how often jobs are preempted."""
     return Fraction(sum(len(job.parts) - 1 for job in placement.jobs if job.parts))
@@ -138,7 +133,7 @@ def cost(model: TaskModel, placement: Placement) -> Fraction:
 MEASURES: dict[Objective, Callable[[TaskModel, Placement], Fraction]] = {
     Objective.CHAINS: sum_of_latencies,
     Objective.JITTER: sum_of_jitters,
-    Objective.MARGIN: negated_margin,
+    Objective.MARGIN: lambda _, placement: -least_margin(placement),
     Objective.PREEMPTIONS: number_of_gaps,
     Objective.COST: cost,
 }

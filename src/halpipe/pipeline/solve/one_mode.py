@@ -52,6 +52,9 @@ TURN_SEED = 1000
 FEW_TASKS = 200
 """Tasks of a mode up to which its independent groups are searched together: a few moves more."""
 
+MOST_PARTS = 8
+"""Parts of a tick at which jobs may start where `margin` is the first objective."""
+
 SHARE = 20
 """A margin takes so many times fewer moves than the search for the valid schedule, if that was long."""
 
@@ -291,13 +294,11 @@ class _WholeJobs(_Search):
     @cached_property
     def problem(self) -> Problem:
         """The mode in arrays; jobs that have shipped stay on their units, so that no group of units is one lane."""
-        return self._stated(grouped=not self.shipped)
+        return self._stated(self.tick, grouped=not self.shipped)
 
-    def _stated(self, *, grouped: bool = True, every_chain: bool = False) -> Problem:
+    def _stated(self, tick: Duration | None, *, grouped: bool = True, every_chain: bool = False) -> Problem:
         pinned = self.pinned | self.settled
-        return stated_problem(
-            self.model, self.expansion, self.tick, grouped=grouped, every_chain=every_chain, pinned=pinned
-        )
+        return stated_problem(self.model, self.expansion, tick, grouped=grouped, every_chain=every_chain, pinned=pinned)
 
     @cached_property
     def settled(self) -> dict[str, Pins]:
@@ -359,18 +360,28 @@ class _WholeJobs(_Search):
         if not self.widens:
             return self.bettered(jobs, notes, engine, moves)
         from halpipe.pipeline.solve.kernel.search import Search
-        from halpipe.pipeline.solve.kernel.widen import wide, widened
+        from halpipe.pipeline.solve.kernel.widen import reserved, widened
+
+        most = largest_margin(self.expansion)
+        least = least_margin(Placement.of(self.expansion, jobs, self.model.units))
+        tick = self.tick
+        if self.polish is not None and tick is None:  # then starts may lie between the ticks, so that the bound is met
+            tick = natural_tick(self.expansion) / min(MOST_PARTS, most.denominator)
 
         def begin(margin: Fraction, number: int, kept: Kept | None) -> Search:
-            separate = lambda: wide(self.problem if self.shipped else self._stated(grouped=False), margin)  # noqa: E731
-            seed = self.seed + number
-            return Search(wide(self.problem, margin), separate, seed, self.earlier, shipped=self.shipped, kept=kept)
+            def stated(*, grouped: bool) -> Problem:
+                plain = self._stated(tick, grouped=grouped and not self.shipped)
+                return reserved(plain, margin, plain.arrays)
 
-        tasks, jobs_of_all = len(self.expansion.tasks), max(1, self.expansion.job_count)
-        effort = max(self.options.spare * tasks // jobs_of_all, moves // SHARE)
-        now = least_margin(Placement.of(self.expansion, jobs, self.model.units))
+            separate = partial(stated, grouped=False)
+            return Search(
+                stated(grouped=True), separate, self.seed + number, self.earlier, shipped=self.shipped, kept=kept
+            )
+
+        tasks = len(self.expansion.tasks)
+        effort = max(self.options.spare * tasks // max(1, self.expansion.job_count), moves // SHARE)
         tell = lambda made, best: self.on_progress(self.name, moves + made, self.budget, best)  # noqa: E731
-        wider = widened(begin, tasks, now, largest_margin(self.expansion), effort, tell, self.kept)
+        wider = widened(begin, tasks, (least, most), effort, tell, self.kept)
         if self.polish is None:
             jobs = wider.jobs or jobs
         else:
@@ -394,10 +405,12 @@ class _WholeJobs(_Search):
 
         return Search(
             self.problem,
-            lambda: self.problem if self.shipped else self._stated(grouped=False),
+            lambda: self.problem if self.shipped else self._stated(self.tick, grouped=False),
             self.seed,
             self.earlier,
-            None if self.polish is None or self.widens else (self.polish, lambda: self._stated(every_chain=True)),
+            None
+            if self.polish is None or self.widens
+            else (self.polish, lambda: self._stated(self.tick, every_chain=True)),
             self.shipped,
             self.kept,
         )

@@ -175,7 +175,9 @@ def grown(
 
     tasks = tuple(replace(t, versions=tuple(map(longer, t.versions))) if t.name == task else t for t in model.tasks)
     modes = tuple(
-        replace(mode, jobs=tuple(map(later, mode.jobs)), cost=None, unit_loads=(), resource_loads=(), chains=())
+        replace(
+            mode, jobs=tuple(map(later, mode.jobs)), cost=None, margin=None, unit_loads=(), resource_loads=(), chains=()
+        )
         for mode in schedule.modes
     )
     tables = tuple(replace(table, jobs=tuple(map(later, table.jobs))) for table in schedule.transitions)

@@ -40,8 +40,6 @@ from halpipe.pipeline.solve.optimise import chain_bounds
 from halpipe.pipeline.solve.problem import NO_TICK
 
 if TYPE_CHECKING:
-    from fractions import Fraction
-
     from halpipe.models import Job
     from halpipe.pipeline.measure.objectives import Judge, Worth
     from halpipe.pipeline.solve.integers import Ints
@@ -228,12 +226,12 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
     """Hold what other objectives have reached, and ask for more of one; `plain` are the arrays of the first problem."""
     judge = polish.judge
     if Objective.CHAINS in judge.objectives and stage != Objective.CHAINS:
-        _hold_chains(best)
+        best.tighten(chain_limit=_limits(_latencies(best)))
     if Objective.JITTER in judge.objectives and stage != Objective.JITTER:
         best.tighten(option_late=_lateness(best, _delays(best)))
     if Objective.MARGIN in judge.objectives and stage != Objective.MARGIN:
         margin = -best.worth.values[judge.objectives.index(Objective.MARGIN)]
-        best.tighten(rect=reserved(best.problem, margin, plain))
+        best.problem = reserved(best.problem, margin, plain)
     match stage:
         case optimise.UNITS:
             yield from _fewer_units(best)
@@ -241,7 +239,8 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
             yield from _less_slack(best)
         case Objective.CHAINS:
             least = [
-                [_ticks(ns, best.problem) for ns in pair] for _, pair in chain_bounds(judge.model, judge.expansion)
+                [ceil(ns / best.problem.tick.ns) for ns in pair]
+                for _, pair in chain_bounds(judge.model, judge.expansion)
             ]
             yield from _shorter_chains(best, plain, judge.chain_weights, least)
         case Objective.JITTER:
@@ -268,10 +267,6 @@ def _less_slack(best: _Best) -> Wishes:
 
 
 # ---- chains
-
-
-def _ticks(nanoseconds: Fraction, problem: Problem) -> int:
-    return ceil(nanoseconds / problem.tick.ns)
 
 
 def _shorter_chains(best: _Best, ceiling: Arrays, weights: tuple[int, ...], least: list[list[int]]) -> Wishes:
@@ -341,10 +336,6 @@ def _traded(
     return _limits(latencies)
 
 
-def _hold_chains(best: _Best) -> None:
-    best.tighten(chain_limit=_limits(_latencies(best)))
-
-
 def _latencies(best: _Best) -> list[list[int]]:
     """Return reaction time and data age of every chain, in ticks."""
     arrays, state = best.arrays, best.state
@@ -405,4 +396,4 @@ def _more_margin(best: _Best, plain: Arrays, judge: Judge) -> Wishes:
     now, most = -best.worth.values[judge.objectives.index(Objective.MARGIN)], largest_margin(judge.expansion)
     asked, granted = margins(now, most), None
     while (margin := following(asked, granted)) is not None:
-        granted = yield replace(best.arrays, rect=reserved(best.problem, margin, plain))
+        granted = yield reserved(best.problem, margin, plain).arrays

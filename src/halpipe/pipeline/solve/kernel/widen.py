@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from math import ceil
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.pipeline.solve.integers import ints
@@ -19,12 +18,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
     from halpipe.models import Job
-    from halpipe.pipeline.solve.integers import Table
     from halpipe.pipeline.solve.kernel.search import Search
     from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
     from halpipe.pipeline.solve.problem import Arrays, Problem
-
-T = TypeVar("T")
 
 STEP, FIRST = Fraction(1, 64), Fraction(1, 8)
 """Margins are tried in such steps; a larger one at first, since most systems have it."""
@@ -45,43 +41,35 @@ class Wider:
 def widened(
     begin: Callable[[Fraction, int, Kept | None], Search],
     tasks: int,
-    first: Fraction,
-    most: Fraction,
+    wanted: tuple[Fraction, Fraction],
     moves: int,
     on_slice: OnSlice,
     kept: Kept | None,
 ) -> Wider:
-    """Search for margins above the `first` one up to `most`, in so many moves.
+    """Search in so many moves for margins above the first one `wanted`, up to the second.
 
     `begin` takes a margin, a round, and what is kept of the try in an earlier run.
     """
     jobs: tuple[Job, ...] | None = None
-    made = tries = 0
+    (first, most), made, tries = wanted, 0, 0
     for number, each in enumerate(ROUNDS):
         asked, granted = margins(first, most), None
         while made < moves and (margin := following(asked, granted)) is not None:
             stage = kept and kept.stage(f"margin{tries}")
-            failed = stage and stage.stage(FIRST_STAGE).noted()  # in an earlier run
             tries += 1
-            if failed:
+            if failed := stage and stage.stage(FIRST_STAGE).noted():
                 made, granted = made + failed["moves"][0], False
                 continue
-            tell = partial(_told, on_slice, made)
+            tell = lambda now, _, before=made: on_slice(before + now, 0)  # noqa: E731
             outcome = begin(margin, number, stage).run(min(each * tasks, moves - made), tell)
-            made += outcome.moves
+            made, granted = made + outcome.moves, not outcome.cost
             if outcome.stopped:
                 return Wider(jobs, made, stopped=True)
-            granted = not outcome.cost
             if granted:
                 jobs, first = outcome.jobs, margin
-            elif stage is not None:
+            elif stage:
                 stage.stage(FIRST_STAGE).note({"moves": ints([outcome.moves])})
     return Wider(jobs, made, stopped=False)
-
-
-def _told(on_slice: OnSlice, before: int, made: int, _: int) -> bool:
-    """Report the moves of all searches; that a schedule is valid is known."""
-    return on_slice(before + made, 0)
 
 
 def margins(found: Fraction, most: Fraction) -> Generator[Fraction, bool | None, None]:
@@ -95,7 +83,7 @@ def margins(found: Fraction, most: Fraction) -> Generator[Fraction, bool | None,
             found += step
 
 
-def following(steps: Generator[T, bool | None, None], granted: bool | None) -> T | None:
+def following(steps: Generator[Any, bool | None, None], granted: bool | None) -> Any:
     """Say what became of the last wish, and return the next; None at the end."""
     try:
         return steps.send(granted)
@@ -103,16 +91,10 @@ def following(steps: Generator[T, bool | None, None], granted: bool | None) -> T
         return None
 
 
-def reserved(problem: Problem, margin: Fraction, plain: Arrays | None = None) -> Table:
-    """Return rectangles in which every job keeps its units longer than its WCET, by this share of it."""
-    plain = plain or problem.arrays
+def reserved(problem: Problem, margin: Fraction, plain: Arrays) -> Problem:
+    """Return the problem with `plain` rectangles in which every job keeps its units longer than its WCET."""
     rect = plain.rect.copy()
     for number, (lane, _, length, _) in enumerate(plain.rect):
         if lane < len(problem.groups):
             rect[number, 2] = min(length + ceil(length * margin), plain.hyperperiod)
-    return rect
-
-
-def wide(problem: Problem, margin: Fraction) -> Problem:
-    """Return the problem in which every job reserves its units longer by the margin."""
-    return replace(problem, arrays=replace(problem.arrays, rect=reserved(problem, margin)))
+    return replace(problem, arrays=replace(problem.arrays, rect=rect))
