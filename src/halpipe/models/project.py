@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import Location
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.diagnostics import Location
     from halpipe.core.durations import Duration
 
 
@@ -180,3 +180,13 @@ class Project:
     references: Mapping[str, tuple[Value, ...]]
     definitions: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+
+    def place(self, path: str) -> Location:
+        """Return where a container of the project is."""
+        item = self.items.get(path)
+        return item.at if item else Location()
+
+    def os_tasks(self, task: str) -> list[str]:
+        """Return the OsTasks (paths) that run a task of the model."""
+        calls = (*self.calls.get(task, ()), *([self.alone[task]] if task in self.alone else []))
+        return list(dict.fromkeys(call.os_task for call in calls if call.os_task))

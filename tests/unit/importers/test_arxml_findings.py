@@ -18,6 +18,7 @@ WITHOUT_FIXTURE = {
     *(codes.SECOND_MAPPING.id, codes.BLUEPRINT.id),  # test_arxml_meaning
     codes.ONE_VARIANT.id,  # test_arxml_variants
     codes.OTHER_COPY.id,  # test_arxml_xdm
+    codes.OLD_TIMES.id,  # test_arxml_releases
 }
 
 

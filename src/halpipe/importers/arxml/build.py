@@ -91,7 +91,9 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     report_other_rates(activations, system.configuration.triggers, findings)
     if options.granularity == "ostask":
         activations = with_one_rate(activations, findings)
-    drafts = _kept(group(activations, options.granularity), options)
+    drafts = group(activations, options.granularity)
+    if options.overlay is not None:
+        drafts = [draft for draft in drafts if not options.overlay.drops(draft.name)]
     report_periodless(activations, findings)
     report_processes(drafts, findings)
     check_tasks(system, drafts, paths, findings)
@@ -131,13 +133,6 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     report_kinds(variants, Location(paths[0]), findings)
     report_dataflow(system, dataflow, findings)
     return Built(model, coverage, tuple(drafts), platform, system.configuration.triggers, locks)
-
-
-def _kept(drafts: list[Draft], options: ArxmlImportOptions) -> list[Draft]:
-    if options.overlay is None:
-        return drafts
-    overlay = options.overlay
-    return [draft for draft in drafts if not overlay.drops(draft.name)]
 
 
 # ------------------------------------------------------------------------------------------------- tasks

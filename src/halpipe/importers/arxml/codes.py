@@ -66,6 +66,12 @@ OTHER_COPY = warning(
     "describe the system, and what stands below output and generated is made by the tool. Where such files state an "
     "element differently, the first of these kinds counts.",
 )
+OLD_TIMES = warning(
+    "HAL1511",
+    "OS configuration counts seconds",
+    "Alarms and schedule tables of release 2 state floating point seconds, where later releases state ticks of a "
+    "counter. They give no task its period.",
+)
 DANGLING = warning(
     "HAL0511",
     "AUTOSAR reference has no target",

@@ -166,7 +166,9 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
         contents[f"changed/{name}"] = apply_to_xdm(data, name, module, edits)
     changes = [Change(files[e.at.file][0], e.path, e.name, e.old or "container", e.new) for e in writer.edits]
     changes += writer.delta.changes({path: files[file][0] for path, file in in_place.items()})
-    contents[CHANGES] = (json.dumps([_as_json(c) for c in changes], indent=1, ensure_ascii=True) + "\n").encode()
+    keys = {"file": "file", "path": "path", "parameter": "name", "old": "old", "new": "new"}
+    listed = [{key: getattr(change, name) for key, name in keys.items()} for change in changes]
+    contents[CHANGES] = (json.dumps(listed, indent=1, ensure_ascii=True) + "\n").encode()
     contents |= paired(model, schedule)
     manifest = {
         MANIFEST_KEY: 1,
@@ -189,21 +191,10 @@ def _state(name: str, data: bytes, contents: Mapping[str, bytes]) -> dict[str, s
 
 def _os_tasks(project: Project, task: str, plan: OntoPlan) -> dict[str, list[str]]:
     """Return the OsTasks (paths) that run a task of the model, with the OsEvents of each that the schedule sets."""
-    calls = [*project.calls.get(task, ()), *([project.alone[task]] if task in project.alone else [])]
     events: dict[str, list[str]] = {}
     for action in plan.actions.values():
         events.setdefault(action.os_task, []).extend([action.event] if action.event else [])
-    return {path: sorted(events.get(path, ())) for path in sorted({call.os_task for call in calls if call.os_task})}
-
-
-def _as_json(change: Change) -> dict[str, str | None]:
-    return {
-        "file": change.file,
-        "path": change.path,
-        "parameter": change.name,
-        "old": change.old,
-        "new": change.new,
-    }
+    return {path: sorted(events.get(path, ())) for path in sorted(project.os_tasks(task))}
 
 
 def _refuse_earlier(project: Project, findings: Findings) -> None:

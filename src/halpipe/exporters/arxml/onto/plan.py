@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, Location, about, named
+from halpipe.core.diagnostics import Findings, about, named
 from halpipe.core.durations import Duration, greatest_common_divisor, least_common_multiple, seconds
 from halpipe.core.records import record
 from halpipe.core.suggest import few
@@ -52,13 +52,7 @@ class _Gaps:
             job = self._first[task, version]
             for own in self._os_tasks(task):
                 if not own.is_preemptive:
-                    self._report(
-                        findings,
-                        job,
-                        own,
-                        "is not preemptive",
-                        "set OsTaskSchedule to FULL",
-                    )
+                    self._report(findings, job, own, "is not preemptive", "set OsTaskSchedule to FULL")
                     continue
                 for other in sorted(above.get(task, ())):
                     for high in self._os_tasks(other):
@@ -82,10 +76,8 @@ class _Gaps:
                 found.setdefault(low, set()).update(highs)
         return found
 
-    def _os_tasks(self, task: str) -> Iterable[ProjectTask]:
-        paths = [call.os_task for call in self._project.calls.get(task, ()) if call.os_task]
-        alone = self._project.alone.get(task)
-        return [self._project.tasks[path] for path in dict.fromkeys([*paths, *([alone.os_task] if alone else [])])]
+    def _os_tasks(self, task: str) -> list[ProjectTask]:
+        return [self._project.tasks[path] for path in self._project.os_tasks(task)]
 
     def _compare(self, findings: Findings, job: Job, low: ProjectTask, high: ProjectTask) -> None:
         if low.priority is not None and high.priority is not None and low.priority < high.priority:
@@ -94,20 +86,16 @@ class _Gaps:
             findings,
             job,
             low,
-            f"has the priority {low.priority}, and {high.path} ({self._at(high)}), which starts in its gap, "
-            f"{high.priority}",
+            f"has the priority {low.priority}, and {high.path} ({self._project.place(high.path)}), "
+            f"which starts in its gap, {high.priority}",
             f"give {high.path} a higher OsTaskPriority in the project, import it again, and schedule again",
         )
-
-    def _at(self, task: ProjectTask) -> Location:
-        item = self._project.items.get(task.path)
-        return item.at if item else Location()
 
     def _report(self, findings: Findings, job: Job, own: ProjectTask, message: str, help: str) -> None:
         findings.report(
             SPLIT_JOB,
             f"job {job.index} has {len(job.parts)} parts, but {own.path} {message}",
-            at=self._at(own),
+            at=self._project.place(own.path),
             path=about(task=job.task),
             help=help,
         )
@@ -243,7 +231,7 @@ class Planner:
                 self._findings.report(
                     NOT_MAPPED,
                     f"its event {call.event} is mapped to no OsTask of the project",
-                    at=self._at(call.mapping),
+                    at=self._project.place(call.mapping),
                     path=about(task=task),
                     help="map its event in the Rte configuration of the project",
                 )
@@ -251,11 +239,6 @@ class Planner:
             self._check_core(task, call.os_task, units)
             found.update(dict.fromkeys(self._of_call(task, call)))
         return tuple(found)
-
-    def _at(self, path: str) -> Location:
-        """Return where a container of the project is."""
-        item = self._project.items.get(path)
-        return item.at if item else Location()
 
     def _of_call(self, task: str, call: Call) -> list[Action]:
         """Return what runs a call: the events that an extended OsTask waits for, or one activation."""
@@ -265,7 +248,7 @@ class Planner:
             self._findings.report(
                 UNKNOWN_EVENT,
                 why if count else f'is of the type EXTENDED, but has no OsEvent to wake it for "{task}"',
-                at=self._at(call.mapping or call.os_task),
+                at=self._project.place(call.mapping or call.os_task),
                 path=named("OsTask", call.os_task),
                 help="run the RTE generator once, or state RteUsedOsEventRef in the mapping",
             )
@@ -307,7 +290,7 @@ class Planner:
                 else (SHARED_EVENT, "run the RTE generator on the merged project, or import with --granularity ostask")
             )
             path = action.event or action.os_task
-            self._findings.report(code, f"starts {shown}", path=path, help=help, at=self._at(path))
+            self._findings.report(code, f"starts {shown}", path=path, help=help, at=self._project.place(path))
 
     def _report_left_out(self, starts: dict[str, tuple[Action, ...]]) -> None:
         """Report calls that the model has not, but which run where the schedule starts others, at another rate."""
@@ -319,7 +302,7 @@ class Planner:
                 self._findings.report(
                     OTHER_RATE,
                     f"is started with {played.name} every {played.period}, but recurs every {other.period}",
-                    at=self._at(next(call.mapping for call in other.calls)),
+                    at=self._project.place(next(call.mapping for call in other.calls)),
                     path=about(task=other.name),
                     help="keep it in the model, with --granularity ostask, or give it an OsTask or OsEvent of its own",
                 )
@@ -359,7 +342,6 @@ class Planner:
             at = best.at
             off = [f"{what} at {time}" for _, what, time in self._instants(unit) if time % best.tick]
             shown = few(off, "")
-            again = f", or schedule again with --tick {best.tick}" if off else ""
             message = (
                 f"{best.path} has a tick of {best.tick}, of which {shown} is no multiple"
                 if off
@@ -384,11 +366,7 @@ class Planner:
     # -------------------------------------------------------------------------------------------------- tables
 
     def _placed(
-        self,
-        unit: str,
-        counter: ProjectCounter,
-        starts: dict[str, tuple[Action, ...]],
-        names: ShortNames | None = None,
+        self, unit: str, counter: ProjectCounter, starts: dict[str, tuple[Action, ...]], names: ShortNames | None = None
     ) -> Iterator[Placed]:
         names = names or self._names
         ticks = _ticks_of(counter)

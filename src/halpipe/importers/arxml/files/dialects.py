@@ -37,6 +37,7 @@ _TAGS = {
     "INTERNAL-BEHAVIOR": "SWC-INTERNAL-BEHAVIOR",
     "MODE-SWITCH-EVENT": "SWC-MODE-SWITCH-EVENT",
     "DATA-RECEIVE-POINTS": "DATA-RECEIVE-POINT-BY-ARGUMENTS",
+    "ECU-CONFIGURATION": "ECUC-VALUE-COLLECTION",
     "MODULE-CONFIGURATION": "ECUC-MODULE-CONFIGURATION-VALUES",
     "CONTAINER": "ECUC-CONTAINER-VALUE",
     "INTEGER-VALUE": "ECUC-NUMERICAL-PARAM-VALUE",
@@ -70,10 +71,14 @@ _INSIDE = {
         "DATA-ELEMENT-PROTOTYPE-REF": "TARGET-DATA-PROTOTYPE-REF",
     },
     "COMPONENT-IREF": {"COMPONENT-PROTOTYPE-REF": "TARGET-COMPONENT-REF"},
+    "ECUC-VALUE-COLLECTION": {"MODULE-REFS": "ECUC-VALUES"},
+    "ECUC-VALUES": {"MODULE-REF": "ECUC-MODULE-CONFIGURATION-VALUES-REF"},
 }
+_TIMES = ("/OsAlarmAlarmTime", "/OsAlarmCycleTime", "/OsScheduleTableLength", "/OsScheduleTblActionOffset")
 # Short names of ECU configuration definitions of the Rte before release 4.
 _DEFINITIONS = {
     "SwComponentInstance": "RteSwComponentInstance",
+    "SoftwareComponentInstanceRef": "RteSoftwareComponentInstanceRef",
     "SoftwareComponentPrototypeRef": "RteSoftwareComponentInstanceRef",
     "ServiceComponentPrototypeRef": "RteSoftwareComponentInstanceRef",
     "RunnableEntityMapping": "RteEventToTaskMapping",
@@ -83,6 +88,7 @@ _DEFINITIONS = {
     "ActivationOffset": "RteActivationOffset",
     "UsedOSAlarmRef": "RteUsedOsAlarmRef",
     "UsedOSEventRef": "RteUsedOsEventRef",
+    "UsedOsEventRef": "RteUsedOsEventRef",
     "UsedOsSchTblExpiryPointRef": "RteUsedOsSchTblExpiryPointRef",
 }
 
@@ -108,6 +114,19 @@ def modernise(root: etree._Element) -> etree._Element:
         if tag == "DELEGATION-CONNECTOR-PROTOTYPE":
             _nest_inner_port(element)
     return root
+
+
+def drop_seconds(root: etree._Element) -> int:
+    """Remove the times of an OS configuration of release 2, which are in seconds; return how many they were."""
+    found = [
+        e
+        for e in root.iter(NS + "DEFINITION-REF")
+        if e.get("DEST") == "FLOAT-PARAM-DEF" and (e.text or "").endswith(_TIMES)
+    ]
+    for value in (definition.getparent() for definition in found):
+        if value is not None and (holder := value.getparent()) is not None:
+            holder.remove(value)
+    return len(found)
 
 
 def _local(element: etree._Element) -> str:

@@ -27,7 +27,7 @@ from halpipe.core.files import (
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.copies import settle_copies
-from halpipe.importers.arxml.files.dialects import imported_files, modernise, translate
+from halpipe.importers.arxml.files.dialects import drop_seconds, imported_files, modernise, translate
 from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
 from halpipe.importers.arxml.files.words import NAMESPACE
 from halpipe.importers.common.inputs import read_inputs
@@ -231,6 +231,13 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
             f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them",
             at=Location(document.name, document.root.sourceline or 1),
         )
+        if count := drop_seconds(document.root):
+            findings.report(
+                codes.OLD_TIMES,
+                f"{count} times of its OS configuration are seconds, as in release 2, and are not read",
+                at=Location(document.name, document.root.sourceline or 1),
+                help="state the periods in the overlay (sources), or export the configuration as release 3 or 4",
+            )
     releases = dict.fromkeys(document.release or "4" for document in documents)
     if len(releases) > 1:
         findings.report(

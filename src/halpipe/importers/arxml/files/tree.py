@@ -283,11 +283,6 @@ class Tree:
         """Return the elements of a path."""
         return self._by_path.get(path, ())
 
-    def last_of_definition(self, path: str) -> str:
-        """Return the short name of the definition of a module configuration or container."""
-        found = (self.text(node, "DEFINITION-REF") for node in self.nodes_at(path))
-        return next(("".join(text.text.split()).rpartition("/")[2] for text in found if text), "")
-
     def has(self, path: str, tag: str) -> bool:
         """Whether a file defines an element of a tag at a path."""
         return any(node.tag == tag for node in self._by_path.get(path, ()))

@@ -447,8 +447,10 @@ def _start(containers: Containers, table: Container, stopped: Data | None) -> Fr
             path=named("OsScheduleTable", table.node.path),
             help="state the offsets of its tasks in the overlay (tasks: offset)",
         )
-    value = start.number("OsScheduleTableStartValue") if start and not is_synchronous else None
-    return value or Fraction(0)
+    old = "OsScheduleTableAbsValue" if kind is not None and kind.text == "ABSOLUTE" else "OsScheduleTableRelOffset"
+    names = ("OsScheduleTableStartValue", old, "ArcCoreOsScheduleTableOffset")  # releases before 4 state both of `old`
+    found = map(start.number, names) if start and not is_synchronous else ()
+    return next(filter(None, found), Fraction(0))
 
 
 def _expiry_points(table: Container, containers: Containers, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:

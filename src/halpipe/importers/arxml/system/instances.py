@@ -13,7 +13,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.codes import ABSENT_MODULE
-from halpipe.importers.arxml.files.words import listed
+from halpipe.importers.arxml.files.words import listed, steps_of
 from halpipe.importers.arxml.system.components import COMPOSITION
 from halpipe.importers.arxml.system.containers import standard_modules
 from halpipe.importers.arxml.system.values import Component, Composition, Instance, RteInstance
@@ -109,9 +109,9 @@ class _Configured:
                 found[item.prototype] = context
             elif not self._tree.has(item.prototype, _PROTOTYPE) and not self._tree.is_absent(item.prototype):
                 open_.append(item)
-        for choose in (self._by_name, self._by_type):
+        for is_named in (True, False):
             for item in [item for item in open_ if item.prototype not in found]:
-                context = choose(item, set(found.values()))
+                context = self._only(item, set(found.values()), is_named=is_named)
                 if context:
                     found[item.prototype] = context
         used = {instance.component.place.path for instance in self._instances}
@@ -137,23 +137,15 @@ class _Configured:
         exact = [context for context in candidates if context[1:] == steps]
         return next(iter(exact or (candidates if len(candidates) == 1 else [])), None)
 
-    def _by_name(self, item: RteInstance, taken: set[Context]) -> Context | None:
-        """Return the only instance whose name, and whose type if events tell it, is that of the prototype."""
+    def _only(self, item: RteInstance, taken: set[Context], *, is_named: bool) -> Context | None:
+        """Return the only instance of the type that events tell; if `is_named`, of the name, and of such a type."""
         types = {component.place.path for component in self._types(item)}
-        name = item.prototype.rpartition("/")[2]
-        fitting = [
-            i.context
-            for i in self._instances
-            if i.prototype.rpartition("/")[2] == name
-            and i.context not in taken
-            and (not types or i.component.place.path in types)
+        found = [
+            i for i in self._instances if i.context not in taken and (i.component.place.path in types or not types)
         ]
-        return fitting[0] if len(fitting) == 1 else None
-
-    def _by_type(self, item: RteInstance, taken: set[Context]) -> Context | None:
-        types = {component.place.path for component in self._types(item)}
-        fitting = [i.context for i in self._instances if i.component.place.path in types and i.context not in taken]
-        return fitting[0] if len(fitting) == 1 else None
+        if is_named:
+            found = [i for i in found if i.prototype.rpartition("/")[2] == item.prototype.rpartition("/")[2]]
+        return found[0].context if len(found) == 1 and (types or is_named) else None
 
     def _types(self, item: RteInstance) -> list[Component]:
         """Return the component types that own the mapped events: one, unless the configuration is wrong."""
@@ -445,5 +437,5 @@ def _is_used(tree: Tree, instance: Instance, system: System) -> bool:
     events = {event.place.path for event in instance.component.events}
     if any(mapping.event in events for mapping in configuration.mappings):
         return True
-    names = {tree.last_of_definition(path) for path in configuration.modules}
-    return instance.component.place.name in names
+    texts = (tree.text(node, "DEFINITION-REF") for path in configuration.modules for node in tree.nodes_at(path))
+    return instance.component.place.name in {steps_of(text.text)[-1] for text in texts if text}

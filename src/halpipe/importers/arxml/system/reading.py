@@ -92,15 +92,9 @@ def _instance(node: Node, type: ModeGroup) -> ModeGroup:
 
 def read_processes(tree: Tree, machines: tuple[Machine, ...], groups: tuple[ModeGroup, ...]) -> tuple[Process, ...]:
     """Read every process with the states in which it runs and the cores that it may use."""
-    mapped = {process: node for node, process in _mappings(tree)}
+    mappings = tree.tagged("PROCESS-TO-MACHINE-MAPPING")
+    mapped = {tree.path_at(node, "PROCESS-REF", ("PROCESS",)): node for node in mappings}
     return tuple(_process(tree, node, mapped.get(node.path), machines, groups) for node in tree.tagged("PROCESS"))
-
-
-def _mappings(tree: Tree) -> Iterator[tuple[Node, str]]:
-    for node in tree.tagged("PROCESS-TO-MACHINE-MAPPING"):
-        process = tree.target(node, "PROCESS-REF", ("PROCESS",))
-        if process is not None:
-            yield node, process.path
 
 
 def _process(
