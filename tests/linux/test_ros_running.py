@@ -206,11 +206,13 @@ def test_what_the_tables_cannot_be_played_with_is_refused_by_name(played, name):
 def test_tables_follow_simulated_time(played, name):
     """They hold while it pauses, and end when it is set back; the recording has the time of the simulation."""
     found = played[name]
-    assert numbers(found.out) == {"paused": 0, "wrong": 0, "some": 1}
+    assert numbers(found.out) == {"unpaused": 0, "wrong": 0, "some": 1}
     assert "the tables wait for /clock" in found.err
     assert "/source: without use_sim_time, as the tables have it, its now() is that of the machine" in found.err
     assert "/sink: without use_sim_time" not in found.err
-    assert re.search("the clock was set, by -7[56]..... us in all; the tables end", found.err)
+    assert re.search(
+        r"the clock was set, by -[5-7]\d{6} us in all; the tables end", found.err
+    )  # since it was read last
     assert found.status == FAULTS
     assert all(int(row["start"]) >= int(row["planned"]) for row in found.rows)
     assert {int(row["planned"]) - 10_000_000 * int(row["cycle"]) for row in found.rows} == {0, 2_000_000}

@@ -254,7 +254,7 @@ int threads(std::vector<std::string> lines) {
     priority = parameter.sched_priority;
   };
   const uint64_t id = pipe.container->stub_load(other);
-  pipe.in_lane(300, [&] {
+  pipe.in_lane(1500, [&] {
     pipe.container->stub_unload(id);
     seen = ticks.load();
   });
@@ -315,7 +315,8 @@ int in_simulation(int percent) {
   });
   const int status = pipe.play(20000);
   simulator.join();
-  std::printf("paused %d wrong %d some %d\n", paused, pipe.wrong.load(), int(pipe.sent > 10));
+  // Without a pause there are 30 jobs; a busy machine may run one late.
+  std::printf("unpaused %d wrong %d some %d\n", int(paused < -5), pipe.wrong.load(), int(pipe.sent > 10));
   return status;
 }
 
