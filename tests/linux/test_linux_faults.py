@@ -144,6 +144,15 @@ def recorded(bundle):
     return read_recording((bundle / "run.csv").read_bytes())
 
 
+def is_left_within_a_table(seen, cause):
+    """Whether the mode of a job was left a table after its slot, or after its start where that was later.
+
+    A conductor that was away plays the tables that are due at once, so their number says nothing.
+    """
+    last = max(r.planned for r in seen if r.table == cause.table)
+    return last < max(cause.start, cause.planned + ms(10)) + ms(10)
+
+
 def test_a_job_that_never_returns_is_found_within_a_table(tmp_path, monkeypatch):
     rule = HealthRule(task="b", event=HealthEvent.OVERRUN, mode="one")
     bundle = built(tmp_path, monkeypatch, "hang", 5, (rule,))
@@ -154,7 +163,8 @@ def test_a_job_that_never_returns_is_found_within_a_table(tmp_path, monkeypatch)
     assert re.search("[1-9][0-9]* ended late", ran.stdout)
     [hung] = [r for r in seen if r.end is None]
     assert (hung.task, hung.cycle) == ("b", 4)
-    assert min(r.cycle for r in seen if r.table == "one") <= hung.cycle + 2
+    assert is_left_within_a_table(seen, hung)
+    assert "one" in {r.table for r in seen}
     assert max(r.cycle for r in seen if r.task == "a") > 40  # it runs on, on the same CPU
 
 

@@ -179,10 +179,13 @@ def test_the_tables_wait_for_the_callbacks_of_a_lifecycle_node(played):
 
 def test_an_exception_ends_the_tables_with_its_task_and_the_recording(played):
     thrown = played["throwing"]
-    assert (thrown.status, numbers(thrown.out)["sent"]) == (FAULTS, 30)
+    assert thrown.status == FAULTS
     assert "task /source: no more wheels" in thrown.err
     assert "the tables have ended after a failure" in thrown.err
-    assert [row["cycle"] for row in thrown.rows if row["task"] == "/source"] == [str(i) for i in range(30)]
+    rows = [row for row in thrown.rows if row["task"] == "/source"]
+    assert [row["cycle"] for row in rows] == [str(i) for i in range(numbers(thrown.out)["sent"])]
+    # The thirtieth job throws; tables that were due by then, since the machine was away, are played.
+    assert all(int(row["planned"]) < int(rows[29]["end"]) + 1_000_000 for row in rows[30:])
 
 
 def test_a_callback_that_never_returns_is_named_and_does_not_hold_up_the_end(played):
@@ -284,5 +287,7 @@ def test_a_job_waits_for_the_message_of_a_sensor_and_without_one_its_mode_follow
         if not numbers(waiting.out)["seen"]:
             waiting = play(folder, ["waiting"])["waiting"]
     assert numbers(waiting.out) == {"seen": 1, "fresh": 1}
-    cycles = [(row["mode"], int(row["cycle"])) for row in played["missing"].rows]
-    assert min(cycle for mode, cycle in cycles if mode == "limp") <= 3
+    rows = played["missing"].rows
+    first = next(row for row in rows if row["data"] == "0")  # it asks for the mode, which the next table has
+    assert all(int(row["planned"]) < int(first["end"]) + 3_000_000 for row in rows if row["mode"] == "all")
+    assert "limp" in {row["mode"] for row in rows}
