@@ -65,10 +65,11 @@ def _out_of_window(text: str, placed: Placed, constraint: Precedence, path: str,
 def _same_cycle(placed: Placed, constraint: Precedence, table: ModeTable) -> Iterator[Diagnostic]:
     """Compare the job with the one of its cycle, floor(j * D / D'), both where they belong (MODEL 10.3)."""
     before = table.mode.tasks.get(constraint.task)
-    if not placed.active.period or (before is not None and not before.period):
+    period = placed.active.period if before is None else before.period  # of a task that does not run, any
+    if not placed.active.period or not period:
         return  # the model's fault
     clock = table.clock
-    index = placed.job.index * placed.active.period // before.period if before is not None and before.period else 0
+    index = placed.job.index * placed.active.period // period
     window = f"[{constraint.min}, {constraint.max}]"
     own = reached(constraint, placed) + placed.lap
     others = [p for p in table.by_task.get(constraint.task, ()) if p.job.index == index]
