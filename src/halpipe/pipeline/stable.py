@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about, note
@@ -57,9 +56,6 @@ ROUNDS = 12
 MOST_PUT_BACK = 24
 """So many tasks that have moved are tried where they were."""
 
-NEIGHBOURS, SMALL = 6, 2
-"""Tasks of which small sets are free alone, and the tasks of such a set."""
-
 MOST_NAMED = 12
 """Tasks that are named in the note."""
 
@@ -95,8 +91,6 @@ def schedule_near(
             found, proven = _fewest(model, options, earlier, found, fewest, solve)
             fewest = {mode: max(count, proven.get(mode, 0)) for mode, count in fewest.items()}
         if not is_least(found):
-            near = {task for sets in conflicts.values() for each in sets for task, _ in each}
-            found = _with_few_free(earlier, found, held, near.union(changed), attempt)
             found = _put_back(earlier, found, attempt)
     return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
 
@@ -247,24 +241,6 @@ def _near(options: SearchOptions, earlier: Schedule, kept: Schedule, budget: int
     """
     shipped = _together(options.shipped, kept)
     return replace(options, shipped=shipped, near=None, like=earlier, budget=budget, keeper=None)
-
-
-def _with_few_free(
-    earlier: Schedule,
-    found: Scheduled,
-    held: frozenset[str],
-    first: Collection[str],
-    attempt: Callable[[Schedule], Scheduled | None],
-) -> Scheduled:
-    """Return a schedule in which fewer jobs have moved, if there is one with one or two free tasks beside those held.
-
-    A changed task may stay where a task in its way has less to move.
-    """
-    jobs = Counter(job.task for mode in earlier.modes for job in mode.jobs)
-    near = sorted(jobs, key=lambda name: (name not in first, jobs[name], name))[:NEIGHBOURS]
-    for names in (names for size in range(1, SMALL + 1) for names in combinations(near, size)):
-        found = _better(earlier, found, _without(earlier, held.union(names)), attempt)
-    return found
 
 
 def _put_back(earlier: Schedule, found: Scheduled, attempt: Callable[[Schedule], Scheduled | None]) -> Scheduled:
