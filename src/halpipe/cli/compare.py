@@ -102,7 +102,6 @@ USAGE = ("table", "unit", "direction", "samples", "promised", "granted", "used")
 
 
 def _counters(bundle: str, file: str, options: CompareOptions) -> int:
-    """Compare counters of bytes with a bundle of regulators."""
     from halpipe.core.files import read_bytes
     from halpipe.deploy.regulator.counters import compare_counters
     from halpipe.flow.formats import open_target

@@ -66,7 +66,7 @@ def _first(folder: str, example: str, written: Collection[str]) -> str:
     return f"halpipe schedule {folder}/model.xml -o {folder}/schedule.xml"
 
 
-PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz", "packaging")
+PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz", "packaging", "numpy")
 EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",
@@ -77,7 +77,6 @@ EXTRAS = {
     "ziglang": "halpipe[riscv]",
     "pyelftools": "halpipe[riscv]",
     "unicorn": "halpipe[riscv]",
-    "numpy": "halpipe[riscv]",
 }
 PROGRAMS = {
     "dot": "apt-get install graphviz",

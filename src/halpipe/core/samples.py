@@ -9,13 +9,14 @@ from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_share, quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from fractions import Fraction
+
+    from _typeshed import SupportsLenAndGetItem
 
 T = TypeVar("T")
 
 
-def quantile(ordered: Sequence[T], share: Fraction) -> T:
+def quantile(ordered: SupportsLenAndGetItem[T], share: Fraction) -> T:
     """Return the smallest of at least one ordered sample that so large a share of all does not exceed."""
     return ordered[max(0, int(-(-len(ordered) * share // 1)) - 1)]
 

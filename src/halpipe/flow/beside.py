@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Instant
     from halpipe.pipeline.compare import Comparison
     from halpipe.pipeline.compare.matching import Matching
+    from halpipe.pipeline.compare.tables import Due
 
 DEVIATES = warning(
     "HAL1475",
@@ -85,7 +86,7 @@ def _run(model: TaskModel, schedule: Schedule, options: ReportOptions) -> tuple[
         mode = "" if executions and is_stated(executions) else options.mode
         asked = CompareOptions(mode=mode, tolerance=options.tolerance, origin=options.origin)
         lines.append(compare(schedule, trace, asked, model))
-    if not any(row >= 0 for line in lines for row in line.matching.slots):
+    if not any(len(line.ran.row) for line in lines):
         help = "give a recording of this schedule; `halpipe compare` says what it has"
         raise HalpipeError(NOT_COMPARABLE("the trace has no job of the schedule", path=options.trace, help=help))
     windows = {name: window for name, (window, _) in _drawn(schedule, context=shows_context(schedule)).items()}
@@ -119,7 +120,7 @@ def _worst_cycles(lines: Sequence[Comparison]) -> dict[str, list[tuple[int, int,
         for line, table in enumerate(played.table):
             # With the cycle before, since jobs that wrap are drawn, too.
             slots = comparison.matching.slots[played.slot[max(0, line - 1)] : played.slot[line + 1]]
-            jobs, found = sum(row >= 0 for row in slots), comparison.by_line.get(line, 0)
+            jobs, found = int((slots >= 0).sum()), int(comparison.by_line[line])
             # A switch of length zero is no line of its own.
             for name in (table.name, f"{before}->{table.name}"):
                 if jobs or found:
@@ -134,20 +135,20 @@ class _Cycle:
     def __init__(self, comparison: Comparison, line: int, window: Window, tolerance: Duration, units: set[str]) -> None:
         self.matching: Matching = comparison.matching
         self.line, self.units, self.tolerance = line, units, tolerance
-        self.deviations = comparison.by_line.get(line, 0)
+        self.deviations = int(comparison.by_line[line])
         self.zero = self.matching.lines.start[line] + self.matching.origin
         self.low, self.high = self.zero + window.start.ns, self.zero + window.end.ns
 
     def strip(self, played: int) -> Strip:
         """Return the boxes of the cycle, the worst of those that were `played`."""
         seen, lines = self.matching.executions, self.matching.lines
-        extra = set(self.matching.extra)
-        rows = [row for row in seen.order if self._shows(seen.start[row], seen.end[row])]
-        own = [row for row in rows if self.matching.line[row] >= 0]
+        extra = set(self.matching.extra.tolist())
+        rows = [row for row in seen.order.tolist() if self._shows(seen.start[row], seen.end[row])]
+        own = [row for row in rows if self.matching.slot[row] >= 0]
         marks = Judge(self.tolerance, "", Scope()).mark(self.matching, own)
         boxes = [box for row in own for box in self._boxes(row, marks.get(row, []))]
         boxes += [box for row in rows if row in extra for box in self._extra(row)]
-        boxes += [box for at in self.matching.missing for box in self._missing(*at)]
+        boxes += [box for slot in self.matching.missing.tolist() for box in self._missing(*self.matching.at(slot))]
         many = f", the one of {played} with the most deviations" if played > 1 else ""
         when = f"from {Duration(self.zero)} of the trace on"
         count = counted(self.deviations, "deviation")
@@ -183,8 +184,7 @@ class _Cycle:
             title = _title(execution.task, None, self._at(start), self._at(end), ["no job of it is due"])
             yield Seen(execution.task, units, self._at(start), self._at(end), "extra", title)
 
-    def _missing(self, line: int, place: int) -> Iterator[Seen]:
-        due = self.matching.lines.table[line].due[place]
+    def _missing(self, line: int, due: Due) -> Iterator[Seen]:
         start = self.matching.lines.start[line] + self.matching.origin + due.start
         if self._shows(start, start + due.length):
             low, high = self._at(start), self._at(start + due.length)

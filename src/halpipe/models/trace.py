@@ -10,22 +10,56 @@ from array import array
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import field
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
 
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping
+    from collections.abc import Hashable, Iterable, Iterator, Mapping
     from fractions import Fraction
 
     Instant = int | Fraction
     """Nanoseconds on the clock of the trace."""
     Times = array[int] | list[int | Fraction]
 
+Column: TypeAlias = "np.ndarray[Any, Any]"
+"""Numbers that are computed with at once: of 64 bits, or objects where some are fractions or large."""
+
 NONE = -(2**63)
 """What stands in a column of numbers for a value that the trace does not state."""
+_LARGE = 2**61
+"""Instants below have sums and differences of three within 64 bits."""
+
+
+def column(values: Sequence[Instant]) -> Column:
+    """Return numbers as a column on which sums and differences are exact; a copy only where that needs objects."""
+    if isinstance(values, array):
+        found = np.asarray(values)
+        if not ((found >= _LARGE) | ((found <= -_LARGE) & (found != NONE))).any():
+            return found
+    elif all(type(value) is int and -_LARGE < value < _LARGE for value in values):
+        return np.array(values, dtype=np.int64)
+    found = np.empty(len(values), dtype=object)
+    found[:] = values
+    return found
+
+
+def plain(value: Any) -> Any:
+    """Return an element of a column as a number of Python."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def groups(numbers: Column) -> Iterator[tuple[int, Column]]:
+    """Yield each number of a column, from 0 on, with its places in order."""
+    is_short = numbers.size and numbers.max() < 2**15
+    order = np.argsort(numbers.astype(np.int16) if is_short else numbers, kind="stable")  # short ones are faster
+    for places in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
+        if places.size:
+            yield int(numbers[places[0]]), places
 
 
 @record
@@ -91,7 +125,7 @@ class Executions(Sequence[Execution]):
         self.planned: dict[int, Instant] = {}
         self.has_data: dict[int, bool] = {}
         self.stretches: dict[int, tuple[tuple[Instant, Instant], ...]] = {}
-        self.order: Sequence[int] = ()
+        self.order: Column = np.arange(0)
         self._numbers: dict[Hashable, int] = {}
 
     @classmethod
@@ -105,28 +139,28 @@ class Executions(Sequence[Execution]):
         return found
 
     def copy(self) -> Executions:
-        """Return the columns with names, units and times of their own, to be changed."""
+        """Return columns with names and units of their own; the numbers are shared until they are replaced."""
         found = Executions(self.file)
-        vars(found).update({name: copy(value) for name, value in vars(self).items()})
+        vars(found).update(vars(self))
+        vars(found).update({name: copy(vars(self)[name]) for name in ("names", "units", "_numbers")})
         return found
+
+    def detach(self) -> None:
+        """Copy what joins of executions change."""
+        vars(self).update({name: copy(vars(self)[name]) for name in ("on", "start", "end", "busy", "stretches")})
 
     def rename(self, names: Mapping[int, str]) -> None:
         """Give tasks other names, by the numbers of those of before."""
-        numbers = {number: self.number(name) for number, name in names.items()}
-        if any(number != now for number, now in numbers.items()):
-            self.task = array("i", map(numbers.__getitem__, self.task))
+        numbers = np.arange(len(self.names), dtype=np.int32)
+        numbers[[*names]] = [self.number(name) for name in names.values()]
+        self.task = array("i", numbers[np.asarray(self.task)].tobytes())
 
     def __len__(self) -> int:
         return len(self.order)
 
-    @overload
-    def __getitem__(self, index: int) -> Execution: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Execution]: ...
-    def __getitem__(self, index: int | slice) -> Execution | list[Execution]:
-        if isinstance(index, slice):
-            return [self.row(row) for row in self.order[index]]
-        return self.row(self.order[index])
+    def __getitem__(self, index: Any) -> Any:
+        rows = self.order[index]
+        return [self.row(row) for row in rows] if isinstance(index, slice) else self.row(rows)
 
     def row(self, row: int) -> Execution:
         """Return the execution in a row."""
@@ -199,36 +233,43 @@ class Executions(Sequence[Execution]):
         end, busy = (None if time is None else time.ns for time in (each.end, each.busy))
         self.file = self.file or each.at.file
         row = self.add(each.task, each.units, each.start.ns, end, busy, each.at.line or 0, each.table, each.cycle)
-        if each.job is not None:
-            self.job[row] = each.job
-        if each.planned is not None:
-            self.planned[row] = each.planned.ns
-        if each.has_data is not None:
-            self.has_data[row] = each.has_data
-        if each.stretches:
-            self.stretches[row] = tuple((a.ns, b.ns) for a, b in each.stretches)
+        planned = None if each.planned is None else each.planned.ns
+        stretches = tuple((a.ns, b.ns) for a, b in each.stretches) or None
+        for name, value in (
+            ("job", each.job),
+            ("planned", planned),
+            ("has_data", each.has_data),
+            ("stretches", stretches),
+        ):
+            if value is not None:
+                getattr(self, name)[row] = value
 
     def extend(self, others: Executions) -> None:
-        """Add the executions of another recording, as far as columns tell of them."""
-        for at in others.order:
-            end, busy = (None if c[at] == NONE else c[at] for c in (others.end, others.busy))
-            units = others.units[others.on[at]]
-            row = self.add(others.names[others.task[at]], units, others.start[at], end, busy, others.line[at])
-            if at in others.stretches:
-                self.stretches[row] = others.stretches[at]
+        """Add the executions of another recording, as far as columns have them."""
+        rows, places = others.order, {row: len(self.task) + place for place, row in enumerate(others.order.tolist())}
+        task, on, line = (np.asarray(each)[rows] for each in (others.task, others.on, others.line))
+        start, end, busy = (column(each)[rows] for each in (others.start, others.end, others.busy))
+        self.add_all(others.names, others.units, task=task, on=on, start=start, end=end, busy=busy, line=line)
+        self.stretches |= {places[row]: found for row, found in others.stretches.items() if row in places}
 
-    def length(self, row: int) -> Instant | None:
-        """Return the time in which an execution really ran; None if it has no end."""
-        end, busy = self.end[row], self.busy[row]
-        if end == NONE:
-            return None
-        return end - self.start[row] if busy == NONE else busy
+    def add_all(self, names: Sequence[str], units: Sequence[tuple[str, ...]], **columns: Column) -> None:
+        """Add executions by columns; tasks and units are numbers of the given ones."""
+        count = len(columns["task"])
+        for name, given, number in (("task", names, self.number), ("on", units, self._on)):
+            used, inverse = np.unique(columns[name], return_inverse=True)
+            columns[name] = np.array([number(given[of]) for of in used], dtype=np.int32)[inverse]
+        columns |= {"table": np.full(count, self.number(""), dtype=np.int32), "cycle": np.full(count, NONE)}
+        for name, values in columns.items():
+            known = getattr(self, name)
+            if values.dtype == object or not isinstance(known, array):
+                setattr(self, name, [*known, *values.tolist()])
+            else:
+                known.frombytes(values.tobytes())
 
     def sort(self) -> None:
         """Order the rows by their start and line."""
-        order = sorted(range(len(self.task)), key=self.line.__getitem__)
-        order.sort(key=self.start.__getitem__)
-        self.order = array("q", order)
+        order = np.argsort(np.asarray(self.line), kind="stable")
+        self.order = order[np.argsort(column(self.start)[order], kind="stable")]
 
 
 @record(kw_only=True)

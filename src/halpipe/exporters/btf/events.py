@@ -41,9 +41,12 @@ class Piece:
 def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str:
     """Return the trace of a run through every mode and switch that can be reached from the first mode."""
     pieces, unreached = tour(schedule, options.cycles)
-    runnables, mixed = _runnables(model), _overlapping(pieces)
-    for key in [key for key in runnables if key[0] in mixed]:
-        del runnables[key]
+    mixed = _overlapping(pieces)
+    runnables = {
+        (task.name, version.name): f"RUN_{version.source.entry if version.source else f'{task.name}.{version.name}'}"
+        for task in model.tasks
+        for version in (() if task.name in mixed else task.versions)
+    }
     events, rounded, early = _events(pieces, _releases(model, schedule), runnables)
     header = [
         "#version 2.1.5",
@@ -144,15 +147,6 @@ def _releases(model: TaskModel, schedule: Schedule) -> dict[tuple[str, str, int]
     return found
 
 
-def _runnables(model: TaskModel) -> dict[tuple[str, str], str]:
-    """Return the name of the runnable of each version."""
-    return {
-        (task.name, version.name): f"RUN_{version.source.entry if version.source else f'{task.name}.{version.name}'}"
-        for task in model.tasks
-        for version in task.versions
-    }
-
-
 def _overlapping(pieces: list[Piece]) -> set[str]:
     """Return the tasks of which a job starts before the one before ends: tools find a runnable's core by its task."""
     ends: dict[str, Duration] = {}
@@ -177,7 +171,7 @@ def _events(
 
     def put(at: Duration, rank: int, text: str) -> None:
         nonlocal rounded
-        whole = at // _NANOSECOND
+        whole = int(at.ns // 1)
         rounded += at.ns != whole
         found.append((whole, rank, text))
 
@@ -207,6 +201,3 @@ def _events(
                     put(leave, _LEAVE, f"{within},{'terminate' if number == len(stretches) else 'suspend'}")
     found.sort(key=lambda event: event[:2])
     return [f"{at},{text}" for at, _, text in found], rounded, early
-
-
-_NANOSECOND = Duration(1)

@@ -136,24 +136,10 @@ class _TraceWriter:
                     begin, last = max(start, window.start), min(end, window.end)
                     times = self._span(begin - window.start, last - window.start)
                     part = {"part": number, "parts": len(placement.job.parts)} if placement.job.parts else {}
-                    self._slice(placement, times, arguments | part)
-
-    def _slice(self, placement: Placement, times: tuple[_Number, _Number], arguments: dict[str, Any]) -> None:
-        """Write a slice on every unit of a job."""
-        ts, dur = times
-        for unit in placement.job.units:
-            self.events.append(
-                {
-                    "name": placement.job.task,
-                    "cat": "job",
-                    "ph": "X",
-                    "ts": ts,
-                    "dur": dur,
-                    "pid": self.process,
-                    "tid": self.threads[unit],
-                    "args": arguments,
-                }
-            )
+                    event = {"name": placement.job.task, "cat": "job", "ph": "X", "ts": times[0], "dur": times[1]}
+                    for unit in placement.job.units:
+                        place = {"pid": self.process, "tid": self.threads[unit], "args": arguments | part}
+                        self.events.append(event | place)
 
     def _flows(self, link: Link, table: ModeSchedule, cycles: int) -> None:
         """Tie the slice of the predecessor to that of the job; the arrow is drawn between the slices' ends."""
@@ -180,18 +166,14 @@ class _TraceWriter:
         return ts, _Number(format_rational(Fraction(self._us(end)) - Fraction(ts)))
 
     def _us(self, at: Duration) -> _Number:
-        text = format_rational(at.in_unit("us"))
-        if "/" in text:
-            self.rounded += 1
-            text = format_rational(Fraction(round(at.fraction), 1000))
-        return _Number(text)
+        found = format_rational(at.in_unit("us"))
+        self.rounded += (is_rounded := "/" in found)
+        return _Number(format_rational(Fraction(round(at.fraction), 1000)) if is_rounded else found)
 
     def _share(self, value: Fraction) -> _Number:
-        text = format_rational(value)
-        if "/" in text:
-            self.rounded_values += 1
-            text = format_rational(Fraction(round(value * 10**9), 10**9))
-        return _Number(text)
+        found = format_rational(value)
+        self.rounded_values += (is_rounded := "/" in found)
+        return _Number(format_rational(Fraction(round(value * 10**9), 10**9)) if is_rounded else found)
 
 
 def _number_at_switch(placement: Placement) -> int:

@@ -62,8 +62,6 @@ def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
 
 
 class _Reader(Jobs):
-    """Follows every job from start to terminate."""
-
     def __init__(self, file: str, findings: Findings) -> None:
         super().__init__(file, findings)
         self.scale: int | Fraction = 1
@@ -140,13 +138,13 @@ class _Reader(Jobs):
                 self.running[task, instance] = Job(task, source, at, line)
                 return
             if job.since is not None and event not in ("run", "poll"):
-                self._odd(task, instance, f"{event} while it runs", line)
+                self.odd.add(f"{event} while it runs", line, f'job {instance} of task "{task}"')
             job.run(source, at)
         elif event in _PAUSES and job is not None:
             job.pause(at)
         elif event == "terminate":
             if not self.end((task, instance), at):
-                self._odd(task, instance, "terminate without start", line)
+                self.odd.add("terminate without start", line, f'job {instance} of task "{task}"')
         elif event not in _PAUSES:
             self.others[event] += 1
 
@@ -164,9 +162,6 @@ class _Reader(Jobs):
             # halpipe counts all tables, other writers the instances of each stimulus: then the order counts.
             self.marks = [(at, table, cycle) for cycle, (at, table, _) in enumerate(self.marks)]
         return super().result(self.marks)
-
-    def _odd(self, task: str, instance: str, what: str, line: int) -> None:
-        self.odd.add(what, line, f'job {instance} of task "{task}"')
 
     def _broken(self, line: int, message: str, help: str) -> None:
         self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file, line), help=help))

@@ -26,7 +26,7 @@ def read_folder(root: str, findings: Findings) -> Trace:
     try:
         trace = read_ros_trace(root, of_nodes, threads.take)
     except HalpipeError as refused:
-        if not threads.is_any or refused.diagnostics[-1].code != codes.NO_EXECUTIONS.id:
+        if not (threads.running or threads.executions.task) or refused.diagnostics[-1].code != codes.NO_EXECUTIONS.id:
             raise
         findings.extend(found for found in of_nodes.items if found.code in _LOSSES)
         return threads.trace()
@@ -40,11 +40,6 @@ def read_folder(root: str, findings: Findings) -> Trace:
 
 
 class _Threads(Switches):
-    """Follows the threads by the switches of the kernel."""
-
-    is_any = False
-    """Whether a thread ran."""
-
     def take(self, event: Event) -> None:
         """Take an event, if it is a switch."""
         if event.name != "sched_switch":
@@ -52,4 +47,3 @@ class _Threads(Switches):
         name, left, state, entered = map(event.fields.get, ("next_comm", "prev_tid", "prev_state", "next_tid"))
         if name is not None and isinstance(left, int) and isinstance(state, int) and isinstance(entered, int):
             self.switch(event.cpu, event.time, left, is_runnable(state), entered, str(name))
-            self.is_any = self.is_any or entered != 0

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from itertools import islice
-from operator import le
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from halpipe.core.diagnostics import Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
-from halpipe.models.trace import Executions
+from halpipe.models.trace import NONE, Executions, column
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Hashable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.models.trace import Instant, Times
+    from halpipe.models.trace import Column, Instant, Times
 
 
 def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> None:
@@ -50,8 +50,15 @@ class Oddities:
             findings.add(codes.ODD_SEQUENCE(message, at=Location(file, line), path=path, help=help))
 
 
+FEW = 64
+"""Begins and ends below which columns cost more than they save."""
+
+
 class Marks:
     """Begins and ends of the slices of one thread, one track or one id, as columns; names are numbers of the reader."""
+
+    is_busy = False
+    """Whether a slice runs all the time."""
 
     def __init__(self) -> None:
         self.at: Times = array("q")
@@ -69,28 +76,58 @@ class Marks:
         self.thread.append(thread)
         self.line.append(line)
 
-    def slices(self, names: Sequence[Any], odd: Oddities) -> Iterator[tuple[int, Instant | None]]:
-        """Yield the row of the begin and the end of each slice, None where it has none; ends alone are `odd`.
+    def slices(self, names: Sequence[Any], odd: Oddities) -> tuple[Column, Column]:
+        """Return the rows of the begin and the end of each slice, the end of -1 where it has none.
 
-        In a text that is not in the order of time, ends come before begins of the same instant.
+        Ends alone are `odd`. In a text that is not in the order of time, ends come before begins of the same instant.
         """
-        at, begins, task = self.at, self.begins, self.task
-        rows: Iterable[int] = range(len(at))
-        if not all(map(le, at, islice(at, 1, None))):
-            rows = sorted(rows, key=lambda row: (at[row], begins[row]))
+        at, task, begins = column(self.at), np.asarray(self.task), np.asarray(self.begins).astype(bool)
+        rows = np.arange(len(at))
+        if (at[1:] < at[:-1]).any():
+            rows = np.argsort(begins, kind="stable")
+            rows = rows[np.argsort(at[rows], kind="stable")]
+        if len(at) < FEW:
+            return self._by_name(rows, names, odd)
+        is_begin = begins[rows]
+        depth = np.cumsum(np.where(is_begin, 1, -1)) + ~is_begin
+        order = np.argsort(depth, kind="stable")  # at one depth, begins and ends take turns
+        place = order[:-1][is_begin[order[:-1]] & (depth[order[:-1]] == depth[order[1:]])]
+        ends = order[1:][is_begin[order[:-1]] & (depth[order[:-1]] == depth[order[1:]])]
+        ended = np.argsort(ends)
+        first, last = rows[place[ended]], rows[ends[ended]]
+        nameless = np.array([not name for name in names], dtype=bool)
+        is_plain = (nameless[task[last]] & ~nameless[task[first]]) | (task[first] == task[last])
+        if depth.min() < 1 or not is_plain.all():
+            return self._by_name(rows, names, odd)
+        left = is_begin.copy()
+        left[place] = False
+        return np.concatenate((first, rows[left])), np.concatenate((last, np.full(left.sum(), -1)))
+
+    def put(
+        self, found: Executions, begins: Column, ends: Column, names: Sequence[str], units: Sequence[tuple[str, ...]]
+    ) -> None:
+        """Add slices to executions, by the names and the units that are numbered."""
+        task, thread, line = (np.asarray(each)[begins] for each in (self.task, self.thread, self.line))
+        start, end = column(self.at)[begins], np.where(ends < 0, NONE, column(self.at)[ends])
+        busy = np.where((ends < 0) | (not self.is_busy), NONE, end - start)
+        found.add_all(names, units, task=task, on=thread, start=start, end=end, busy=busy, line=line)
+
+    def _by_name(self, rows: Column, names: Sequence[Any], odd: Oddities) -> tuple[Column, Column]:
         begun: list[int] = []
-        for row in rows:
-            if begins[row]:
+        found: list[tuple[int, int]] = []
+        for row in rows.tolist():
+            if self.begins[row]:
                 begun.append(row)
                 continue
             # A slice that ends by its name may have another one above it, which begins at this instant.
-            of_name = (place for place in reversed(range(len(begun))) if task[row] == task[begun[place]])
+            of_name = (at for at in reversed(range(len(begun))) if self.task[row] == self.task[begun[at]])
             place = next(of_name, len(begun) - 1)
             if place < 0:
-                odd.add("a slice ends that did not begin", self.line[row], names[task[row]])
+                odd.add("a slice ends that did not begin", self.line[row], names[self.task[row]])
             else:
-                yield begun.pop(place), at[row]
-        yield from ((row, None) for row in begun)
+                found.append((begun.pop(place), row))
+        first, last = zip(*found, *((row, -1) for row in begun), strict=True) if found or begun else ((), ())
+        return np.array(first, dtype=np.int64), np.array(last, dtype=np.int64)
 
 
 class Job:

@@ -15,7 +15,7 @@ from halpipe.core.files import json_decoder
 from halpipe.importers.traces import codes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from halpipe.core.diagnostics import Findings
 
@@ -23,6 +23,7 @@ LARGEST_VALUE = 2**28
 """Characters of one event, or of one value beside the list."""
 _DELIMITERS = frozenset(",:]} \t\r\n")
 _decode = json_decoder(str).raw_decode
+_scan: Callable[[str, int], tuple[Any, int]] = vars(json_decoder(str))["scan_once"]
 """Numbers with a point stay texts, of which readers make exact numbers."""
 _blank = re.compile("[ \t\r\n]*").match
 _comma = re.compile("[ \t\r\n]*,[ \t\r\n]*").match
@@ -60,8 +61,6 @@ def events(pieces: Iterable[str], file: str, findings: Findings) -> Iterator[tup
 
 
 class _Text:
-    """The part of a text that has been read and not yet used."""
-
     def __init__(self, pieces: Iterable[str]) -> None:
         self._pieces = iter(pieces)
         self._text, self._at = "", 0
@@ -127,18 +126,33 @@ class _Text:
         """Use a list, and yield each object in it with its line."""
         self._take("[")
         while self.next() not in ("]", ""):
-            line = self.line
-            value = self.value()
+            line, value = self.line, self.value()
             if type(value) is dict:
                 yield line, value
-            between = _comma(self._text, self._at)
-            if between and between.end() < len(self._text):  # as most often
-                self._at = between.end()
-            elif self.next() == ",":
+            if self.next() == ",":
                 self._take(",")
+                yield from self._whole()
             elif self.next() != "]":
                 break
         self.is_closed = bool(self._take("]"))
+
+    def _whole(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Use the elements of a list that are in the text with the comma after them, as most are."""
+        self.next()
+        text, at, line = self._text, self._at, self.line
+        while True:
+            try:
+                value, end = _scan(text, at)
+            except (StopIteration, json.JSONDecodeError):
+                return
+            between = _comma(text, end)
+            if between is None or (begin := between.end()) == len(text):
+                return
+            self._at = begin
+            if type(value) is dict:
+                yield line, value
+            line += text.count("\n", at, begin)
+            at = begin
 
     def entries(self) -> Iterator[str]:
         """Use an object, and yield each key; its value is to be used before the next."""

@@ -85,7 +85,6 @@ def _cell(value: Any) -> str:
 
 
 def _state(jobs: Jobs, name: str, signal: Any) -> bool:
-    """Take a signal as the state of a task, if it is one."""
     if signal.dtype.kind not in "buif" or not set(signal.unique().tolist()) <= {0, 1}:
         return False
     for seconds, value in zip(signal.index.tolist(), signal.tolist(), strict=True):

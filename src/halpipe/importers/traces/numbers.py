@@ -9,6 +9,7 @@ _NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,15}|/[0-9]{1,18})?")
 _WHOLE = re.compile(r"-?[0-9]{1,18}")
 
 _SHORT = 30
+_POWERS = [10**digits for digits in range(_SHORT)]
 
 SCALES_NS: dict[str, int | Fraction] = {"ps": Fraction(1, 1000), "ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 """Units of time by the name that traces give them, in nanoseconds."""
@@ -19,8 +20,9 @@ def instant(text: str, scale_ns: int | Fraction) -> int | Fraction:
     whole, _, part = text.partition(".")
     digits = whole + part
     if digits.isdecimal() and digits.isascii() and whole and len(text) <= _SHORT and text[-1] != ".":  # as most are
-        value, size = int(digits) * scale_ns, 10 ** len(part)
-        return plain(Fraction(value, size) if value % size else value // size)
+        ns, rest = divmod(int(digits) * scale_ns, _POWERS[len(part)])
+        if not rest:
+            return int(ns)
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"{text[:40]!r} is no time")
     try:

@@ -12,8 +12,9 @@ import zlib
 from array import array
 from collections import Counter
 from dataclasses import dataclass
-from heapq import merge
 from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES
@@ -23,7 +24,7 @@ from halpipe.importers.traces.jobs import Marks, Oddities, report_unfinished, re
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from halpipe.core.diagnostics import Findings
 
@@ -40,6 +41,11 @@ _MALFORMED = (ValueError, IndexError, TypeError, AttributeError, OverflowError, 
 _BOOTTIME = 6
 _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
 _LAST_BUILTIN = 63
+_STAMPED = b"\x40"
+"""The key of an instant."""
+_PLAIN = frozenset((8, 10, 11, 58))
+"""Fields of packets that change nothing for those after them."""
+_CACHED = 10_000
 
 
 def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
@@ -47,7 +53,7 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     reader, count = _Reader(file, findings), 0
     try:
         for count, packet in enumerate(_packets(stream), 1):  # noqa: B007 counted up to the damage
-            reader.packet(fields_of(packet))
+            reader.take(packet)
     except _MALFORMED as failure:
         if count and (traces := reader.traces()):
             message = f"packet {count + 1} cannot be read: {failure}; what comes after packet {count} is not used"
@@ -59,7 +65,6 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Return a number and the place behind it."""
     if (value := data[at]) < 0x80:  # as most are
         return value, at + 1
     value = shift = 0
@@ -105,8 +110,10 @@ def _packets(stream: BinaryIO) -> Iterator[bytes]:
             data, at = data[at:] + stream.read(_CHUNK), 0
         if not data:
             return
-        key, begin = _varint(data, at)
-        size, begin = _varint(data, begin)
+        key, begin, size = data[at], at + 2, data[at + 1] if len(data) > at + 1 else 0x80
+        if key != (1 << 3 | 2) or size > 0x7F:  # most are shorter
+            key, begin = _varint(data, at)
+            size, begin = _varint(data, begin)
         if key != (1 << 3 | 2) or size > MAX_INPUT_BYTES:
             raise ValueError("it is no list of packets")
         if begin + size > len(data):
@@ -118,7 +125,6 @@ def _packets(stream: BinaryIO) -> Iterator[bytes]:
 
 
 def _one(fields: Fields, number: int, default: int) -> int:
-    """Return the number in a field; raise ``ValueError`` where bytes are."""
     value = fields[number][-1] if number in fields else default
     if not isinstance(value, int):
         raise ValueError(f"field {number} holds no number")
@@ -185,10 +191,12 @@ class _Reader:
         self.marks: dict[int, Marks] = {}
         """Begins and ends of slices by their track; ends have the name 0."""
         self.names = {"": 0}
-        self.switches: dict[int, tuple[array[int], ...]] = {}
-        """Time, thread that leaves, whether it still wants to run, thread that enters and name of it, by CPU."""
+        self.switches = array("Q"), array("q"), array("q"), array("b"), array("q"), array("i")
+        """Time, CPU, thread that leaves, whether it still wants to run, thread that enters and number of its name."""
         self.others: Counter[str] = Counter()
         self.has_lost = False
+        self.known: dict[bytes, tuple[Any, ...]] = {}
+        """Where packets with one begin or end go, by their bytes behind the instant."""
         self.taken: dict[int, Callable[[Fields, _Sequence], None]] = {
             6: self._snapshot,
             12: self._interned,
@@ -199,18 +207,37 @@ class _Reader:
         }
         """What is done with the messages of a packet before its events, by the number of their field, in this order."""
 
-    def packet(self, fields: Fields, *, is_packed: bool = False) -> None:
-        """Take one packet, or those that it holds compressed."""
-        sequence = self.sequences.setdefault(_one(fields, 10, 0), _Sequence())
-        if _one(fields, 13, 0) & _CLEARED or 41 in fields:
-            self.sequences[_one(fields, 10, 0)] = sequence = _Sequence()
+    def take(self, packet: bytes, *, is_packed: bool = False) -> None:
+        """Take one packet; most begin with their instant, and differ from one before in nothing else."""
+        stamp, rest = -1, b""
+        if packet.startswith(_STAMPED):
+            stamp, at = _varint(packet, 1)
+            rest = packet[at:]
+            if (known := self.known.get(rest)) is not None:
+                known[0].add(stamp, *known[1:])
+                return
+        fields = fields_of(packet)
+        if not _PLAIN.issuperset(fields):
+            self.known.clear()  # names, defaults or clocks may be others now
+        found = self._packet(fields, is_packed=is_packed)
+        if rest and len(found) == 1 and found[0][1] == stamp and len(self.known) < _CACHED:
+            marks, _, *others = found[0]
+            self.known[rest] = (marks, *others)
+
+    def _packet(self, fields: Fields, *, is_packed: bool) -> list[tuple[Any, ...]]:
+        """Take one packet, or those that it holds compressed; return what its events add where, if they are plain."""
+        number = _one(fields, 10, 0)
+        if number not in self.sequences or _one(fields, 13, 0) & _CLEARED or 41 in fields:
+            self.sequences[number] = _Sequence()
+        sequence = self.sequences[number]
         self.has_lost = self.has_lost or 42 in fields
         for number in () if self.taken.keys().isdisjoint(fields) else self.taken:
             for value in fields.get(number, ()):
                 self.taken[number](fields_of(value), sequence)
         at = sequence.time(fields)
-        for event in _messages(fields, 11):
-            self._event(event, sequence, at)
+        found = [each for event in _messages(fields, 11) if (each := self._event(event, sequence, at)) is not None]
+        for marks, *mark in found:
+            marks.add(*mark)
         for packed in fields.get(50, ()):
             if is_packed:
                 raise ValueError("packets are compressed twice")
@@ -219,7 +246,8 @@ class _Reader:
             if not inner.eof:
                 raise ValueError("compressed packets are cut off, or too large")
             for packet in _packets(io.BytesIO(data)):
-                self.packet(fields_of(packet), is_packed=True)
+                self.take(packet, is_packed=True)
+        return found if _PLAIN.issuperset(fields) else []
 
     def _snapshot(self, snapshot: Fields, sequence: _Sequence) -> None:
         """Take the clocks of a writer by the nanoseconds of the first builtin clock beside them."""
@@ -253,21 +281,21 @@ class _Reader:
         stated = _text(fields, 2) or _text(fields, 10)
         self.tracks[_one(fields, 1, 0)] = (process or 0, _one(fields, 5, 0), stated or name or "")
 
-    def _event(self, event: Fields, sequence: _Sequence, at: int | None) -> None:
+    def _event(self, event: Fields, sequence: _Sequence, at: int | None) -> tuple[Any, ...] | None:
+        """Return the marks of an event, and what it adds to them; None if it is of no use."""
         if at is None:
             self.others["events without an instant, or on a clock that no snapshot explains"] += 1
-            return
+            return None
         kind = _one(event, 9, 0)
         if kind not in (_BEGIN, _END):
             self.others[f"events of type {kind}"] += 1
-            return
+            return None
         name = ""
         if kind == _BEGIN:
             name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or _NAMELESS
         track = _one(event, 11, sequence.track)
-        if (marks := self.marks.get(track)) is None:
-            marks = self.marks[track] = Marks()
-        marks.add(at, kind == _BEGIN, self.names.setdefault(name, len(self.names)))
+        marks = self.marks.get(track) or self.marks.setdefault(track, Marks())
+        return marks, at, kind == _BEGIN, self.names.setdefault(name, len(self.names))
 
     def _bundle(self, bundle: Fields, _: _Sequence) -> None:
         cpu = _one(bundle, 1, 0)
@@ -275,9 +303,8 @@ class _Reader:
         for event in _messages(bundle, 2):
             for switch in _messages(event, 4):
                 goes_on = is_runnable(_signed(_one(switch, 4, 0)))
-                self._switched(
-                    cpu, _one(event, 1, 0), _one(switch, 2, 0), goes_on, _one(switch, 6, 0), _text(switch, 5)
-                )
+                left, entered = _one(switch, 2, 0), _one(switch, 6, 0)
+                self._switched(_text(switch, 5), _one(event, 1, 0), cpu, left, goes_on, entered)
         for compact in _messages(bundle, 4):
             self._compact(cpu, compact)
 
@@ -285,32 +312,31 @@ class _Reader:
         """Take switches in columns; each leaves the thread that the one before it entered."""
         names = [value.decode("utf-8", "replace") for value in fields.get(5, ())]
         columns = [list(_packed(fields, number)) for number in (1, 2, 3, 6)]
-        at, left = 0, None
+        at, left = 0, _UNKNOWN
         for delta, state, entered, name in zip(*columns, strict=True):
             at += delta
             goes_on = is_runnable(_signed(state))
-            self._switched(cpu, at, _UNKNOWN if left is None else left, goes_on, entered, names[name])
+            self._switched(names[name], at, cpu, left, goes_on, entered)
             left = entered
 
-    def _switched(self, cpu: int, at: int, left: int, goes_on: bool, entered: int, name: str) -> None:
-        if cpu not in self.switches:
-            self.switches[cpu] = array("Q"), array("q"), array("b"), array("q"), array("i")
-        values = at, left, goes_on, entered, self.names.setdefault(name, len(self.names))
-        for column, value in zip(self.switches[cpu], values, strict=True):
-            column.append(value)
+    def _switched(self, name: str, *values: int) -> None:
+        for numbers, value in zip(self.switches, (*values, self.names.setdefault(name, len(self.names))), strict=True):
+            numbers.append(value)
 
-    def _switches_of(self, cpu: int, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-        """Yield the switches of a CPU by time; an unknown thread that leaves is the one that entered before."""
-        times, lefts, on, entries, named = self.switches[cpu]
-        before = 0
-        for row in sorted(range(len(times)), key=times.__getitem__):
-            left, entered = lefts[row], entries[row]
-            name = names[named[row]] or self.threads.get(entered, str(entered))
-            yield times[row], cpu, before if left == _UNKNOWN else left, bool(on[row]), entered, name
-            before = entered
+    def _kernel(self) -> Trace:
+        """Return the line of the switches by time; an unknown thread that leaves is the one that entered before."""
+        at, cpu, left, _, entered, _ = columns = [np.asarray(each) for each in self.switches]
+        order = np.lexsort((at, cpu))
+        before = np.where(np.diff(cpu[order], prepend=-1), 0, np.roll(entered[order], 1))
+        left[order] = np.where(left[order] == _UNKNOWN, before, left[order])
+        order = order[np.argsort(at[order], kind="stable")]
+        switches, names = Switches(self.file, self.findings), [*self.names]
+        for now, on, leaves, goes_on, enters, name in zip(*(each[order].data for each in columns), strict=True):
+            called = names[name] or self.threads.get(enters, str(enters))
+            switches.switch(on, now, leaves, bool(goes_on), enters, called)
+        return switches.trace()
 
     def _process_of(self, track: int) -> int:
-        """Return the process of a track, or of the ones above it."""
         seen: set[int] = set()
         while track in self.tracks and track not in seen:
             seen.add(track)
@@ -321,17 +347,16 @@ class _Reader:
         return 0
 
     def _slices(self) -> list[Trace]:
-        """Return the lines of the processes; slices of a track are nested."""
         lines: dict[int, Executions] = {}
         names, odd, left = [*self.names], Oddities(), 0
         for track in [*self.marks]:
             marks = self.marks.pop(track)
             found = lines.setdefault(self._process_of(track), Executions(self.file))
-            units = ((self.tracks[track][2] if track in self.tracks else "") or str(track),)
-            for row, end in marks.slices(names, odd):
-                start = marks.at[row]
-                found.add(names[marks.task[row]], units, start, end, None if end is None else end - start)
-                left += end is None
+            unit = (self.tracks[track][2] if track in self.tracks else "") or str(track)
+            begins, ends = marks.slices(names, odd)
+            marks.is_busy = True
+            marks.put(found, begins, ends, names, [(unit,)])
+            left += int((ends < 0).sum())
         odd.report(self.file, self.findings)
         report_unfinished(left, "slice", self.file, self.findings)
         for found in lines.values():
@@ -343,11 +368,8 @@ class _Reader:
     def traces(self) -> list[Trace]:
         """Return the lines of all processes with slices, and of the kernel."""
         found = self._slices()
-        if self.switches:
-            switches, names = Switches(self.file, self.findings), [*self.names]
-            for at, cpu, *rest in merge(*(self._switches_of(cpu, names) for cpu in self.switches)):
-                switches.switch(cpu, at, *rest)
-            found.append(switches.trace())
+        if self.switches[0]:
+            found.append(self._kernel())
         if self.has_lost:
             help = "record again with larger buffers"
             text = "packets or events were discarded while tracing, so jobs may be missing or joined"
@@ -357,7 +379,6 @@ class _Reader:
 
 
 def _packed(fields: Fields, number: int) -> Iterator[int]:
-    """Yield the numbers of a packed field, or of one that is repeated."""
     for value in fields.get(number, ()):
         if isinstance(value, int):
             yield value

@@ -111,7 +111,6 @@ def _joined(traces: Sequence[Trace]) -> tuple[Trace, ...]:
 
 
 def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
-    """Read a trace in the form that it begins like."""
     if head.startswith(_TRACE_DAT):
         from halpipe.importers.traces import tracedat
 
@@ -144,7 +143,6 @@ def _of_form(head: bytes, stream: BinaryIO, file: str, findings: Findings) -> li
 
 
 def _pieces(stream: BinaryIO, file: str, encoding: str) -> Iterator[str]:
-    """Yield a text in pieces."""
     decoder, number = codecs.getincrementaldecoder(encoding)(), 0
     while True:
         data = stream.read(_CHUNK)
@@ -179,7 +177,6 @@ def _lines(pieces: Iterator[str], file: str, findings: Findings) -> Iterator[str
 
 
 def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str, Findings], list[Trace]]:
-    """Return the function that reads a text whose first line is `first`."""
     from halpipe.importers.traces import btf, ftrace, table
 
     if ftrace.BEGIN.match(head):

@@ -6,7 +6,7 @@ meant when the job ran. Init events that CARET repeats may come late: they only 
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,20 +24,28 @@ if TYPE_CHECKING:
 TIMER, SUBSCRIPTION, SERVICE = "timer", "subscription", "service"
 _KINDS = (TIMER, SUBSCRIPTION, SERVICE)
 _PROVIDERS = ("ros2", "ros2_caret")
+_GROUP = (
+    ("group_type", "callback_group_addr", "group_type_name"),
+    ("group_executor", "callback_group_addr", "executor_addr"),
+)
+_EXECUTOR = (("executor_type", "executor_addr", "executor_type_name"),)
 _FACTS = {
-    "rclcpp_subscription_init": ("of_rclcpp", "subscription", "subscription_handle"),
-    "rclcpp_timer_link_node": ("timer_node", "timer_handle", "node_handle"),
-    "rcl_timer_init": ("period", "timer_handle", "period"),
-    "rclcpp_callback_register": ("symbol", "callback", "symbol"),
+    "rclcpp_subscription_init": (("of_rclcpp", "subscription", "subscription_handle"),),
+    "rclcpp_timer_link_node": (("timer_node", "timer_handle", "node_handle"),),
+    "rcl_timer_init": (("period", "timer_handle", "period"),),
+    "rclcpp_callback_register": (("symbol", "callback", "symbol"),),
+    **{f"callback_group_add_{kind}": ((kind + "_group", f"{kind}_handle", "callback_group_addr"),) for kind in _KINDS},
+    **dict.fromkeys(("add_callback_group", "add_callback_group_static_executor"), _GROUP),
+    **dict.fromkeys(("construct_executor", "construct_static_executor"), _EXECUTOR),
 }
-"""Events that say one thing of an address: the field of `_Known`, and the fields of the address and of the value."""
+"""Events that say things of an address: what is known by it, and the fields of the address and of the value."""
 _ENTITIES = {
     "rcl_publisher_init": ("publisher", "publisher_handle", "topic_name"),
     "rcl_subscription_init": ("subscription", "subscription_handle", "topic_name"),
     "rcl_service_init": ("service", "service_handle", "service_name"),
 }
-"""Events of what a node has: the field of `_Known`, and the fields of its address and its name."""
-_ADDRESSES = ("subscription_handle", "node_handle")
+"""Events of what a node has: what is known by its address, and the fields of this and of its name."""
+_ADDRESSES = ("subscription_handle", "node_handle", "callback_group_addr", "executor_addr")
 
 Handle = tuple[int, int]
 """Process and address."""
@@ -110,7 +118,6 @@ def read_ros_trace(root: str, findings: Findings, beside: Callable[[Event], None
 
 
 def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) -> None:
-    """Report what a trace lost, and what in it is not used."""
     at, whole = Location(trace.file), "trace from before the nodes start, with the events ros2:*"
     if damage.broken:
         text = f"{counted(len(damage.broken), 'stream')} cut off early: {damage.broken[0]}"
@@ -145,31 +152,11 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
         raise HalpipeError(*findings.items, codes.NO_EXECUTIONS(text, at=at, help=whole))
 
 
-@dataclass(slots=True)
-class _Known:
-    """Meaning of addresses."""
-
-    node: dict[Handle, str] = field(default_factory=dict)
-    publisher: dict[Handle, tuple[str, str]] = field(default_factory=dict)
-    subscription: dict[Handle, tuple[str, str]] = field(default_factory=dict)
-    of_rclcpp: dict[Handle, Handle] = field(default_factory=dict)
-    service: dict[Handle, tuple[str, str]] = field(default_factory=dict)
-    period: dict[Handle, int] = field(default_factory=dict)
-    timer_node: dict[Handle, Handle] = field(default_factory=dict)
-    trigger: dict[Handle, tuple[str, Handle]] = field(default_factory=dict)
-    symbol: dict[Handle, str] = field(default_factory=dict)
-    group_of: dict[tuple[str, Handle], Handle] = field(default_factory=dict)
-    group_type: dict[Handle, str] = field(default_factory=dict)
-    group_executor: dict[Handle, Handle] = field(default_factory=dict)
-    executor_type: dict[Handle, str] = field(default_factory=dict)
-
-
 class _Join:
-    """Puts the events together as they come."""
-
     def __init__(self, file: str) -> None:
         self._file = file
-        self._known = _Known()
+        self._known: defaultdict[str, dict[Handle, Any]] = defaultdict(dict)
+        """Meaning of addresses."""
         self._open: dict[tuple[int, int], list[tuple[Handle, int, int, int]]] = {}
         self._ran: dict[Handle, list[Seen]] = {}
         self._published: dict[tuple[str, str], Counter[Handle | None]] = {}
@@ -188,13 +175,8 @@ class _Join:
         self._handlers: dict[str, Callable[[Event, int, dict[str, Any]], None]] = {
             **dict.fromkeys(_FACTS, self._fact),
             **dict.fromkeys(_ENTITIES, self._entity),
-            **{f"callback_group_add_{kind}": self._grouped for kind in _KINDS},
             **{f"rclcpp_{kind}_callback_added": self._added for kind in _KINDS},
             "rcl_node_init": self._node,
-            "add_callback_group": self._group,
-            "add_callback_group_static_executor": self._group,
-            "construct_executor": self._executor,
-            "construct_static_executor": self._executor,
             "callback_start": self._start,
             "callback_end": self._end,
             "rcl_publish": self._publish,
@@ -227,49 +209,33 @@ class _Join:
     # ---------------------------------------------------------------------------------- what things are
 
     def _fact(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        """Take an event of `_FACTS`."""
-        of, key, value = _FACTS[event.name.rpartition(":")[2]]
-        found = fields[value]
-        getattr(self._known, of)[pid, fields[key]] = (pid, found) if value in _ADDRESSES else found
+        for of, key, value in _FACTS[event.name.rpartition(":")[2]]:
+            found = fields[value] if of != "executor_type" else fields.get(value, "static_single_threaded_executor")
+            self._known[of][pid, fields[key]] = (pid, found) if value in _ADDRESSES else found
 
     def _entity(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        """Take an event of `_ENTITIES`, with the node of what it describes."""
         of, handle, name = _ENTITIES[event.name.rpartition(":")[2]]
-        if node := self._known.node.get((pid, fields["node_handle"])):
-            getattr(self._known, of)[pid, fields[handle]] = entity = node, fields[name]
+        if node := self._known["node"].get((pid, fields["node_handle"])):
+            self._known[of][pid, fields[handle]] = entity = node, fields[name]
             if of == "publisher":
                 self._announced[entity] = None  # its address may be another one's later
 
-    def _grouped(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        kind = event.name.rpartition("_")[2]
-        self._known.group_of[kind, (pid, fields[f"{kind}_handle"])] = pid, fields["callback_group_addr"]
-
     def _added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        """Take what calls a callback: ``rclcpp_<kind>_callback_added``."""
         kind = event.name.rpartition(":")[2].split("_")[1]
         if kind == SUBSCRIPTION:
-            handle = self._known.of_rclcpp.get((pid, fields["subscription"]))
+            handle = self._known["of_rclcpp"].get((pid, fields["subscription"]))
         else:
             handle = pid, fields[f"{kind}_handle"]
         if handle:
             callback = pid, fields["callback"]
-            if callback not in self._known.trigger:
+            if callback not in self._known["trigger"]:
                 self._created.append(callback)
-            self._known.trigger[callback] = kind, handle
+            self._known["trigger"][callback] = kind, handle
 
     def _node(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         name = f"{fields['namespace'].rstrip('/')}/{fields['node_name']}"
-        self._known.node[pid, fields["node_handle"]] = name
+        self._known["node"][pid, fields["node_handle"]] = name
         self._started.setdefault(name, {}).setdefault(pid, event.time)
-
-    def _group(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        group = pid, fields["callback_group_addr"]
-        self._known.group_type[group] = fields["group_type_name"]
-        self._known.group_executor[group] = pid, fields["executor_addr"]
-
-    def _executor(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
-        kind = fields.get("executor_type_name", "static_single_threaded_executor")
-        self._known.executor_type[pid, fields["executor_addr"]] = kind
 
     # ---------------------------------------------------------------------------------------- what runs
 
@@ -292,7 +258,7 @@ class _Join:
         running = self._open.get((pid, event.context.get("vtid", 0)))
         callback = running[-1][0] if running else None
         handle = pid, fields["publisher_handle"]
-        of = self._known.publisher.get(handle)
+        of = self._known["publisher"].get(handle)
         counts = self._early.setdefault(handle, Counter()) if of is None else self._published.setdefault(of, Counter())
         counts[callback] += 1
 
@@ -317,8 +283,8 @@ class _Join:
         """Return everything by name."""
         keys = dict(self._keys())
         trace = RosTrace(self._file, has_switches=self._has_switches, discarded=damage.discarded)
-        trace.nodes = sorted(set(self._known.node.values()))
-        trace.callbacks = {key: self._known.symbol.get(callback, "") for callback, key in keys.items()}
+        trace.nodes = sorted(set(self._known["node"].values()))
+        trace.callbacks = {key: self._known["symbol"].get(callback, "") for callback, key in keys.items()}
         for callback, jobs in self._ran.items():
             if callback in keys:
                 trace.jobs.setdefault(keys[callback], []).extend(jobs)
@@ -326,8 +292,8 @@ class _Join:
             else:
                 self.undescribed[callback] = len(jobs)
         for handle, early in self._early.items():
-            if handle in self._known.publisher:
-                self._published.setdefault(self._known.publisher[handle], Counter()).update(early)
+            if handle in self._known["publisher"]:
+                self._published.setdefault(self._known["publisher"][handle], Counter()).update(early)
         for of in self._announced:
             counts = trace.publishers.setdefault(of, Counter())
             for publishing, count in self._published.get(of, Counter()).items():
@@ -361,13 +327,12 @@ class _Join:
         known: dict[tuple[int, str, str, str], list[int]] = {}
         order: Counter[tuple[str, str, str]] = Counter()
         for callback in self._created:
-            kind, handle = self._known.trigger[callback]
+            kind, handle = self._known["trigger"][callback]
             if kind == TIMER:
-                node = self._known.node.get(self._known.timer_node.get(handle, (0, 0)), "")
-                subject = str(self._known.period.get(handle, 0))
+                node = self._known["node"].get(self._known["timer_node"].get(handle, (0, 0)), "")
+                subject = str(self._known["period"].get(handle, 0))
             else:
-                places = self._known.subscription if kind == SUBSCRIPTION else self._known.service
-                node, subject = places.get(handle, ("", ""))
+                node, subject = self._known[kind].get(handle, ("", ""))
             if node:
                 orders = known.setdefault((line_of[callback[0], node], node, kind, subject), [])
                 place = count[callback[0], node, kind, subject]
@@ -381,7 +346,8 @@ class _Join:
         members: dict[Handle, list[Key]] = {}
         last = {key: callback for callback, key in keys.items()}  # of a node that started again
         for key, callback in last.items():
-            group = self._known.group_of.get(self._known.trigger[callback])
+            kind, handle = self._known["trigger"][callback]
+            group = self._known[kind + "_group"].get(handle)
             if group is not None:
                 members.setdefault(group, []).append(key)
         names: dict[Handle, str] = {}
@@ -390,7 +356,7 @@ class _Join:
             node = found[0].node
             names[group] = f"{node}/callback_group_{count[node]}"
             count[node] += 1
-            trace.groups[names[group]] = self._known.group_type.get(group, ""), found
-        for number, (executor, kind) in enumerate(self._known.executor_type.items()):
-            held = [names[group] for group in names if self._known.group_executor.get(group) == executor]
+            trace.groups[names[group]] = self._known["group_type"].get(group, ""), found
+        for number, (executor, kind) in enumerate(self._known["executor_type"].items()):
+            held = [names[group] for group in names if self._known["group_executor"].get(group) == executor]
             trace.executors[f"executor_{number}"] = kind, held

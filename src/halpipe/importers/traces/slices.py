@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Marks, Oddities, report_unfinished, report_unused
+from halpipe.importers.traces.jobs import FEW, Marks, Oddities, report_unfinished, report_unused
 from halpipe.importers.traces.json_events import events
 from halpipe.importers.traces.numbers import instant, plain
 from halpipe.models.trace import Executions, Trace
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Instant
 
 _MAX_EXPONENT = 30
+_CACHED = 10_000
 _ENDS = {"E": "B", "e": "b", "F": "S"}
 _PHASES = frozenset(("X", *_ENDS, *_ENDS.values()))
 _NUMBER = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?([eE][-+]?[0-9]{1,2})?")
@@ -54,24 +55,36 @@ class _Slice(NamedTuple):
 
 
 class _Reader:
-    """Collects slices by process; one job is one slice on each of its units."""
-
     def __init__(self, file: str, findings: Findings) -> None:
         self.file = file
         self.findings = findings
         self.processes: dict[int | str, str] = {}
         self.threads: dict[tuple[int | str, str], str] = {}
         self.found: dict[int | str, Executions] = {}
-        self.jobs: dict[tuple[Any, ...], int] = {}
-        self.parts: dict[tuple[Any, ...], list[_Slice]] = {}
+        self.jobs: dict[tuple[Any, ...], list[_Slice]] = {}
         self.marks: dict[tuple[Any, ...], Marks] = {}
         """Begins and ends of slices by what a begin and its end share: their phase, their process and their pair."""
         self.names: dict[Any, int] = {}
         """Names of slices and keys of threads, with their number in the columns."""
+        self.known: dict[tuple[Any, ...], tuple[Any, ...]] = {}
+        """Where slices without arguments go, by what most events share: phase, process, thread and name."""
         self.others: Counter[str] = Counter()
 
     def take(self, event: dict[str, Any], number: int, line: int) -> None:
         """Take one event."""
+        key = event.get("ph"), event.get("pid"), event.get("tid"), event.get("name")
+        try:
+            found, task, unit = self.known[key]
+            at = instant_of(event.get("ts"))
+            length = 0 if isinstance(found, Marks) else instant_of(event.get("dur"))
+        except (KeyError, TypeError):  # a new one, or one with a list or an object in it
+            at = length = None
+        if at is not None and length is not None and length >= 0 and "args" not in event:
+            if isinstance(found, Marks):
+                found.add(at, key[0] == "B", task, unit, line)
+            else:
+                found.add(task, unit, at, at + length, None, line)
+            return
         phase = str(event.get("ph"))
         if phase == "M":
             self._name(event)
@@ -92,36 +105,46 @@ class _Reader:
             return
         thread = _key(event.get("tid", ""))
         if phase == "X":
-            self._slice(_Slice(at, at + length, task, process, thread, arguments, line))
+            slice = _Slice(at, at + length, task, process, thread, arguments, line)
+            self._know(key, self.found[process], task, _units(slice))
+            self._slice(slice)
             return
         begin = _ENDS.get(phase, phase)
-        key = (
-            (begin, process, thread)
-            if begin == "B"
-            else (begin, process, _key(event.get("cat")), _key(event.get("id", str(event.get("id2")))))
-        )
-        if (marks := self.marks.get(key)) is None:
-            marks = self.marks[key] = Marks()
+        pair = (thread,) if begin == "B" else (_key(event.get("cat")), _key(event.get("id", str(event.get("id2")))))
+        pair = begin, process, *pair
+        marks = self.marks.get(pair) or self.marks.setdefault(pair, Marks())
         if arguments:
             marks.arguments[len(marks.at)] = arguments
         name, unit = (
             self.names.setdefault(each, len(self.names)) for each in (task if isinstance(task, str) else "", thread)
         )
+        if begin == "B":
+            self._know(key, marks, name, unit)
         marks.add(at, begin == phase, name, unit, line)
+
+    def _know(self, key: tuple[Any, ...], *where: Any) -> None:
+        if len(self.known) < _CACHED and all(isinstance(each, str | int | None) for each in key):
+            self.known[key] = where
 
     def traces(self) -> list[Trace]:
         """Return the lines of all processes."""
         names, odd, left = [*self.names], Oddities(), 0
+        units: list[tuple[str, ...]] = [() if name == "" else (str(name),) for name in names]
         for key in [*self.marks]:
             marks = self.marks.pop(key)
-            for row, end in marks.slices(names, odd):
-                left += end is None
-                task, thread, own = names[marks.task[row]], names[marks.thread[row]], marks.arguments.get(row, {})
-                self._slice(_Slice(marks.at[row], end, task, key[1], thread, own, marks.line[row]))
+            begins, ends = marks.slices(names, odd)
+            left += int((ends < 0).sum())
+            if len(begins) >= FEW and not marks.arguments:
+                marks.put(self.found[key[1]], begins, ends, names, units)
+                continue
+            for row, last in zip(begins.tolist(), ends.tolist(), strict=True):
+                end = None if last < 0 else marks.at[last]
+                name, on, own = names[marks.task[row]], names[marks.thread[row]], marks.arguments.get(row, {})
+                self._slice(_Slice(marks.at[row], end, name, key[1], on, own, marks.line[row]))
         odd.report(self.file, self.findings)
         report_unfinished(left, "slice", self.file, self.findings)
-        for key, slices in self.parts.items():
-            self._joined(key, slices)
+        for slices in self.jobs.values():
+            self._job(slices)
         report_unused(self.others, self.file, self.findings)
         found = []
         for process, executions in self.found.items():
@@ -133,62 +156,42 @@ class _Reader:
         return found
 
     def _name(self, event: dict[str, Any]) -> None:
-        arguments = event.get("args")
+        arguments, process = event.get("args"), _key(event.get("pid"))
         name = arguments.get("name") if isinstance(arguments, dict) else None
         if isinstance(name, str) and event.get("name") == "process_name":
-            self.processes[_key(event.get("pid"))] = name
+            self.processes[process] = name
         elif isinstance(name, str) and event.get("name") == "thread_name":
-            self.threads[_key(event.get("pid")), str(_key(event.get("tid", "")))] = name
+            self.threads[process, str(_key(event.get("tid", "")))] = name
 
     def _slice(self, slice: _Slice) -> None:
-        """Take one slice as a job, or as a further unit or part of one."""
         arguments = slice.arguments
         if _is_partial(arguments):
             self.others["slices across the edge of the picture"] += 1
             return
-        job = arguments.get("job")
-        if job is None:
-            self._add(slice, slice.at, slice.end, None, _units(slice))
+        if (job := arguments.get("job")) is None:
+            self._job([slice])
             return
         cycle = _key(arguments.get("played", arguments.get("cycle")))
-        if "part" in arguments:
-            key = (slice.process, slice.task, arguments.get("table", ""), _key(job), cycle)
-            self.parts.setdefault(key, []).append(slice)
-            return
-        key = (slice.process, slice.task, slice.at, _key(job), cycle)
-        found = self.found[slice.process]
-        if (row := self.jobs.get(key)) is None:
-            self.jobs[key] = self._add(slice, slice.at, slice.end, None, _units(slice))
-        else:
-            found.run_on(row, (*found.units[found.on[row]], *_units(slice)))
+        where = (None, arguments.get("table", "")) if "part" in arguments else (slice.at, "")
+        self.jobs.setdefault((slice.process, slice.task, *where, _key(job), cycle), []).append(slice)
 
-    def _joined(self, key: tuple[Any, ...], slices: list[_Slice]) -> None:
-        """Add a job with all the stretches, and on all the units, that its slices show."""
-        stretches = sorted({(each.at, each.at if each.end is None else each.end) for each in slices})
-        units = tuple(dict.fromkeys(unit for each in slices for unit in _units(each)))
-        busy = sum(end - start for start, end in stretches)
-        row = self._add(slices[-1], stretches[0][0], max(end for _, end in stretches), busy, units)
-        self.found[key[0]].stretches[row] = tuple(stretches)
-
-    def _add(
-        self, slice: _Slice, start: Instant, end: Instant | None, busy: Instant | None, units: tuple[str, ...]
-    ) -> int:
-        arguments, found = slice.arguments, self.found[slice.process]
-        table, job = arguments.get("table"), arguments.get("job")
-        cycle = arguments.get("played", arguments.get("cycle"))
-        row = found.add(
-            slice.task,
-            units,
-            start,
-            end,
-            busy,
-            slice.line,
-            table if isinstance(table, str) else "",
-            cycle if isinstance(cycle, int) else None,
-        )
+    def _job(self, slices: list[_Slice]) -> None:
+        """Add a job by the slices that show it, one for each of its units and parts."""
+        each, units = slices[0], tuple(dict.fromkeys(unit for each in slices for unit in _units(each)))
+        start, end, busy, stretches = each.at, each.end, None, None
+        if "part" in each.arguments:
+            stretches = sorted({(part.at, part.at if part.end is None else part.end) for part in slices})
+            start, end, each = stretches[0][0], max(end for _, end in stretches), slices[-1]
+            busy = sum(end - start for start, end in stretches)
+        arguments, found = each.arguments, self.found[each.process]
+        table, job, cycle = (arguments.get(name) for name in ("table", "job", "cycle"))
+        cycle = arguments.get("played", cycle)
+        table, cycle = table if isinstance(table, str) else "", cycle if isinstance(cycle, int) else None
+        row = found.add(each.task, units, start, end, busy, each.line, table, cycle)
         if isinstance(job, int):
             found.job[row] = job
-        return row
+        if stretches:
+            found.stretches[row] = tuple(stretches)
 
 
 def _units(slice: _Slice) -> tuple[str, ...]:

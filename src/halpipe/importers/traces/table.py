@@ -13,15 +13,16 @@ from __future__ import annotations
 
 import csv
 import itertools
-from array import array
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from halpipe.core.diagnostics import Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs, report_unfinished
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
-from halpipe.models.trace import NONE, Executions, Trace
+from halpipe.models.trace import NONE, Executions, Trace, column
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -84,7 +85,6 @@ def is_time(name: str) -> bool:
 
 
 def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
-    """Return position and unit of time of each column, by what it holds."""
     found: dict[str, tuple[int, str]] = {}
     for position, (role, unit) in enumerate(map(_role, names)):
         if role:
@@ -95,7 +95,8 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
 def read(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
     executions = _executions(lines, file, findings)
-    report_unfinished(sum(executions.end[row] == NONE for row in executions.order), "job", file, findings)
+    is_open = np.equal(column(executions.end)[executions.order], NONE)
+    report_unfinished(int(is_open.sum()), "job", file, findings)
     return [Trace(name="", executions=executions)]
 
 
@@ -139,8 +140,8 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
     for name in others:
         jobs.running.pop(name, None)
     found = jobs.result()
-    wrong = {found.number(name) for name in others}
-    found.order = array("q", (row for row in found.order if found.task[row] not in wrong))
+    wrong = [found.number(name) for name in others]
+    found.order = found.order[~np.isin(np.asarray(found.task)[found.order], wrong)]
     return [Trace(name="", executions=found, is_shared=True)]
 
 
@@ -199,28 +200,18 @@ def _rows(lines: Iterable[str]) -> tuple[Any, DecimalSign]:
 
 def _remove_repeats(found: Executions) -> None:
     """Keep each job of CARET's records once: rows of a path repeat a job for each message that it made."""
-    seen: set[tuple[int, Instant]] = set()
-    kept = array("q")
-    before: Instant | None = None
-    for row in found.order:
-        if found.start[row] != before:
-            before = found.start[row]
-            seen.clear()
-        if (key := (found.task[row], found.end[row])) not in seen:
-            seen.add(key)
-            kept.append(row)
-    found.order = kept
-
-
-def _flag(text: str) -> bool:
-    if text not in ("0", "1"):
-        raise ValueError(f"data is {text[:20]!r}, neither 0 nor 1")
-    return text == "1"
+    order = found.order
+    task, start, end = np.asarray(found.task)[order], column(found.start)[order], column(found.end)[order]
+    places = np.arange(len(order))
+    for each in (end, task, start):
+        places = places[np.argsort(each[places], kind="stable")]
+    is_new = np.ones(len(order), dtype=bool)
+    same = [each[places[1:]] == each[places[:-1]] for each in (end, task, start)]
+    is_new[places[1:]] = ~(same[0] & same[1] & same[2])
+    found.order = order[is_new]
 
 
 class _Table:
-    """Reads the cells of rows by their columns."""
-
     def __init__(self, file: str, numbers: DecimalSign) -> None:
         self.numbers = numbers
         self.found = Executions(file)
@@ -228,36 +219,34 @@ class _Table:
     def row(self, columns: Mapping[str, tuple[int, str]], cells: Sequence[str], line: int) -> None:
         """Take a row that is a job."""
         of = {name: cells[at].strip() if at < len(cells) else "" for name, (at, _) in columns.items()}
-        times = (self._time(of.get(name, ""), columns[name][1]) if name in of else None for name in TIMES)
-        start, end, busy = times
+        start, end, busy = (self._time(of[name], columns[name][1]) if name in of else None for name in TIMES)
         if not of["task"] or start is None:
             raise ValueError("the row has no task or no start")
         if end is not None and end < start:
             raise ValueError(f"ends at {of['end']}, before it starts")
         cycle, job = (whole(of[name]) if of.get(name) else None for name in ("cycle", "job"))
-        has_data = _flag(of["data"]) if of.get("data") else None
+        if (flag := of.get("data", "")) not in ("", "0", "1"):
+            raise ValueError(f"data is {flag[:20]!r}, neither 0 nor 1")
         units = tuple(of.get("units", "").split())
         row = self.found.add(of["task"], units, start, end, busy, line, of.get("mode", ""), cycle)
         if job is not None:
             self.found.job[row] = job
-        if has_data is not None:
-            self.found.has_data[row] = has_data
+        if flag:
+            self.found.has_data[row] = flag == "1"
 
     def record(self, records: Mapping[str, tuple[int, int]], cells: Sequence[str], line: int) -> int:
         """Take the jobs of a row of CARET's records; return how many callbacks have none."""
-        found, absent = [], 0
+        found = []
         for name, places in records.items():
             texts = (cells[place].strip() if place < len(cells) else "" for place in places)
             start, end = (self._time("" if text.lower() in _ABSENT else text, "ns") for text in texts)
-            if start is None:
-                absent += 1
-                continue
-            if end is not None and end < start:
+            if start is not None and end is not None and end < start:
                 raise ValueError(f"{name} ends at {end}, before it starts")
-            found.append((name, start, end))
+            if start is not None:
+                found.append((name, start, end))
         for name, start, end in found:
             self.found.add(name, (), start, end, None, line)
-        return absent
+        return len(records) - len(found)
 
     def _time(self, text: str, unit: str) -> Instant | None:
         return instant(self.numbers.point(text), SCALES_NS[unit]) if text else None

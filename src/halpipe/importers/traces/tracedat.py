@@ -97,7 +97,6 @@ class _Reader:
         self.commit, self.data = fields["commit"], fields["data"][0]
 
     def _sections(self, file: str) -> None:
-        """Read version 7: the sections that options name."""
         algorithm, _ = self._string(), self._string()
         self.unpack = _unpacker(algorithm, file)
         options: dict[int, bytes] = {}
@@ -127,7 +126,6 @@ class _Reader:
         self.is_packed = self._section(begin, is_whole=False)[1]
 
     def _section(self, at: int, *, is_whole: bool = True) -> tuple[bytes, bool]:
-        """Return what a section holds, and whether it is compressed."""
         self.stream.seek(at)
         head = self._bytes(16)
         is_packed = bool(_unsigned(head, 2, 2, self.order) & _PACKED)
@@ -136,7 +134,6 @@ class _Reader:
         return self._chunk() if is_packed else self._bytes(_unsigned(head, 8, 8, self.order)), is_packed
 
     def _chunk(self) -> bytes:
-        """Return one piece that is compressed."""
         packed, size = self._number(4), self._number(4)
         if size > _LARGEST_PART:
             raise ValueError("a part of it has a wrong size")
@@ -193,10 +190,11 @@ class _Reader:
             for _ in range(self._number(4)):
                 text = self._bytes(self._number(8)).decode("utf-8", "replace")
                 if system == "sched" and text.startswith("name: sched_switch\n"):
-                    found = _Switch(text, self.order)
+                    found = int(re.findall(r"^ID: (\d+)$", text, re.MULTILINE)[0]), _fields(text)
         if found is None:
             raise ValueError("it has no events sched:sched_switch")
-        self.switch = found
+        self.id, fields = found
+        *self.numbers, self.name = (fields[name] for name in ("prev_pid", "prev_state", "next_pid", "next_comm"))
 
     def _buffers(self, file: str) -> list[tuple[int, int, int]]:
         """Read up to the buffers, and return where that of each CPU stands."""
@@ -224,14 +222,15 @@ class _Reader:
             self.is_cut = self.is_cut or len(page) < self.data + (commit & _COMMIT)
             self.lost += bool(commit & _MISSED)
             for at, place in _records(page[: self.data + (commit & _COMMIT)], self.data, self.order):
-                if _unsigned(page, place, 2, self.order) == self.switch.id:
-                    yield (at, cpu, *self.switch.of(page, place))
-                else:
+                if _unsigned(page, place, 2, self.order) != self.id:
                     self.others += 1
+                    continue
+                left, state, entered = (_unsigned(page, place + of, size, self.order) for of, size in self.numbers)
+                name = page[place + self.name[0] : place + sum(self.name)].split(b"\0")[0]
+                yield at, cpu, left, is_runnable(state), entered, name.decode("utf-8", "replace")
 
 
 def _refuse_clock(text: bytes, file: str) -> None:
-    """Refuse the clocks whose times are no nanoseconds."""
     if selected := re.search(rb"\[(counter|uptime|x86-tsc|perf)\]", text):
         message = f"its clock {selected[1].decode()} does not count nanoseconds"
         help = "record with the clock local, global or mono (trace-cmd record -C mono)"
@@ -261,27 +260,7 @@ def _unpacker(algorithm: str, file: str) -> Callable[[bytes, int], bytes]:
     return unpack
 
 
-class _Switch:
-    """Places of the fields of a switch."""
-
-    def __init__(self, text: str, order: str) -> None:
-        self.order = order
-        self.id = int(re.findall(r"^ID: (\d+)$", text, re.MULTILINE)[0])
-        fields = _fields(text)
-        self.left, self.state, self.entered = (fields[name] for name in ("prev_pid", "prev_state", "next_pid"))
-        self.name = fields["next_comm"]
-
-    def of(self, page: bytes, at: int) -> tuple[int, bool, int, str]:
-        """Return the thread that left, whether it still wants to run, and the thread that entered, with its name."""
-        left, state, entered = (
-            _unsigned(page, at + offset, size, self.order) for offset, size in (self.left, self.state, self.entered)
-        )
-        name = page[at + self.name[0] : at + sum(self.name)].split(b"\0")[0].decode("utf-8", "replace")
-        return left, is_runnable(state), entered, name
-
-
 def _fields(text: str) -> dict[str, tuple[int, int]]:
-    """Return offset and size of each field of a format."""
     lines = (line.strip() for line in text.split("\n") if len(line) <= _LONGEST_FIELD)
     found = (match.groups() for line in lines if (match := _FIELD.match(line)))
     return {name: (int(offset), int(size)) for name, offset, size in found}

@@ -6,12 +6,13 @@ end-to-end figures. Exact throughout: the only allowance is the tolerance that t
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter, defaultdict
 from dataclasses import field
 from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from halpipe.core.diagnostics import Findings, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
@@ -20,20 +21,20 @@ from halpipe.core.records import record
 from halpipe.core.samples import quantile
 from halpipe.core.suggest import counted, did_you_mean
 from halpipe.models.modes import require_mode
-from halpipe.models.trace import NONE, Executions
+from halpipe.models.trace import NONE, Executions, column, groups, plain
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
 from halpipe.pipeline.compare.chains import measured_chains
 from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNSCHEDULED, Kind
 from halpipe.pipeline.compare.judging import Judge, Scope
-from halpipe.pipeline.compare.matching import Matching, find_origin, find_stated_origin, match_nearest, match_stated
+from halpipe.pipeline.compare.matching import Matching, Ran, match_nearest, match_stated
 from halpipe.pipeline.compare.tables import played_tables, tables_of, unknown_tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
-    from halpipe.models.trace import Instant, Trace
+    from halpipe.models.trace import Column, Trace
     from halpipe.pipeline.compare.chains import ChainRow
 
 PREFIXES = ("TASK_", "Core_")
@@ -87,7 +88,7 @@ class TaskRow:
     wcet: Duration | None = None
 
 
-@record(kw_only=True)
+@record(kw_only=True, eq=False)
 class Comparison:
     """Comparison of one line of time: the schedule's zero in it, tasks, chains (with a model), and deviations.
 
@@ -102,10 +103,11 @@ class Comparison:
     diagnostics: tuple[Diagnostic, ...]
     played: Mapping[int, str] = field(default_factory=dict)
     counts: Mapping[Kind, int] = field(default_factory=dict)
-    by_line: Mapping[int, int] = field(default_factory=dict)
+    by_line: Column
     starts: tuple[Duration, ...] = ()
     matching: Matching
-    others: Sequence[int] = ()
+    ran: Ran
+    others: Column
 
 
 def compare(
@@ -130,41 +132,35 @@ def compare(
     unknown_tables(executions, tables, judge)
     origin = None if options.origin is None else options.origin.ns
     if executions and is_stated(executions):
-        names = {
-            name
-            for number in {executions.table[row] for row in executions.order}
-            if (name := executions.names[number]) in tables
-        }
+        names = {name for number in _tables(executions) if (name := executions.names[number]) in tables}
         if names != {options.mode}:
             refuse_unused(options, f"compare with a trace of {', '.join(sorted(names))}", ("mode",))
         first = schedule.modes[0].name if scope.is_whole else ""
         lines = played_tables(executions, tables, judge, first)
-        zero = find_stated_origin(executions, lines) if origin is None else origin
-        matching = match_stated(executions, lines, zero, is_whole=scope.is_whole and origin is not None)
+        matching = match_stated(executions, lines, origin, is_whole=scope.is_whole)
     else:
         table = tables[_mode(schedule, executions, options)]
-        zero = find_origin(executions, table) if origin is None and executions else origin or 0
-        matching, names = match_nearest(executions, table, zero), {table.name}
+        matching, names = match_nearest(executions, table, origin), {table.name}
     origin_of = Duration(matching.origin)
-    judge.judge(matching, model)
+    ran = Ran(matching)
+    judge.judge(matching, ran, model)
     if origin is None and executions:
         early = judge.counts[Kind.EARLY]
         strays = f"; {counted(early, 'start')} before the planned instant" if early else ""
         message = f"the schedule's zero lies at {origin_of} of the trace{strays}"
         findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
     findings.extend(judge.diagnostics())
-    late = {name: _numbers(map(matching.lateness, rows)) for name, rows in _by_task(matching).items()}
-    rows = _rows(matching, late, {task for name in names for task in tables[name].starts}, model)
+    rows = _rows(matching, ran, {task for name in names for task in tables[name].starts}, model)
     if idle := [row.task for row in rows if not row.seen + row.missing + row.extra]:
         message = f"no job within the recording of {counted(len(idle), 'task')}: {', '.join(idle[:5])}"
         findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
     chains: list[ChainRow] = []
     played = dict(zip(matching.lines.cycle, (table.name for table in matching.lines.table), strict=True))
     if model is not None:
-        chains = measured_chains(model, schedule, played, matching)
+        chains = measured_chains(model, schedule, played, matching, ran)
         one_mode = len({*played.values()}) == 1
         findings.extend(chain_deviations(model, chains, options.tolerance * 2, prefix, one_mode=one_mode))
-    every = sorted(value for values in late.values() for value in values)
+    every = np.sort(ran.late)
     return Comparison(
         name=trace.name,
         origin=origin_of,
@@ -174,20 +170,26 @@ def compare(
         played=played,
         counts=judge.counts,
         by_line=judge.by_line,
-        starts=tuple(Duration(quantile(every, Fraction(share, 100))) for share in (50, 99, 100) if every),
+        starts=tuple(Duration(plain(quantile(every, Fraction(share, 100)))) for share in (50, 99, 100) if len(every)),
         matching=matching,
+        ran=ran,
         others=others,
     )
 
 
 def is_stated(executions: Executions) -> bool:
     """Whether each execution names its table and the cycle of it."""
-    nameless = executions.number("")
-    return not any(executions.cycle[row] == NONE or executions.table[row] == nameless for row in executions.order)
+    cycles = np.asarray(executions.cycle)[executions.order]
+    return not (cycles == NONE).any() and all(executions.names[number] for number in _tables(executions))
+
+
+def _tables(executions: Executions) -> list[int]:
+    """Return the numbers of the tables that a trace names, from the first on."""
+    numbers, first = np.unique(np.asarray(executions.table)[executions.order], return_index=True)
+    return [int(number) for number in numbers[np.argsort(first)]]
 
 
 def _require_same(model: TaskModel, schedule: Schedule) -> None:
-    """Raise `HalpipeError` if the schedule was made from another model."""
     modes = {mode.name for mode in schedule.modes} <= {mode.name for mode in model.modes}
     jobs = schedule.all_jobs()
     versions = {(task.name, version.name) for task in model.tasks for version in task.versions}
@@ -200,7 +202,7 @@ def _require_same(model: TaskModel, schedule: Schedule) -> None:
 def _mode(schedule: Schedule, executions: Executions, options: CompareOptions) -> str:
     """Return the mode that ran: the one asked for, the only one that the trace names, or the only one there is."""
     names = [mode.name for mode in schedule.modes]
-    tables = dict.fromkeys(executions.table[row] for row in executions.order)
+    tables = _tables(executions)
     stated = [name for number in tables if (name := executions.names[number])]
     if options.mode:
         require_mode(options.mode, schedule.modes)
@@ -220,7 +222,7 @@ def _mode(schedule: Schedule, executions: Executions, options: CompareOptions) -
     return names[0]
 
 
-def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -> tuple[Executions, Sequence[int]]:
+def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -> tuple[Executions, Column]:
     """Return the executions of scheduled tasks, by the names of the schedule, and the rows of others.
 
     In a trace of a whole computer, others are no deviation, and units count only where it has those of the schedule.
@@ -229,30 +231,27 @@ def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -
     tasks = {job.task for job in jobs}
     units = {unit for job in jobs for unit in job.units}
     found = Executions.of(trace.executions).copy()
-    names = {number: found.names[number] for number in set(found.task)}
+    names = {number: found.names[number] for number in np.unique(np.asarray(found.task)).tolist()}
     plain_task, plain_unit = _names(tasks, _nodes(names.values(), tasks)), _names(units, {})
     plain = {number: plain_task(name) for number, name in names.items()}
     found.rename(plain)
     on = [tuple(map(plain_unit, names)) for names in found.units]
     found.units = [() if trace.is_shared and not units.issuperset(names) else names for names in on]
-    known = {found.number(name) for name in plain.values() if name in tasks}
-    every = found.order
-    found.order = array("q", (row for row in every if found.task[row] in known))
-    if len(found.order) == len(every):
-        return found, ()
-    others = array("q", (row for row in every if found.task[row] not in known))
-    unknown: dict[str, list[int]] = {}
-    for row in others:
-        unknown.setdefault(found.names[found.task[row]], [row, 0])[1] += 1
-    if trace.is_shared and found:
+    every, task = found.order, np.asarray(found.task)[found.order]
+    is_known = np.array([name in tasks for name in found.names], dtype=bool)[task]
+    found.order, others = every[is_known], every[~is_known]
+    if not len(others):
+        return found, others
+    unknown = {found.names[number]: others[places] for number, places in groups(task[~is_known])}
+    if trace.is_shared and len(found):
         message = f"not in the schedule: {counted(len(unknown), 'program')}: {', '.join(sorted(unknown)[:5])}"
         findings.add(UNSCHEDULED(message, path=trace.name, help="schedule those that take the time of tasks"))
-        return found, ()
-    for task, (first, count) in sorted(unknown.items()):
-        help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
-        message = f"ran {counted(count, 'time')} and is not in the schedule"
-        judge.add(Kind.UNKNOWN_TASK, about(task=task), 0, message, found.row(first).at, help)
-    return found, () if trace.is_shared else others
+        return found, others[:0]
+    for name, rows in sorted(unknown.items()):
+        help = did_you_mean(name, sorted(tasks), "compare with the schedule that was loaded")
+        message = f"ran {counted(len(rows), 'time')} and is not in the schedule"
+        judge.add(Kind.UNKNOWN_TASK, about(task=name), 0, message, found.row(int(rows[0])).at, help)
+    return found, others[:0] if trace.is_shared else others
 
 
 def _nodes(names: Collection[str], tasks: Collection[str]) -> dict[str, str]:
@@ -273,60 +272,39 @@ def _names(known: Collection[str], others: Mapping[str, str]) -> Callable[[str],
 
     @cache
     def plain(name: str) -> str:
-        if name in known:
-            return name
-        if name in long:
-            return long[name]
-        if name in others:
-            return others[name]
         bare = (name.removeprefix(prefix) for prefix in PREFIXES if name.startswith(prefix))
-        return next((candidate for candidate in bare if candidate in known), name)
+        found = (long.get(name), others.get(name), *(candidate for candidate in bare if candidate in known))
+        return name if name in known else next(filter(None, found), name)
 
     return plain
 
 
-def _by_task(matching: Matching) -> dict[str, array[int]]:
-    """Return the rows with a job by task."""
-    found: dict[str, array[int]] = defaultdict(lambda: array("q"))
-    for row in matching.rows():
-        found[matching.executions.names[matching.executions.task[row]]].append(row)
-    return found
-
-
-def _numbers(values: Iterable[Instant]) -> array[int] | list[Instant]:
-    """Return numbers, in a column if all are whole."""
-    kept = [*values]
-    try:
-        return array("q", kept)  # type: ignore[arg-type]
-    except (TypeError, OverflowError):
-        return kept
-
-
-def _rows(
-    matching: Matching, late: Mapping[str, Sequence[Instant]], due: set[str], model: TaskModel | None
-) -> list[TaskRow]:
-    seen = matching.executions
-    missing = Counter(matching.lines.table[line].due[place].job.task for line, place in matching.missing)
-    extra = Counter(seen.names[seen.task[row]] for row in matching.extra)
-    found = _by_task(matching)
+def _rows(matching: Matching, ran: Ran, due: set[str], model: TaskModel | None) -> list[TaskRow]:
+    seen, found = matching.executions, ran.by_task()
+    missing: Counter[str] = Counter()
+    for number, places in groups(matching.located(matching.missing)[1]):
+        missing[matching.jobs[number][1].job.task] += len(places)
+    extra = {seen.names[number]: len(places) for number, places in groups(np.asarray(seen.task)[matching.extra])}
+    after = ran.end - column([matching.origin]) - ran.due - matching.of_jobs("length")[ran.job]
+    length, has_end = ran.length, ran.has_end
     rows = []
     for task in sorted({*found, *missing, *extra, *due}):
-        ended = [row for row in found.get(task, ()) if seen.end[row] != NONE]
-        ends = (seen.end[row] - matching.origin - matching.start(row) - matching.due(row).length for row in ended)
-        longest = max(ended, key=lambda row: seen.length(row) or 0, default=None)
-        starts = sorted(late.get(task, ()))
-        spread = [starts[0], quantile(starts, Fraction(1, 2)), starts[-1]] if starts else []
-        job = matching.due(longest) if longest is not None else None
+        places = found.get(task, np.arange(0))
+        ended = places[has_end[places]]
+        longest = int(ended[np.argmax(length[ended])]) if len(ended) else None
+        starts = np.sort(ran.late[places])
+        spread = [starts[0], quantile(starts, Fraction(1, 2)), starts[-1]] if len(starts) else []
+        job = matching.jobs[ran.job[longest]][1] if longest is not None else None
         version = job.job.version if job else ""
         rows.append(
             TaskRow(
                 task=task,
                 seen=len(starts),
                 missing=missing[task],
-                extra=extra[task],
-                **dict(zip(("least", "median", "worst"), map(Duration, spread), strict=False)),
-                worst_end=Duration(max(ends)) if ended else None,
-                longest=Duration(seen.length(longest) or 0) if longest is not None else None,
+                extra=extra.get(task, 0),
+                **dict(zip(("least", "median", "worst"), map(Duration, map(plain, spread)), strict=False)),
+                worst_end=Duration(plain(after[ended].max())) if len(ended) else None,
+                longest=Duration(plain(length[longest])) if longest is not None else None,
                 reserved=Duration(job.reserved) if job else None,
                 wcet=model.task(task).version(version).wcet if model and job else None,
             )

@@ -7,11 +7,11 @@ a path that leaves the recording is not counted.
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
-from collections import defaultdict
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from halpipe.core.diagnostics import Severity, about
 from halpipe.core.durations import ZERO, Duration
@@ -19,7 +19,7 @@ from halpipe.core.records import record
 from halpipe.core.samples import quantile
 from halpipe.core.suggest import counted
 from halpipe.models import Anchor
-from halpipe.models.trace import NONE
+from halpipe.models.trace import NONE, column, groups, plain
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import with_latencies
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, ChainLatency, Schedule, TaskModel
-    from halpipe.pipeline.compare.matching import Matching
+    from halpipe.models.trace import Column
+    from halpipe.pipeline.compare.matching import Matching, Ran
 
 FIGURES = ("latency", "reaction", "age")
 
@@ -50,12 +51,12 @@ class ChainRow:
     limit: Duration | None = None
 
 
-Span = tuple["int | Fraction", "int | Fraction"]
-"""When a job reads and writes."""
+Spans = tuple["Column", "Column"]
+"""When jobs read and write, by the first and then by the second."""
 
 
 def measured_chains(
-    model: TaskModel, schedule: Schedule, played: Mapping[int, str], matching: Matching
+    model: TaskModel, schedule: Schedule, played: Mapping[int, str], matching: Matching, ran: Ran
 ) -> list[ChainRow]:
     """Return the figures of the chains of the model that run in a mode of `played`, the tables by their cycles.
 
@@ -67,35 +68,35 @@ def measured_chains(
     for chain in filter(partial(is_measurable, model), model.chains):
         if own := {mode.name: row for mode in modes for row in mode.chains if row.name == chain.name}:
             active[chain] = own
-    spans: dict[str, list[tuple[int | None, Span]]] = defaultdict(list)
-    wanted = {task for chain in active for task in chain.tasks}
-    for cycle, task, span in _spans(model, schedule, matching, wanted) if wanted else ():
-        spans[task].append((cycle, span))
+    spans = _spans(model, schedule, matching, ran, {task for chain in active for task in chain.tasks})
     rows = []
     for chain, own in active.items():
         between = {t.name for t in schedule.transitions if t.source in own and t.target in own}
         parts = _parts(chain, played, {*own, *between}, spans)
         for figure in FIGURES:
-            values = [value for members in parts for value in _values(figure, members, chain)]
+            values = np.sort(np.concatenate([_values(figure, members, chain) for members in parts]))
             rows.append(_row(chain, figure, values, list(own.values())))
     return rows
 
 
 def _parts(
-    chain: Chain, played: Mapping[int, str], active: set[str], spans: Mapping[str, Sequence[tuple[int | None, Span]]]
-) -> list[list[list[Span]]]:
+    chain: Chain, played: Mapping[int, str], active: set[str], spans: Mapping[str, tuple[Column, Spans]]
+) -> list[list[Spans]]:
     """Return when the jobs of each task of a chain read and write, for each part of the run in which it is active."""
-    number = 0
-    part_of: dict[int, int | None] = {}
-    for cycle in sorted(played):
-        number += played[cycle] not in active
-        part_of[cycle] = number if played[cycle] in active else None
-    elsewhere = 0 if len(set(played.values())) == 1 else None
-    found: dict[tuple[int | None, str], list[Span]] = defaultdict(list)
+    cycles = np.array(sorted(played))
+    is_active = np.array([played[cycle] in active for cycle in cycles.tolist()], dtype=bool)
+    number = np.cumsum(~is_active)
+    elsewhere = 0 if len(set(played.values())) == 1 else -1
+    found: dict[tuple[int, str], Spans] = {}
     for task in set(chain.tasks):
-        for ran, span in spans.get(task, ()):
-            found[elsewhere if ran is None else part_of.get(ran, elsewhere), task].append(span)
-    return [[sorted(found[part, name]) for name in chain.tasks] for part in range(number + 1)]
+        ran, (reads, writes) = spans[task]
+        place = np.minimum(np.searchsorted(cycles, ran), len(cycles) - 1)
+        part = np.where(is_active[place], number[place], elsewhere)
+        part[cycles[place] != ran] = elsewhere
+        for of, places in groups(part + 1):
+            found[of - 1, task] = reads[places], writes[places]
+    nothing = np.arange(0), np.arange(0)
+    return [[found.get((part, name), nothing) for name in chain.tasks] for part in range(int(number[-1]) + 1)]
 
 
 def is_measurable(model: TaskModel, chain: Chain) -> bool:
@@ -106,9 +107,9 @@ def is_measurable(model: TaskModel, chain: Chain) -> bool:
 
 
 def _spans(
-    model: TaskModel, schedule: Schedule, matching: Matching, wanted: Collection[str]
-) -> Iterator[tuple[int | None, str, Span]]:
-    """Yield the cycle, the task, and when it read and wrote, of each job of the `wanted` tasks that had data.
+    model: TaskModel, schedule: Schedule, matching: Matching, ran: Ran, wanted: Collection[str]
+) -> dict[str, tuple[Column, Spans]]:
+    """Return the cycles, and when they read and wrote, of the jobs of the `wanted` tasks that had data.
 
     One with a LET lasts from its read to its write (MODEL 10.6). If it ends after its write, it leaves the datum of the
     one before, so it takes part in no chain.
@@ -119,22 +120,29 @@ def _spans(
         placement = Placement.of(expand(model, model.mode(mode.name)), mode.jobs, model.units)
         for job in placement.jobs:
             delays[mode.name, job.active.name, job.index] = placement.tick * placement.delay(job)
-    seen, lines = matching.executions, matching.lines
-    names = {number: name for number, name in enumerate(seen.names) if name in wanted}
-    for row in (*matching.rows(), *matching.extra):
-        name, end, line = names.get(seen.task[row]), seen.end[row], matching.line[row]
-        if name is None or end == NONE or seen.has_data.get(row) is False:
-            continue
-        let = lets.get(name)
-        if let is None:
-            cycle = seen.cycle[row] if line < 0 else lines.cycle[line]
-            yield None if cycle == NONE else cycle, name, (seen.start[row], end)
-        elif line >= 0:
-            # A job of a table between modes is released when it starts.
-            late = delays.get((lines.table[line].name, name, matching.due(row).job.index), ZERO)
-            read = matching.origin + matching.start(row) - late.ns
-            if end <= read + let:
-                yield lines.cycle[line], name, (read, read + let)
+    # A job of a table between modes is released when it starts.
+    after = column([delays.get((table.name, due.job.task, due.job.index), ZERO).ns for table, due in matching.jobs])
+    seen, extra, lines = matching.executions, matching.extra, np.array(matching.lines.cycle, dtype=np.int64)
+    start, end, cycle = column(seen.start), column(seen.end), np.asarray(seen.cycle)
+    no_data = np.array([row for row, has in seen.has_data.items() if not has], dtype=np.int64)
+    own = ran.by_task()
+    others = {seen.names[number]: extra[places] for number, places in groups(np.asarray(seen.task)[extra])}
+    found = {}
+    for name in wanted:
+        places, more = own.get(name, extra[:0]), others.get(name, extra[:0])
+        rows, cycles = ran.row[places], lines[ran.line[places]]
+        if name in lets:
+            reads = column([matching.origin]) + ran.due[places] - after[ran.job[places]]
+            writes = reads + column([lets[name]])
+            kept = end[rows] <= writes
+        else:
+            rows, cycles = np.concatenate((rows, more)), np.concatenate((cycles, cycle[more]))
+            reads, writes, kept = start[rows], end[rows], np.ones(len(rows), dtype=bool)
+        places = np.flatnonzero(kept & (end[rows] != NONE) & ~np.isin(rows, no_data))
+        for times in (writes, reads):
+            places = places[np.argsort(times[places], kind="stable")]
+        found[name] = cycles[places], (reads[places], writes[places])
+    return found
 
 
 def deviations(
@@ -160,59 +168,62 @@ def deviations(
         yield NOT_MEASURED(prefix + message, help="compare the starts and ends of their tasks")
 
 
-def _row(chain: Chain, figure: str, values: list[int | Fraction], verified: Sequence[ChainLatency]) -> ChainRow:
+def _row(chain: Chain, figure: str, values: Column, verified: Sequence[ChainLatency]) -> ChainRow:
     bounds: list[Duration | None] = [getattr(row, figure) for row in verified]
     known = [bound for bound in bounds if bound is not None]
-    values.sort()
 
-    def at(percent: int) -> Duration | None:
-        return Duration(quantile(values, Fraction(percent, 100))) if values else None
+    def at(share: Fraction) -> Duration | None:
+        return Duration(plain(quantile(values, share))) if len(values) else None
 
     return ChainRow(
         chain=chain.name,
         figure=figure,
         count=len(values),
-        least=Duration(values[0]) if values else None,
-        median=at(50),
-        p99=at(99),
-        worst=at(100),
+        least=at(Fraction(0)),
+        median=at(Fraction(1, 2)),
+        p99=at(Fraction(99, 100)),
+        worst=at(Fraction(1)),
         verified=max(known) if known and len(known) == len(bounds) else None,
         limit=getattr(chain, f"max_{figure}"),
     )
 
 
-def _values(figure: str, members: Sequence[list[Span]], chain: Chain) -> list[int | Fraction]:
-    """Return the figure of each path; members are sorted by the instants at which they read."""
-    paths: list[tuple[Span | None, Span | None]]
+def _values(figure: str, members: Sequence[Spans], chain: Chain) -> Column:
     begin, end = int(chain.anchor is Anchor.END), int(chain.to is not Anchor.START)
     firsts, lasts = members[0], members[-1]
     if figure == "age":
-        by_write = [sorted(spans, key=lambda span: (span[1], span[0])) for spans in members[:-1]]
-        paths = [(_backward(by_write, last), last) for last in lasts]
-    elif figure == "latency":
-        paths = [(first, _forward(members[1:], first)) for first in firsts]
-    else:  # from the job that just missed the stimulus, by way of the next one
-        following = [bisect_right(firsts, first[0], key=lambda span: span[0]) for first in firsts]
-        pairs = [(first, firsts[n]) for first, n in zip(firsts, following, strict=True) if n < len(firsts)]
-        paths = [(missed, _forward(members[1:], seen)) for missed, seen in pairs]
-    return [last[end] - first[begin] for first, last in paths if first is not None and last is not None]
+        kept, found = _backward(members[:-1], lasts)
+        return lasts[end][kept] - found[begin]
+    missed = seen = np.arange(len(firsts[0]))
+    if figure == "reaction":  # from the job that just missed the stimulus, by way of the next one
+        following = np.searchsorted(firsts[0], firsts[0], side="right")
+        missed = np.flatnonzero(following < len(following))
+        seen = following[missed]
+    kept, found = _forward(members[1:], (firsts[0][seen], firsts[1][seen]))
+    return found[end] - firsts[begin][missed[kept]]
 
 
-def _forward(members: Sequence[list[Span]], span: Span) -> Span | None:
-    """Return the last job to which the data of a job lead: each time the first that reads once they are written."""
-    for spans in members:
-        reached = bisect_left(spans, span[1], key=lambda other: other[0])
-        if reached == len(spans):
-            return None
-        span = spans[reached]
-    return span
+def _forward(members: Sequence[Spans], spans: Spans) -> tuple[Column, Spans]:
+    """Return the last jobs to which the data of jobs lead: each time the first that reads once they are written.
+
+    With them come the numbers of the jobs whose data lead to one.
+    """
+    kept = np.arange(len(spans[0]))
+    for reads, writes in members:
+        reached = np.searchsorted(reads, spans[1])
+        is_there = reached < len(reads)
+        kept, reached = kept[is_there], reached[is_there]
+        spans = reads[reached], writes[reached]
+    return kept, spans
 
 
-def _backward(members: Sequence[list[Span]], span: Span) -> Span | None:
-    """Return the first job from which the data of a job come: each time the latest that had written by its start."""
-    for spans in reversed(members):
-        reached = bisect_right(spans, span[0], key=lambda other: other[1]) - 1
-        if reached < 0:
-            return None
-        span = spans[reached]
-    return span
+def _backward(members: Sequence[Spans], spans: Spans) -> tuple[Column, Spans]:
+    """Return the first jobs from which the data of jobs come: each time the latest that had written by their start."""
+    kept = np.arange(len(spans[0]))
+    for reads, writes in reversed(members):
+        order = np.argsort(writes, kind="stable")
+        reached = np.searchsorted(writes[order], spans[0], side="right") - 1
+        is_there = reached >= 0
+        kept, reached = kept[is_there], order[reached[is_there]]
+        spans = reads[reached], writes[reached]
+    return kept, spans

@@ -150,23 +150,26 @@ class Kind(Enum):
     NO_DATA = auto()
 
 
-CODES: Mapping[Kind, Code] = {
-    Kind.UNKNOWN_TABLE: UNKNOWN_TABLE,
-    Kind.SEQUENCE: WRONG_SEQUENCE,
-    Kind.UNKNOWN_TASK: UNKNOWN_TASK,
-    Kind.EARLY: WRONG_START,
-    Kind.LATE: WRONG_START,
-    Kind.LATE_END: LATE_END,
-    Kind.ENDLESS: LATE_END,
-    Kind.OVERRUN: OVERRUN,
-    Kind.MISSING: MISSING_JOB,
-    Kind.EXTRA: EXTRA_JOB,
-    Kind.UNIT: WRONG_UNIT,
-    Kind.ORDER: WRONG_ORDER,
-    Kind.OVERLAP: WRONG_ORDER,
-    Kind.EXCLUSION: EXCLUSION,
-    Kind.PARTS: OUTSIDE_PARTS,
-    Kind.PAUSE: PAUSE,
-    Kind.NO_DATA: NO_DATA,
+_START, _TOGETHER = "look at what ran before it on its unit", "one unit runs one job at a time, in order"
+KINDS: Mapping[Kind, tuple[Code | None, str]] = {
+    Kind.UNKNOWN_TABLE: (UNKNOWN_TABLE, ""),
+    Kind.SEQUENCE: (WRONG_SEQUENCE, "check how the recorder counts cycles"),
+    Kind.UNKNOWN_TASK: (UNKNOWN_TASK, ""),
+    Kind.PLAN: (None, "load the tables of this schedule"),
+    Kind.EARLY: (WRONG_START, _START),
+    Kind.LATE: (WRONG_START, _START),
+    Kind.LATE_END: (LATE_END, "look at its start, its preemptions and its run time"),
+    Kind.ENDLESS: (LATE_END, "bound the loops and waits of the program"),
+    Kind.OVERRUN: (OVERRUN, "correct the WCET, or the program"),
+    Kind.MISSING: (MISSING_JOB, "check whether the trace lost events"),
+    Kind.EXTRA: (EXTRA_JOB, "check who starts it"),
+    Kind.UNIT: (WRONG_UNIT, "bind it to its unit"),
+    Kind.ORDER: (WRONG_ORDER, _TOGETHER),
+    Kind.OVERLAP: (WRONG_ORDER, _TOGETHER),
+    Kind.EXCLUSION: (EXCLUSION, "look at their starts and run times: only the table keeps them apart"),
+    Kind.PARTS: (OUTSIDE_PARTS, "hold it at the end of a part until the next"),
+    Kind.PAUSE: (PAUSE, "compare the pieces before and after it, or correct the instants and their unit"),
+    Kind.NO_DATA: (NO_DATA, "start its publisher before the tables, or schedule it later"),
 }
-"""The codes of comparing a trace; a check of a bundle has codes of its own for these kinds."""
+"""Code and help of each kind; of those without help it depends. A check of a bundle has codes of its own."""
+CODES: Mapping[Kind, Code] = {kind: code for kind, (code, _) in KINDS.items() if code is not None}

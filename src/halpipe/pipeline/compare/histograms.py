@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from array import array
-from collections import defaultdict
-from itertools import pairwise
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
-from halpipe.models.trace import NONE
+from halpipe.models.trace import column, plain
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from halpipe.models import Job, Task, TaskModel
-    from halpipe.models.trace import Instant
+    from halpipe.models.trace import Column, Instant
     from halpipe.pipeline.compare import Comparison
 
 BINS = 8
@@ -44,29 +41,27 @@ class Histogram:
 
 def histograms(comparison: Comparison, model: TaskModel | None = None) -> list[Histogram]:
     """Return the histograms by task and figure; a figure of which nothing is known has none."""
-    matching, tasks = comparison.matching, {task.name: task for task in model.tasks} if model else {}
-    seen = matching.executions
+    matching, ran, tasks = (
+        comparison.matching,
+        comparison.ran,
+        {task.name: task for task in model.tasks} if model else {},
+    )
     # Jobs of a switch are counted from the switch, not from their releases.
     modes = {mode.name for mode in model.modes} if model else set()
-    values: dict[str, defaultdict[str, list[Instant]]] = {}
-    for row in matching.rows():
-        job, late = matching.due(row).job, matching.lateness(row)
-        found = values.setdefault(job.task, defaultdict(list))
-        found["start error"].append(late)
-        if (length := seen.length(row)) is not None:
-            found["execution"].append(length)
-        table = matching.lines.table[matching.line[row]]
-        delay = _delay(tasks.get(job.task), job, table.length) if table.name in modes else None
-        if delay is not None and seen.end[row] != NONE:
-            found["response"].append(seen.end[row] - seen.start[row] + late + delay)
-    for found in values.values():
-        found["jitter"].extend(after - before for before, after in pairwise(found["start error"]))
-    return [
-        _histogram(task, figure, found[figure])
-        for task, found in sorted(values.items())
-        for figure in FIGURES
-        if found.get(figure)
+    delays = [
+        _delay(tasks.get(due.job.task), due.job, table.length) if table.name in modes else None
+        for table, due in matching.jobs
     ]
+    is_released = np.array([delay is not None for delay in delays], dtype=bool)[ran.job]
+    response = ran.end - ran.start + ran.late + column([delay or 0 for delay in delays])[ran.job]
+    length, has_end = ran.length, ran.has_end
+    found = []
+    for task, places in sorted(ran.by_task().items()):
+        ended = places[has_end[places]]
+        late = ran.late[places]
+        values = (late, response[ended[is_released[ended]]], length[ended], np.diff(late))
+        found += [_histogram(task, *each) for each in zip(FIGURES, values, strict=True) if len(each[1])]
+    return found
 
 
 def _delay(task: Task | None, job: Job, length: Instant) -> Instant | None:
@@ -76,17 +71,15 @@ def _delay(task: Task | None, job: Job, length: Instant) -> Instant | None:
     return (job.start.ns - task.offset.ns - task.period.ns * job.index) % length
 
 
-def _histogram(task: str, figure: str, values: Sequence[Instant]) -> Histogram:
-    least, worst = min(values), max(values)
+def _histogram(task: str, figure: str, values: Column) -> Histogram:
+    least, worst = plain(values.min()), plain(values.max())
     width = max(1, int(-(-(worst - least) // BINS)))
-    counts = array("q", [0]) * BINS
-    for value in values:
-        counts[min(int((value - least) // width), BINS - 1)] += 1
+    bins = np.minimum((values - least) // width, BINS - 1).astype(np.int64)
     return Histogram(
         task=task,
         figure=figure,
         least=Duration(least),
         worst=Duration(worst),
         width=Duration(width),
-        counts=tuple(counts),
+        counts=tuple(np.bincount(bins, minlength=BINS).tolist()),
     )

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field
-from itertools import groupby, pairwise
-from typing import TYPE_CHECKING
+from collections import Counter, defaultdict
+from dataclasses import field
+from itertools import pairwise, permutations
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from halpipe.core.diagnostics import NOWHERE, Path, Subject, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.suggest import counted
-from halpipe.models.trace import NONE
-from halpipe.pipeline.compare.codes import CODES, Kind
+from halpipe.models.trace import column, groups, plain
+from halpipe.pipeline.compare.codes import CODES, KINDS, Kind
+from halpipe.pipeline.compare.matching import Ran
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Job, TaskModel
-    from halpipe.models.trace import Execution, Instant
+    from halpipe.models.trace import Column, Instant
     from halpipe.pipeline.compare.matching import Match, Matching
-
-
-@dataclass(slots=True)
-class _Deviation:
-    """All deviations of one kind of one job: how many, and the worst."""
-
-    code: Code
-    path: str
-    count: int
-    amount: Instant
-    message: str
-    at: Location
-    help: str
 
 
 @record(kw_only=True)
@@ -47,6 +38,39 @@ class Scope:
     is_whole: bool = False
 
 
+if TYPE_CHECKING:
+    Deviating = tuple[Kind, Column, Column, Callable[[int], Any]]
+    """Executions by their places among those that ran, with the amounts, and something to name beside each."""
+
+_TEXTS = {
+    Kind.LATE: "starts {by} late: at {m.began} instead of {m.start}".format,
+    Kind.EARLY: "starts {by} early: at {m.began} instead of {m.start}".format,
+    Kind.PLAN: "was due at {m.execution.planned} by its recorder, and is at {instant} by the schedule".format,
+    Kind.NO_DATA: "ran without a message at {m.began}".format,
+    Kind.ENDLESS: "still runs when the trace ends, at {end}; its end is at {m.end}".format,
+    Kind.OVERRUN: "runs for {length}, {by} more than the {m.reserved} of its version {m.job.version}".format,
+    Kind.LATE_END: "ends {by} late: at {end} instead of {m.end}".format,
+    Kind.PARTS: "runs {by} outside its parts, near {other}".format,
+    Kind.UNIT: "ran on {on} instead of {units}".format,
+    Kind.ORDER: 'task "{other[0].job.task}" ran before it on a unit, at {other[0].began}'.format,
+    Kind.OVERLAP: 'task "{other[0].job.task}" ran at the same time on a unit, at {other[0].began}'.format,
+    Kind.EXCLUSION: (
+        'task "{other[0].job.task}" ran at the same time for {by} with resource "{other[1]}", at {other[0].began}'
+    ).format,
+}
+
+
+def _text(kind: Kind, match: Match, amount: Instant, other: Any) -> str:
+    by, on, units = Duration(amount), " ".join(match.execution.units), " ".join(match.job.units)
+    end, length, instant = match.end + by, match.reserved + by, match.origin + match.start
+    values = {"end": end, "length": length, "instant": instant, "on": on, "units": units, "other": other}
+    return _TEXTS[kind](m=match, by=by, **values)
+
+
+_KEYS = 1_000_000
+"""Units and resources of a job are fewer; a rank is the place of the job times this, and the number of the key."""
+
+
 class Judge:
     """Collects deviations beyond the tolerance, and counts them by kind."""
 
@@ -56,225 +80,225 @@ class Judge:
         self.prefix = prefix
         self.scope = scope
         self.counts: Counter[Kind] = Counter()
-        self.by_line: Counter[int] = Counter()
-        self.marks: dict[int, list[tuple[Kind, Instant, str]]] | None = None
-        self._worst: dict[tuple[str, str], _Deviation] = {}
+        self.by_line: Column = np.zeros(0, dtype=np.int64)
+        self._often: Counter[tuple[str, Path]] = Counter()
+        self._worst: dict[tuple[str, Path], tuple[Instant, int, Code, str, Location, str]] = {}
+        """By code and path the amount, the rank from 0 down, and what is reported."""
 
-    def judge(self, matching: Matching, model: TaskModel | None) -> None:
+    def judge(self, matching: Matching, ran: Ran, model: TaskModel | None) -> None:
         """Judge everything that ran, and what did not."""
-        self.origin = Duration(matching.origin)
-        self._matching = matching
-        self._each(matching.rows())
-        lines = matching.lines
-        for line, place in matching.missing:
-            self.by_line[line] += 1
-            table, job = lines.table[line], lines.table[line].due[place].job
-            start = Duration(lines.start[line] + job.start.ns)
-            message = f"did not run at {start} (cycle {lines.cycle[line]})"
-            self.add(Kind.MISSING, _job(table.name, job), 0, message, job.at, "check whether the trace lost events")
+        self._begin(matching, ran)
+        for kind, at, amounts, others in self._each() if len(ran.row) else ():
+            self._deviate(kind, at, amounts, at, others)
+        lines, seen = matching.lines, matching.executions
+        line_of, job_of = matching.located(matching.missing)
+        np.add.at(self.by_line, line_of, 1)
+        for _, places in groups(job_of):
+            line, due = matching.at(int(matching.missing[places[0]]))
+            message = f"did not run at {Duration(lines.start[line] + due.start)} (cycle {lines.cycle[line]})"
+            path = _job(lines.table[line].name, due.job)
+            self.add(Kind.MISSING, path, 0, message, due.job.at, count=len(places))
         self._pauses(matching)
-        for row in matching.extra:
-            execution = matching.executions.row(row)
+        for _, places in groups(np.asarray(seen.task)[matching.extra]):
+            execution = seen.row(int(matching.extra[places[0]]))
             message = f"ran at {execution.start} of the trace, where no job of it is due"
-            self.add(Kind.EXTRA, about(task=execution.task), 0, message, execution.at, "check who starts it")
+            self.add(Kind.EXTRA, about(task=execution.task), 0, message, execution.at, count=len(places))
         self._order(model)
 
     def mark(self, matching: Matching, rows: Sequence[int]) -> dict[int, list[tuple[Kind, Instant, str]]]:
         """Return how some executions deviate from their jobs: kinds, amounts and messages by row."""
-        self.origin, self._matching, self.marks = Duration(matching.origin), matching, {}
-        self._each(rows)
-        return self.marks
+        self._begin(matching, Ran(matching))
+        is_asked, found = np.isin(self._ran.row, rows), defaultdict(list)
+        for kind, at, amounts, others in self._each() if rows else ():
+            for number in np.flatnonzero(is_asked[at]).tolist():
+                match, amount = matching.match(int(self._ran.row[at[number]])), plain(amounts[number])
+                found[match.row].append((kind, amount, _text(kind, match, amount, others(number))))
+        return found
 
-    def _each(self, rows: Iterable[int]) -> None:
-        """Compare executions with their jobs; objects are made only of those that deviate."""
-        matching, tolerance, origin = self._matching, self.tolerance.ns, self.origin.ns
-        seen = matching.executions
-        starts, ends, planned, lacking = seen.start, seen.end, seen.planned, seen.has_data
-        units = [frozenset(names) for names in seen.units]
-        instants = (starts[row] if ends[row] == NONE else ends[row] for row in matching.rows())
-        last = max(instants, default=origin) - origin
-        for row in rows:
-            due, start = matching.due(row), matching.start(row)
-            late = starts[row] - origin - start
-            if late > tolerance or -late > tolerance:
-                self._start(matching.match(row), late)
-            if planned and row in planned and not -tolerance <= start + origin - planned[row] <= tolerance:
-                match = matching.match(row)
-                when = f"was due at {Duration(planned[row])} by its recorder, and is at {match.start + self.origin}"
-                self._of(match, Kind.PLAN, 0, f"{when} by the schedule", "load the tables of this schedule")
-            if lacking and lacking.get(row) is False:
-                message = f"ran without a message at {Duration(starts[row] - origin)}"
-                help = "start its publisher before the tables, or schedule it later"
-                self._of(matching.match(row), Kind.NO_DATA, 0, message, help)
-            length = seen.length(row)
-            if length is None:
-                self._endless(row, last)
-            else:
-                if length - due.reserved > tolerance:
-                    self._overrun(matching.match(row), length)
-                if (late := ends[row] - origin - start - due.length) > tolerance:
-                    match = matching.match(row)
-                    message = f"ends {Duration(late)} late: at {Duration(ends[row] - origin)} instead of {match.end}"
-                    self._of(match, Kind.LATE_END, late, message, "look at its start, its preemptions and its run time")
-            if due.job.parts:
-                self._parts(matching.match(row))
-            on = units[seen.on[row]]
-            if on and on != due.units:
-                message = f"ran on {' '.join(seen.units[seen.on[row]])} instead of {' '.join(due.job.units)}"
-                self._of(matching.match(row), Kind.UNIT, 0, message, "bind it to its unit")
+    def _begin(self, matching: Matching, ran: Ran) -> None:
+        self.origin, self._matching, self._ran = Duration(matching.origin), matching, ran
+        self.by_line = np.zeros(len(matching.lines.table), dtype=np.int64)
+
+    def _each(self) -> Iterator[Deviating]:
+        matching, ran, tolerance = self._matching, self._ran, column([self.tolerance.ns])
+        seen, origin, has_end, late = matching.executions, column([matching.origin]), ran.has_end, ran.late
+        nothing = np.zeros(len(ran.row), dtype=np.int64)
+
+        def where(kind: Kind, is_so: Column, amounts: Column = nothing) -> Deviating:
+            at = np.flatnonzero(is_so)
+            return kind, at, amounts[at], lambda _: None
+
+        yield where(Kind.LATE, late > tolerance, late)
+        yield where(Kind.EARLY, -late > tolerance, -late)
+        if seen.planned:
+            due = (ran.due + origin).tolist()
+            by = [due - seen.planned.get(row, due) for row, due in zip(ran.row.tolist(), due, strict=True)]
+            yield where(Kind.PLAN, abs(column(by)) > tolerance)
+        if seen.has_data:
+            yield where(Kind.NO_DATA, np.array([seen.has_data.get(row) is False for row in ran.row.tolist()]))
+        due = ran.due + matching.of_jobs("length")[ran.job]
+        end = np.where(has_end, ran.end, ran.start) - origin
+        left, over, late = end.max() - due, ran.length - matching.of_jobs("reserved")[ran.job], end - due
+        yield where(Kind.ENDLESS, ~has_end & (self.scope.is_whole | (left > tolerance)), left)
+        yield where(Kind.OVERRUN, has_end & (over > tolerance), over)
+        yield where(Kind.LATE_END, has_end & (late > tolerance), late)
+        has_parts = np.array([bool(each.job.parts) for _, each in matching.jobs], dtype=bool)[ran.job]
+        outside = [(at, *each) for at in np.flatnonzero(has_parts).tolist() for each in self._outside(int(ran.row[at]))]
+        at, amounts = np.array([at for at, *_ in outside], dtype=np.int64), column([by.ns for _, by, _ in outside])
+        yield Kind.PARTS, at, amounts, lambda number: outside[number][2]
+        numbers: dict[frozenset[str], int] = {frozenset(): 0}
+        on, stated = (
+            np.array([numbers.setdefault(each, len(numbers)) for each in units])
+            for units in (map(frozenset, seen.units), (each.units for _, each in matching.jobs))
+        )
+        own = on[np.asarray(seen.on)[ran.row]]
+        yield where(Kind.UNIT, (own != 0) & (own != stated[ran.job]))
+
+    def _deviate(self, kind: Kind, at: Column, amounts: Column, rank: Column, others: Callable[[int], Any]) -> None:
+        """Report executions that deviate; of each job the worst is described, of equals the one of the least rank."""
+        if kind not in self.scope.codes:
+            return
+        ran, matching = self._ran, self._matching
+        np.add.at(self.by_line, ran.line[at], 1)
+        for _, places in groups(ran.job[at]):
+            worst = int(places[np.argmax(amounts[places])])
+            match, amount = matching.match(int(ran.row[at[worst]])), plain(amounts[worst])
+            message = f"{_text(kind, match, amount, others(worst))} (cycle {match.cycle})"
+            path, place = _job(match.table.name, match.job), match.execution.at
+            self.add(kind, path, amount, message, place, count=len(places), rank=int(rank[worst]))
 
     def _pauses(self, matching: Matching) -> None:
         lines = matching.lines
         for before, after in lines.pauses:
             line, silent = lines.cycle.index(after), after - before - 1
             table = lines.table[line]
-            rows = (row for row in matching.slots[lines.slot[line] : lines.slot[line + 1]] if row >= 0)
-            at = next((matching.executions.row(row).at for row in rows), NOWHERE)
+            rows = matching.slots[lines.slot[line] : lines.slot[line + 1]]
+            at = next((matching.executions.row(row).at for row in rows[rows >= 0][:1].tolist()), NOWHERE)
             pause = f"nothing ran in the {counted(silent, 'cycle')} after cycle {before}"
             message = f"{pause}, whose jobs are not counted as missing"
-            help = "compare the pieces before and after it, or correct the instants and their unit"
-            self.add(Kind.PAUSE, about(mode=table.name), table.length * silent, message, at, help)
+            self.add(Kind.PAUSE, about(mode=table.name), table.length * silent, message, at)
 
-    def _start(self, match: Match, late: Instant) -> None:
-        word, size = ("late", late) if late > 0 else ("early", -late)
-        message = f"starts {Duration(size)} {word}: at {match.execution.start - self.origin} instead of {match.start}"
-        kind = Kind.LATE if late > 0 else Kind.EARLY
-        self._of(match, kind, size, message, "look at what ran before it on its unit")
+    def _replanned(self, match: Match, *_: Instant) -> str:
+        due = Duration(self._matching.executions.planned[match.row])
+        return f"was due at {due} by its recorder, and is at {match.start + self.origin} by the schedule"
 
-    def _endless(self, row: int, last: Instant) -> None:
+    def _late_end(self, match: Match, late: Instant, _: int) -> str:
+        end = Duration(self._matching.executions.end[match.row]) - self.origin
+        return f"ends {Duration(late)} late: at {end} instead of {match.end}"
+
+    def _outside(self, row: int) -> Iterator[tuple[Duration, Duration]]:
+        """Yield by how much, and near which instants, a job with gaps ran outside its parts, where the trace tells.
+
+        One that was busy all the time ran in one piece. Of a stretch the part that it fits best counts.
+        """
         match = self._matching.match(row)
-        by = last - match.end.ns
-        if self.scope.is_whole or by > self.tolerance.ns:
-            message = f"still runs when the trace ends, at {Duration(last)}; its end is at {match.end}"
-            self._of(match, Kind.ENDLESS, by, message, "bound the loops and waits of the program")
-
-    def _overrun(self, match: Match, length: Instant) -> None:
-        budget = match.reserved
-        by = Duration(length) - budget
-        message = f"runs for {Duration(length)}, {by} more than the {budget} of its version {match.job.version}"
-        self._of(match, Kind.OVERRUN, by.ns, message, "correct the WCET, or the program")
-
-    def _parts(self, match: Match) -> None:
-        """Compare what ran with the parts of a job with gaps, where the trace tells when it ran."""
-        for start, end in _stretches(match.execution):
-            outside, instant = _outside(start - self.origin, end - self.origin, match.due())
-            if outside > self.tolerance:
-                message = f"runs {outside} outside its parts, near {instant}"
-                self._of(match, Kind.PARTS, outside.ns, message, "hold it at the end of a part until the next")
+        seen, due = match.execution, match.due()
+        is_whole = seen.end is not None and seen.busy == seen.end - seen.start
+        for start, end in ((seen.start, seen.end or ZERO),) if is_whole else seen.stretches:
+            first, last = start - self.origin, end - self.origin
+            out = (max((max(ZERO, a - first), True), (max(ZERO, last - b), False)) for a, b in due)
+            by, is_before = min(out, key=itemgetter(0))
+            if by > self.tolerance:
+                yield by, first if is_before else last
 
     def _order(self, model: TaskModel | None) -> None:
         """Compare each job with those before it on its units, and with those that need the same resources."""
-        matching = self._matching
-        seen = matching.executions
-        starts, ends = seen.start, seen.end
-        furthest: dict[str, tuple[Instant, int]] = {}
-        longest: dict[str | tuple[str], int] = {}
-        held = _resources(model) if model else {}
-        for row in self._by_start():
-            due, start = matching.due(row), matching.start(row)
-            units = seen.units[seen.on[row]] or due.job.units
-            for unit in units:
-                before = furthest.get(unit)
-                if before is not None and start < before[0]:
-                    self._together(Kind.ORDER, before[1], row, "before it on a unit")
-                else:
-                    furthest[unit] = start, row
-            own = held.get((due.job.task, due.job.version), ()) if held else ()
-            for key in (*units, *own):
-                other = longest.get(key)
-                end = NONE if other is None else ends[other]
-                if other is not None and end != NONE and (overlap := end - starts[row]) > 0:
-                    self._at_once(other, row, key, overlap)
-                if end == NONE or (ends[row] != NONE and ends[row] >= end):
-                    longest[key] = row
+        matching, ran, held = self._matching, self._ran, _resources(model) if model else {}
+        seen, jobs, start, end = matching.executions, matching.jobs, ran.start, ran.end
+        place = np.full(len(seen.task), -1)
+        place[ran.row] = np.arange(len(ran.row))
+        order = place[seen.order]
+        order = order[order >= 0]
+        for times in (ran.due, start):  # of those that start at once, the job that is due first comes first
+            order = order[np.argsort(times[order], kind="stable")]
+        on, job = np.asarray(seen.on)[ran.row[order]], ran.job[order]
+        is_bare = np.array([not names for names in seen.units], dtype=bool)[on]
+        ranks: dict[str | tuple[str], list[Column]] = defaultdict(list)
+        for number, places in groups(np.where(is_bare, len(seen.units) + job, on)):
+            units = seen.units[number] if number < len(seen.units) else jobs[number - len(seen.units)][1].job.units
+            for key, unit in enumerate(dict.fromkeys(units)):
+                ranks[unit].append(places * _KEYS + key)
+        for number, places in groups(job) if held else ():
+            due = jobs[number][1]
+            for key, resource in enumerate(held.get((due.job.task, due.job.version), ()), _KEYS // 2):
+                ranks[resource].append(places * _KEYS + key)
+        for name, parts in ranks.items():
+            rank = np.sort(np.concatenate(parts))
+            own = order[rank // _KEYS]
+            if isinstance(name, str):
+                before, at = _after_larger(ran.due[own], ran.due[own])
+                nothing = np.zeros(len(at), dtype=np.int64)
+                self._together(Kind.ORDER, own[before], own[at], nothing, rank[at])
+            before, at = _after_larger(end[own], start[own])
+            overlap = end[own[before]] - start[own[at]]
+            self._at_once(own[before], own[at], overlap, name, rank[at])
 
-    def _by_start(self) -> Iterator[int]:
-        """Yield the rows with a job by their start; those of one instant by the start of the job."""
-        matching = self._matching
-        starts, line = matching.executions.start, matching.line
-        rows: Iterable[int] = (row for row in matching.executions.order if line[row] >= 0)
-        if matching.is_joined:
-            rows = sorted(rows, key=starts.__getitem__)
-        for _, equals in groupby(rows, key=starts.__getitem__):
-            first, *others = equals
-            yield from sorted((first, *others), key=matching.start) if others else (first,)
-
-    def _at_once(self, before: int, row: int, key: str | tuple[str], overlap: Instant) -> None:
-        """Report two executions at once on a unit, or with the resource of a `key` that is a tuple."""
+    def _at_once(self, before: Column, at: Column, overlap: Column, key: str | tuple[str], rank: Column) -> None:
+        """Report executions that ran at once on a unit, or with the resource of a tuple."""
+        ran, matching = self._ran, self._matching
         # A unit runs one job at a time, whatever the tolerance; of two units each may be late by it.
-        if isinstance(key, tuple) and overlap <= self.tolerance.ns:
-            return
-        if _may_interrupt(self._matching.match(before), self._matching.match(row)):
-            return
+        is_long = overlap > column([self.tolerance.ns if isinstance(key, tuple) else 0])
+        before, at, rank, overlap = before[is_long], at[is_long], rank[is_long], overlap[is_long]
+        pairs = (ran.job[before].tolist(), ran.job[at].tolist(), (ran.due[at] - ran.due[before]).tolist())
+        known: dict[tuple[int, int, Instant], bool] = {}
+        for number, pair in enumerate(zip(*pairs, strict=True)):
+            if pair not in known:
+                known[pair] = not _may_interrupt(*(matching.match(int(ran.row[of[number]])) for of in (before, at)))
+        kept = np.array([known[pair] for pair in zip(*pairs, strict=True)], dtype=bool)
         kind = Kind.EXCLUSION if isinstance(key, tuple) else Kind.OVERLAP
-        where = f'for {Duration(overlap)} with resource "{key[0]}"' if isinstance(key, tuple) else "on a unit"
-        self._together(kind, before, row, f"at the same time {where}", overlap)
+        self._together(kind, before[kept], at[kept], overlap[kept], rank[kept], key[0])
 
-    def _together(self, kind: Kind, before: int, row: int, what: str, amount: Instant = 0) -> None:
-        first = self._matching.executions.row(before)
-        message = f'task "{first.task}" ran {what}, at {first.start - self.origin}'
-        help = "one unit runs one job at a time, in order"
-        if kind is Kind.EXCLUSION:
-            help = "look at their starts and run times: only the table keeps them apart"
-        self._of(self._matching.match(row), kind, amount, message, help)
+    def _together(
+        self, kind: Kind, before: Column, at: Column, amounts: Column, rank: Column, resource: str = ""
+    ) -> None:
+        rows, match = self._ran.row[before], self._matching.match
+        self._deviate(kind, at, amounts, rank, lambda number: (match(int(rows[number])), resource))
 
-    def _of(self, match: Match, kind: Kind, amount: Instant, message: str, help: str) -> None:
-        path = _job(match.table.name, match.job)
-        if kind in self.scope.codes:
-            self.by_line[self._matching.line[match.row]] += 1
-        if self.marks is not None:
-            self.marks.setdefault(match.row, []).append((kind, amount, message))
-        self.add(kind, path, amount, f"{message} (cycle {match.cycle})", match.execution.at, help)
-
-    def add(self, kind: Kind, path: str, amount: Instant, message: str, at: Location, help: str) -> None:
-        """Report a deviation; of one kind and `path`, that of the largest `amount` is kept."""
+    def add(
+        self,
+        kind: Kind,
+        path: str,
+        amount: Instant,
+        message: str,
+        at: Location,
+        help: str = "",
+        count: int = 1,
+        rank: int = 0,
+    ) -> None:
+        """Report deviations; of one kind and `path`, that of the largest `amount` is kept, of equals the least rank."""
         code = self.scope.codes.get(kind)
         if code is None:
             return
-        self.counts[kind] += 1
-        subjects = path.subjects if isinstance(path, Path) else ()
-        path = Path(f"{self.prefix}{path}", subjects)
-        known = self._worst.get((code.id, path))
-        if known is None:
-            self._worst[code.id, path] = _Deviation(code, path, 1, amount, message, at, help)
-            return
-        known.count += 1
-        if amount > known.amount:
-            known.amount, known.message, known.at = amount, message, at
+        self.counts[kind] += count
+        key = code.id, Path(f"{self.prefix}{path}", path.subjects if isinstance(path, Path) else ())
+        self._often[key] += count
+        if key not in self._worst or (amount, -rank) > self._worst[key][:2]:
+            self._worst[key] = amount, -rank, code, message, at, help or KINDS[kind][1]
 
     def diagnostics(self) -> list[Diagnostic]:
         """Return one diagnostic for each job and kind of deviation, in the order of code and job."""
         found = []
-        for (_, _), worst in sorted(self._worst.items()):
-            often = f"; {worst.count} times, this is the worst" if worst.count > 1 else ""
-            found.append(worst.code(worst.message + often, at=worst.at, path=worst.path, help=worst.help))
+        for key, (_, _, code, message, at, help) in sorted(self._worst.items(), key=itemgetter(0)):
+            often = f"; {self._often[key]} times, this is the worst" if self._often[key] > 1 else ""
+            found.append(code(message + often, at=at, path=key[1], help=help))
         return found
 
 
-def _stretches(execution: Execution) -> tuple[tuple[Duration, Duration], ...]:
-    """Return when an execution ran, as far as the trace tells: one that was busy all the time ran in one piece."""
-    if execution.end is not None and execution.busy == execution.end - execution.start:
-        return ((execution.start, execution.end),)
-    return execution.stretches
+def _after_larger(values: Column, limits: Column) -> tuple[Column, Column]:
+    """Return the places whose limit is below a value before them, each after the last place of the largest such."""
+    largest = np.maximum.accumulate(values) if len(values) else values
+    place = np.maximum.accumulate(np.where(values == largest, np.arange(len(values)), 0)) if len(values) else values
+    at = np.flatnonzero(limits[1:] < largest[:-1]) + 1
+    return place[at - 1], at
 
 
-def _outside(start: Duration, end: Duration, due: list[tuple[Duration, Duration]]) -> tuple[Duration, Duration]:
-    """Return by how much [start, end) reaches out of the interval that it fits best, and where."""
-    best: tuple[Duration, Duration] | None = None
-    for first, last in due:
-        before, after = max(ZERO, first - start), max(ZERO, end - last)
-        found = (before, start) if before >= after else (after, end)
-        best = found if best is None or found[0] < best[0] else best
-    return best or (ZERO, start)
-
-
-def _may_interrupt(before: Match, match: Match) -> bool:
+def _may_interrupt(*matches: Match) -> bool:
     """Whether the schedule has one of two jobs in a gap of the other."""
-    return _lies_in_gap(match, before) or _lies_in_gap(before, match)
-
-
-def _lies_in_gap(inner: Match, outer: Match) -> bool:
-    return any(end <= inner.start and inner.end <= again for (_, end), (again, _) in pairwise(outer.due()))
+    return any(
+        end <= inner.start and inner.end <= again
+        for inner, outer in permutations(matches)
+        for (_, end), (again, _) in pairwise(outer.due())
+    )
 
 
 def _resources(model: TaskModel) -> dict[tuple[str, str], list[tuple[str]]]:

@@ -14,12 +14,15 @@ from itertools import pairwise
 from statistics import median_low
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from halpipe.core.durations import Duration
 from halpipe.core.options import option
 from halpipe.core.quantities import format_rational, parse_share
 from halpipe.core.records import record
 from halpipe.core.samples import quantile, quantile_of, with_margin
 from halpipe.core.suggest import counted
+from halpipe.models.trace import column, groups
 from halpipe.pipeline.compare import CompareOptions
 
 if TYPE_CHECKING:
@@ -153,17 +156,15 @@ def learn(comparisons: Iterable[Comparison], options: LearnOptions, model: TaskM
     periods: dict[str, LearnedPeriod] = {}
     distances: dict[str, Instant] = {}
     for comparison in comparisons:
-        starts: dict[str, list[Instant]] = defaultdict(list)
-        known = {row.task for row in comparison.rows}
-        matching = comparison.matching
-        seen = matching.executions
-        for row in matching.rows():
-            job = matching.due(row).job
-            starts[job.task].append(seen.start[row])
-            if (time := seen.length(row)) is not None:
-                busy[job.task, job.version].append(time)
-        for row in comparison.others:
-            starts[seen.names[seen.task[row]]].append(seen.start[row])
+        known, ran, seen = {row.task for row in comparison.rows}, comparison.ran, comparison.matching.executions
+        start, length = ran.start, ran.length
+        starts = {task: start[places].tolist() for task, places in ran.by_task().items()}
+        ended = np.flatnonzero(ran.has_end)
+        for number, places in groups(ran.job[ended]):
+            job = comparison.matching.jobs[number][1].job
+            busy[job.task, job.version] += length[ended[places]].tolist()
+        for number, places in groups(np.asarray(seen.task)[comparison.others]):
+            starts[seen.names[number]] = column(seen.start)[comparison.others[places]].tolist()
         for task, found in starts.items():
             cycle = None if model is None or task not in known else model.task(task).period
             if (period := _period(task, found, comparison.origin, cycle, task in known)) is not None:

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from array import array
 from bisect import bisect_right
 from collections import Counter
-from dataclasses import dataclass, field
-from heapq import nsmallest
-from statistics import median_low
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
 
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
-from halpipe.models.trace import NONE
+from halpipe.models.trace import NONE, column, groups, plain
 from halpipe.pipeline.compare.tables import repeated_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from halpipe.models import Job
-    from halpipe.models.trace import Execution, Executions, Instant, Times
+    from halpipe.models.trace import Column, Execution, Executions, Instant
     from halpipe.pipeline.compare.tables import Due, Lines, Starts, Table
 
 SAMPLE = 2000
@@ -34,12 +35,18 @@ class Match:
     """An execution and the job it is: `start` is the scheduled one, after the origin."""
 
     row: int
+    origin: Duration
     execution: Execution
     table: Table
     cycle: int
     job: Job
     start: Duration
     reserved: Duration
+
+    @property
+    def began(self) -> Duration:
+        """When it started, after the origin."""
+        return self.execution.start - self.origin
 
     @property
     def end(self) -> Duration:
@@ -52,269 +59,307 @@ class Match:
         return [(start + by, end + by) for start, end in self.job.occupations()]
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Matching:
     """Executions by the slots of the jobs in the lines; `extra` are rows without a job, `missing` slots without a row.
 
-    `slots` has the row of each slot, -1 where none ran; `line` and `place` say the same by row, -1 for an extra one.
+    `slots` has the row of each slot, -1 where none ran; `slot` has the slot of each row, -1 for an extra one.
     """
 
     executions: Executions
     lines: Lines
     origin: Instant
-    slots: array[int] = field(init=False)
-    line: array[int] = field(init=False)
-    place: array[int] = field(init=False)
-    extra: list[int] = field(default_factory=list)
-    missing: list[tuple[int, int]] = field(default_factory=list)
+    slots: Column = field(init=False)
+    slot: Column = field(init=False)
+    extra: Column = field(init=False)
+    missing: Column = field(init=False)
     is_joined: bool = False
 
     def __post_init__(self) -> None:
-        self.slots = array("q", [-1]) * self.lines.slot[-1]
-        self.line = array("q", [-1]) * len(self.executions.task)
-        self.place = array("i", [-1]) * len(self.executions.task)
+        self.slots = np.full(self.lines.slot[-1], -1)
+        self.slot = np.full(len(self.executions.task), -1)
 
-    def due(self, row: int) -> Due:
-        """Return the job of a row."""
-        return self.lines.table[self.line[row]].due[self.place[row]]
+    @property
+    def jobs(self) -> list[tuple[Table, Due]]:
+        """The jobs of all tables, numbered."""
+        return self.lines.table[0].jobs if self.lines.table else []
 
-    def start(self, row: int) -> Instant:
-        """Return the scheduled start of a row, after the origin."""
-        line = self.line[row]
-        return self.lines.start[line] + self.lines.table[line].due[self.place[row]].start
+    def located(self, slots: Column) -> tuple[Column, Column]:
+        """Return the lines of slots, and the numbers of their jobs."""
+        bounds, first = np.array(self.lines.slot), np.array([table.first for table in self.lines.table], dtype=np.int64)
+        lines = np.searchsorted(bounds, slots, side="right") - 1
+        return lines, first[lines] + slots - bounds[lines]
 
-    def lateness(self, row: int) -> Instant:
-        """Return how long after its scheduled instant a job started; negative: before."""
-        return self.executions.start[row] - self.origin - self.start(row)
+    def of_jobs(self, name: str) -> Column:
+        """Return a time of each job as a column by its number: its start, its length or what is reserved for it."""
+        return column([getattr(due, name) for _, due in self.jobs])
 
-    def rows(self) -> Iterator[int]:
-        """Yield the rows with a job, by its scheduled start."""
-        return (row for row in self.slots if row >= 0)
+    def starts(self, lines: Column, jobs: Column) -> Column:
+        """Return the scheduled starts of jobs in lines, after the origin."""
+        found: Column = column(self.lines.start)[lines] + self.of_jobs("start")[jobs]
+        return found
+
+    def at(self, slot: int) -> tuple[int, Due]:
+        """Return the line and the job of a slot."""
+        line = bisect_right(self.lines.slot, slot) - 1
+        return line, self.lines.table[line].due[slot - self.lines.slot[line]]
 
     def match(self, row: int) -> Match:
         """Return a row with its job as objects."""
-        line, due = self.line[row], self.due(row)
+        line, due = self.at(int(self.slot[row]))
         table, cycle = self.lines.table[line], self.lines.cycle[line]
-        start = Duration(self.start(row))
-        return Match(row, self.executions.row(row), table, cycle, due.job, start, Duration(due.reserved))
+        start = Duration(self.lines.start[line] + due.start)
+        origin, seen = Duration(self.origin), self.executions.row(row)
+        return Match(row, origin, seen, table, cycle, due.job, start, Duration(due.reserved))
 
-    def keep(self, row: int, line: int, places: Sequence[int]) -> None:
-        """Assign an execution to a job of a line, the best of those that start at once.
+    @classmethod
+    def of(
+        cls, executions: Executions, lines: Lines, origin: Instant, parts: Sequence[_Part], *, is_whole: bool = False
+    ) -> Matching:
+        """Assign executions to the jobs at some places of lines, in the order of the rows.
+
+        Where several jobs of a task start at once, the place is that of any of them, unless it is exact. What was
+        scheduled within the time that the executions cover, or at all (`is_whole`), and did not run is missing.
+        """
+        self, rows = cls(executions, lines, origin), executions.order
+        line, place, is_exact = np.full(len(rows), -1), np.full(len(rows), -1), np.zeros(len(rows), dtype=bool)
+        for part in parts:
+            line[part.at], place[part.at], is_exact[part.at] = part.line, part.place, part.is_exact
+        due = np.flatnonzero(line >= 0)
+        first = np.array(self.lines.slot)[line[due]]
+        slot = first + place[due]
+        _, job = self.located(slot)
+        lead = first + np.array([each.together[0] for _, each in self.jobs], dtype=np.int64)[job]
+        size = np.array([len(each.together) for _, each in self.jobs], dtype=np.int64)[job]
+        is_alone = (np.bincount(lead, minlength=1)[lead] == 1) & (is_exact[due] | (size == 1))
+        self.slots[slot[is_alone]] = rows[due[is_alone]]
+        self.slot[rows[due[is_alone]]] = slot[is_alone]
+        left = rows.copy()
+        left[due] = -1
+        for at in due[~is_alone].tolist():
+            own = int(place[at])
+            places = (own,) if is_exact[at] else self.lines.table[line[at]].due[own].together
+            left[at] = self._keep(int(rows[at]), int(line[at]), places)
+        self.extra = left[left >= 0]
+        self.missing = np.flatnonzero(self.slots < 0)
+        if not is_whole and len(self.missing):
+            of, jobs = self.located(self.missing)
+            begin, last = column([*covered(executions)])
+            start = self.starts(of, jobs) + column([origin])
+            self.missing = self.missing[(start >= begin) & (start + self.of_jobs("length")[jobs] < last)]
+        return self
+
+    def _keep(self, row: int, line: int, places: Sequence[int]) -> int:
+        """Assign an execution to the best of some jobs of a line that start at once; return the row that has none.
 
         Of two executions of one job, keep the one that is closer to its instant, unless they are parts of a gang.
         """
         table, first = self.lines.table[line], self.lines.slot[line]
-        place = (
-            places[0] if len(places) == 1 else min(places, key=lambda at: self._others(row, table.due[at], first + at))
-        )
-        former = self.slots[first + place]
-        if former < 0:
-            self._take(row, line, place)
-        elif self._is_gang(former, row, table.due[place]):
-            self._join(former, row)
-        else:
+        place = min(places, key=lambda at: self._others(row, table.due[at], first + at))
+        former = int(self.slots[first + place])
+        if former >= 0:
+            units, more = (self.executions.units[self.executions.on[at]] for at in (former, row))
+            # Recorders that know one core per job show a gang as an execution on each of its units.
+            if units and more and not {*units} & {*more} and table.due[place].units.issuperset((*units, *more)):
+                self._join(former, row)
+                return -1
             due = self.lines.start[line] + table.due[place].start + self.origin
-            starts = self.executions.start
-            if _size(starts[row] - due) < _size(starts[former] - due):
-                self._take(row, line, place)
-                self.line[former] = -1
-                self.extra.append(former)
-            else:
-                self.extra.append(row)
-
-    def _take(self, row: int, line: int, place: int) -> None:
-        self.slots[self.lines.slot[line] + place] = row
-        self.line[row], self.place[row] = line, place
+            late, before = (Fraction(self.executions.start[at] - due) for at in (row, former))
+            if abs(late) >= abs(before):
+                return row
+            self.slot[former] = -1
+        self.slots[first + place], self.slot[row] = row, first + place
+        return former
 
     def _others(self, row: int, due: Due, slot: int) -> tuple[bool, bool, int]:
         """Return how badly a job fits an execution: not on its units, or with an execution already."""
         units = self.executions.units[self.executions.on[row]]
-        return not due.units.issuperset(units), self.slots[slot] >= 0, due.job.index
-
-    def _is_gang(self, former: int, row: int, due: Due) -> bool:
-        """Whether two executions are one job on several units, as recorders that know one core per job show it."""
-        units, more = (self.executions.units[self.executions.on[at]] for at in (former, row))
-        return bool(units and more) and not set(units) & set(more) and due.units.issuperset((*units, *more))
+        return not due.units.issuperset(units), bool(self.slots[slot] >= 0), due.job.index
 
     def _join(self, former: int, row: int) -> None:
         """Let an execution of a gang run from when its last unit starts until its last unit ends."""
         seen = self.executions
+        if not self.is_joined:
+            seen.detach()
+        self.is_joined = True
         seen.run_on(former, (*seen.units[seen.on[former]], *seen.units[seen.on[row]]))
         seen.start[former] = max(seen.start[former], seen.start[row])  # type: ignore[assignment]
-        for column in (seen.end, seen.busy):
-            both = (column[former], column[row])
-            column[former] = NONE if NONE in both else max(both)  # type: ignore[assignment]
+        for times in (seen.end, seen.busy):
+            both = (times[former], times[row])
+            times[former] = NONE if NONE in both else max(both)  # type: ignore[assignment]
         if seen.stretches.get(former) != seen.stretches.get(row):
             seen.stretches.pop(former, None)
-        self.is_joined = True
 
 
-def match_stated(executions: Executions, lines: Lines, origin: Instant, *, is_whole: bool = False) -> Matching:
-    """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due."""
-    found = Matching(executions, lines, origin)
-    first, last = covered(executions)
-    line_of = {cycle: line for line, cycle in enumerate(lines.cycle)}
-    numbered = bool(executions.job)
-    for row in executions.order:
-        line = line_of.get(executions.cycle[row], -1)
-        starts = lines.table[line].starts.get(executions.names[executions.task[row]]) if line >= 0 else None
-        job = executions.job.get(row) if numbered else None
-        if starts is None:
-            found.extra.append(row)
-        elif job is None:
-            instant = starts.nearest(executions.start[row] - lines.start[line] - origin)
-            found.keep(row, line, starts.at[instant])
-        elif job in starts.numbered:
-            found.keep(row, line, (starts.numbered[job],))
-        else:
-            found.extra.append(row)
-    _complete(found, None if is_whole else (first, last))
+class Ran:
+    """The executions with a job as columns, by the slots of their jobs; times that they were seen at are gathered."""
+
+    def __init__(self, matching: Matching) -> None:
+        slots = np.flatnonzero(matching.slots >= 0)
+        line, job = matching.located(slots)
+        self._seen, self.row = matching.executions, matching.slots[slots]
+        self.line, self.job = line.astype(np.int32), job.astype(np.int32)
+        self.due = matching.starts(line, job)
+        """The scheduled start after the origin."""
+        self.late = self.start - column([matching.origin]) - self.due
+        """How long after its scheduled instant a job started; negative: before."""
+
+    @property
+    def start(self) -> Column:
+        """When each job started."""
+        return column(self._seen.start)[self.row]
+
+    @property
+    def end(self) -> Column:
+        """When each job ended; ``NONE`` where it has no end."""
+        return column(self._seen.end)[self.row]
+
+    @property
+    def has_end(self) -> Column:
+        """Whether each job ended."""
+        return np.not_equal(self.end, NONE)
+
+    @property
+    def length(self) -> Column:
+        """The time in which each job really ran, of no meaning where it has no end."""
+        busy = column(self._seen.busy)[self.row]
+        return np.where(busy == NONE, self.end - self.start, busy)
+
+    def by_task(self) -> dict[str, Column]:
+        """Return the places of the jobs of each task, by the first of them."""
+        names, task = self._seen.names, np.asarray(self._seen.task)[self.row]
+        found = sorted(groups(task), key=lambda group: int(group[1][0]))
+        return {names[number]: places for number, places in found}
+
+
+@record(eq=False)
+class _Part:
+    """Executions of one task in one table, by their places in `rows`, with the starts of the task.
+
+    `after` is when they started after their line, or of a mode that is repeated after the zero of the trace. They are
+    assigned to places of lines, or of cycles; the `distance` is from these starts, with an origin. An exact place is
+    the one that the trace states.
+    """
+
+    at: Column
+    starts: Starts
+    after: Column
+    line: Column
+    place: Column
+    is_exact: Column
+    distance: Column
+
+
+Parts: TypeAlias = "Callable[[Column, Instant], list[_Part]]"
+"""Return the parts of some rows with an origin; rows of no part are of no job."""
+
+
+def match_stated(executions: Executions, lines: Lines, origin: Instant | None, *, is_whole: bool = False) -> Matching:
+    """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due.
+
+    Without an `origin`, it is the one with which no job is early, one on time, and the others least late.
+    """
+    parts_of = partial(_stated, executions, lines)
+    zero = _origin(executions, parts_of, covered(executions)[0]) if origin is None else origin
+    is_whole = is_whole and origin is not None
+    return Matching.of(executions, lines, zero, parts_of(executions.order, zero), is_whole=is_whole)
+
+
+def match_nearest(executions: Executions, table: Table, origin: Instant | None) -> Matching:
+    """Match the executions of a trace in which one mode is repeated and no cycle is stated; `origin` as above."""
+    parts_of = partial(_repeated, executions, table)
+    zero = _origin(executions, parts_of, 0) if origin is None else origin
+    parts = parts_of(executions.order, zero)
+    lines = repeated_table(table, np.unique(np.concatenate([part.line for part in parts] or [np.arange(0)])))
+    played = column(lines.cycle)
+    parts = [replace(part, line=np.searchsorted(played, part.line)) for part in parts]
+    return Matching.of(executions, lines, zero, parts)
+
+
+def _repeated(executions: Executions, table: Table, rows: Column, origin: Instant) -> list[_Part]:
+    start, length, found = column(executions.start)[rows], column([table.length]), []
+    for number, at in groups(np.asarray(executions.task)[rows]):
+        if (starts := table.starts.get(executions.names[number])) is not None:
+            after = start[at] - column([origin])
+            cycle, nearest = starts.nearest_of_cycles(after, table.length)
+            distance, is_exact = after - cycle * length - starts.at[nearest], np.zeros(len(at), dtype=bool)
+            found.append(_Part(at, starts, start[at], cycle, starts.first[nearest], is_exact, distance))
     return found
 
 
-def match_nearest(executions: Executions, table: Table, origin: Instant) -> Matching:
-    """Match the executions of a trace in which one mode is repeated and no cycle is stated."""
-    first, last = covered(executions)
-    period, starts_of = table.length, [table.starts.get(name) for name in executions.names]
-    cycles: Times = array("q")
-    instants: list[Instant] = []
-    for row in executions.order:
-        starts = starts_of[executions.task[row]]
-        cycle, instant = starts.nearest_of_cycles(executions.start[row] - origin, period) if starts else (NONE, 0)
-        try:
-            cycles.append(cycle)
-        except OverflowError:
-            cycles = [*cycles, cycle]
-        instants.append(instant)
-    lines = repeated_table(table, sorted({*cycles} - {NONE}))
-    found = Matching(executions, lines, origin)
-    line_of: dict[Instant, int] = {cycle: line for line, cycle in enumerate(lines.cycle)}
-    for row, line, instant in zip(executions.order, map(line_of.get, cycles), instants, strict=True):
-        starts = starts_of[executions.task[row]]
-        if starts is None or line is None:
-            found.extra.append(row)
-        else:
-            found.keep(row, line, starts.at[instant])
-    _complete(found, (first, last))
+_UNSTATED, _NO_JOB = -1, -2
+"""Places of jobs of which the trace states no number, or one that the table does not have."""
+
+
+def _stated(executions: Executions, lines: Lines, rows: Column, origin: Instant) -> list[_Part]:
+    task, cycle = (np.asarray(each)[rows] for each in (executions.task, executions.cycle))
+    cycles, names = np.array([*lines.cycle, NONE]), executions.names
+    line = np.searchsorted(cycles[:-1], cycle)
+    known = np.flatnonzero(cycles[line] == cycle)
+    table = np.array([2 * table.first + bool(table.due) for table in lines.table], dtype=np.int64)
+    stated = np.full(len(executions.task), _UNSTATED)
+    stated[[*executions.job]] = [job if 0 <= job < 2**31 else _NO_JOB for job in executions.job.values()]
+    start, begins, found = column(executions.start)[rows], column(lines.start), []
+    for _, among in groups(table[line[known]] * len(names) + task[known]):
+        at = known[among]
+        own = lines.table[line[at[0]]]
+        if (starts := own.starts.get(names[task[at[0]]])) is not None:
+            jobs, inverse = np.unique(stated[rows[at]], return_inverse=True)
+            places = {_UNSTATED: _UNSTATED, **starts.numbered}
+            place = np.array([places.get(job, _NO_JOB) for job in jobs.tolist()])[inverse]
+            after, is_exact = start[at] - begins[line[at]], place >= 0
+            near = starts.first[starts.nearest(after - column([origin]))]
+            of, place = np.where(place == _NO_JOB, -1, line[at]), np.where(is_exact, place, near)
+            distance = after - column([origin]) - column([due.start for due in own.due])[place]
+            found.append(_Part(at, starts, after, of, place, is_exact, distance))
     return found
-
-
-def _complete(found: Matching, within: tuple[Instant, Instant] | None) -> None:
-    """Add what was scheduled within the time that the executions cover, or at all, and did not run."""
-    lines, slot = found.lines, 0
-    while True:
-        try:
-            slot = found.slots.index(-1, slot)
-        except ValueError:
-            return
-        line = line_at(lines, slot)
-        place = slot - lines.slot[line]
-        due = lines.table[line].due[place]
-        start = lines.start[line] + due.start + found.origin
-        if within is None or (within[0] <= start and start + due.length < within[1]):
-            found.missing.append((line, place))
-        slot += 1
-
-
-def line_at(lines: Lines, slot: int) -> int:
-    """Return the line of a slot."""
-    return bisect_right(lines.slot, slot) - 1
-
-
-def _size(distance: Instant) -> Instant:
-    return distance if distance >= 0 else -distance
 
 
 def covered(executions: Executions) -> tuple[Instant, Instant]:
     """Return the first and the last instant that a trace tells of."""
-    if not executions.order:
+    rows = executions.order
+    if not len(rows):
         return 0, 0
-    ends = (executions.start[row] if (end := executions.end[row]) == NONE else end for row in executions.order)
-    return executions.start[executions.order[0]], max(ends)
+    start, end = (column(times)[rows] for times in (executions.start, executions.end))
+    return plain(start[0]), plain(np.where(end == NONE, start, end).max())
 
 
-def find_origin(executions: Executions, table: Table) -> Instant:
-    """Return where the zero of a repeated mode lies in the trace: no job early, one on time, the others least late.
+def _origin(executions: Executions, parts_of: Parts, otherwise: Instant) -> Instant:
+    """Return where the zero of the schedule lies in the trace: no job early, one on time, the others least late.
 
     The first execution of the rarest task is laid onto each of its jobs in turn, and the one that leaves the smallest
-    sum of distances is taken, exactly.
+    sum of distances is taken, exactly; `otherwise`, if there is none. At most one in a hundred is left out: those that
+    lie further before the first of the others than that one before the median, if their tasks ran more than twice as
+    often on time. A stray start would else make all others late.
     """
 
-    def starts_of(row: int) -> Starts:
-        return table.starts[executions.names[executions.task[row]]]
+    def distances(rows: Column, origin: Instant) -> Column:
+        parts = parts_of(rows, origin)
+        places, values = (np.concatenate(each) for each in zip(*((p.at, p.distance) for p in parts), strict=True))
+        return values[np.argsort(places)]
 
-    numbers = {number for number, name in enumerate(executions.names) if name in table.starts}
-    known = array("q", (row for row in executions.order if executions.task[row] in numbers))
-    if not known:
-        return 0
-    first = _rarest(executions, known, starts_of)
-    candidates = [executions.start[first] - at for at in starts_of(first).at]
-
-    def distance(row: int, origin: Instant) -> Instant:
-        at = executions.start[row] - origin
-        cycle, start = starts_of(row).nearest_of_cycles(at, table.length)
-        return at - cycle * table.length - start
-
-    return _least_late(executions, known, candidates, distance)
-
-
-def find_stated_origin(executions: Executions, lines: Lines) -> Instant:
-    """Return the same for a trace that names tables and cycles, where each execution is of a job of its table."""
-    line_of = {cycle: line for line, cycle in enumerate(lines.cycle)}
-
-    def table_of(row: int) -> Table:
-        return lines.table[line_of[executions.cycle[row]]]
-
-    def starts_of(row: int) -> Starts:
-        return table_of(row).starts[executions.names[executions.task[row]]]
-
-    def is_known(row: int) -> bool:
-        return executions.cycle[row] in line_of and executions.names[executions.task[row]] in table_of(row).starts
-
-    known = array("q", filter(is_known, executions.order))
-    if not known:
-        return executions.start[executions.order[0]]
-
-    def distance(row: int, origin: Instant) -> Instant:
-        starts, at = starts_of(row), executions.start[row] - lines.start[line_of[executions.cycle[row]]] - origin
-        place = starts.numbered.get(executions.job.get(row, -1))
-        return at - (starts.nearest(at) if place is None else table_of(row).due[place].start)
-
-    first = _rarest(executions, known, starts_of)
-    zero = executions.start[first] - lines.start[line_of[executions.cycle[first]]]
-    place = starts_of(first).numbered.get(executions.job.get(first, -1))
-    stated = starts_of(first).at if place is None else (table_of(first).due[place].start,)
-    return _least_late(executions, known, [zero - at for at in stated], distance)
-
-
-def _rarest(executions: Executions, known: Sequence[int], starts_of: Callable[[int], Starts]) -> int:
-    """Return the first execution of the task with the fewest jobs in a table."""
-
-    def jobs(row: int) -> tuple[int, str]:
-        return sum(map(len, starts_of(row).at.values())), executions.names[executions.task[row]]
-
-    return min(known[:SAMPLE], key=jobs)
-
-
-def _least_late(
-    executions: Executions,
-    known: Sequence[int],
-    candidates: Sequence[Instant],
-    distance: Callable[[int, Instant], Instant],
-) -> Instant:
-    """Return the candidate with the smallest sum of distances, moved so that one execution is on time and none early.
-
-    At most one in a hundred is left out: those that lie further before the first of the others than that one before
-    the median, if their tasks ran more than twice as often on time. A stray start would else make all others late.
-    """
+    order = executions.order
+    if not (parts := parts_of(order, 0)):
+        return otherwise
+    known = order[np.sort(np.concatenate([part.at for part in parts]))]
     sample = known[:SAMPLE]
-    origin = min(candidates, key=lambda origin: (sum(_size(distance(row, origin)) for row in sample), origin))
+    rarest = min(
+        parts_of(sample, 0),
+        key=lambda part: (part.starts.count, executions.names[executions.task[sample[part.at[0]]]], part.at[0]),
+    )
+    candidates = (rarest.distance[:1] if rarest.is_exact[0] else rarest.after[0] - rarest.starts.at).tolist()
+    origin = min(candidates, key=lambda origin: (sum(np.abs(distances(sample, origin)).tolist()), origin))
     most = min(max(1, len(known) // 100), _MOST_STRAYS) if len(known) >= _FEW else 0
-    first = nsmallest(most + 1, ((distance(row, origin), row) for row in known))
-    gap, place = max(((first[at][0] - first[at - 1][0], at) for at in range(1, len(first))), default=(0, 0))
-    strays = Counter(executions.task[row] for _, row in first[:place])
-    ran = Counter(executions.task[row] for row in known) if strays else strays
-    is_rare = all(ran[task] > 3 * count for task, count in strays.items())
-    if is_rare and gap > median_low(distance(row, origin) for row in sample) - first[place][0]:
-        return origin + first[place][0]
-    return origin + first[0][0]
+    known = np.sort(known)
+    every = distances(known, origin)
+    limit = np.partition(every, most)[most]
+    nearest = [*np.flatnonzero(every < limit), *np.flatnonzero(every == limit)[: most + 1]]
+    nearest = sorted(nearest, key=lambda at: (every[at], at))[: most + 1]
+    first: list[Instant] = every[nearest].tolist()
+    gap, place = max(((first[at] - first[at - 1], at) for at in range(1, len(first))), default=(0, 0))
+    task = np.asarray(executions.task)[known]
+    strays = Counter(task[nearest[:place]].tolist())
+    is_rare = all(np.count_nonzero(task == number) > 3 * count for number, count in strays.items())
+    typical = np.sort(distances(sample, origin))[(len(sample) - 1) // 2 :][:1].tolist()[0]
+    zero: Instant = origin + first[place if is_rare and gap > typical - first[place] else 0]
+    return zero

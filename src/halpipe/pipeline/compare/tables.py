@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import itertools
-from bisect import bisect_left
 from collections import defaultdict
 from dataclasses import field
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from halpipe.core.diagnostics import NOWHERE, about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.models.trace import NONE
+from halpipe.models.trace import NONE, column, groups
 from halpipe.pipeline.compare.codes import Kind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule
-    from halpipe.models.trace import Executions, Instant
+    from halpipe.models.trace import Column, Executions, Instant
     from halpipe.pipeline.compare.judging import Judge
 
 
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
 class Due:
     """A job of a table with what its executions are compared with, in nanoseconds.
 
-    `reserved` is the time that the schedule reserves for it: all but its gaps.
+    `reserved` is the time that the schedule reserves for it: all but its gaps. `together` has the places of all jobs of
+    its task that start with it.
     """
 
     job: Job
@@ -35,57 +38,62 @@ class Due:
     length: Instant
     reserved: Instant
     units: frozenset[str]
+    together: tuple[int, ...]
 
     @classmethod
-    def of(cls, job: Job) -> Due:
+    def of(cls, job: Job, together: Sequence[int]) -> Due:
         """Return what is due for a job."""
         reserved = sum((end - start for start, end in job.occupations()), ZERO)
-        return cls(job, job.start.ns, (job.end - job.start).ns, reserved.ns, frozenset(job.units))
+        length, units = (job.end - job.start).ns, frozenset(job.units)
+        return cls(job, job.start.ns, length, reserved.ns, units, tuple(together))
 
 
 class Starts:
     """The jobs of one task in a table by their starts; several may start at once, on different units."""
 
     def __init__(self, places: Sequence[int], due: Sequence[Due]) -> None:
-        self.at: dict[Instant, list[int]] = defaultdict(list)
+        at: dict[Instant, int] = {}
         self.numbered: dict[int, int] = {}
         for place in places:
-            self.at[due[place].start].append(place)
+            at.setdefault(due[place].start, place)
             self.numbered.setdefault(due[place].job.index, place)
-        self._instants = list(self.at)
+        self.count, self.at = len(places), column([*at])
+        self.first = np.array([*at.values()])
+        """The first place of each start."""
 
-    def nearest(self, at: Instant) -> Instant:
-        """Return the start nearest to `at`; of two the earlier."""
-        after = bisect_left(self._instants, at)
-        if not after or after == len(self._instants):
-            return self._instants[min(after, len(self._instants) - 1)]
-        low, high = self._instants[after - 1], self._instants[after]
-        return low if at - low <= high - at else high
+    def nearest(self, at: Column) -> Column:
+        """Return the start nearest to each instant, by its number; of two the earlier."""
+        after = np.searchsorted(self.at, at)
+        low, high = np.maximum(after - 1, 0), np.minimum(after, len(self.at) - 1)
+        return np.where(at - self.at[low] <= self.at[high] - at, low, high)
 
-    def nearest_of_cycles(self, at: Instant, period: Instant) -> tuple[int, Instant]:
-        """Return the cycle and the start nearest to `at`, where all are repeated with `period`."""
-        cycle, phase = divmod(at, period)
-        instants = self._instants
-        after = bisect_left(instants, phase)
-        low = instants[after - 1] if after else instants[-1] - period
-        high = instants[after] if after < len(instants) else instants[0] + period
-        if phase - low <= high - phase:
-            return (int(cycle), low) if after else (int(cycle) - 1, instants[-1])
-        return (int(cycle), high) if after < len(instants) else (int(cycle) + 1, instants[0])
+    def nearest_of_cycles(self, at: Column, period: Instant) -> tuple[Column, Column]:
+        """Return the cycle and the start nearest to each instant, where all are repeated with `period`."""
+        length, own = column([period]), self.at
+        cycle = at // length
+        phase, around = at - cycle * length, np.concatenate((own[-1:] - length, own, own[:1] + length))
+        after = np.searchsorted(own, phase)
+        nearest = after + (phase - around[after] > around[after + 1] - phase)
+        return cycle - (nearest == 0) + (nearest > len(own)), (nearest - 1) % len(own)
 
 
-@record
+@record(eq=False)
 class Table:
-    """A mode or a transition table: what is played as one piece; `due` by start, `starts` by task."""
+    """A mode or a transition table: what is played as one piece; `due` by start, `starts` by task.
+
+    `jobs` are those of all tables of the schedule, numbered; `first` is the number of the first in this table.
+    """
 
     name: str
     length: Instant
     due: tuple[Due, ...]
     starts: Mapping[str, Starts]
     successors: frozenset[str]
+    first: int
+    jobs: list[tuple[Table, Due]]
 
 
-@record
+@record(eq=False)
 class Lines:
     """Tables that were played, as columns by row: each with its cycle, its start after the origin, and its first slot.
 
@@ -109,22 +117,28 @@ class Lines:
 def tables_of(schedule: Schedule) -> dict[str, Table]:
     """Return the tables of a schedule by name."""
     switches = {t.name: t for t in schedule.transitions}
-    found = {}
+    found: dict[str, Table] = {}
+    known: list[tuple[Table, Due]] = []
+
+    def put(name: str, length: Duration, jobs: Iterable[Job], successors: set[str]) -> None:
+        ordered = sorted(jobs, key=lambda job: (job.start.ns, job.task, job.index))
+        places: dict[str, list[int]] = defaultdict(list)
+        at_once: dict[tuple[str, Instant], list[int]] = defaultdict(list)
+        for place, job in enumerate(ordered):
+            places[job.task].append(place)
+            at_once[job.task, job.start.ns].append(place)
+        due = tuple(Due.of(job, at_once[job.task, job.start.ns]) for job in ordered)
+        starts = {task: Starts(own, due) for task, own in places.items()}
+        found[name] = Table(name, length.ns, due, starts, frozenset(successors), len(known), known)
+        known.extend((found[name], each) for each in due)
+
     for mode in schedule.modes:
         after = {name for name, table in switches.items() if table.source == mode.name}
         direct = {table.target for table in switches.values() if table.source == mode.name and not table.length}
-        found[mode.name] = _table(mode.name, mode.hyperperiod.ns, mode.jobs, {mode.name} | after | direct)
+        put(mode.name, mode.hyperperiod, mode.jobs, {mode.name} | after | direct)
     for name, switch in switches.items():
-        found[name] = _table(name, switch.length.ns, switch.jobs, {switch.target})
+        put(name, switch.length, switch.jobs, {switch.target})
     return found
-
-
-def _table(name: str, length: Instant, jobs: Iterable[Job], successors: set[str]) -> Table:
-    due = tuple(map(Due.of, sorted(jobs, key=lambda job: (job.start.ns, job.task, job.index))))
-    places: dict[str, list[int]] = defaultdict(list)
-    for place, each in enumerate(due):
-        places[each.job.task].append(place)
-    return Table(name, length, due, {task: Starts(own, due) for task, own in places.items()}, frozenset(successors))
 
 
 MOST_SILENT = 100_000
@@ -137,16 +151,20 @@ def played_tables(executions: Executions, tables: Mapping[str, Table], judge: Ju
     Cycles in which nothing ran are filled in, from cycle 0 on where the `first` table is known. Report tables that
     cannot follow each other.
     """
-    stated: dict[int, int] = {}
-    of_number = [tables.get(name) for name in executions.names]
-    cycles, numbers = executions.cycle, executions.table
-    for row in executions.order:
-        cycle, number = cycles[row], numbers[row]
-        if cycle != NONE and of_number[number] is not None and stated.setdefault(cycle, number) != number:
-            one, other = (executions.names[of] for of in (stated[cycle], number))
-            path, help = about(task=executions.names[executions.task[row]]), "check how the recorder counts cycles"
-            message = f'cycle {cycle} is both "{one}" and "{other}"'
-            judge.add(Kind.SEQUENCE, path, 0, message, executions.row(row).at, help)
+    cycles, numbers = (np.asarray(each)[executions.order] for each in (executions.cycle, executions.table))
+    is_known = np.array([name in tables for name in executions.names], dtype=bool)
+    known = np.flatnonzero((cycles != NONE) & is_known[numbers])
+    of, first_of = np.unique(cycles[known], return_index=True)
+    stated = dict(zip(of.tolist(), numbers[known[first_of]].tolist(), strict=True))
+    differs = numbers[known] != numbers[known[first_of]][np.searchsorted(of, cycles[known])]
+    for place in known[differs].tolist():
+        row, cycle = executions.order[place], int(cycles[place])
+        one, other = executions.names[stated[cycle]], executions.names[numbers[place]]
+        path, message = (
+            about(task=executions.names[executions.task[row]]),
+            f'cycle {cycle} is both "{one}" and "{other}"',
+        )
+        judge.add(Kind.SEQUENCE, path, 0, message, executions.row(row).at)
     lines = Lines()
     now: Instant = 0
     left = MOST_SILENT
@@ -174,32 +192,22 @@ def played_tables(executions: Executions, tables: Mapping[str, Table], judge: Ju
     return lines
 
 
-def repeated_table(table: Table, cycles: Sequence[int]) -> Lines:
-    """Return the rows of a mode that is repeated, from the first to the last of the cycles in which something ran."""
-    lines = Lines(pauses=_pauses(cycles, len(table.due)))
-    for cycle in _without(cycles, lines.pauses):
-        lines.play(table, cycle, table.length * cycle)
-    return lines
+def repeated_table(table: Table, cycles: Column) -> Lines:
+    """Return the rows of a mode that is repeated, from the first to the last of the cycles in which something ran.
 
-
-def _pauses(cycles: Sequence[int], jobs: int) -> list[tuple[int, int]]:
-    """Return between which cycles so many are silent that their jobs are not counted: the longest of all gaps."""
+    Of the longest pauses only the ends are there, so that the jobs that are counted as missing have a limit.
+    """
+    jobs, gaps = len(table.due), np.flatnonzero(np.diff(cycles) > 1)
     pauses, left = [], MOST_SILENT // max(1, jobs)
-    gaps = (gap for gap in itertools.pairwise(cycles) if gap[1] - gap[0] > 1)
-    for before, after in sorted(gaps, key=lambda gap: (gap[1] - gap[0], gap)):
+    ends = zip(cycles[gaps].tolist(), cycles[gaps + 1].tolist(), strict=True)
+    for before, after in sorted(ends, key=lambda gap: (gap[1] - gap[0], gap)):
         left -= after - before - 1
         if left < 0:
             pauses.append((before, after))
-    return sorted(pauses)
-
-
-def _without(cycles: Sequence[int], pauses: Sequence[tuple[int, int]]) -> Iterator[int]:
-    """Yield all cycles from the first to the last but those of the pauses."""
-    if cycles:
-        begins = [cycles[0], *(after for _, after in pauses)]
-        ends = [*(before for before, _ in pauses), cycles[-1]]
-        for begin, end in zip(begins, ends, strict=True):
-            yield from range(begin, end + 1)
+    edges = sorted([*cycles[:1].tolist(), *itertools.chain(*pauses), *cycles[-1:].tolist()])
+    played = [each for a, b in zip(edges[::2], edges[1::2], strict=True) for each in range(a, b + 1)]
+    slots = [number * jobs for number in range(len(played) + 1)]
+    return Lines([table] * len(played), played, [cycle * table.length for cycle in played], slots, sorted(pauses))
 
 
 def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table]) -> list[tuple[Table, int]] | None:
@@ -221,11 +229,9 @@ def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table])
 
 def unknown_tables(executions: Executions, tables: Mapping[str, Table], judge: Judge) -> None:
     """Report, once each, the tables that a trace names and the schedule does not have."""
-    for number in sorted(set(executions.table)):
+    for number, rows in groups(np.asarray(executions.table)[executions.order]):
         name = executions.names[number]
         if name and name not in tables:
-            row = next((row for row in executions.order if executions.table[row] == number), None)
             help = did_you_mean(name, sorted(tables), "compare with the schedule that was loaded")
             message = f'the schedule has no table "{name[:60]}"'
-            if row is not None:
-                judge.add(Kind.UNKNOWN_TABLE, "", 0, message, executions.row(row).at, help)
+            judge.add(Kind.UNKNOWN_TABLE, "", 0, message, executions[int(rows[0])].at, help)

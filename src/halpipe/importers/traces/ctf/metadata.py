@@ -157,7 +157,9 @@ class _Parser:
             raise CtfError(f'the metadata declares no clock "{min(unknown)[:40]}"')
 
     def _keep(self, kind: str, body: dict[str, Any]) -> None:
-        self._refuse_meaningless(body)
+        for key, known in _HEADERS.items():  # where a name is damaged, ids or times would be misread
+            if unknown := sorted({*_numbers(body.get(key), "")} - known):
+                raise CtfError(f'the metadata has the field "{unknown[0][:40]}" in {key}, which has no meaning')
         if kind == "trace":
             self._once(kind, "")
             if (body.get("major"), body.get("minor")) != (1, 8):
@@ -177,12 +179,6 @@ class _Parser:
         elif kind == "event":
             self._once("event", (body.get("stream_id", 0), body.get("id", 0)))
             self.found.events.append(body)
-
-    def _refuse_meaningless(self, body: dict[str, Any]) -> None:
-        """Refuse numbers of headers that have no meaning: where a name is damaged, ids or times would be misread."""
-        for key, known in _HEADERS.items():
-            if unknown := sorted({*_numbers(body.get(key), "")} - known):
-                raise CtfError(f'the metadata has the field "{unknown[0][:40]}" in {key}, which has no meaning')
 
     def _once(self, kind: str, name: Hashable) -> None:
         """Refuse a second declaration: it is open which one holds."""
@@ -306,7 +302,9 @@ class _Parser:
         size, clock = int(stated["size"]), str(stated.get("map", "")).split(".")
         if not 1 <= size <= _MOST_BITS:
             raise CtfError(f"line {self.line} of the metadata has an integer of {size} bits")
-        is_time = "map" in stated
+        is_time, signed = "map" in stated, str(stated.get("signed", 0)).lower()
+        if signed not in _FLAGS:
+            raise CtfError(f"line {self.line} of the metadata has {signed[:40]!r} for true or false")
         if is_time and (len(clock) != 3 or clock[0] != "clock" or clock[2] != "value"):
             raise CtfError(f"line {self.line} of the metadata maps an integer to no value of a clock")
         if is_time:
@@ -314,17 +312,11 @@ class _Parser:
         return Int(
             size,
             power_of_two(int(stated.get("align", 8 if size % 8 == 0 else 1))),
-            self._flag(stated.get("signed", 0)),
+            _FLAGS[signed],
             self._order(stated),
             str(stated.get("encoding", "none")).lower() in ("utf8", "ascii"),
             is_time,
         )
-
-    def _flag(self, stated: Any) -> bool:
-        text = str(stated).lower()
-        if text not in _FLAGS:
-            raise CtfError(f"line {self.line} of the metadata has {text[:40]!r} for true or false")
-        return _FLAGS[text]
 
     def _compound(self, word: str) -> Type:
         name = str(self._next()) if self._tokens[self._at][0] == "word" and self._peek() != "align" else None

@@ -177,7 +177,6 @@ def _general(header: Struct) -> Head:
 
 
 def _clocks(type: Type | None) -> list[tuple[str, int]]:
-    """Return name and size of the fields of a structure that hold the time."""
     fields = type.fields if isinstance(type, Struct) else ()
     ints = [(field_name(name), field) for name, field in fields if isinstance(field, Int)]
     return [(name, field.size) for name, field in ints if field.is_time or name == "timestamp"]
