@@ -557,3 +557,47 @@ def test_two_columns_of_one_meaning_are_refused(header):
     with pytest.raises(HalpipeError) as refused:
         parse_traces(f"{header}\na,1,2,3\n".encode(), "t")
     assert "two columns have one meaning" in [d.message for d in refused.value.diagnostics]
+
+
+def rejected(text):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(text.encode(), "t")
+    return [(d.code, d.at.line) for d in refused.value.diagnostics]
+
+
+def test_numbers_beyond_every_counter_are_broken_rows():
+    for count in ("9" * 20, "9" * 5000):
+        mark = f"STI_TABLE_m,{count}"
+        text = f"#version 2.1.5\n0,{mark},STI,{mark},trigger\n1,C,0,T,a,0,start\n3,C,0,T,a,0,terminate\n"
+        assert rejected(text) == [(codes.BROKEN_ROW.id, 2)]
+    event = {"name": "a", "ph": "X", "pid": 1, "tid": 1, "ts": 0, "dur": 5, "args": {"cycle": 2**70, "job": 0}}
+    assert rejected(json.dumps([event])) == [(codes.BROKEN_ROW.id, 1)]
+
+
+def test_events_that_differ_in_what_is_no_key_are_read_like_the_first():
+    """Where an event goes is kept for the next one of its phase, process, thread and name."""
+    first = {"name": "a", "ph": "X", "pid": 1, "tid": 1, "ts": 0, "dur": 5}
+    assert rejected(json.dumps([first, {**first, "dur": None}])) == [(codes.BROKEN_ROW.id, 1)]
+    assert rejected(json.dumps([first, {**first, "ts": 9, "dur": -1}])) == [(codes.BROKEN_ROW.id, 1)]
+    assert rejected(json.dumps([first, {**first, "name": ["a"]}])) == [(codes.BROKEN_ROW.id, 1)]
+    (line,) = parse_traces(json.dumps([first, {**first, "tid": 2, "ts": 9}]).encode(), "t").traces
+    assert [each.units for each in line.executions] == [("1",), ("2",)]
+
+
+@pytest.mark.parametrize("by_name", [False, True])
+def test_many_slices_are_paired_as_few_are(by_name):
+    """Columns pair what nests, and search by name where an end is not of the last begin."""
+    stack = [("B", "outer", 0), ("B", "inner", 1), ("E", "inner", 2), ("E", "outer", 4)]
+    odd = [("B", "outer", 0), ("B", "inner", 1), ("E", "outer", 2), ("E", "inner", 4)]
+    events = [
+        {"name": name, "ph": phase, "pid": 1, "tid": 1, "ts": 10 * turn + at}
+        for turn in range(100)
+        for phase, name, at in (odd if by_name and turn == 50 else stack)
+    ]
+    (many,) = parse_traces(json.dumps(events).encode(), "t").traces
+    few = [
+        each
+        for at in range(0, 400, 4)
+        for each in parse_traces(json.dumps(events[at : at + 4]).encode(), "t").traces[0].executions
+    ]
+    assert [*many.executions] == few

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
 
 TABLE_MARK = "STI_TABLE_"
+_MANY_DIGITS = 18
 _KEY = re.compile("#[A-Za-z]")
 _EVENT = re.compile(r"-?[0-9]+,[^,]*,-?[0-9]+,[^,]*,[^,]*,-?[0-9]+,[^,]+(,.*)?")
 _SCALE = re.compile(r"#\s*timescale\s+(\w+)", re.IGNORECASE)
@@ -99,7 +100,7 @@ class _Reader(Jobs):
         time, source, _, kind, target, instance, event = parts[:7]
         try:
             at = instant(time, self.scale)
-            if not instance.isdecimal():
+            if len(instance) > _MANY_DIGITS or not instance.isdecimal():
                 whole(instance)
         except ValueError as failure:
             self._broken(number, str(failure), "times and instances are whole numbers")

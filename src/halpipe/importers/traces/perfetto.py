@@ -35,14 +35,9 @@ _BEGIN, _END = 1, 2
 _UNKNOWN = -1
 _CHUNK = 2**20
 _LONGEST_HEAD = 20
-_NAMELESS = "(no name)"
-_CLEARED = 1
 _MALFORMED = (ValueError, IndexError, TypeError, AttributeError, OverflowError, zlib.error)
 _BOOTTIME = 6
 _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
-_LAST_BUILTIN = 63
-_STAMPED = b"\x40"
-"""The key of an instant."""
 _PLAIN = frozenset((8, 10, 11, 58))
 """Fields of packets that change nothing for those after them."""
 _CACHED = 10_000
@@ -210,7 +205,7 @@ class _Reader:
     def take(self, packet: bytes, *, is_packed: bool = False) -> None:
         """Take one packet; most begin with their instant, and differ from one before in nothing else."""
         stamp, rest = -1, b""
-        if packet.startswith(_STAMPED):
+        if packet.startswith(b"\x40"):
             stamp, at = _varint(packet, 1)
             rest = packet[at:]
             if (known := self.known.get(rest)) is not None:
@@ -227,7 +222,7 @@ class _Reader:
     def _packet(self, fields: Fields, *, is_packed: bool) -> list[tuple[Any, ...]]:
         """Take one packet, or those that it holds compressed; return what its events add where, if they are plain."""
         number = _one(fields, 10, 0)
-        if number not in self.sequences or _one(fields, 13, 0) & _CLEARED or 41 in fields:
+        if number not in self.sequences or _one(fields, 13, 0) & 1 or 41 in fields:
             self.sequences[number] = _Sequence()
         sequence = self.sequences[number]
         self.has_lost = self.has_lost or 42 in fields
@@ -254,7 +249,7 @@ class _Reader:
         clocks = {_one(clock, 1, 0): clock for clock in _messages(snapshot, 1)}
         builtin = [clocks[known] for known in (_BOOTTIME, *_NANOSECOND_CLOCKS) if known in clocks]
         for number, clock in clocks.items() if builtin else ():
-            if number > _LAST_BUILTIN:
+            if number > 63:  # a clock of the writer
                 stamp, unit = _one(clock, 2, 0), _one(clock, 4, 1)
                 zero = _one(builtin[0], 2, 0) - stamp * unit
                 sequence.clocks[number] = _Clock(zero, unit, stamp, bool(_one(clock, 3, 0)))
@@ -292,7 +287,7 @@ class _Reader:
             return None
         name = ""
         if kind == _BEGIN:
-            name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or _NAMELESS
+            name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or "(no name)"
         track = _one(event, 11, sequence.track)
         marks = self.marks.get(track) or self.marks.setdefault(track, Marks())
         return marks, at, kind == _BEGIN, self.names.setdefault(name, len(self.names))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _MAX_EXPONENT = 30
 _CACHED = 10_000
+_LAST_CYCLE = 10**18
 _ENDS = {"E": "B", "e": "b", "F": "S"}
 _PHASES = frozenset(("X", *_ENDS, *_ENDS.values()))
 _NUMBER = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?([eE][-+]?[0-9]{1,2})?")
@@ -99,8 +100,10 @@ class _Reader:
         length = instant_of(event.get("dur")) if phase == "X" else 0
         is_named = phase in _ENDS or (isinstance(task, str) and task)
         arguments = arguments if isinstance(arguments, dict) else {}
-        if at is None or length is None or length < 0 or not (is_named or _is_partial(arguments)):
-            message = f"event {number} has no name, ts or dur that can be read"
+        cycle = arguments.get("played", arguments.get("cycle"))
+        is_counted = not isinstance(cycle, int) or abs(cycle) <= _LAST_CYCLE
+        if at is None or length is None or length < 0 or not is_counted or not (is_named or _is_partial(arguments)):
+            message = f"event {number} has no name, ts, dur or cycle that can be read"
             self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file, line), help="record it again"))
             return
         thread = _key(event.get("tid", ""))

@@ -42,8 +42,6 @@ _CLOCKS = ("time", "timestamp", "timestamps", "t", "zeit")
 _STATES = {"0": False, "1": True, "0.0": False, "1.0": True, "0,0": False, "1,0": True}
 _MICRO = str.maketrans("\xb5\u03bc", "uu")
 """Both signs of micro; the Greek letter is what the other becomes in small letters of some systems."""
-_UNITS_LINES = 2
-"""Lines behind the head of signals that may state units."""
 
 
 def is_header(line: str) -> bool:
@@ -120,7 +118,7 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
     jobs, others, before = Jobs(file, findings), set[str](), [""] * len(names)
     for cells in rows:
         line = rows.line_num
-        if not any(cells) or (line <= first + _UNITS_LINES and not any(c.isdigit() for c in cells[0])):
+        if not any(cells) or (line <= first + 2 and not any(c.isdigit() for c in cells[0])):
             continue
         try:
             at = instant(numbers.point(cells.pop(0).strip()), scale)

@@ -38,10 +38,6 @@ class Scope:
     is_whole: bool = False
 
 
-if TYPE_CHECKING:
-    Deviating = tuple[Kind, Column, Column, Callable[[int], Any]]
-    """Executions by their places among those that ran, with the amounts, and something to name beside each."""
-
 _TEXTS = {
     Kind.LATE: "starts {by} late: at {m.began} instead of {m.start}".format,
     Kind.EARLY: "starts {by} early: at {m.began} instead of {m.start}".format,
@@ -119,12 +115,13 @@ class Judge:
         self.origin, self._matching, self._ran = Duration(matching.origin), matching, ran
         self.by_line = np.zeros(len(matching.lines.table), dtype=np.int64)
 
-    def _each(self) -> Iterator[Deviating]:
+    def _each(self) -> Iterator[tuple[Kind, Column, Column, Callable[[int], Any]]]:
+        """Yield deviations: places among what ran, amounts, and by their numbers what is named beside them."""
         matching, ran, tolerance = self._matching, self._ran, column([self.tolerance.ns])
         seen, origin, has_end, late = matching.executions, column([matching.origin]), ran.has_end, ran.late
         nothing = np.zeros(len(ran.row), dtype=np.int64)
 
-        def where(kind: Kind, is_so: Column, amounts: Column = nothing) -> Deviating:
+        def where(kind: Kind, is_so: Column, amounts: Column = nothing) -> tuple[Kind, Column, Column, Any]:
             at = np.flatnonzero(is_so)
             return kind, at, amounts[at], lambda _: None
 

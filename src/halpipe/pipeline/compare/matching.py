@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -250,10 +250,6 @@ class _Part:
     distance: Column
 
 
-Parts: TypeAlias = "Callable[[Column, Instant], list[_Part]]"
-"""Return the parts of some rows with an origin; rows of no part are of no job."""
-
-
 def match_stated(executions: Executions, lines: Lines, origin: Instant | None, *, is_whole: bool = False) -> Matching:
     """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due.
 
@@ -324,7 +320,7 @@ def covered(executions: Executions) -> tuple[Instant, Instant]:
     return plain(start[0]), plain(np.where(end == NONE, start, end).max())
 
 
-def _origin(executions: Executions, parts_of: Parts, otherwise: Instant) -> Instant:
+def _origin(executions: Executions, parts_of: Callable[[Column, Instant], list[_Part]], otherwise: Instant) -> Instant:
     """Return where the zero of the schedule lies in the trace: no job early, one on time, the others least late.
 
     The first execution of the rarest task is laid onto each of its jobs in turn, and the one that leaves the smallest
