@@ -3,6 +3,7 @@
 import tracemalloc
 from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 from hypothesis import given
@@ -465,3 +466,35 @@ def test_a_job_of_a_long_recording_takes_little_memory():
     tracemalloc.stop()
     assert sum(row.seen for row in answer.rows) == cycles * len(RACE.jobs) == len(seen)
     assert most / len(seen) < 400
+
+
+@pytest.mark.parametrize("factor", [2**61, Fraction(1, 7)])
+@pytest.mark.parametrize("stated", [True, False])
+def test_instants_that_no_column_of_64_bits_holds_are_compared_exactly(stated, factor):
+    """Columns of whole numbers below 2**61, and those of objects, give the same figures."""
+
+    def scaled(value):
+        return Duration(value.ns * factor)
+
+    def of_jobs(jobs):
+        return tuple(replace(each, start=scaled(each.start), end=scaled(each.end)) for each in jobs)
+
+    seen = play([("race", RACE)] * 4, stated=stated)
+    seen[1] = replace(seen[1], start=seen[1].start + ms(1), end=seen[1].end + ms(2))
+    seen[6] = replace(seen[6], end=None)
+    large = [
+        replace(each, start=scaled(each.start), end=each.end and scaled(each.end)) for each in seen if each != seen[4]
+    ]
+    mode = replace(RACE, hyperperiod=scaled(RACE.hyperperiod), jobs=of_jobs(RACE.jobs))
+    plans = replace(PLAN, modes=(RACE,), transitions=()), replace(PLAN, modes=(mode,), transitions=())
+    runs = [each for each in seen if each != seen[4]], large
+    small, found = (
+        compare(plan, Trace(name="", executions=Executions.of(run)), CompareOptions())
+        for plan, run in zip(plans, runs, strict=True)
+    )
+    assert small.counts == found.counts
+    assert {Kind.LATE, Kind.LATE_END, Kind.MISSING} <= {kind for kind, count in small.counts.items() if count}
+    for before, after in zip(small.rows, found.rows, strict=True):
+        for name in ("least", "median", "worst", "worst_end", "longest", "reserved"):
+            value = getattr(before, name)
+            assert getattr(after, name) == (value and scaled(value)), (before.task, name)

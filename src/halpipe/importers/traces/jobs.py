@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from halpipe.importers.traces import codes
 from halpipe.models.trace import NONE, Executions, column
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Column, Instant, Times
@@ -81,13 +82,16 @@ class Marks:
 
         Ends alone are `odd`. In a text that is not in the order of time, ends come before begins of the same instant.
         """
+        if len(self.at) < FEW:
+            few: Iterable[int] = range(len(self.at))
+            if any(after < before for before, after in pairwise(self.at)):
+                few = sorted(few, key=lambda row: (self.at[row], self.begins[row]))
+            return self._by_name(few, names, odd)
         at, task, begins = column(self.at), np.asarray(self.task), np.asarray(self.begins).astype(bool)
         rows = np.arange(len(at))
         if (at[1:] < at[:-1]).any():
             rows = np.argsort(begins, kind="stable")
             rows = rows[np.argsort(at[rows], kind="stable")]
-        if len(at) < FEW:
-            return self._by_name(rows, names, odd)
         is_begin = begins[rows]
         depth = np.cumsum(np.where(is_begin, 1, -1)) + ~is_begin
         order = np.argsort(depth, kind="stable")  # at one depth, begins and ends take turns
@@ -95,10 +99,10 @@ class Marks:
         ends = order[1:][is_begin[order[:-1]] & (depth[order[:-1]] == depth[order[1:]])]
         ended = np.argsort(ends)
         first, last = rows[place[ended]], rows[ends[ended]]
-        nameless = np.array([not name for name in names], dtype=bool)
-        is_plain = (nameless[task[last]] & ~nameless[task[first]]) | (task[first] == task[last])
+        nameless = np.isin(task, [each for each in np.unique(task).tolist() if not names[each]])
+        is_plain = (nameless[last] & ~nameless[first]) | (task[first] == task[last])
         if depth.min() < 1 or not is_plain.all():
-            return self._by_name(rows, names, odd)
+            return self._by_name(rows.tolist(), names, odd)
         left = is_begin.copy()
         left[place] = False
         return np.concatenate((first, rows[left])), np.concatenate((last, np.full(left.sum(), -1)))
@@ -107,15 +111,21 @@ class Marks:
         self, found: Executions, begins: Column, ends: Column, names: Sequence[str], units: Sequence[tuple[str, ...]]
     ) -> None:
         """Add slices to executions, by the names and the units that are numbered."""
+        if len(begins) < FEW:
+            for row, last in zip(begins.tolist(), ends.tolist(), strict=True):
+                begin, over = self.at[row], None if last < 0 else self.at[last]
+                ran = None if over is None or not self.is_busy else over - begin
+                found.add(names[self.task[row]], units[self.thread[row]], begin, over, ran, self.line[row])
+            return
         task, thread, line = (np.asarray(each)[begins] for each in (self.task, self.thread, self.line))
         start, end = column(self.at)[begins], np.where(ends < 0, NONE, column(self.at)[ends])
         busy = np.where((ends < 0) | (not self.is_busy), NONE, end - start)
         found.add_all(names, units, task=task, on=thread, start=start, end=end, busy=busy, line=line)
 
-    def _by_name(self, rows: Column, names: Sequence[Any], odd: Oddities) -> tuple[Column, Column]:
+    def _by_name(self, rows: Iterable[int], names: Sequence[Any], odd: Oddities) -> tuple[Column, Column]:
         begun: list[int] = []
         found: list[tuple[int, int]] = []
-        for row in rows.tolist():
+        for row in rows:
             if self.begins[row]:
                 begun.append(row)
                 continue

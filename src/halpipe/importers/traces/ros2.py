@@ -206,8 +206,6 @@ class _Join:
         elif provider not in _PROVIDERS:
             self.foreign[event.name] += 1
 
-    # ---------------------------------------------------------------------------------- what things are
-
     def _fact(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         for of, key, value in _FACTS[event.name.rpartition(":")[2]]:
             found = fields[value] if of != "executor_type" else fields.get(value, "static_single_threaded_executor")
@@ -236,8 +234,6 @@ class _Join:
         name = f"{fields['namespace'].rstrip('/')}/{fields['node_name']}"
         self._known["node"][pid, fields["node_handle"]] = name
         self._started.setdefault(name, {}).setdefault(pid, event.time)
-
-    # ---------------------------------------------------------------------------------------- what runs
 
     def _start(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
         thread = event.context.get("vtid", 0)
@@ -276,8 +272,6 @@ class _Join:
         if since is None and thread not in self._cpu_time:
             self._switched_in[thread] = since = now  # it runs, since it writes events: its switch came before the trace
         return self._cpu_time.get(thread, 0) + (now - since if since is not None else 0)
-
-    # -------------------------------------------------------------------------------------------- result
 
     def result(self, damage: Damage) -> RosTrace:
         """Return everything by name."""

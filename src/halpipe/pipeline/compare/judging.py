@@ -118,27 +118,30 @@ class Judge:
     def _each(self) -> Iterator[tuple[Kind, Column, Column, Callable[[int], Any]]]:
         """Yield deviations: places among what ran, amounts, and by their numbers what is named beside them."""
         matching, ran, tolerance = self._matching, self._ran, column([self.tolerance.ns])
-        seen, origin, has_end, late = matching.executions, column([matching.origin]), ran.has_end, ran.late
-        nothing = np.zeros(len(ran.row), dtype=np.int64)
+        seen, origin, has_end, amounts = matching.executions, column([matching.origin]), ran.has_end, ran.late
+        nothing = np.broadcast_to(np.int64(0), len(ran.row))
 
         def where(kind: Kind, is_so: Column, amounts: Column = nothing) -> tuple[Kind, Column, Column, Any]:
             at = np.flatnonzero(is_so)
             return kind, at, amounts[at], lambda _: None
 
-        yield where(Kind.LATE, late > tolerance, late)
-        yield where(Kind.EARLY, -late > tolerance, -late)
+        yield where(Kind.LATE, amounts > tolerance, amounts)
+        yield where(Kind.EARLY, -amounts > tolerance, -amounts)
         if seen.planned:
             due = (ran.due + origin).tolist()
             by = [due - seen.planned.get(row, due) for row, due in zip(ran.row.tolist(), due, strict=True)]
             yield where(Kind.PLAN, abs(column(by)) > tolerance)
         if seen.has_data:
             yield where(Kind.NO_DATA, np.array([seen.has_data.get(row) is False for row in ran.row.tolist()]))
-        due = ran.due + matching.of_jobs("length")[ran.job]
-        end = np.where(has_end, ran.end, ran.start) - origin
-        left, over, late = end.max() - due, ran.length - matching.of_jobs("reserved")[ran.job], end - due
-        yield where(Kind.ENDLESS, ~has_end & (self.scope.is_whole | (left > tolerance)), left)
-        yield where(Kind.OVERRUN, has_end & (over > tolerance), over)
-        yield where(Kind.LATE_END, has_end & (late > tolerance), late)
+        amounts = ran.length - matching.of_jobs("reserved")[ran.job]
+        yield where(Kind.OVERRUN, has_end & (amounts > tolerance), amounts)
+        amounts, length = np.where(has_end, ran.end, ran.start) - origin, matching.of_jobs("length")
+        at, last = np.flatnonzero(~has_end), amounts.max()
+        amounts = amounts - ran.due - length[ran.job]
+        yield where(Kind.LATE_END, has_end & (amounts > tolerance), amounts)
+        left = last - ran.due[at] - length[ran.job[at]]
+        is_over = (left > tolerance) | self.scope.is_whole
+        yield Kind.ENDLESS, at[is_over], left[is_over], lambda _: None
         has_parts = np.array([bool(each.job.parts) for _, each in matching.jobs], dtype=bool)[ran.job]
         outside = [(at, *each) for at in np.flatnonzero(has_parts).tolist() for each in self._outside(int(ran.row[at]))]
         at, amounts = np.array([at for at, *_ in outside], dtype=np.int64), column([by.ns for _, by, _ in outside])
@@ -202,9 +205,9 @@ class Judge:
         """Compare each job with those before it on its units, and with those that need the same resources."""
         matching, ran, held = self._matching, self._ran, _resources(model) if model else {}
         seen, jobs, start, end = matching.executions, matching.jobs, ran.start, ran.end
-        place = np.full(len(seen.task), -1)
-        place[ran.row] = np.arange(len(ran.row))
-        order = place[seen.order]
+        order = np.full(len(seen.task), -1, dtype=np.int32)
+        order[ran.row] = np.arange(len(ran.row))
+        order = order[seen.order]
         order = order[order >= 0]
         for times in (ran.due, start):  # of those that start at once, the job that is due first comes first
             order = order[np.argsort(times[order], kind="stable")]

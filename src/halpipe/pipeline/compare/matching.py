@@ -45,7 +45,7 @@ class Match:
 
     @property
     def began(self) -> Duration:
-        """When it started, after the origin."""
+        """The start, after the origin."""
         return self.execution.start - self.origin
 
     @property
@@ -76,8 +76,8 @@ class Matching:
     is_joined: bool = False
 
     def __post_init__(self) -> None:
-        self.slots = np.full(self.lines.slot[-1], -1)
-        self.slot = np.full(len(self.executions.task), -1)
+        self.slots = np.full(self.lines.slot[-1], -1, dtype=np.int32)
+        self.slot = np.full(len(self.executions.task), -1, dtype=np.int32)
 
     @property
     def jobs(self) -> list[tuple[Table, Due]]:
@@ -122,16 +122,18 @@ class Matching:
         scheduled within the time that the executions cover, or at all (`is_whole`), and did not run is missing.
         """
         self, rows = cls(executions, lines, origin), executions.order
-        line, place, is_exact = np.full(len(rows), -1), np.full(len(rows), -1), np.zeros(len(rows), dtype=bool)
+        line, place = (np.full(len(rows), -1, dtype=np.int32) for _ in range(2))
+        is_exact = np.zeros(len(rows), dtype=bool)
         for part in parts:
             line[part.at], place[part.at], is_exact[part.at] = part.line, part.place, part.is_exact
         due = np.flatnonzero(line >= 0)
-        first = np.array(self.lines.slot)[line[due]]
-        slot = first + place[due]
-        _, job = self.located(slot)
-        lead = first + np.array([each.together[0] for _, each in self.jobs], dtype=np.int64)[job]
-        size = np.array([len(each.together) for _, each in self.jobs], dtype=np.int64)[job]
-        is_alone = (np.bincount(lead, minlength=1)[lead] == 1) & (is_exact[due] | (size == 1))
+        job = np.array([table.first for table in lines.table], dtype=np.int32)[line[due]] + place[due]
+        slot = np.array(lines.slot)[line[due]]
+        lead = slot + np.array([each.together[0] for _, each in self.jobs], dtype=np.int64)[job]
+        is_single = np.array([len(each.together) == 1 for _, each in self.jobs], dtype=bool)[job]
+        is_alone = (np.bincount(lead, minlength=1)[lead] == 1) & (is_exact[due] | is_single)
+        del job, lead
+        slot += place[due]
         self.slots[slot[is_alone]] = rows[due[is_alone]]
         self.slot[rows[due[is_alone]]] = slot[is_alone]
         left = rows.copy()
@@ -201,17 +203,22 @@ class Ran:
         self.line, self.job = line.astype(np.int32), job.astype(np.int32)
         self.due = matching.starts(line, job)
         """The scheduled start after the origin."""
-        self.late = self.start - column([matching.origin]) - self.due
-        """How long after its scheduled instant a job started; negative: before."""
+        self._origin = column([matching.origin])
+
+    @property
+    def late(self) -> Column:
+        """The distance of each start from its scheduled instant; negative: before."""
+        late: Column = self.start - self._origin - self.due
+        return late
 
     @property
     def start(self) -> Column:
-        """When each job started."""
+        """The start of each job."""
         return column(self._seen.start)[self.row]
 
     @property
     def end(self) -> Column:
-        """When each job ended; ``NONE`` where it has no end."""
+        """The end of each job; ``NONE`` where it has none."""
         return column(self._seen.end)[self.row]
 
     @property
@@ -268,7 +275,8 @@ def match_nearest(executions: Executions, table: Table, origin: Instant | None) 
     parts = parts_of(executions.order, zero)
     lines = repeated_table(table, np.unique(np.concatenate([part.line for part in parts] or [np.arange(0)])))
     played = column(lines.cycle)
-    parts = [replace(part, line=np.searchsorted(played, part.line)) for part in parts]
+    nothing = np.arange(0)
+    parts = [replace(p, line=np.searchsorted(played, p.line), after=nothing, distance=nothing) for p in parts]
     return Matching.of(executions, lines, zero, parts)
 
 

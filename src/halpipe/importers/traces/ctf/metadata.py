@@ -186,8 +186,6 @@ class _Parser:
             raise CtfError(f"line {self.line} of the metadata declares a {kind} for the second time")
         self._declared.add((kind, name))
 
-    # ------------------------------------------------------------------------------------------- tokens
-
     def _peek(self, ahead: int = 0) -> str | int | None:
         """Return a token, None for quoted text: it is never a sign or a word."""
         kind, value, _ = self._tokens[min(self._at + ahead, len(self._tokens) - 1)]
@@ -211,8 +209,6 @@ class _Parser:
         line, found = self.line, self._next()
         if found != sign:
             raise CtfError(f"line {line} of the metadata has {str(found)[:40]!r} for {sign!r}")
-
-    # ------------------------------------------------------------------------------------- declarations
 
     def _declaration(self) -> None:
         if self._peek() in ("typealias", "typedef"):
@@ -262,8 +258,6 @@ class _Parser:
         while self._peek() != ";":
             value = f"{value}{self._next()}"
         return value
-
-    # -------------------------------------------------------------------------------------------- types
 
     def _type(self) -> Type:
         self._level += 1
