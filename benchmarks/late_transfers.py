@@ -33,7 +33,7 @@ def main() -> int:
         targets = [build(Path(name) / str(i), bundle.RUNTIME, each) for i, each in enumerate(PROFILES)]
         while delays < chosen.delays:
             for target in targets:
-                for tour in containment.sweeps(target.schedule, 0)[:2]:
+                for tour in containment.sweeps(target.schedule)[:2]:
                     injected = containment.Injected()
                     check.delay(target, tour, 4 * check.DELAYS, injected, turns=range(turn, turn + SEVERAL))
                     errors = [d for d in injected.findings if d.is_error]

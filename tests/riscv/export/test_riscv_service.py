@@ -9,8 +9,8 @@ pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang 
 
 from halpipe.core.durations import Duration
 from halpipe.core.files import write_directory
-from halpipe.deploy.riscv.judge.check import tables_of
 from halpipe.deploy.riscv.judge.figures import due_of
+from halpipe.deploy.riscv.judge.tables import tables_of
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation
 from halpipe.deploy.riscv.run.recording import Kind
 from halpipe.exporters.riscv import RiscvOptions

@@ -6,6 +6,9 @@ from importlib.util import find_spec
 from shutil import which
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.suggest import did_you_mean
+from halpipe.deploy.riscv.codes import BAD_REQUEST
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, Run
 from halpipe.deploy.riscv.run.drivers import Board, Plant
 
@@ -36,7 +39,9 @@ class RiscvDeployment:
 
             refuse_unused(options, "deploy check with QEMU", ("modelled", "margin"))
             return with_tables(target, check_by_qemu(target, options))
-        raise check.unknown_engine(options.engine, ("auto", *self.engines))
+        known = ("auto", *self.engines)
+        help = did_you_mean(options.engine, known, "choose one of " + ", ".join(known))
+        raise HalpipeError(BAD_REQUEST(f'there is no engine "{options.engine}"', help=help))
 
     def _best(self, target: Target) -> str:
         """Return the co-simulation, and QEMU only where it alone is installed and can play the bundle."""

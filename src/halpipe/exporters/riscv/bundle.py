@@ -233,8 +233,7 @@ def _program(
             pieces.append((image.file, segment.offset, segment.size, segment.source - front))
             front = segment.source + segment.size
     shop.write("runtime/images.S", render.fill("images.S", pieces=pieces))
-    tables = render.tables(name, plan.programs, plan.tables, places, site.health, site.drivers)
-    shop.write("runtime/tables.c", tables)
+    shop.write("runtime/tables.c", render.tables(name, site, plan, places))
     shop.write("link/bundle.ld", render.fill("bundle.ld", memory=site.memory))
     names = (*MANAGEMENT, *(CALIBRATION if site.calibrates else ()), "tables.c", "images.S")
     names += ("regulator.c",) if site.regulators.base else ()

@@ -16,11 +16,9 @@ from halpipe.models import HealthAction, HealthEvent
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.exporters.riscv.bundle import Site
+    from halpipe.exporters.riscv.bundle import Plan, Site
     from halpipe.exporters.riscv.cores import Core, MainMemory
-    from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.images import Part
-    from halpipe.exporters.riscv.operations import Program, Table
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.toolchain import Workshop
     from halpipe.models import Schedule, TaskModel
@@ -149,19 +147,11 @@ class Renderer:
             faults=FAULT_RECORDS,
         )
 
-    def tables(
-        self,
-        model: str,
-        programs: Sequence[Program],
-        tables: Sequence[Table],
-        monitors: Sequence[tuple[Core, tuple[int, int]]],
-        health: Health,
-        drivers: Drivers,
-    ) -> str:
+    def tables(self, model: str, site: Site, plan: Plan, monitors: Sequence[tuple[Core, tuple[int, int]]]) -> str:
         """Return the operation tables as C; `monitors` are (address in main memory, bytes) for each core."""
-        modes = [table for table in tables if table.is_mode]
+        modes = [table for table in plan.tables if table.is_mode]
         switches = [[-1] * len(modes) for _ in modes]
-        for index, table in enumerate(tables):
+        for index, table in enumerate(plan.tables):
             if not table.is_mode:
                 switches[table.origin][table.target] = index
         names = {core.index: core.unit for core, _ in monitors}
@@ -169,12 +159,12 @@ class Renderer:
             "tables.c",
             model=model,
             tick=self.profile.tick,
-            programs=programs,
-            tables=list(tables),
+            programs=plan.programs,
+            tables=plan.tables,
             switches=switches,
             monitors=monitors,
-            health=health,
-            drivers=drivers.functions,
+            health=site.health,
+            drivers=site.drivers.functions,
             units=lambda program: " ".join(names[u] for u in program.units),
         )
 

@@ -275,13 +275,9 @@ class Hart:
     def _refused(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> bool:
         import unicorn
 
-        causes = {
-            unicorn.UC_MEM_READ_UNMAPPED: LOAD_FAULT,
-            unicorn.UC_MEM_READ_PROT: LOAD_FAULT,
-            unicorn.UC_MEM_WRITE_UNMAPPED: STORE_FAULT,
-            unicorn.UC_MEM_WRITE_PROT: STORE_FAULT,
-        }
-        cause = causes.get(access, FETCH_FAULT)
+        cause = LOAD_FAULT if access in (unicorn.UC_MEM_READ_UNMAPPED, unicorn.UC_MEM_READ_PROT) else FETCH_FAULT
+        if access in (unicorn.UC_MEM_WRITE_UNMAPPED, unicorn.UC_MEM_WRITE_PROT):
+            cause = STORE_FAULT
         if cause == LOAD_FAULT and address % size:  # the emulator looks for memory before it calls the other hook
             cause = LOAD_MISALIGNED
         self._raised = (cause, address)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.deploy.riscv.judge.check import tables_of
 from halpipe.deploy.riscv.judge.figures import csv_of
+from halpipe.deploy.riscv.judge.tables import tables_of
 from halpipe.deploy.riscv.run.cosimulation import plan
 from halpipe.deploy.riscv.run.recording import Flag, Kind, meaning, no_recording
 from halpipe.deploy.riscv.run.sequence import tables_named

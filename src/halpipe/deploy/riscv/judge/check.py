@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, sort_diagnostics
+from halpipe.core.diagnostics import Findings, sort_diagnostics
 from halpipe.core.durations import ZERO, Duration, milliseconds, seconds
-from halpipe.core.suggest import did_you_mean
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, Budget
@@ -21,7 +20,7 @@ from halpipe.deploy.riscv.judge.contents import contradictions
 from halpipe.deploy.riscv.judge.figures import Dispatch, csv_of, measured, rows_of, summary_lines
 from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
 from halpipe.deploy.riscv.judge.report import wrong_reports
-from halpipe.deploy.riscv.judge.tables import Tables, wrong_operations
+from halpipe.deploy.riscv.judge.tables import tables_of, wrong_operations
 from halpipe.deploy.riscv.judge.truth import tells_the_truth
 from halpipe.deploy.riscv.run.cosimulation import MEASURING, CoSimulation, load_program, plan, read_images
 from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
@@ -163,11 +162,10 @@ def static_findings(target: Target) -> list[Diagnostic]:
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
     images = read_images(target.bundle, site)
-    program = load_program(target.bundle, site)
-    found = Findings(list(contradictions(target.bundle, site, program, images)))
+    found = Findings(list(contradictions(target.bundle, site, load_program(target.bundle, site), images)))
     expectation = Expectation(target.bundle, target.model, site, images)
     if not found.has_errors:
-        found.extend(wrong_operations(target.bundle, site, program, target.model, target.schedule, expectation, images))
+        found.extend(wrong_operations(target, site, expectation, images))
     return found.items
 
 
@@ -217,7 +215,8 @@ def inject(target: Target, outcomes: Sequence[Outcome], *, everything: bool) -> 
     whole = 2 * len(kinds)
     affordable = max(min((ALL if everything else BRIEF) // price, whole), 2)
     found, lacking = Injected(), 0
-    for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
+    sweeps = containment.sweeps(target.schedule)[: None if everything else 1]
+    for tour in sweeps:
         # As many cycles at a time as the runtime can record faults of, and no more than can be afforded.
         jobs = len(target.schedule.mode(tour.first).jobs)
         cycles = max(min(affordable, 2 * site.faults.capacity // jobs), 1)
@@ -228,7 +227,7 @@ def inject(target: Target, outcomes: Sequence[Outcome], *, everything: bool) -> 
     for tour in containment.switches(target.schedule)[: SWITCHES if everything else 0]:
         sabotage(target, tour, kinds, 0, found)
     if site.dma.kind == "pdma":
-        for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
+        for tour in sweeps:
             delay(target, tour, min(affordable, DELAYS * SPACE), found, turns=range(TURNS if everything else 1))
     for trial in list(containment.trials(target))[: None if everything else TRIALS]:
         try_rule(target, trial, found)
@@ -376,12 +375,6 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
 
 
-def tables_of(target: Target, site: Site) -> Tables:
-    """Return the reader of the operation tables in the program of a bundle."""
-    drivers = (driver.function for driver in read_drivers(target.bundle))
-    return Tables(load_program(target.bundle, site), target.model, drivers)
-
-
 def refuse_disagreement(target: Target, site: Site) -> None:
     """Raise `HalpipeError` unless target.json has the tables and the units of the schedule."""
     findings = Findings()
@@ -402,9 +395,3 @@ def refuse_disagreement(target: Target, site: Site) -> None:
 
 def _listed(tables: Sequence[tuple[str, Duration]]) -> str:
     return ", ".join(f"{name} ({length})" for name, length in tables[:8]) + (", ..." if len(tables) > 8 else "")
-
-
-def unknown_engine(name: str, known: Sequence[str]) -> HalpipeError:
-    """Make the error for an engine that there is none of."""
-    help = did_you_mean(name, known, "choose one of " + ", ".join(known))
-    return HalpipeError(codes.BAD_REQUEST(f'there is no engine "{name}"', help=help))

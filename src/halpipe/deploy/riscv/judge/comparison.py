@@ -81,6 +81,7 @@ class Comparison:
         self._deviations: dict[tuple[Code, str, int, str], list[tuple[PlannedJob, str]]] = defaultdict(list)
         self._match_executions()
         self._match_transfers()
+        self._owners = {id(e): seen.planned for seen in self.jobs for e in seen.executions if e is not None}
         for seen in self.jobs:
             self._judge(seen)
         self._exclusion()
@@ -297,10 +298,9 @@ class Comparison:
             self.findings.add(codes.TRANSFERS_TOGETHER(message, path=about(unit=name), help=FROM_EXPORT))
 
     def _data(self) -> None:
-        owners = {id(e): seen.planned for seen in self.jobs for e in seen.executions if e is not None}
         for execution in self._run.executions:
             for address, size in execution.wrong:
-                planned = owners.get(id(execution))
+                planned = self._owners.get(id(execution))
                 message = (
                     f"{size} bytes at {self._place(address)} are not those that were loaded, read or cleared for it "
                     f"when it begins at {self._run.since(execution.entered)}"
@@ -315,7 +315,6 @@ class Comparison:
             self.findings.add(codes.WRONG_DATA(message, path=named("buffer", buffer), help=help))
 
     def _faults(self) -> None:
-        owners = {id(e): seen.planned for seen in self.jobs for e in seen.executions if e is not None}
         meant = {
             id(execution)
             for seen in self.jobs
@@ -325,7 +324,7 @@ class Comparison:
         for trap in self._run.faults:
             if id(trap.execution) in meant or trap.now < self._zero:  # a calibrating runtime ends its loops so
                 continue
-            planned = owners.get(id(trap.execution))
+            planned = self._owners.get(id(trap.execution))
             what = CAUSES.get(trap.cause, f"exception {trap.cause}")
             where = f" ({self._place(trap.value)})" if trap.cause in (1, 5, 7) else ""
             name = self._unit(trap.hart)

@@ -85,9 +85,9 @@ def kinds_for(site: Site) -> tuple[Kind, ...]:
     return tuple(kind for kind in Kind if kind is not Kind.HELD) if site.dma.kind == "pdma" else CODES
 
 
-def sweeps(schedule: Schedule, cycles: int) -> list[Tour]:
-    """Return a run for each mode with jobs."""
-    return [Tour(mode.name, (), cycles) for mode in schedule.modes if mode.jobs]
+def sweeps(schedule: Schedule) -> list[Tour]:
+    """Return a run for each mode with jobs, of no tables yet."""
+    return [Tour(mode.name, (), 0) for mode in schedule.modes if mode.jobs]
 
 
 def switches(schedule: Schedule) -> list[Tour]:

@@ -255,7 +255,7 @@ def slow_dispatch(found: Sequence[Dispatch]) -> Iterator[Diagnostic]:
     """Yield where an operation took longer than is reserved for it."""
     worst = max(found, key=lambda dispatch: dispatch.worst, default=Dispatch())
     if worst.worst > worst.reserved:
-        message = f"took {_in_us(worst.worst)} for an operation at {worst.at}, {worst.reserved} are reserved for each"
+        message = f"took {_short(worst.worst)} for an operation at {worst.at}, {worst.reserved} are reserved for each"
         help = 'raise "service" of the profile, and export again: transfers may begin too late for their phases'
         yield codes.SLOW_DISPATCH(message, path="the management core", help=help)
 
@@ -266,10 +266,6 @@ def dispatch_lines(found: Sequence[Dispatch], cpi: Fraction) -> Iterator[str]:
     if worst.worst:
         most = format_rational(Fraction(int(cpi * (worst.reserved / worst.worst) * 100), 100))
         yield (
-            f"the management core takes at most {_in_us(worst.worst)} for an operation; {worst.reserved} are "
+            f"the management core takes at most {_short(worst.worst)} for an operation; {worst.reserved} are "
             f"reserved, enough up to {most} cycles an instruction"
         )
-
-
-def _in_us(duration: Duration) -> str:
-    return format_rational(Fraction(round(duration.in_unit("us") * 1000), 1000)) + "us"

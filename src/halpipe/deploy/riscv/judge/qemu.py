@@ -19,10 +19,11 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.elf import offset_of
 from halpipe.deploy.riscv.board.machine import RUBBISH
 from halpipe.deploy.riscv.judge import conditions
-from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tables_of, tolerance_of
+from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tolerance_of
 from halpipe.deploy.riscv.judge.comparison import Comparison
 from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, Injected, planned, prefixed
 from halpipe.deploy.riscv.judge.records import observations, strangers
+from halpipe.deploy.riscv.judge.tables import tables_of
 from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, Run, TableSeen, plan, read_images, silent
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation

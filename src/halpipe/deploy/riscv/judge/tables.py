@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
 from halpipe.deploy.riscv.judge.contents import AGAIN, BSS, stored
+from halpipe.deploy.riscv.run.cosimulation import load_program
 from halpipe.deploy.riscv.run.drivers import read_drivers
 from halpipe.deploy.riscv.run.recording import Flag, Kind
 from halpipe.deploy.riscv.run.sequence import tables_named
@@ -22,8 +23,8 @@ from halpipe.models import AccessKind, HealthAction, HealthEvent
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.core.bundles import Bundle
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.expectation import Expectation, Image, PlannedJob
     from halpipe.deploy.riscv.run.recording import Abandoned, Record
@@ -64,27 +65,26 @@ class Operation:
     ranks: int
 
 
+def tables_of(target: Target, site: Site) -> Tables:
+    """Return the reader of the operation tables in the program of a bundle."""
+    drivers = (driver.function for driver in read_drivers(target.bundle))
+    return Tables(load_program(target.bundle, site), target.model, drivers)
+
+
 def wrong_operations(
-    bundle: Bundle,
-    site: Site,
-    program: Program,
-    model: TaskModel,
-    schedule: Schedule,
-    expectation: Expectation,
-    images: Mapping[tuple[str, str, str], Image],
+    target: Target, site: Site, expectation: Expectation, images: Mapping[tuple[str, str, str], Image]
 ) -> Iterator[Diagnostic]:
     """Yield where the tables in the program are not those that the schedule asks for."""
-    at = bundle.at("bundle.elf")
-    reader = Tables(program, model, (driver.function for driver in read_drivers(bundle)))
+    at, reader = target.bundle.at("bundle.elf"), tables_of(target, site)
     try:
         for index, table in enumerate(site.tables):
-            (played,) = tables_named(schedule, [table.name])
+            (played,) = tables_named(target.schedule, [table.name])
             jobs = expectation.jobs([played])
             for path, message in reader.deviations(index, table.length, jobs, images):
                 yield WRONG_OPERATIONS(message, at=at, path=path or f'table "{table.name}"', help=AGAIN)
-        for message in reader.switches(schedule):
+        for message in reader.switches(target.schedule):
             yield WRONG_OPERATIONS(message, at=at, path="hp_switches", help=AGAIN)
-        for message in reader.health(model, schedule):
+        for message in reader.health(target.model, target.schedule):
             yield WRONG_OPERATIONS(message, at=at, path="hp_rules", help=AGAIN)
     except (struct.error, LookupError) as failure:
         yield WRONG_OPERATIONS(f"its tables cannot be read: {failure}", at=at, help=AGAIN)
