@@ -1,13 +1,15 @@
 """Units and resources that no schedule could satisfy, and jobs longer than the hyperperiod."""
 
 from dataclasses import replace
+from fractions import Fraction
 
+import pytest
 from validate_cases import alone, codes_of, found, the
 
 from halpipe.core.diagnostics import Severity
 from halpipe.models import Mode, Run
 from halpipe.pipeline.validate import codes, validate
-from support import access, after, mode, model, task, version
+from support import access, after, mode, model, ms, task, version
 
 
 def busy(name, wcet, units="u1", period=20, *parts, gang=1):
@@ -133,3 +135,10 @@ def test_job_longer_than_the_hyperperiod_in_one_version_only():
 
 def test_wcet_beyond_deadline_is_not_reported_a_second_time():
     assert codes.WCET_BEYOND_HYPERPERIOD.id not in codes_of(alone("26ms"))
+
+
+@pytest.mark.parametrize(("wcet", "is_found"), [(12, False), (15, True)])
+def test_a_polling_task_longer_than_the_hyperperiod_is_found_though_arrivals_may_wait(wcet, is_found):
+    polled = replace(task("a", 12, version("v", wcet, "u1 u2")), slack=Fraction(1), distance=ms(36))
+    system = model(polled, units="u1 u2")
+    assert bool(found(system, codes.WCET_BEYOND_HYPERPERIOD)) == is_found

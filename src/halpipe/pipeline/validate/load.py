@@ -208,8 +208,8 @@ def check_length(context: Context) -> Iterator[Diagnostic]:
 
 
 def _is_late(active: ActiveTask, version: Version) -> bool:
-    """Tell whether the version is beyond its task's deadline, which is reported as such."""
-    deadline = active.task.deadline or active.task.period
+    """Return whether the version is beyond its task's deadline, which is reported as such; arrivals may wait longer."""
+    deadline = None if active.task.distance is not None else active.task.deadline or active.task.period
     return deadline is not None and version.wcet is not None and version.wcet > deadline
 
 
