@@ -188,7 +188,8 @@ class _Programs:
         listed = not version.split.anywhere
         gaps = {part.executed_from: part.start for part in job.parts[1:]} if listed else {}
         phases = self._phases(job) if self._holds_phases else {}
-        holds = {position: self._instants(position, gaps, phases) for position in gaps | phases}
+        # Held until the gap ends, and then until the phase begins; between the two the preemption overhead passes.
+        holds = {place: sorted({at[place] for at in (gaps, phases) if place in at}) for place in gaps | phases}
         functions = self._functions[job.task, job.version]
         bounds = [ZERO, *version.split.points]
         whole = (Part(_ns(job.start), 0, functions),)
@@ -205,16 +206,6 @@ class _Programs:
         pairs = zip(starts, firsts, [*firsts[1:], functions], strict=True)
         return tuple(Part(_ns(start), first, last) for start, first, last in pairs)
 
-    @staticmethod
-    def _instants(
-        position: Duration, gaps: Mapping[Duration, Duration], phases: Mapping[Duration, Duration]
-    ) -> list[Duration]:
-        """Return until when a job is held at a position: until its gap ends, and then until its phase begins.
-
-        Between the two it resumes without a function: in this time the preemption overhead passes.
-        """
-        return sorted({instants[position] for instants in (gaps, phases) if position in instants})
-
     def _phases(self, job: Job) -> dict[Duration, Duration]:
         """Return when the phases of a job begin, by where in its execution; the job's start needs no hold."""
         return {a.start: job.start + begin for a, begin, _ in self._times.of(job) if a.start > ZERO}
@@ -224,15 +215,12 @@ class _Programs:
         named = f"{functions} function" + ("s" if functions > 1 else "")
         text = f"{points} split points make {points + 1} pieces, the entry names {named}"
         help = 'name one function for each piece: entry="first second ..."; or omit the split points'
-        self._findings.add(NO_PIECES(text, at=version.at, path=self._path(job), help=help))
+        self._findings.add(NO_PIECES(text, at=version.at, path=version_of(job.task, job.version), help=help))
 
     def _refuse_phase(self, job: Job, version: Version) -> None:
         text = "an access phase begins within a function; where jobs end early it would begin before its instant"
         help = "state a split point where the phase begins, and name one function for each piece in the entry"
-        self._findings.add(EARLY_PHASE(text, at=version.at, path=self._path(job), help=help))
-
-    def _path(self, job: Job) -> str:
-        return version_of(job.task, job.version)
+        self._findings.add(EARLY_PHASE(text, at=version.at, path=version_of(job.task, job.version), help=help))
 
 
 def is_followed(rule: HealthRule, *, catches_faults: bool = False) -> bool:

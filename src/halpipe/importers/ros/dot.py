@@ -304,7 +304,8 @@ class _Parser:
     def _block(self, scope: _Scope, depth: int) -> None:
         if depth > _MAX_DEPTH:
             raise _malformed(self._file, self._peek().line, f"nests deeper than {_MAX_DEPTH} blocks")
-        self._expect("{")
+        if not self._sign("{"):
+            self._fail('"{"')
         while not self._sign("}"):
             if not self._sign(";"):
                 self._statement(scope, depth)
@@ -415,10 +416,6 @@ class _Parser:
         while self._sign("+"):
             parts.append(self._take().text)
         return "".join(parts)
-
-    def _expect(self, sign: str) -> None:
-        if not self._sign(sign):
-            self._fail(f'"{sign}"')
 
     def _fail(self, expected: str) -> NoReturn:
         token = self._peek()

@@ -138,7 +138,13 @@ def _groups(trace: RosTrace, names: Mapping[Key, str]) -> list[Group]:
     at = Location(trace.file)
     members = {name: tuple(names[k] for k in keys if k in names) for name, (_, keys) in trace.groups.items()}
     found = [
-        Group(kind="executor", name=name, exclusive="single" in kind, callbacks=_joined(members, groups), at=at)
+        Group(
+            kind="executor",
+            name=name,
+            exclusive="single" in kind,
+            callbacks=tuple(c for group in groups for c in members[group]),
+            at=at,
+        )
         for name, (kind, groups) in trace.executors.items()
     ]
     found += [
@@ -146,10 +152,6 @@ def _groups(trace: RosTrace, names: Mapping[Key, str]) -> list[Group]:
         for name, (kind, _) in trace.groups.items()
     ]
     return found
-
-
-def _joined(members: Mapping[str, tuple[str, ...]], groups: Sequence[str]) -> tuple[str, ...]:
-    return tuple(name for group in groups for name in members[group])
 
 
 def _rates(trace: RosTrace) -> list[Rate]:
@@ -260,7 +262,8 @@ def _report_differences(graph: RosGraph, trace: RosTrace, names: Mapping[Key, st
     known = set(names.values())
     lacking = [c.name for c in graph.callbacks if c.name not in known and c.kind is not Kind.SERVICE]
     own = names_of(trace)
-    new = [f"{own[key]} ({key.kind} of {_subject(key)})" for key in own if key not in names]
+    subjects = {key: Duration(int(key.subject)) if key.kind == TIMER else printable(key.subject) for key in own}
+    new = [f"{own[key]} ({key.kind} of {subjects[key]})" for key in own if key not in names]
     if lacking:
         text = f"not in the trace, {counted(len(lacking), 'callback')} of the file: {few(lacking)}"
         help = "trace from before all nodes start, or export the graph again"
@@ -269,10 +272,6 @@ def _report_differences(graph: RosGraph, trace: RosTrace, names: Mapping[Key, st
         text = f"not in the file, {counted(len(new), 'callback')} of the trace: {few(new)}"
         help = "export the graph again, or import the trace alone"
         findings.add(codes.CONTRADICTED(text, at=Location(trace.file), help=help))
-
-
-def _subject(key: Key) -> str:
-    return str(Duration(int(key.subject))) if key.kind == TIMER else printable(key.subject)
 
 
 def callbacks_of(paths: Sequence[str]) -> dict[str, BoundCallback]:
