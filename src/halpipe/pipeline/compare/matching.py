@@ -275,8 +275,8 @@ def match_nearest(executions: Executions, table: Table, origin: Instant | None) 
     parts = parts_of(executions.order, zero)
     lines = repeated_table(table, np.unique(np.concatenate([part.line for part in parts] or [np.arange(0)])))
     played = column(lines.cycle)
-    nothing = np.arange(0)
-    parts = [replace(p, line=np.searchsorted(played, p.line), after=nothing, distance=nothing) for p in parts]
+    lines_of = (np.searchsorted(played, part.line).astype(np.int32) for part in parts)
+    parts = [replace(p, line=of, after=of, distance=of) for p, of in zip(parts, lines_of, strict=True)]
     return Matching.of(executions, lines, zero, parts)
 
 
@@ -343,9 +343,9 @@ def _origin(executions: Executions, parts_of: Callable[[Column, Instant], list[_
         return values[np.argsort(places)]
 
     order = executions.order
-    if not (parts := parts_of(order, 0)):
+    if not (places := [part.at for part in parts_of(order, 0)]):
         return otherwise
-    known = order[np.sort(np.concatenate([part.at for part in parts]))]
+    known = order[np.sort(np.concatenate(places))]
     sample = known[:SAMPLE]
     rarest = min(
         parts_of(sample, 0),

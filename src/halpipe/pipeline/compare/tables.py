@@ -58,7 +58,7 @@ class Starts:
             at.setdefault(due[place].start, place)
             self.numbered.setdefault(due[place].job.index, place)
         self.count, self.at = len(places), column([*at])
-        self.first = np.array([*at.values()])
+        self.first = np.array([*at.values()], dtype=np.int32)
         """The first place of each start."""
 
     def nearest(self, at: Column) -> Column:
