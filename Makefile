@@ -113,6 +113,7 @@ endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python limits.py
 	cd tests && ../$(BIN)/python every_verb.py $(SYSTEMS)
 	HALPIPE_VOLUME=5 $(BIN)/pytest $(VOLUMES)
+	HALPIPE_VOLUME=5 $(BIN)/pytest tests/rtl/test_regulator_rtl.py -k "fault or refuted"
 
 lock: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/newest

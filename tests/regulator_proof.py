@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.reading import Tables, Unit
 
 FOLDER = Path(__file__).parent / "rtl" / "formal"
-SECONDS = 600
+SECONDS = 6000
+"""Of the clock, for each step: far more than any needs, also on a machine that does much else meanwhile."""
+
 TOOLS = ("yosys", "yosys-abc", "yosys-smtbmc", "cvc5")
 
 _UNIT_PORTS = (

@@ -27,6 +27,7 @@ from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import CYCLES, STEPPED_CYCLES, Icarus, Verilator, design_of, play, simulate
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, Traffic, plan, unit_address
 from one_fault import with_fault
+from profiles import volume
 from regulator_proof import PARTS, missing, prove
 
 RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "table" / "rtl"
@@ -40,6 +41,11 @@ yosys = pytest.mark.skipif(shutil.which("yosys") is None, reason="yosys is not i
 def sometimes_slow(items, fast):
     """The first `fast` of them in the fast tier, all of them in `make test`."""
     return [item if n < fast else pytest.param(item, marks=pytest.mark.slow) for n, item in enumerate(items)]
+
+
+def in_turn(items):
+    """A third of them; all in `make endurance`, and by `benchmarks/regulator.py --faults`."""
+    return items if volume(1) > 1 else items[::3]
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +150,7 @@ PLAYER = "table/rtl/halpipe_regulator_player.v"
 
 
 @icarus
-@pytest.mark.parametrize("mutant", sometimes_slow([m for m in mutants.MUTANTS if m not in mutants.UNSEEN], 1))
+@pytest.mark.parametrize("mutant", sometimes_slow(in_turn([m for m in mutants.MUTANTS if m not in mutants.UNSEEN]), 1))
 def test_each_fault_of_the_verilog_is_caught(files, mutant):
     """By the runs that a check does, and requests at further instants."""
     caught = mutants.simulated(mutants.mutated(files, mutant), Icarus())
@@ -368,13 +374,14 @@ def test_the_regulator_is_proven_for_all_traffic(files):
 
 
 def for_the_proof():
-    """Two faults of each part, and all that no simulation shows: `benchmarks/regulator.py --faults` tries every one."""
+    """The first fault of each part and a third of those that no simulation shows; in `make endurance` two and all."""
     tried = Counter()
+    unseen = in_turn([mutant for mutant in mutants.MUTANTS if mutant in mutants.UNSEEN])
     for mutant, (part, *_) in mutants.MUTANTS.items():
         tried[part] += 1
         if part in ("ports", "store"):  # a second or two each
             yield mutant
-        elif tried[part] <= 2 or mutant in mutants.UNSEEN:
+        elif tried[part] <= min(volume(1), 2) or mutant in unseen:
             yield pytest.param(mutant, marks=pytest.mark.slow)
 
 
@@ -462,6 +469,21 @@ def test_blocks_with_one_time_base_start_in_one_cycle(tmp_path):
         "armed 2 2",
         *(f"{block}: window {window} at {at}" for window, at in instants for block in ("one", "two")),
     ]
+
+
+@icarus
+def test_blocks_of_unlike_clocks_keep_to_one_time_base(tmp_path):
+    """Windows of 8 us by three clocks, also of a table after another: late by less than a tick and two cycles."""
+    begun = {}
+    for block, window, instant in (map(int, line.split()) for line in said_by("clocks_bench", tmp_path)):
+        begun.setdefault(block, []).append((window, instant))
+    periods = (4000, 4001, 30003)
+    for block, several in sorted(begun.items()):
+        assert [window for window, _ in several] == [*range(12), *range(5), 0, 1]  # of a table, and of its successor
+        late = [instant - (5 + 8 + 8 * n) * 10**6 for n, (_, instant) in enumerate(several)]
+        assert min(late) >= 0
+        assert max(late) < 10_000 + 2 * periods[block]
+    assert sorted(begun) == [0, 1, 2]
 
 
 @icarus
