@@ -473,7 +473,7 @@ def test_blocks_with_one_time_base_start_in_one_cycle(tmp_path):
 
 @icarus
 def test_blocks_of_unlike_clocks_keep_to_one_time_base(tmp_path):
-    """Windows of 8 us by three clocks, also of a table after another: late by less than a tick and two cycles."""
+    """Windows of 8 us by three clocks, also of a table after another: off by less than a tick and two cycles."""
     begun = {}
     for block, window, instant in (map(int, line.split()) for line in said_by("clocks_bench", tmp_path)):
         begun.setdefault(block, []).append((window, instant))
@@ -481,7 +481,7 @@ def test_blocks_of_unlike_clocks_keep_to_one_time_base(tmp_path):
     for block, several in sorted(begun.items()):
         assert [window for window, _ in several] == [*range(12), *range(5), 0, 1]  # of a table, and of its successor
         late = [instant - (5 + 8 + 8 * n) * 10**6 for n, (_, instant) in enumerate(several)]
-        assert min(late) >= 0
+        assert min(late) > -periods[block]  # ends of windows are rounded down to cycles
         assert max(late) < 10_000 + 2 * periods[block]
     assert sorted(begun) == [0, 1, 2]
 

@@ -116,7 +116,7 @@ class RiscvExporter(PlainExporter):
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> Sequence[Diagnostic]:
         """Return what one member of a gang writes alone, and what the report of the regulators says."""
-        from halpipe.core.diagnostics import version_of
+        from halpipe.core.diagnostics import Location, version_of
         from halpipe.exporters.regulator.report import findings_of
         from halpipe.exporters.riscv.bundle import REGULATORS
         from halpipe.exporters.riscv.codes import REGULATORS_LEFT_ALONE
@@ -128,7 +128,8 @@ class RiscvExporter(PlainExporter):
             return found
         if b"HP_REGULATORS" not in contents["runtime/platform.h"]:
             help = 'state "backend: table" and "table: {base: 0x...}", the address of their registers'
-            found.append(REGULATORS_LEFT_ALONE("the platform states no registers for the runtime", help=help))
+            at = Location(specific(RiscvOptions, options).regulator)
+            found.append(REGULATORS_LEFT_ALONE("states no registers for the runtime", at=at, help=help))
         return found + findings_of(report)
 
 

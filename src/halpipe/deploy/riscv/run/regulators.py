@@ -146,8 +146,7 @@ class RegulatorPort:
 
     def __init__(self, regulators: Regulators, timing: Timing, changed: Callable[[], None]) -> None:
         self.base, self.size = regulators.base, (1 + regulators.units) << 20
-        self.writes: list[tuple[int, int, int]] = []
-        """Instants, offsets and values of what was written."""
+        self.writes: list[tuple[int, int, int]] = []  # instants, offsets and values
         self._words = {0: 0x48425746}
         self._regulators, self._tick, self._changed = regulators, timing.tick, changed
 
