@@ -52,6 +52,7 @@ def jobs_of_a_shown_mode(count):
     jobs = tuple(job(system, "a", 0, "0ms", "u1") for _ in range(count))
     mode = fake(name="m", jobs=jobs, hyperperiod=Duration(10**9), status="valid")
     mode.unit_loads = mode.resource_loads = mode.chains = ()
+    mode.margin_words = ""
     with redirect_stdout(io.StringIO()) as printed:
         show(mode, {"a": "A"}, every=False)
     return printed.getvalue()
@@ -508,11 +509,13 @@ def runs_of_an_emulator(count):
     has_whole_jobs=lambda _: True,
     is_installed=lambda: True,
     is_small=lambda _: True,
-    _conflict=lambda *_: "searched",
+    replace=lambda *_, **__: None,
+    solve_expansion=lambda *_, **__: fake(status="searched"),
 )
 def jobs_of_a_mode_whose_conflict_is_sought(count):
-    with patched("pipeline.explain.conflict", expand=lambda *_: fake(job_count=count)):
-        return repr(named("pipeline.explain.conflict:find_conflict")(None, None, bool)).upper()
+    with patched("pipeline.explain.conflict", expand=lambda *_: fake(job_count=count, tasks=())):
+        found = named("pipeline.explain.conflict:find_conflict")(fake(chains=()), fake(edge=None), bool)
+        return repr(found).upper()
 
 
 @lowered("pipeline.explain.meetings:MAX_UNITS", 3, "none", meet_in_groups=lambda *_: 1, _crowd=lambda *_: 1)
