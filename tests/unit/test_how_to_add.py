@@ -164,7 +164,7 @@ guaranteed: 400MB/s
 capacity: 800MB/s
 backend: meter
 units: {core1: {manager: 0}, core2: {manager: 1}}
-meter: {step: 300000}
+meter: {step: 200000}
 """
 
 

@@ -45,6 +45,17 @@ def test_the_effort_is_a_number_of_moves():
     assert first.moves < wider.moves <= first.moves + SPARE * len(DENSE.tasks) // jobs
 
 
+def test_no_shorter_version_is_chosen_for_a_margin():
+    owner = model(task("a", 10, version("long", 8), version("short", 1)), task("b", 10, version("v", 1)))
+
+    def chosen(**options):
+        return [{job.version for job in found(owner, seed=n, **options).schedule.modes[0].jobs} for n in range(1, 9)]
+
+    first = chosen(optimise=())
+    assert {"long", "v"} in first
+    assert chosen() == first
+
+
 def test_what_is_proven_best_costs_nothing():
     """Two jobs that fill their unit cannot grow: the bound is 0, and nothing is searched for."""
     owner = model(task("a", 10, version("v", 4)), task("b", 10, version("v", 6)))

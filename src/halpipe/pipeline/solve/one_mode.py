@@ -21,7 +21,7 @@ from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck,
 from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, Goals, polish_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from fractions import Fraction
 
     from halpipe.core.diagnostics import Diagnostic
@@ -296,9 +296,16 @@ class _WholeJobs(_Search):
         """The mode in arrays; jobs that have shipped stay on their units, so that no group of units is one lane."""
         return self._stated(self.tick, grouped=not self.shipped)
 
-    def _stated(self, tick: Duration | None, *, grouped: bool = True, every_chain: bool = False) -> Problem:
-        pinned = self.pinned | self.settled
-        return stated_problem(self.model, self.expansion, tick, grouped=grouped, every_chain=every_chain, pinned=pinned)
+    def _stated(
+        self,
+        tick: Duration | None,
+        *,
+        grouped: bool = True,
+        every_chain: bool = False,
+        expansion: Expansion | None = None,
+    ) -> Problem:
+        pinned, expansion = self.pinned | self.settled, expansion or self.expansion
+        return stated_problem(self.model, expansion, tick, grouped=grouped, every_chain=every_chain, pinned=pinned)
 
     @cached_property
     def settled(self) -> dict[str, Pins]:
@@ -364,13 +371,15 @@ class _WholeJobs(_Search):
 
         most = largest_margin(self.expansion)
         least = least_margin(Placement.of(self.expansion, jobs, self.model.units))
-        tick = self.tick
-        if self.polish is not None and tick is None:  # then starts may lie between the ticks, so that the bound is met
+        tick, expansion = self.tick, self.expansion
+        if self.polish is None:
+            expansion = _with_versions_of(jobs, expansion)
+        elif tick is None:  # then starts may lie between the ticks, so that the bound is met
             tick = natural_tick(self.expansion) / min(MOST_PARTS, most.denominator)
 
         def begin(margin: Fraction, number: int, kept: Kept | None) -> Search:
             def stated(*, grouped: bool) -> Problem:
-                plain = self._stated(tick, grouped=grouped and not self.shipped)
+                plain = self._stated(tick, grouped=grouped and not self.shipped, expansion=expansion)
                 return reserved(plain, margin, plain.arrays)
 
             separate = partial(stated, grouped=False)
@@ -427,3 +436,18 @@ class _WholeJobs(_Search):
 
     def _go_on(self, outcome: Outcome) -> Callable[[], bool]:
         return lambda: self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
+
+
+def _with_versions_of(jobs: Iterable[Job], expansion: Expansion) -> Expansion:
+    """Return the expansion without the versions that no job has: a margin is no reason to choose a shorter one.
+
+    A task that demands others keeps its versions, since their jobs depend on them.
+    """
+    used = {(job.task, job.version) for job in jobs}
+    demanders = {demand.task for active in expansion.tasks for demand in active.demands}
+
+    def kept(active: ActiveTask) -> ActiveTask:
+        found = tuple(v for v in active.versions if (active.name, v.name) in used)
+        return replace(active, versions=found) if found and active.name not in demanders else active
+
+    return replace(expansion, tasks=tuple(map(kept, expansion.tasks)))
