@@ -38,6 +38,7 @@ def folder(tmp_path):
     (tmp_path / "trace.json").write_text('{"traceEvents": []}')
     (tmp_path / "trace.btf").write_text("#version 2.1.5\n")
     (tmp_path / "source.c").write_text("int main(void) { return 0; }\n")
+    (tmp_path / "yaml.xml").write_text("nodes:\n  - name: /a\n")
     assert run_here(tmp_path, "schedule", "model.xml", "-o", "schedule.xml", "-q").returncode == 0
     return tmp_path
 
@@ -56,6 +57,7 @@ def folder(tmp_path):
         (["validate", "pipeline.yaml"], "halpipe run FILE"),
         (["validate", "graph.dot"], "halpipe import ros FILE"),
         (["validate", "source.c"], "`halpipe import` makes a model"),
+        (["import", "arxml", "yaml.xml", "-o", "m.xml"], "it has the form of YAML"),
         (["compare", "trace.csv", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
         (["compare", "trace.json", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
         (["compare", "trace.btf", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
