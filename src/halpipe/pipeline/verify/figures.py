@@ -106,7 +106,7 @@ def _margin(table: ModeTable, stated: Fraction, bound: Fraction | None) -> Itera
             later = bisect_right(starts, start % table.period)
             following = starts[later] if later < len(starts) else starts[0] + table.period
             found = min(found, Fraction(following - start % table.period - (end - start), end - start))
-    if stated != found and "exclusive" not in table.broken:
+    if stated != found:
         yield _wrong(table, "margin", f"{_number(stated)}; the jobs make it {_number(found)}")
     if bound is not None and bound < stated:
         yield _wrong(table, "margin", f"{_number(stated)} is more than its bound {_number(bound)}")
