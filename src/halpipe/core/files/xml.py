@@ -188,10 +188,7 @@ KINDS = (
     (r"(strict\s+)?(di)?graph\b", "import the graph first: `halpipe import ros FILE -o model.xml`"),
     (r"halpipe-pipeline:", "run the pipeline file: `halpipe run FILE`"),
     (r"halpipe-overlay:", "give the overlay to an import: `halpipe import FORMAT SOURCE --overlay FILE -o model.xml`"),
-    (
-        r"(---\s+)?[\w\"'-]+:(\s|\Z)",
-        "it has the form of YAML: name the XML file, or `halpipe import ros FILE` for a ROS graph",
-    ),
+    (r"(---\s+)?[\w\"'-]+:(\s|\Z)", "it has the form of YAML: name the XML file, or use `halpipe import ros`"),
 )
 """Beginnings of files of other kinds, and what to do with these."""
 
