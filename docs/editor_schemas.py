@@ -26,7 +26,7 @@ PROJECT = Path(__file__).parents[1] / "pyproject.toml"
 DIALECT = "http://json-schema.org/draft-07/schema#"
 """The one that the YAML language server reads."""
 
-NUMBERS = ("0", "1", "8", "64", "4096", "100000", "0.5")
+NUMBERS = ("0", "1", "8", "64", "4096", "100000", "0.5", "0x0")
 NUMBER = {"type": ["string", "number"]}
 DURATION = {"type": "string", "pattern": r"^\s*[0-9./]+\s*(ns|us|ms|s)\s*$"}
 
