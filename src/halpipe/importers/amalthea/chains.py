@@ -112,8 +112,11 @@ class Entities:
         is_release = event.kind == "StimulusEvent" or event.get("eventType") == "activate"
         anchor = Anchor.END if is_end else Anchor.RELEASE if is_release else Anchor.START
         drafts = self._drafts(event, entity)
-        if event.kind == "ProcessEvent":  # the parts of a task that waits: its start is that of the first
-            drafts = [d for d in drafts if d.part.index == max(o.part.index for o in self.of(d.task)) * is_end]
+        if (
+            event.kind == "ProcessEvent"
+        ):  # of the parts of a task that waits, the last one ends it, the first one starts it
+            at_end = [d for d in drafts if d.part.index == max(other.part.index for other in self.of(d.task))]
+            drafts = at_end if is_end else [d for d in drafts if d.part.index == 0]
         if not drafts:
             return None
         if event.kind != "LabelEvent":

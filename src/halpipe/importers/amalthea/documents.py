@@ -50,8 +50,7 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
 
     Raise `HalpipeError` if any file named directly cannot be used, if none is left, or if their versions differ.
     """
-    read = lambda name: recognise(read_bytes(name), name)  # noqa: E731
-    documents = read_inputs(paths, (_SUFFIX,), read, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
+    documents = read_inputs(paths, (_SUFFIX,), _read_file, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
     _report_versions(documents, findings)
     findings.stop_on_errors()
     return documents
@@ -77,6 +76,10 @@ def _report_versions(documents: Sequence[Document], findings: Findings) -> None:
                     help="check the result with care, or migrate the file with APP4MC",
                 )
             )
+
+
+def _read_file(name: str) -> Document:
+    return recognise(read_bytes(name), name)
 
 
 def recognise(data: bytes, name: str) -> Document:

@@ -153,9 +153,11 @@ class Change:
             for job in self.after.jobs
             for window in (stated.of(job.shape) for stated in self.after.windows[job.task, job.shape.version])
             for number in range(self._cycles_before_steady(window, job))
-            for start in (job.start + number * self.after.hyperperiod,)
-            if not self.has_future(window, start - window.high, start - window.low)
+            if not self._is_met_later(job.start + number * self.after.hyperperiod, window)
         ]
+
+    def _is_met_later(self, start: int, window: Window) -> bool:
+        return self.has_future(window, start - window.high, start - window.low)
 
     def _cycles_before_steady(self, window: Window, job: LineJob) -> int:
         """Return in how many cycles a job may need a predecessor from before the mode after.
