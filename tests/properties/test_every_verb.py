@@ -5,6 +5,7 @@ from itertools import combinations
 
 import pytest
 
+import every_verb
 import halpipe
 from every_verb import FEATURES, PAIRS, DisagreementError, Drive, drive, system
 from halpipe.pipeline.validate import validate
@@ -40,6 +41,7 @@ def test_verbs_agree_on_every_pair_of_features(tmp_path):
 @pytest.mark.parametrize("answer", ["schedule", "explain", "verify"])
 def test_an_error_in_an_answer_is_a_disagreement(tmp_path, monkeypatch, answer):
     monkeypatch.setattr(halpipe, answer, lambda *_, **__: {}["a bug"])
+    monkeypatch.setattr(every_verb, "EXPLAINED", 1)
     _, _, failed = drive(7, 1, tmp_path, [].append)
     assert failed == [7]
     assert (tmp_path / "7" / "m.xml").is_file()

@@ -308,19 +308,6 @@ def names_of_a_group(count):
     return named("pipeline.solve.groups:_list")("task", [str(number) for number in range(count)])
 
 
-@lowered(
-    "pipeline.solve.optimise:MOST_WORK",
-    6,
-    "left",
-    _nodes=lambda *_: {0: 1},
-    _edges=lambda _, jobs, nodes: [fake(before=0, after=1)] * len(jobs),
-    _shifts=MagicMock(side_effect=ValueError("stretched")),
-)
-def work_of_an_order(count):
-    jobs = (fake(parts=()),) * count
-    return "left" if named("pipeline.solve.optimise:stretched")(None, None, jobs, 1) is jobs else ""
-
-
 @lowered("pipeline.stable:MOST_PUT_BACK", 3, "fewer")
 def tasks_that_are_put_back(count):
     module = import_module("halpipe.pipeline.stable")
@@ -382,13 +369,6 @@ def classes_of_a_mode(count):
     classes = {frozenset(map(str, range(size))): [size] for size in range(1, count + 1)}
     found = named("pipeline.validate.load:_needs_within")(classes, max(classes, key=len), False)
     return "" if len(found) == count else "alone"
-
-
-@lowered("pipeline.validate.timing:_MOST_SETS", 3, "given up")
-def common_unit_sets(count):
-    here = [fake(units=[f"u{number}"], gang=1) for number in range(count)]
-    modes = [fake(tasks={"a": fake(versions=here)}), fake(tasks={"a": fake(versions=[fake(units=["v"], gang=1)])})]
-    return "given up" if named("pipeline.validate.timing:_has_common")(fake(name="a"), modes, 1) else ""
 
 
 WORK_OF_STEPS = {3: 57, 4: 58}

@@ -43,6 +43,8 @@ SHUTTLE = Schedule(
             name="drive",
             hyperperiod=time("100ms"),
             status=Status.VALID,
+            margin=Fraction(1, 8),
+            margin_bound=Fraction(3, 4),
             jobs=(
                 Job(
                     task="lidar",

@@ -92,7 +92,7 @@ def test_a_mode_starts_as_if_all_before_it_had_been_searched_in_order():
     names = {"m0": [short], "m1": [short, long], "m2": [other], "m3": [short, other], "m4": [short, long, other]}
     system = model(short, long, other, units="u1 u2", modes=[mode(name, tasks) for name, tasks in names.items()])
     expansions = [expand(system, each) for each in system.modes]
-    modes = _Modes(system, expansions, SearchOptions(), lambda *_: True)
+    modes = _Modes(system, expansions, SearchOptions(), lambda *_: True, common={})
     found = modes.search()
     earlier = Earlier()
     for number, expansion in enumerate(expansions):

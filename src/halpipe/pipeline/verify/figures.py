@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
@@ -103,9 +103,10 @@ def _margin(table: ModeTable, stated: Fraction, bound: Fraction | None) -> Itera
     for claims in unit_claims(table.jobs).values():
         starts = sorted(start % table.period for start, _, _, _ in claims)
         for start, end, _, _ in claims:
-            later = bisect_right(starts, start % table.period)
+            at = start % table.period
+            later = bisect_left(starts, at) + 1  # behind one claim of this instant, however many there are
             following = starts[later] if later < len(starts) else starts[0] + table.period
-            found = min(found, Fraction(following - start % table.period - (end - start), end - start))
+            found = min(found, Fraction(following - at - (end - start), end - start))
     if stated != found:
         yield _wrong(table, "margin", f"{_number(stated)}; the jobs make it {_number(found)}")
     if bound is not None and bound < stated:
