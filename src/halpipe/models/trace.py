@@ -55,8 +55,9 @@ def plain(value: Any) -> Any:
 
 def groups(numbers: Column) -> Iterator[tuple[int, Column]]:
     """Yield each number of a column, from 0 on, with its places in order."""
-    is_short = numbers.size and numbers.max() < 2**15
-    order = np.argsort(numbers.astype(np.int16) if is_short else numbers, kind="stable")  # short ones are faster
+    if numbers.size and numbers.max() < 2**15:
+        numbers = numbers.astype(np.int16)  # which are sorted faster
+    order = np.argsort(numbers, kind="stable")
     for places in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
         if places.size:
             yield int(numbers[places[0]]), places

@@ -285,14 +285,15 @@ def _rows(matching: Matching, ran: Ran, due: set[str], model: TaskModel | None) 
     for number, places in groups(matching.located(matching.missing)[1]):
         missing[matching.jobs[number][1].job.task] += len(places)
     extra = {seen.names[number]: len(places) for number, places in groups(np.asarray(seen.task)[matching.extra])}
-    after = ran.end - column([matching.origin]) - ran.due - matching.of_jobs("length")[ran.job]
-    length, has_end = ran.length, ran.has_end
+    end, due_after = column(seen.end), matching.of_jobs("length") + column([matching.origin])
+    late, length, has_end = ran.late, ran.length, ran.has_end
     rows = []
     for task in sorted({*found, *missing, *extra, *due}):
         places = found.get(task, np.arange(0))
         ended = places[has_end[places]]
         longest = int(ended[np.argmax(length[ended])]) if len(ended) else None
-        starts = np.sort(ran.late[places])
+        after = end[ran.row[ended]] - ran.due[ended] - due_after[ran.job[ended]]
+        starts = np.sort(late[places])
         spread = [starts[0], quantile(starts, Fraction(1, 2)), starts[-1]] if len(starts) else []
         job = matching.jobs[ran.job[longest]][1] if longest is not None else None
         version = job.job.version if job else ""
@@ -303,7 +304,7 @@ def _rows(matching: Matching, ran: Ran, due: set[str], model: TaskModel | None) 
                 missing=missing[task],
                 extra=extra.get(task, 0),
                 **dict(zip(("least", "median", "worst"), map(Duration, map(plain, spread)), strict=False)),
-                worst_end=Duration(plain(after[ended].max())) if len(ended) else None,
+                worst_end=Duration(plain(after.max())) if len(ended) else None,
                 longest=Duration(plain(length[longest])) if longest is not None else None,
                 reserved=Duration(job.reserved) if job else None,
                 wcet=model.task(task).version(version).wcet if model and job else None,

@@ -84,8 +84,7 @@ class Judge:
     def judge(self, matching: Matching, ran: Ran, model: TaskModel | None) -> None:
         """Judge everything that ran, and what did not."""
         self._begin(matching, ran)
-        for kind, at, amounts, others in self._each() if len(ran.row) else ():
-            self._deviate(kind, at, amounts, at, others)
+        self._alone()
         lines, seen = matching.lines, matching.executions
         line_of, job_of = matching.located(matching.missing)
         np.add.at(self.by_line, line_of, 1)
@@ -123,7 +122,7 @@ class Judge:
 
         def where(kind: Kind, is_so: Column, amounts: Column = nothing) -> tuple[Kind, Column, Column, Any]:
             at = np.flatnonzero(is_so)
-            return kind, at, amounts[at], lambda _: None
+            return kind, at, nothing[: len(at)] if amounts is nothing else amounts[at], lambda _: None
 
         yield where(Kind.LATE, amounts > tolerance, amounts)
         yield where(Kind.EARLY, -amounts > tolerance, -amounts)
@@ -148,11 +147,16 @@ class Judge:
         yield Kind.PARTS, at, amounts, lambda number: outside[number][2]
         numbers: dict[frozenset[str], int] = {frozenset(): 0}
         on, stated = (
-            np.array([numbers.setdefault(each, len(numbers)) for each in units])
+            np.array([numbers.setdefault(each, len(numbers)) for each in units], dtype=np.int32)
             for units in (map(frozenset, seen.units), (each.units for _, each in matching.jobs))
         )
         own = on[np.asarray(seen.on)[ran.row]]
         yield where(Kind.UNIT, (own != 0) & (own != stated[ran.job]))
+
+    def _alone(self) -> None:
+        """Judge each job by itself; the columns of deviations are released at the return."""
+        for kind, at, amounts, others in self._each() if len(self._ran.row) else ():
+            self._deviate(kind, at, amounts, at, others)
 
     def _deviate(self, kind: Kind, at: Column, amounts: Column, rank: Column, others: Callable[[int], Any]) -> None:
         """Report executions that deviate; of each job the worst is described, of equals the one of the least rank."""
@@ -178,14 +182,6 @@ class Judge:
             message = f"{pause}, whose jobs are not counted as missing"
             self.add(Kind.PAUSE, about(mode=table.name), table.length * silent, message, at)
 
-    def _replanned(self, match: Match, *_: Instant) -> str:
-        due = Duration(self._matching.executions.planned[match.row])
-        return f"was due at {due} by its recorder, and is at {match.start + self.origin} by the schedule"
-
-    def _late_end(self, match: Match, late: Instant, _: int) -> str:
-        end = Duration(self._matching.executions.end[match.row]) - self.origin
-        return f"ends {Duration(late)} late: at {end} instead of {match.end}"
-
     def _outside(self, row: int) -> Iterator[tuple[Duration, Duration]]:
         """Yield by how much, and near which instants, a job with gaps ran outside its parts, where the trace tells.
 
@@ -204,13 +200,15 @@ class Judge:
     def _order(self, model: TaskModel | None) -> None:
         """Compare each job with those before it on its units, and with those that need the same resources."""
         matching, ran, held = self._matching, self._ran, _resources(model) if model else {}
-        seen, jobs, start, end = matching.executions, matching.jobs, ran.start, ran.end
+        seen, jobs = matching.executions, matching.jobs
+        start, end = column(seen.start), column(seen.end)
         order = np.full(len(seen.task), -1, dtype=np.int32)
         order[ran.row] = np.arange(len(ran.row))
         order = order[seen.order]
         order = order[order >= 0]
-        for times in (ran.due, start):  # of those that start at once, the job that is due first comes first
-            order = order[np.argsort(times[order], kind="stable")]
+        order = order[np.argsort(ran.due[order], kind="stable")]
+        # Of those that start at once, the job that is due first comes first.
+        order = order[np.argsort(start[ran.row[order]], kind="stable")]
         on, job = np.asarray(seen.on)[ran.row[order]], ran.job[order]
         is_bare = np.array([not names for names in seen.units], dtype=bool)[on]
         ranks: dict[str | tuple[str], list[Column]] = defaultdict(list)
@@ -226,11 +224,12 @@ class Judge:
             rank = np.sort(np.concatenate(parts))
             own = order[rank // _KEYS]
             if isinstance(name, str):
-                before, at = _after_larger(ran.due[own], ran.due[own])
+                before, at = _after_larger(due := ran.due[own], due)
                 nothing = np.zeros(len(at), dtype=np.int64)
                 self._together(Kind.ORDER, own[before], own[at], nothing, rank[at])
-            before, at = _after_larger(end[own], start[own])
-            overlap = end[own[before]] - start[own[at]]
+            rows = ran.row[own]
+            before, at = _after_larger(end[rows], start[rows])
+            overlap = end[rows[before]] - start[rows[at]]
             self._at_once(own[before], own[at], overlap, name, rank[at])
 
     def _at_once(self, before: Column, at: Column, overlap: Column, key: str | tuple[str], rank: Column) -> None:

@@ -114,7 +114,7 @@ class Matching:
 
     @classmethod
     def of(
-        cls, executions: Executions, lines: Lines, origin: Instant, parts: Sequence[_Part], *, is_whole: bool = False
+        cls, executions: Executions, lines: Lines, origin: Instant, parts: list[_Part], *, is_whole: bool = False
     ) -> Matching:
         """Assign executions to the jobs at some places of lines, in the order of the rows.
 
@@ -126,6 +126,7 @@ class Matching:
         is_exact = np.zeros(len(rows), dtype=bool)
         for part in parts:
             line[part.at], place[part.at], is_exact[part.at] = part.line, part.place, part.is_exact
+        parts.clear()  # which frees their columns
         due = np.flatnonzero(line >= 0)
         job = np.array([table.first for table in lines.table], dtype=np.int32)[line[due]] + place[due]
         slot = np.array(lines.slot)[line[due]]
