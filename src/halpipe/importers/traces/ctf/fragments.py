@@ -104,11 +104,8 @@ class _Classes:
 
     def _made(self, stated: dict[str, Any], kind: str) -> Type:
         if kind.startswith("fixed-length-"):
-            size, align, order = (
-                stated["length"],
-                power_of_two(stated.get("alignment", 1)),
-                _BYTE_ORDERS[stated["byte-order"]],
-            )
+            size, order = stated["length"], _BYTE_ORDERS[stated["byte-order"]]
+            align = power_of_two(stated.get("alignment", 1))
             if kind == "fixed-length-floating-point-number":
                 return Float(size, align, order)
             is_time = "default-clock-timestamp" in stated.get("roles", ())
