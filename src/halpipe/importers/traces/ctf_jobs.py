@@ -42,8 +42,11 @@ def read_folder(root: str, findings: Findings) -> Trace:
 class _Threads(Switches):
     def take(self, event: Event) -> None:
         """Take an event, if it is a switch."""
-        if event.name != "sched_switch":
+        at, name, cpu, _, fields = event
+        if name != "sched_switch":
             return
-        name, left, state, entered = map(event.fields.get, ("next_comm", "prev_tid", "prev_state", "next_tid"))
-        if name is not None and isinstance(left, int) and isinstance(state, int) and isinstance(entered, int):
-            self.switch(event.cpu, event.time, left, is_runnable(state), entered, str(name))
+        try:
+            left, entered, goes_on = fields["prev_tid"], fields["next_tid"], is_runnable(fields["prev_state"])
+            self.switch(cpu, at, left, goes_on, entered, str(fields["next_comm"]))
+        except (KeyError, TypeError):  # an event of the name, but not of the form
+            return

@@ -261,7 +261,8 @@ class _Join:
     def _switch(self, now: int, left: int, entered: int) -> None:
         """Add up the time that each thread has the CPU; what runs now counts up to now."""
         self._has_switches = True
-        self._switched.update((left, entered))
+        self._switched.add(left)
+        self._switched.add(entered)
         since = self._switched_in.pop(left, None)
         if since is not None:
             self._cpu_time[left] = self._cpu_time.get(left, 0) + now - since

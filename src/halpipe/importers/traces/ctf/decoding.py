@@ -144,49 +144,51 @@ def field_name(name: str) -> str:
 
 def _structure(type: Struct) -> Decoder:
     mask = max(alignment(type), 8) // 8 - 1
+    names = tuple(field_name(name) for name, _ in type.fields)
     steps: list[tuple[Any, Any, Any]] = []
-    run: list[tuple[str, Int | Float]] = []
+    run: list[Int | Float] = []
 
     def flush() -> None:
         if run:
-            layout, size, align = _layout([field for _, field in run])
-            names = tuple(field_name(name) for name, _ in run)
-            steps.append((names, struct.Struct(layout).unpack_from, (size, align - 1)))
+            layout, size, align = _layout(run)
+            steps.append((struct.Struct(layout).unpack_from, size, align - 1))
             run.clear()
 
-    for name, field in type.fields:
+    for _, field in type.fields:
         flat = field.base if isinstance(field, Enum) else field
         if not isinstance(flat, Int | Float):
             flush()
-            read_it = _variant(field, type) if isinstance(field, Variant) else decoder(field)
-            steps.append((field_name(name), None, read_it))
+            is_plain = isinstance(field, String)
+            if isinstance(field, Array) and isinstance(field.element, Int | Float):
+                is_plain = isinstance(field.length, int)
+            steps.append((None, _variant(field, type) if isinstance(field, Variant) else decoder(field), is_plain))
             continue
-        if run and (run[0][1].order != flat.order or max(8, flat.align) > max(8, run[0][1].align)):
+        if run and (run[0].order != flat.order or max(8, flat.align) > max(8, run[0].align)):
             flush()
-        run.append((name, flat))
+        run.append(flat)
     flush()
 
-    if len(steps) == 1 and steps[0][1] is not None:  # numbers only, as most are
-        ((plain, unpack_all, (whole, _)),) = steps
+    if len(steps) == 1 and steps[0][0] is not None:  # numbers only, as most are
+        ((unpack_all, whole, _),) = steps
 
         def read_numbers(data: bytes, at: int, scope: Scope) -> tuple[dict[str, Any], int]:
             at = (at + mask) & ~mask
-            return dict(zip(plain, unpack_all(data, at), strict=True)), at + whole
+            return dict(zip(names, unpack_all(data, at), strict=True)), at + whole
 
         return read_numbers
 
     def read(data: bytes, at: int, scope: Scope) -> tuple[dict[str, Any], int]:
         at = (at + mask) & ~mask
-        found: dict[str, Any] = {}
-        for names, unpack, rest in steps:
-            if unpack is None:
-                found[names], at = rest(data, at, {**scope, **found} if scope else found)
-            else:
-                size, pad = rest
-                at = (at + pad) & ~pad
-                found.update(zip(names, unpack(data, at), strict=True))
-                at += size
-        return found, at
+        values: list[Any] = []
+        for unpack, more, rest in steps:
+            if unpack is not None:
+                at = (at + rest) & ~rest
+                values += unpack(data, at)
+                at += more
+            else:  # of text and arrays of numbers, no field before it decides the length
+                value, at = more(data, at, scope if rest else {**scope, **dict(zip(names, values, strict=False))})
+                values.append(value)
+        return dict(zip(names, values, strict=True)), at
 
     return read
 

@@ -226,14 +226,13 @@ class _Trace:
                     if number is not None:
                         self._damage.packets += max(0, number - (number if following is None else following))
                         following = number + 1
-                    packet = data[at : at + size]
                     now = max(now, begin)
-                    for event in self._events(stream, context, packet, start, end):
-                        if event.time < now:
+                    for event in self._events(stream, context, data[at : at + end], start):
+                        before, now = now, event.time
+                        if now < before:
                             raise CtfError("an event precedes its packet, or the event before it")
-                        if ended and event.time > ended and not self._ends_late:
+                        if ended and now > ended and not self._ends_late:
                             raise CtfError("an event follows the end of its packet")
-                        now = event.time
                         yield event
                     ended = max(now, ended)
                     lost = int(context.get("events_discarded", discarded))
@@ -278,16 +277,12 @@ class _Trace:
             raise CtfError("the packet is cut off")
         return stream, context, position, end, size
 
-    def _events(self, stream: _Stream, packet: dict[str, Any], data: bytes, at: int, end: int) -> Iterator[Event]:
+    def _events(self, stream: _Stream, packet: dict[str, Any], data: bytes, at: int) -> Iterator[Event]:
         now, cpu = int(packet.get("timestamp_begin", 0)), int(packet.get("cpu_id", -1))
-        head, align, known = stream.head, stream.align, stream.decoders
+        head, align, known, new = stream.head, stream.align, stream.decoders, tuple.__new__
         plain = self._offset if self._frequency == 10**9 else None
-        data = data[:end]
-        while at < end:
-            at = -(-at // align) * align
-            if at >= end:
-                break
-            begin = at
+        while (begin := -(-at // align) * align) < len(data):
+            at = begin
             id, now, at = head(data, at, now)
             name, common, own, fields = known.get(id) or stream.of(id)
             context: dict[str, Any] = {}
@@ -301,7 +296,7 @@ class _Trace:
                 values, at = fields(data, at, {})
             if at == begin:
                 raise CtfError("an event has no bytes")
-            yield Event(self._ns(now) if plain is None else plain + now, name, cpu, context, values)
+            yield new(Event, (self._ns(now) if plain is None else plain + now, name, cpu, context, values))
 
     def _ns(self, cycles: int) -> int:
         return self._offset + (cycles if self._frequency == 10**9 else cycles * 10**9 // self._frequency)
