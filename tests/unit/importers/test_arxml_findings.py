@@ -16,6 +16,7 @@ WITHOUT_FIXTURE = {
     codes.SEVERAL_RATES_OF_TASK.id,
     *(code.id for code in (codes.SYNCHRONISED, codes.OTHER_START, codes.MAPS_NOTHING)),  # test_arxml_joint
     *(codes.SECOND_MAPPING.id, codes.BLUEPRINT.id),  # test_arxml_meaning
+    codes.WHOLE_JOB.id,  # test_arxml_inner
     codes.ONE_VARIANT.id,  # test_arxml_variants
     codes.OTHER_COPY.id,  # test_arxml_xdm
     codes.OLD_TIMES.id,  # test_arxml_releases

@@ -97,7 +97,7 @@ def test_synchronised_tasks_follow_the_order_that_is_stated(tmp_path):
     [
         (together("FirstStarted", "ThirdStarted"), "different periods: Pump/First, Pump/Third"),
         (together("FirstActivated", "SecondStarted"), "no start or end of just one task"),
-        (together("FirstStarted", "FirstTerminated"), 'the start and the end of "Pump/First"'),
+        (together("FirstStarted", "FirstTerminated"), 'all its events are of the task "Pump/First"'),
     ],
 )
 def test_a_synchronisation_that_no_window_states_is_lost_with_the_reason(tmp_path, constraint, why):

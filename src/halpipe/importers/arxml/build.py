@@ -6,12 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import (
-    Findings,
-    HalpipeError,
-    Location,
-    about,
-)
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.core.suggest import counted
@@ -28,10 +23,10 @@ from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.order import find_edges
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED, decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
-from halpipe.importers.arxml.tasks.requirements import find_requirements
+from halpipe.importers.arxml.tasks.requirements import Spacing, find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
 from halpipe.importers.common.base import Imported, imported
-from halpipe.models import Anchor, Binding, Match, Precedence, Task, TaskModel, Version
+from halpipe.models import Anchor, Binding, Precedence, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -233,16 +228,16 @@ def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], fin
 
 def _precedence(edge: Edge, first: Draft, second: Draft) -> Precedence:
     """State a distance as its window, and an order as the widest window that is one: a period (the longer) long."""
-    low = edge.spacing.low if edge.spacing else None
-    high = edge.spacing.high if edge.spacing else None
+    spacing = edge.spacing or Spacing(first.name, second.name, None, None, Anchor.END, edge.cause)
+    low = spacing.low or ZERO
     period = max(first.period or ZERO, second.period or ZERO)
     return Precedence(
         task=first.name,
-        min=low or ZERO,
-        max=(low or ZERO) + period if high is None else high,
-        anchor=edge.anchor,
-        to=edge.spacing.to if edge.spacing else Anchor.START,
-        match=edge.spacing.match if edge.spacing else Match.WINDOW,
+        min=low,
+        max=low + period if spacing.high is None else spacing.high,
+        anchor=spacing.anchor,
+        to=spacing.to,
+        match=spacing.match,
         origin=edge.cause.origin,
     )
 

@@ -550,6 +550,14 @@ OTHER_START = warning(
     "StartOS begins one application mode, and with it the alarms and schedule tables whose autostart names that mode. "
     "Those of OSDEFAULTAPPMODE are imported, or else of the mode that the most of them name.",
 )
+WHOLE_JOB = warning(
+    "HAL1521",
+    "Timing constraint within an OsTask counts over its jobs",
+    "With --granularity ostask, the instants of a task are the start and the end of jobs. A constraint whose event is "
+    "the start of a runnable that others precede in its OsTask, or the end of one that others follow, counts from the "
+    "start, or to the end, of the job. It is stricter than in the source, and may have no schedule where the runnables "
+    "are in time; --granularity runnable keeps its events.",
+)
 MAPS_NOTHING = warning(
     "HAL1433",
     "Rte configuration maps no event to an OsTask",

@@ -319,7 +319,8 @@ def _time(tree: Tree, node: Node, child: str) -> Duration | None:
 
 def _arrival(tree: Tree, node: Node) -> Arrival | None:
     event = tree.path_at(node, "EVENT-REF")
-    period = _time(tree, node, _period_tag(node.tag))
+    stated = {_PERIODIC: "PERIOD", _CONCRETE: "PATTERN-PERIOD"}.get(node.tag, "MINIMUM-INTER-ARRIVAL-TIME")
+    period = _time(tree, node, stated)
     offsets: tuple[Duration, ...] | None = None
     if node.tag == _PERIODIC:
         offsets = (ZERO,)
@@ -339,12 +340,6 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
         return None
     jitter = _time(tree, node, "JITTER") if node.tag == _PERIODIC else _time(tree, node, "PATTERN-JITTER")
     return Arrival(place=place_of(node), event=event, period=period, offsets=offsets, jitter=jitter)
-
-
-def _period_tag(tag: str) -> str:
-    if tag == _PERIODIC:
-        return "PERIOD"
-    return "PATTERN-PERIOD" if tag == _CONCRETE else "MINIMUM-INTER-ARRIVAL-TIME"
 
 
 def _times(node: Node, path: str) -> tuple[Duration, ...] | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
@@ -18,7 +19,7 @@ from halpipe.importers.common.polling import polling_period
 from halpipe.models import Origin
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Sequence
+    from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -362,6 +363,13 @@ class Draft:
         """The first position in the OsTask."""
         return min((p for p in map(position_of, self.members) if p is not None), default=None)
 
+    def is_within(self, calls: Collection[Activation], *, end: bool) -> bool:
+        """Return whether some calls happen within jobs: others precede them, or for their `end` follow them."""
+        works = {call.work for call in calls}
+        own = [member for member in self.members if member.work in works]
+        rest = [member for member in self.members if member.work not in works]
+        return len(works) > 1 or not (are_in_order(rest, own) if end else are_in_order(own, rest))
+
     @property
     def disabled_in(self) -> frozenset[str]:
         """The mode declarations (paths) in which no member is active."""
@@ -377,6 +385,12 @@ def _disabled_in(activation: Activation) -> tuple[str, ...]:
 def position_of(activation: Activation) -> int | None:
     """Return RtePositionInTask of an activation that an OsTask runs."""
     return activation.mapping.position if activation.mapping and activation.os_task else None
+
+
+def are_in_order(first: Iterable[Activation], second: Iterable[Activation]) -> bool:
+    """Return whether the positions in an OsTask state that it calls all of `first` before any of `second`."""
+    pairs = product(map(position_of, first), map(position_of, second))
+    return all(one is not None and other is not None and one < other for one, other in pairs)
 
 
 def group(activations: Sequence[Activation], granularity: str) -> list[Draft]:

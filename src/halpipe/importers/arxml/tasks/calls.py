@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about, named
 from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.codes import SEVERAL_RATES_OF_TASK
 from halpipe.importers.arxml.files.words import listed
 
 if TYPE_CHECKING:
@@ -172,7 +171,7 @@ def _report(calls: Sequence[Activation], period: Duration, findings: Findings) -
     assert task is not None
     rates = dict.fromkeys(f"{call.period}" + (f" from {call.offset} on" if call.offset else "") for call in calls)
     findings.report(
-        SEVERAL_RATES_OF_TASK,
+        codes.SEVERAL_RATES_OF_TASK,
         f"waits for no OsEvent and calls runnables every {listed(list(rates))}: it is activated every {period}, "
         "and each of its jobs is taken to be as long as all of them",
         at=task.place.at,

@@ -64,15 +64,14 @@ def _writes(system: System) -> Iterator[tuple[Actor, Item]]:
 def _readers(system: System) -> dict[Item, list[Actor]]:
     readers: dict[Item, list[Actor]] = {}
     for instance in system.instances:
-        for runnable in instance.component.runnables:
-            for data in runnable.reads:
-                actor = (instance.context, runnable.place.path)
-                readers.setdefault(item_at(instance.context, data), []).append(actor)
-        for event in instance.component.events:
-            if event.data is not None and event.runnable is not None:
-                known = readers.setdefault(item_at(instance.context, event.data), [])
-                if (instance.context, event.runnable) not in known:
-                    known.append((instance.context, event.runnable))
+        read = [(runnable.place.path, data) for runnable in instance.component.runnables for data in runnable.reads]
+        read += [
+            (e.runnable, e.data) for e in instance.component.events if e.data is not None and e.runnable is not None
+        ]
+        for path, data in read:
+            known = readers.setdefault(item_at(instance.context, data), [])
+            if (instance.context, path) not in known:
+                known.append((instance.context, path))
     return readers
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
@@ -13,9 +14,9 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
-from halpipe.importers.arxml.tasks.activation import position_of
+from halpipe.importers.arxml.tasks.activation import are_in_order
 from halpipe.importers.arxml.tasks.periods import senders_of
-from halpipe.importers.arxml.tasks.requirements import Requirements, Spacing, paths_of
+from halpipe.importers.arxml.tasks.requirements import Requirements, Spacing, paths_of, report_inner
 from halpipe.models import Anchor, Match
 
 if TYPE_CHECKING:
@@ -23,13 +24,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
-    from halpipe.importers.arxml.system.values import (
-        Order,
-        Ordered,
-        Place,
-        Synchronisation,
-        System,
-    )
+    from halpipe.importers.arxml.system.values import Order, Ordered, Place, Synchronisation, System
     from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
 
@@ -46,11 +41,6 @@ class Edge:
     cause: Place
     spacing: Spacing | None = None
     also: tuple[Place, ...] = ()
-
-    @property
-    def anchor(self) -> Anchor:
-        """Instant of the first task from which the window counts."""
-        return self.spacing.anchor if self.spacing else Anchor.END
 
 
 def find_edges(
@@ -74,7 +64,7 @@ def find_edges(
 
 
 def _synchronised(
-    together: Sequence[tuple[Synchronisation, Mapping[str, Anchor]]],
+    together: Sequence[tuple[Synchronisation, Mapping[str, tuple[Anchor, ...]]]],
     edges: Sequence[Edge],
     drafts: Sequence[Draft],
     findings: Findings,
@@ -90,17 +80,10 @@ def _synchronised(
     for cause, instants in together:
         first, *others = sorted(instants, key=rank.__getitem__)
         for other in others:
-            window = Spacing(
-                first,
-                other,
-                ZERO,
-                cause.tolerance,
-                instants[first],
-                cause.place,
-                instants[other],
-                Match.CYCLE,
-            )
-            yield Edge(first, other, cause.place, window)
+            for to in instants[other]:
+                begin, most = instants[first][0], cause.tolerance
+                window = Spacing(first, other, ZERO, most, begin, cause.place, to, Match.CYCLE)
+                yield Edge(first, other, cause.place, window)
         cause.place.report(
             findings,
             codes.SYNCHRONISED,
@@ -128,6 +111,7 @@ def _from_constraints(system: System, drafts: Sequence[Draft], findings: Finding
             for path in paths_of(member):
                 by_path.setdefault(path, []).append((draft, member))
     _report_lost(system, by_path.keys(), findings)
+    inner: dict[Place, list[Draft]] = {}
     for order in system.orders:
         same_type = order.first.path.rpartition("/")[0] == order.second.path.rpartition("/")[0]
         is_named = bool(order.first.prototype or order.second.prototype)
@@ -135,19 +119,22 @@ def _from_constraints(system: System, drafts: Sequence[Draft], findings: Finding
             for other, second in _in_context(by_path, order.second):
                 is_meant = is_named or not same_type or first.context == second.context
                 if is_meant and (draft is not other or _is_kept_inside(order, draft, first, second, findings)):
+                    ends = [(draft, first, True), (other, second, False)] if draft is not other else []
+                    inner.setdefault(order.place, []).extend(t for t, m, end in ends if t.is_within([m], end=end))
                     yield Edge(draft.name, other.name, order.place)
+    for place, found in inner.items():
+        report_inner(place, found, findings)
 
 
 def _is_kept_inside(order: Order, draft: Draft, first: Activation, second: Activation, findings: Findings) -> bool:
     """Whether the positions in one OsTask state an order, too; report one that they contradict, or leave open."""
-    one, other = position_of(first), position_of(second)
-    if one is not None and other is not None and one < other:
+    if are_in_order([first], [second]):
         return True
     order.place.report(
         findings,
         codes.ORDER_LOST,
         f'orders "{first.name}" before "{second.name}", which "{draft.name}" runs '
-        + ("in no stated order" if one is None or other is None or one == other else "the other way round"),
+        + ("the other way round" if are_in_order([second], [first]) else "in no stated order"),
         help="correct RtePositionInTask, or the constraint",
     )
     return False
@@ -259,7 +246,11 @@ def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator
 
 def without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
     """Keep edges in order of strength, leaving out and reporting every one that would close a cycle."""
-    if _is_acyclic(edges):
+    sorter: TopologicalSorter[str] = TopologicalSorter()
+    for edge in edges:
+        sorter.add(edge.second, edge.first)
+    with suppress(CycleError):
+        sorter.prepare()
         return edges
     kept: list[Edge] = []
     successors: dict[str, list[str]] = {}
@@ -277,17 +268,6 @@ def without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
         kept.append(edge)
         successors.setdefault(edge.first, []).append(edge.second)
     return kept
-
-
-def _is_acyclic(edges: list[Edge]) -> bool:
-    sorter: TopologicalSorter[str] = TopologicalSorter()
-    for edge in edges:
-        sorter.add(edge.second, edge.first)
-    try:
-        sorter.prepare()
-    except CycleError:
-        return False
-    return True
 
 
 def _way(successors: dict[str, list[str]], start: str, end: str) -> list[str]:

@@ -6,16 +6,17 @@ tasks that its events belong to."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
+from halpipe.importers.arxml.tasks.activation import are_in_order
 from halpipe.models import Anchor, Chain, Match
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
@@ -35,15 +36,7 @@ if TYPE_CHECKING:
 _MOST_STEPS = 10_000
 """Events along a chain and its segments."""
 _BEGINNINGS = ("activated", "started")
-# The instants of jobs that timing description events are, at the beginning and at the end of a chain.
-_BEGIN = {
-    "activated": Anchor.RELEASE,
-    "started": Anchor.START,
-    "received": Anchor.START,
-    "terminated": Anchor.END,
-    "sent": Anchor.END,
-}
-_END = _BEGIN | {"activated": Anchor.START}
+_ENDS = ("terminated", "sent")
 
 
 @record
@@ -64,24 +57,47 @@ class Spacing:
 class Requirements:
     """Requirements on tasks, by name, and the elements that they were read from.
 
-    `together` are tasks with the instant of each that are to be within a tolerance of each other.
+    `together` are tasks with the instants of each that are to be within a tolerance of each other.
     """
 
     deadlines: dict[str, Duration] = field(default_factory=dict)
     lets: dict[str, Duration] = field(default_factory=dict)
     spacings: list[Spacing] = field(default_factory=list)
-    together: list[tuple[Synchronisation, dict[str, Anchor]]] = field(default_factory=list)
+    together: list[tuple[Synchronisation, dict[str, tuple[Anchor, ...]]]] = field(default_factory=list)
     chains: list[Chain] = field(default_factory=list)
     used: list[Place] = field(default_factory=list)
 
 
 @record
 class _Occurrence:
-    """An observable event of one task, in one component instance."""
+    """An observable event of one task, in one component instance, and the calls of the task at which it happens."""
 
     observable: Observable
-    task: str
-    context: tuple[str, ...]
+    draft: Draft
+    calls: tuple[Activation, ...]
+
+    @property
+    def context(self) -> tuple[str, ...]:
+        return self.calls[0].context
+
+    @property
+    def anchors(self) -> tuple[Anchor, ...]:
+        """The start or the end of jobs at which it happens; both where it may happen between them."""
+        what = self.observable.what
+        end = what in _ENDS
+        if what != "activated" and self.draft.is_within(self.calls, end=end):
+            return (Anchor.START, Anchor.END)
+        return (Anchor.END if end else Anchor.START,)
+
+    @property
+    def is_slower(self) -> bool:
+        """Whether it may happen less often than jobs of its task."""
+        return any(call.called_every is not None for call in self.calls)
+
+    def is_before(self, other: _Occurrence) -> bool:
+        """Return whether a job that both belong to has `other` at the same call, or at a later one."""
+        works = {call.work for call in self.calls}
+        return are_in_order(self.calls, [call for call in other.calls if call.work not in works])
 
 
 def paths_of(member: Activation) -> set[str]:
@@ -94,6 +110,27 @@ def find_requirements(system: System, drafts: Sequence[Draft], dataflow: DataFlo
     return _Finder(system, drafts, dataflow, findings).find()
 
 
+def report_inner(place: Place, drafts: Iterable[Draft], findings: Findings) -> None:
+    """Report a constraint that counts over jobs of some tasks, within which its events are."""
+    if names := listed(list(dict.fromkeys(draft.name for draft in drafts))):
+        message = f"counts from the start, or to the end, of jobs of {names}, which call other runnables there"
+        help = "keep its events with --granularity runnable, or let them be at the first, or last, runnable"
+        place.report(findings, codes.WHOLE_JOB, message, help=help)
+
+
+def _why_lost(way: Sequence[_Occurrence]) -> str:
+    """Return why jobs do not have the events of a chain as its limits need them; nothing if they do."""
+    if slower := next((event for event in way if event.is_slower), None):
+        return f'"{slower.draft.name}" is activated more often than what it limits is called'
+    first, last = way[0], way[-1]
+    for one, other in pairwise(way):
+        if one.draft is other.draft and not one.is_before(other):
+            return f'"{one.draft.name}" does not call, or may not call, its events in their order'
+    is_turned = first.observable.what in _ENDS and last.observable.what not in _ENDS
+    is_one_call = all(event.draft is first.draft for event in way) and last.is_before(first)
+    return "it ends before it begins" if is_turned and is_one_call else ""
+
+
 class _Finder:
     def __init__(self, system: System, drafts: Sequence[Draft], dataflow: DataFlow, findings: Findings) -> None:
         self._findings = findings
@@ -101,16 +138,13 @@ class _Finder:
         self._system = system
         self._observables = {observable.place.path: observable for observable in system.timing.observables}
         self._chains = {chain.place.path: chain for chain in system.timing.chains}
-        self._tasks: dict[str, list[tuple[str, tuple[str, ...]]]] = {}
-        self._by_actor: dict[Actor, list[str]] = {}
+        self._calls: dict[str, list[tuple[Draft, Activation]]] = {}
+        self._by_actor: dict[Actor, list[tuple[Draft, Activation]]] = {}
         self._drafts = {draft.name: draft for draft in drafts}
-        self._slower: set[tuple[str, str]] = set()
         for draft in drafts:
             for member in draft.members:
-                self._tasks.setdefault(member.place.path, []).append((draft.name, member.context))
-                self._by_actor.setdefault(member.actor, []).append(draft.name)
-                if member.called_every is not None:
-                    self._slower |= {(draft.name, member.place.path), (draft.name, "")}
+                self._calls.setdefault(member.place.path, []).append((draft, member))
+                self._by_actor.setdefault(member.actor, []).append((draft, member))
         self._result = Requirements()
         self._names: set[str] = set()
 
@@ -140,28 +174,21 @@ class _Finder:
         observable = self._observables.get(path or "")
         if observable is None:
             return []
-        found = self._tasks.get(observable.subject, []) if not observable.port else self._at_port(observable)
-        return [
-            _Occurrence(observable, task, context)
-            for task, context in dict.fromkeys(found)
-            if observable.prototype is None or observable.prototype in context
-        ]
+        found: dict[tuple[str, tuple[str, ...]], tuple[Draft, list[Activation]]] = {}
+        for draft, call in self._at_port(observable) if observable.port else self._calls.get(observable.subject, ()):
+            if observable.prototype is None or observable.prototype in call.context:
+                found.setdefault((draft.name, call.context), (draft, []))[1].append(call)
+        return [_Occurrence(observable, draft, tuple(calls)) for draft, calls in found.values()]
 
-    def _at_port(self, observable: Observable) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Yield the tasks of the runnables that write (or read) a data element at a port of their component."""
+    def _at_port(self, observable: Observable) -> Iterator[tuple[Draft, Activation]]:
+        """Yield the calls, with their tasks, of the runnables that write (or read) a data element at a port."""
         for instance in self._system.instances:
             for runnable in instance.component.runnables:
                 items = runnable.writes if observable.what == "sent" else runnable.reads
                 events = [e.data for e in instance.component.events if e.runnable == runnable.place.path and e.data]
                 accessed = [*items, *(events if observable.what == "received" else [])]
                 if any(i.port == observable.port and i.element == observable.subject for i in accessed):
-                    for task in self._by_actor.get((instance.context, runnable.place.path), ()):
-                        yield task, instance.context
-
-    def _is_slower(self, occurrence: _Occurrence) -> bool:
-        """Whether an event may occur less often than jobs of its task."""
-        observable = occurrence.observable
-        return (occurrence.task, "" if observable.port else observable.subject) in self._slower
+                    yield from self._by_actor.get((instance.context, runnable.place.path), ())
 
     # ------------------------------------------------------------------------------------------- chains
 
@@ -188,20 +215,22 @@ class _Finder:
             for place in (chain.place, *(limit.place for limit in limits)):
                 self._lost(place, why)
             return
-        slower = next((o for way in ways for o in way if self._is_slower(o)), None)
-        if slower is not None:
+        if why := next(filter(None, map(_why_lost, ways)), ""):
             for limit in limits:
-                self._lost(limit.place, f'"{slower.task}" is activated more often than what it limits is called')
+                self._lost(limit.place, why)
             return
+        inner = [end.draft for way in ways for end in (way[0], way[-1]) if len(end.anchors) > 1]
+        for limit in limits:
+            report_inner(limit.place, inner, self._findings)
         for way in ways:
-            tasks = tuple(task for task, _ in groupby(occurrence.task for occurrence in way))
-            first, last = way[0].observable.what, way[-1].observable.what
-            if len(tasks) > 1 or first not in _BEGINNINGS or last != "terminated":
-                self._cause_effect(chain, limits, tasks, way, is_one_of_several=len(ways) > 1)
+            task, first, last = way[0].draft, way[0].observable.what, way[-1].observable.what
+            if any(event.draft is not task for event in way) or first not in _BEGINNINGS or last != "terminated":
+                label = f"@{way[0].context[-1].rpartition('/')[2]}" if len(ways) > 1 else ""
+                self._cause_effect(chain.place.name + label, chain.place, limits, way)
                 continue
             for limit in limits:
-                known = self._result.deadlines.get(tasks[0])
-                self._result.deadlines[tasks[0]] = limit.maximum if known is None else min(known, limit.maximum)
+                known = self._result.deadlines.get(task.name)
+                self._result.deadlines[task.name] = limit.maximum if known is None else min(known, limit.maximum)
         self._result.used += [limit.place for limit in limits]
         self._result.used += [self._observables[path].place for path in steps if path is not None]
         self._result.used += [chain.place, *(self._chains[p].place for p in chain.segments if p in self._chains)]
@@ -215,69 +244,62 @@ class _Finder:
             way = [first]
             for candidates in steps[1:]:
                 same = [c for c in candidates if c.context == way[-1].context] or candidates
-                alike = [c for c in same if c.task == way[-1].task] or same
-                if len({c.task for c in alike}) != 1:
+                alike = [c for c in same if c.draft.name == way[-1].draft.name] or same
+                if len({c.draft.name for c in alike}) != 1:
                     return None
                 way.append(alike[0])
             ways.append(way)
         return ways
 
-    def _cause_effect(
-        self,
-        chain: EventChain,
-        limits: list[Limit],
-        tasks: tuple[str, ...],
-        way: Sequence[_Occurrence],
-        *,
-        is_one_of_several: bool,
-    ) -> None:
+    def _cause_effect(self, name: str, place: Place, limits: list[Limit], way: list[_Occurrence]) -> None:
         """Make a chain: its latency is limited from event to event, but what comes at a port may just miss a job."""
-        label = f"@{way[0].context[-1].rpartition('/')[2]}" if is_one_of_several else ""
-        begin, end = _BEGIN[way[0].observable.what], _END[way[-1].observable.what]
-        if len(tasks) == 1 and (begin, end) == (Anchor.END, Anchor.START):
-            for limit in limits:
-                self._lost(limit.place, "it ends before it begins")
-            return
+        begin = Anchor.RELEASE if way[0].observable.what == "activated" else way[0].anchors[0]
+        end = way[-1].anchors[-1]
         ages = [limit.maximum for limit in limits if limit.is_age]
         reactions = [limit.maximum for limit in limits if not limit.is_age]
         is_from_outside = way[0].observable.what == "received"
         most = min(reactions, default=None)
         self._result.chains.append(
             Chain(
-                name=unique_name(legal_name(chain.place.name + label), self._names),
-                tasks=tasks,
+                name=unique_name(legal_name(name), self._names),
+                tasks=tuple(task for task, _ in groupby(occurrence.draft.name for occurrence in way)),
                 max_latency=None if is_from_outside else most,
                 max_reaction=most if is_from_outside else None,
                 max_age=min(ages, default=None),
                 anchor=None if begin is Anchor.START else begin,
                 to=None if end is Anchor.END else end,
-                origin=chain.place.origin,
+                origin=place.origin,
             )
         )
 
     def _age(self, limit: Limit) -> None:
         """Make chains of an AGE-CONSTRAINT: from every task that sends the data to the task that reads it."""
-        found = False
+        found, why = False, "no task sends the data that it limits the age of"
+        inner: list[Draft] = []
         for reader in self._occurrences(limit.scope):
             observable = reader.observable
             item = (reader.context, observable.port), observable.subject.rpartition("/")[2]
             for sender in self._dataflow.senders.get(item, ()):
-                for task in self._by_actor.get(sender, ()):
-                    if task == reader.task:
+                for draft, call in self._by_actor.get(sender, ()):
+                    if draft is reader.draft:
+                        why = f'"{draft.name}" both sends and reads the data that it limits the age of'
                         continue
                     found = True
+                    inner += [draft] * draft.is_within([call], end=False)
+                    inner += [reader.draft] * reader.draft.is_within(reader.calls, end=True)
                     self._result.chains.append(
                         Chain(
                             name=unique_name(legal_name(limit.place.name), self._names),
-                            tasks=(task, reader.task),
+                            tasks=(draft.name, reader.draft.name),
                             max_age=limit.maximum,
                             origin=limit.place.origin,
                         )
                     )
+        report_inner(limit.place, inner, self._findings)
         if found:
             self._result.used += [limit.place, self._observables[limit.scope].place]
-        else:
-            self._lost(limit.place, "no task sends the data that it limits the age of")
+        if not found or why.startswith('"'):
+            self._lost(limit.place, why)
 
     # --------------------------------------------------------------------------------------- distances
 
@@ -289,38 +311,54 @@ class _Finder:
         if any(target.observable.what not in _BEGINNINGS for target in targets):
             self._lost(distance.place, "it ends elsewhere than at the beginning of a runnable")
             return
+        inner: list[Draft] = []
         pairs = [(s, t) for t in targets for s in [s for s in sources if s.context == t.context] or sources]
         for source, target in pairs:
-            if source.task == target.task:
-                self._lost(distance.place, f'both events are of the task "{source.task}"')
+            if source.draft.name == target.draft.name:
+                self._lost(distance.place, f'both events are of the task "{source.draft.name}"')
+            elif source.is_slower:
+                self._lost(distance.place, f'"{source.draft.name}" is activated more often than its source is called')
             else:
-                is_start = source.observable.what in _BEGINNINGS
-                anchor = Anchor.START if is_start else Anchor.END
-                self._result.spacings.append(
-                    Spacing(source.task, target.task, distance.minimum, distance.maximum, anchor, distance.place)
-                )
+                inner += [event.draft for event in (source, target) if len(event.anchors) > 1]
+                most = [] if distance.maximum is None else [(source.anchors[0], target.anchors[-1])]
+                ends = dict.fromkeys([(source.anchors[-1], target.anchors[0]), *most])
+                match = Match.WINDOW if len(ends) == 1 else Match.CYCLE
+                names, limits = (source.draft.name, target.draft.name), (distance.minimum, distance.maximum)
+                self._result.spacings += [Spacing(*names, *limits, a, distance.place, b, match) for a, b in ends]
+        report_inner(distance.place, inner, self._findings)
         self._result.used += [self._observables[path].place for path in (distance.source, distance.target)]
 
     def _together(self, synchronisation: Synchronisation) -> None:
         """Note the tasks whose jobs of each cycle are to start, or end, within a tolerance of each other."""
-        found: dict[str, Anchor] = {}
+        found: dict[str, tuple[Anchor, ...]] = {}
+        inner: list[Draft] = []
         for path in synchronisation.events:
             occurrences = self._occurrences(path)
-            if len(occurrences) != 1 or _BEGIN[occurrences[0].observable.what] is Anchor.RELEASE:
+            if len(occurrences) != 1 or occurrences[0].observable.what == "activated":
                 self._lost(synchronisation.place, f"{path} is no start or end of just one task")
                 return
             (one,) = occurrences
-            if found.setdefault(one.task, _BEGIN[one.observable.what]) is not _BEGIN[one.observable.what]:
-                self._lost(synchronisation.place, f'it names the start and the end of "{one.task}"')
-                return
+            inner += [one.draft] * (len(one.anchors) > 1)
+            anchors = {*one.anchors, *found.get(one.draft.name, ())}
+            found[one.draft.name] = tuple(anchor for anchor in (Anchor.START, Anchor.END) if anchor in anchors)
+        place, tolerance = synchronisation.place, synchronisation.tolerance
+        whole = [task for task, anchors in found.items() if len(anchors) > 1]
+        why = ""
         if len(found) == 1:
-            self._lost(synchronisation.place, f'all its events are of the task "{next(iter(found))}"')
+            why = f'all its events are of the task "{next(iter(found))}"'
+        elif len({self._drafts[task].period for task in found}) > 1:
+            why = f"its tasks recur at different periods: {listed(sorted(found))}"
+        elif whole and not tolerance:
+            why = f"its events are apart within jobs of {listed(whole)}"
+        if why:
+            self._lost(place, why)
             return
-        if len({self._drafts[task].period for task in found}) > 1:
-            self._lost(synchronisation.place, f"its tasks recur at different periods: {listed(sorted(found))}")
-            return
+        for task in whole:  # as long as all the events may be apart
+            name = unique_name(legal_name(f"{place.name}@{task}"), self._names)
+            self._result.chains.append(Chain(name=name, tasks=(task,), max_latency=tolerance, origin=place.origin))
+        report_inner(place, inner, self._findings)
         self._result.together.append((synchronisation, found))
-        self._result.used += [synchronisation.place, *(self._observables[p].place for p in synchronisation.events)]
+        self._result.used += [place, *(self._observables[p].place for p in synchronisation.events)]
 
     def _let(self, let: LetGroup, limits: Sequence[Limit]) -> None:
         """Give the tasks of a group the length of its LET interval as their logical execution time."""

@@ -13,7 +13,6 @@ from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.codes import BUDGETS, LOCK_LOST, LOCKS_HELD
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
 from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.timing import ANALYSED
@@ -134,7 +133,7 @@ def _budgets(
     if found:
         message = f"the execution budgets of OsTasks are the WCETs of {len(found)} tasks: {listed(list(found))}"
         first_of = next(draft for draft in drafts if draft.name in found)
-        findings.report(BUDGETS, message, at=first_of.place.at)
+        findings.report(codes.BUDGETS, message, at=first_of.place.at)
     return found
 
 
@@ -262,7 +261,7 @@ class Locking:
             unknown = [name for name in members if not all(version.wcet for version in tasks[name].versions)]
             if unknown:
                 message = f"is not imported, since {listed(unknown)} have no WCET: jobs that hold it may overlap"
-                lock.place.report(findings, LOCK_LOST, message, help="state the WCETs in an overlay")
+                lock.place.report(findings, codes.LOCK_LOST, message, help="state the WCETs in an overlay")
                 continue
             resource = Resource(name=unique_name(lock.name, taken), kind=ResourceKind.LOCK, origin=lock.place.origin)
             made.append((lock, resource))
@@ -272,7 +271,7 @@ class Locking:
                 self.coverage.defaulted(element, f'lock "{resource.name}"', "held by whole jobs", lock.place.at)
         if made:
             message = f"{len(made)} locks are held by whole jobs: {listed([resource.name for _, resource in made])}"
-            findings.report(LOCKS_HELD, message, at=made[0][0].place.at)
+            findings.report(codes.LOCKS_HELD, message, at=made[0][0].place.at)
         resources = (*model.resources, *(resource for _, resource in made))
         return replace(model, resources=resources, tasks=tuple(tasks.values())), tuple(findings.items)
 
