@@ -33,7 +33,7 @@ Fields = dict[int, list[Any]]
 
 _BEGIN, _END = 1, 2
 _UNKNOWN = -1
-_CHUNK = 2**20
+_CHUNK = 2**20  # bytes that are read, and switches that are followed, at once
 _LONGEST_HEAD = 20
 _MALFORMED = (ValueError, IndexError, TypeError, AttributeError, OverflowError, zlib.error)
 _BOOTTIME = 6
@@ -310,8 +310,7 @@ class _Reader:
         at, left = 0, _UNKNOWN
         for delta, state, entered, name in zip(*columns, strict=True):
             at += delta
-            goes_on = is_runnable(_signed(state))
-            self._switched(names[name], at, cpu, left, goes_on, entered)
+            self._switched(names[name], at, cpu, left, is_runnable(_signed(state)), entered)
             left = entered
 
     def _switched(self, name: str, *values: int) -> None:
@@ -324,11 +323,13 @@ class _Reader:
         order = np.lexsort((at, cpu))
         before = np.where(np.diff(cpu[order], prepend=-1), 0, np.roll(entered[order], 1))
         left[order] = np.where(left[order] == _UNKNOWN, before, left[order])
+        del before
         order = order[np.argsort(at[order], kind="stable")]
         switches, names = Switches(self.file, self.findings), [*self.names]
-        for now, on, leaves, goes_on, enters, name in zip(*(each[order].data for each in columns), strict=True):
-            called = names[name] or self.threads.get(enters, str(enters))
-            switches.switch(on, now, leaves, bool(goes_on), enters, called)
+        for part in np.array_split(order, len(order) // _CHUNK + 1):
+            for now, on, leaves, goes_on, enters, name in zip(*(each[part].data for each in columns), strict=True):
+                called = names[name] or self.threads.get(enters, str(enters))
+                switches.switch(on, now, leaves, bool(goes_on), enters, called)
         return switches.trace()
 
     def _process_of(self, track: int) -> int:

@@ -282,8 +282,7 @@ class _Trace:
         head, align, known, new = stream.head, stream.align, stream.decoders, tuple.__new__
         plain = self._offset if self._frequency == 10**9 else None
         while (begin := -(-at // align) * align) < len(data):
-            at = begin
-            id, now, at = head(data, at, now)
+            id, now, at = head(data, begin, now)
             name, common, own, fields = known.get(id) or stream.of(id)
             context: dict[str, Any] = {}
             if common is not None:
