@@ -73,7 +73,7 @@ def test_prepare_schedule_export_of_a_set_without_sources(halpipe, tmp_path):
     _, tables = single()
     system = model(task("a", "5ms", version("v", "1ms", "u1")), units="u1")
     on_disk(tmp_path, system, tables)
-    assert "1 versions have longer phases" in halpipe("deploy", "prepare", "model.xml", "-o", "ready.xml", "--dummy")
+    assert "longer phases now: 1 version" in halpipe("deploy", "prepare", "model.xml", "-o", "ready.xml", "--dummy")
     assert (tmp_path / FILE).is_file()
     assert "name a file" in halpipe("deploy", "prepare", "model.xml", "-o", "-", "--dummy", code=2)
     assert "long enough" in halpipe("deploy", "prepare", "ready.xml", "-o", "again.xml")

@@ -173,8 +173,9 @@ class Judge:
 
     def _pauses(self, matching: Matching) -> None:
         lines = matching.lines
+        first_of = {cycle: line for line, cycle in reversed([*enumerate(lines.cycle)])}
         for before, after in lines.pauses:
-            line, silent = lines.cycle.index(after), after - before - 1
+            line, silent = first_of[after], after - before - 1
             table = lines.table[line]
             rows = matching.slots[lines.slot[line] : lines.slot[line + 1]]
             at = next((matching.executions.row(row).at for row in rows[rows >= 0][:1].tolist()), NOWHERE)
