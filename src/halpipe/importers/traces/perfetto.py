@@ -285,9 +285,8 @@ class _Reader:
         if kind not in (_BEGIN, _END):
             self.others[f"events of type {kind}"] += 1
             return None
-        name = ""
-        if kind == _BEGIN:
-            name = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or "(no name)"
+        stated = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or "(no name)"
+        name = stated if kind == _BEGIN else ""
         track = _one(event, 11, sequence.track)
         marks = self.marks.get(track) or self.marks.setdefault(track, Marks())
         return marks, at, kind == _BEGIN, self.names.setdefault(name, len(self.names))
@@ -344,6 +343,7 @@ class _Reader:
 
     def _slices(self) -> list[Trace]:
         lines: dict[int, Executions] = {}
+        self.known.clear()  # it would keep the marks of each track
         names, odd, left = [*self.names], Oddities(), 0
         for track in [*self.marks]:
             marks = self.marks.pop(track)
