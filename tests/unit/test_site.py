@@ -13,14 +13,15 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.slow  # Sphinx reads every page
 @pytest.mark.skipif(not find_spec("sphinx") or not find_spec("furo"), reason="the extra [docs]")
 def test_the_site_builds_without_a_warning_and_has_every_page(tmp_path):
-    command = [sys.executable, str(ROOT / "docs" / "site" / "build.py"), str(tmp_path / "site")]
+    command = [sys.executable, str(ROOT / "docs" / "site" / "build.py"), str(tmp_path), "1.2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     pages = [page for page in (ROOT / "docs").rglob("*.md") if "site" not in page.parts]
-    made = [tmp_path / "site" / "docs" / page.relative_to(ROOT / "docs").with_suffix(".html") for page in pages]
+    site = tmp_path / "1.2"
+    made = [site / "docs" / page.relative_to(ROOT / "docs").with_suffix(".html") for page in pages]
     assert [page.name for page in made if not page.exists()] == []
-    assert (tmp_path / "site" / "search.html").exists()
-    beside = (tmp_path / "site" / "index.html").read_text(encoding="utf-8").partition("sidebar-tree")[2]
+    assert (site / "search.html").exists()
+    beside = (site / "index.html").read_text(encoding="utf-8").partition("sidebar-tree")[2]
     lessons = [beside.index(f"tutorial/{page}.html") for page in ("first-model", "roboracer", "drive-roboracer")]
     assert lessons == sorted(lessons)
 
