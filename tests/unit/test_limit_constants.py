@@ -129,10 +129,10 @@ def formula(text):
     return evaluate(element, lambda *_: None)
 
 
-@limit("importers.amalthea.chains:_MOST_COMBINATIONS", 20_000)
+@limit("importers.amalthea.entities:_MOST_COMBINATIONS", 20_000)
 def combinations_of_activations_besides_one(count):
     forest = named("importers.amalthea.xmi:Forest")((), Findings())
-    named("importers.amalthea.chains:combined")(forest, SimpleNamespace(at=Location(), path="e"), range(count + 1))
+    named("importers.amalthea.entities:combined")(forest, SimpleNamespace(at=Location(), path="e"), range(count + 1))
 
 
 @limit("importers.arxml.files.formulas:_MAX_DEPTH", 40, "nested too deep")

@@ -21,7 +21,8 @@ from halpipe.core.durations import ZERO, Duration, least_common_multiple
 from halpipe.core.quantities import quoted
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.chains import Chained, Entities, Place, combined, read_chains
+from halpipe.importers.amalthea.chains import Chained, read_chains
+from halpipe.importers.amalthea.entities import Entities, Place, combined
 from halpipe.importers.amalthea.xmi import legal
 from halpipe.models import Anchor, Match, Origin, Precedence
 
