@@ -153,3 +153,5 @@ def test_the_jitter_of_an_os_task_is_the_least_of_its_runnables(tmp_path):
     ]
     imported = pump(tmp_path, extension([BEGIN, START], *wanted), HOSTED, granularity="ostask")
     assert imported.model.task("Main").slack == Fraction(1, 10)
+    (second,) = found(imported, codes.TIMING_PART_LOST)
+    assert 'JITTER of a call within the jobs of "Main"' in second.message

@@ -186,7 +186,7 @@ def _tasks(
             Task(
                 name=draft.name,
                 period=draft.period,
-                slack=min((s for m in draft.members if (s := slack_of(m, findings)) is not None), default=Fraction(0)),
+                slack=_slack(draft, findings),
                 offset=draft.offset,
                 deadline=required.deadlines.get(draft.name),
                 let=required.lets.get(draft.name),
@@ -201,6 +201,17 @@ def _tasks(
             )
         )
     return tasks
+
+
+def _slack(draft: Draft, findings: Findings) -> Fraction:
+    """Return the least slack of the calls of a task; report calls within its jobs, which may be later still."""
+    found = [(member, share) for member in draft.members if (share := slack_of(member, findings)) is not None]
+    for member, _ in found:
+        if draft.is_within([member], end=False):
+            message = f'JITTER of a call within the jobs of "{draft.name}" is imported as slack of the jobs\' start'
+            help = "state the slack of the task in the overlay, or use --granularity runnable"
+            member.place.report(findings, codes.TIMING_PART_LOST, message, help=help)
+    return min((share for _, share in found), default=Fraction(0))
 
 
 def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], findings: Findings) -> Version:
