@@ -239,7 +239,7 @@ def headers_of_a_unit(count):
 def written(use, **members):
     """Return what is wrong with the members of a JSON file when they are used."""
     findings = Findings()
-    use(Fields.of_json(json.dumps(members).encode(), "f.json", findings, BAD_VALUE, "write it again"))
+    use(Fields.sealed(json.dumps(members).encode(), "f.json", findings, BAD_VALUE, "write it again"))
     return " ".join(found.message for found in findings.items if "lacks" not in found.message)
 
 

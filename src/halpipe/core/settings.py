@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from halpipe.core.diagnostics import Location, error
-from halpipe.core.files import Number, YamlList, YamlMap, parse_json
+from halpipe.core.files import Number, YamlList, YamlMap, parse_json, parse_yaml
 from halpipe.core.quantities import quoted, whole
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
@@ -97,10 +97,10 @@ class Fields:
         self.allow(keys, inside)
 
     @classmethod
-    def of_json(cls, content: bytes, file: str, findings: Findings, code: Code, help: str) -> Fields:
-        """Return the mapping of a JSON file that people do not edit; an empty one where the text has none."""
+    def sealed(cls, content: bytes, file: str, findings: Findings, code: Code, help: str) -> Fields:
+        """Return the mapping of a JSON or YAML file that people do not edit; an empty one where the text has none."""
         try:
-            data = parse_json(content)
+            data = parse_json(content) if file.endswith(".json") else parse_yaml(content, file)
             message = "" if isinstance(data, YamlMap) else "is no mapping"
         except ValueError as failure:
             message = str(failure)

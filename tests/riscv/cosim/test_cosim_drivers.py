@@ -163,11 +163,24 @@ def test_a_file_of_drivers_that_states_others_is_found(driven, tmp_path):
     assert "HAL1057" in {d.code for d in found}
 
 
-@pytest.mark.parametrize("text", ["inputs: 3", "inputs: [{function: f}]", "[]", "outputs: [7]"])
-def test_a_file_of_drivers_that_is_none_is_refused(driven, tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("inputs: 3", "\"inputs\" is the text '3'; it must be a list"),
+        ("inputs: [{function: f}]", 'lacks the key "buffer"'),
+        ("outputs: [{buffer: [a, b], function: f}]", '"buffer" is a list; it must be a text'),
+        ("outputs: [{buffer: b, function: f, task: {a: 1}}]", '"task" is a mapping; it must be a text'),
+        ("requests: {}", '"requests" is a mapping; it must be a list'),
+        ("outputs: [7]", "\"outputs\" is the text '7'; it must be a mapping"),
+    ],
+)
+def test_a_malformed_file_of_drivers_is_refused_with_its_line(driven, tmp_path, text, says):
     broken = resealed(driven, tmp_path / "b", {"drivers.yaml": f"halpipe-drivers: 1\n{text}\n".encode()})
-    with pytest.raises(HalpipeError):
+    with pytest.raises(HalpipeError) as refused:
         static_findings(broken)
+    [found] = refused.value.diagnostics
+    assert says in found.message
+    assert found.at.line == 2
 
 
 # ------------------------------------------------------------------------------------------------ modes by request

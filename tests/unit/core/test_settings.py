@@ -13,7 +13,7 @@ from halpipe.core.settings import BAD_VALUE, Fields
 def read(text, use):
     """Return the value that a use of the mapping gives, and what was wrong: paths and messages."""
     findings = Findings()
-    top = Fields.of_json(text.encode(), "t.json", findings, BAD_VALUE, "write it again")
+    top = Fields.sealed(text.encode(), "t.json", findings, BAD_VALUE, "write it again")
     value = use(top)
     assert all((d.code, d.help, d.at.file) == (BAD_VALUE.id, "write it again", "t.json") for d in findings.items)
     return value, [(str(d.path), d.message) for d in findings.items]

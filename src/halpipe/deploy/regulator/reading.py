@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.core.files import YamlMap, parse_yaml
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, quoted
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Words
@@ -165,7 +164,7 @@ def read_tables(bundle: Bundle) -> Tables:
     if TABLES not in bundle.files:
         raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(TABLES), help=_HELP))
     findings, at = Findings(), bundle.at(TABLES)
-    top = Fields.of_json(bundle.files[TABLES], str(at.file), findings, UNUSABLE_TABLES, _HELP)
+    top = Fields.sealed(bundle.files[TABLES], str(at.file), findings, UNUSABLE_TABLES, _HELP)
     findings.stop_on_errors()
     try:
         tables = _tables(top)
@@ -321,10 +320,7 @@ def read_facts(bundle: Bundle) -> Facts:
     if PLATFORM not in bundle.files:
         raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(PLATFORM), help=_STATED))
     findings, at = Findings(), bundle.at(PLATFORM)
-    document = parse_yaml(bundle.files[PLATFORM], str(at.file))
-    if not isinstance(document, YamlMap):
-        raise HalpipeError(UNUSABLE_TABLES("is no platform", at=at, help=_STATED))
-    facts = _facts(Fields(str(at.file), findings, document, "platform", written=(UNUSABLE_TABLES, _STATED)))
+    facts = _facts(Fields.sealed(bundle.files[PLATFORM], str(at.file), findings, UNUSABLE_TABLES, _STATED))
     findings.stop_on_errors()
     return facts
 

@@ -180,7 +180,7 @@ def read_site(bundle: Bundle) -> Site:
     if NAME not in bundle.files:
         raise HalpipeError(BROKEN_TARGET(f"the bundle has no {NAME}", at=at, help=help))
     findings = Findings()
-    top = Fields.of_json(bundle.files[NAME], str(at.file), findings, BROKEN_TARGET, help)
+    top = Fields.sealed(bundle.files[NAME], str(at.file), findings, BROKEN_TARGET, help)
     findings.stop_on_errors()
     site = _site(top)
     findings.stop_on_errors()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.files import read_bytes
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
 from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import read_program
@@ -70,9 +70,7 @@ def machine_faults(bundle: Bundle, site: Site) -> Iterator[Diagnostic]:
     text = read_bytes(PROFILES / f"{name}.yaml") if known else bundle.files[OWN_PROFILE]
     findings = Findings()
     try:
-        document = parse_yaml(text, f"{name}.yaml")
-        data = document if isinstance(document, YamlMap) else YamlMap(0)
-        stated = _described(Fields(f"{name}.yaml", findings, data, "", written=(FOREIGN_MACHINE, AGAIN)), site)
+        stated = _described(Fields.sealed(text, f"{name}.yaml", findings, FOREIGN_MACHINE, AGAIN), site)
         findings.stop_on_errors()
     except HalpipeError as failure:
         yield from failure.diagnostics

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import ZERO
-from halpipe.core.files import YamlMap, parse_yaml
 from halpipe.core.records import record
+from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import offset_of
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.models import AccessKind
@@ -141,17 +141,22 @@ def read_drivers(bundle: Bundle) -> tuple[Driver, ...]:
     """Return the drivers of a bundle in their order, none if it has no file of them."""
     if FILE not in bundle.files:
         return ()
-    document = parse_yaml(bundle.files[FILE], FILE)
-    stated: Any = document if isinstance(document, YamlMap) else {}
-    rows = [("inputs", AccessKind.READ), ("outputs", AccessKind.WRITE), ("requests", AccessKind.WRITE)]
-    try:
-        return tuple(
-            Driver(row["buffer"], REQUEST if key == "requests" else row["function"], kind, row.get("task", ""))
-            for key, kind in rows
-            for row in stated.get(key, [])
+    findings = Findings()
+    top = Fields.sealed(bundle.files[FILE], str(bundle.at(FILE).file), findings, BROKEN_TARGET, _HELP)
+    kinds = {"inputs": AccessKind.READ, "outputs": AccessKind.WRITE, "requests": AccessKind.WRITE}
+    found = tuple(
+        Driver(
+            row.text("buffer"),
+            REQUEST if key == "requests" else row.text("function"),
+            kind,
+            row.text("task") if "task" in row else "",
         )
-    except (KeyError, TypeError, AttributeError):
-        raise HalpipeError(BROKEN_TARGET("is no file of drivers", at=bundle.at(FILE), help=_HELP)) from None
+        for key, kind in kinds.items()
+        if key in top
+        for row in top.items(key)
+    )
+    findings.stop_on_errors()
+    return found
 
 
 def places(bundle: Bundle, program: Program, drivers: Iterable[Driver]) -> dict[int, str]:
