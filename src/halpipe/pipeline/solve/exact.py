@@ -8,8 +8,10 @@ turns into a set of tasks and constraints that can be looked at.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
@@ -19,7 +21,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_ELEMENT, EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
 from halpipe.pipeline.solve.exactunits import is_bound_by_choice
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
-from halpipe.pipeline.solve.workers import Workers, watched
+from halpipe.pipeline.solve.workers import Workers, once, watched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -227,9 +229,29 @@ def _solver_library(expansion: Expansion) -> Any:
         raise _too_large(
             expansion, f"has {expansion.job_count} jobs in {expansion.hyperperiod}; {MAX_JOBS} jobs are taken"
         )
-    from ortools.sat.python import cp_model
+    return solver_library()
 
-    return cp_model
+
+@once
+def solver_library() -> Any:
+    """Import CP-SAT without pandas, whose types its interface names: that takes a third of a short command."""
+    from importlib import import_module
+    from importlib.util import find_spec, module_from_spec
+
+    spec = find_spec("ortools.sat.python.cp_model")
+    if "pandas" not in sys.modules and spec is not None and spec.loader is not None:
+        module = module_from_spec(spec)
+        types: Any = SimpleNamespace(Index=None, Series=None, DataFrame=None)
+        sys.modules["pandas"] = types
+        try:
+            spec.loader.exec_module(module)
+        except (AttributeError, ImportError, TypeError):  # another version, which does more with pandas
+            pass
+        else:
+            return module
+        finally:
+            del sys.modules["pandas"]
+    return import_module("ortools.sat.python.cp_model")
 
 
 def _too_large(expansion: Expansion, text: str) -> HalpipeError:

@@ -18,7 +18,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.jobs import Expansion
 from halpipe.pipeline.measure.objectives import NEVER, whole_weights
 from halpipe.pipeline.parts import is_exact_model
-from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for
+from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for, solver_library
 from halpipe.pipeline.solve.workers import watched
 
 if TYPE_CHECKING:
@@ -144,12 +144,11 @@ def _solve(
     floors: Mapping[tuple[Chain, ...], Fraction] = MappingProxyType({}),
 ) -> Shortest:
     """Minimise the weighted sum of some chains; `floors` bound that of groups of them, as is known already."""
-    from ortools.sat.python import cp_model
-
     from halpipe.pipeline.solve.exactchains import TooLarge
     from halpipe.pipeline.solve.exactmodel import build
     from halpipe.pipeline.solve.exactunits import forms_of
 
+    cp_model = solver_library()
     form: Any = next(iter(forms_of(expansion, [unit.name for unit in model.units])))
     if any(active.demands for active in expansion.tasks) and not jobs:
         return Shortest(Fraction(0))
@@ -214,9 +213,7 @@ def fewest_moved(
         return Fewest()
     if not all(_is_numbered(expansion, job) for job in (*earlier.values(), *held.values(), *known)):
         return Fewest()
-    from ortools.sat.python import cp_model
-
-    best = Fewest(least)
+    cp_model, best = solver_library(), Fewest(least)
     floor, most, left = least, _moved(known, earlier), effort.work or math.inf
     while floor < most and left > 0:
         is_proving = floor == best.bound
