@@ -7,6 +7,7 @@ MORE = "looks at more cycles than are needed; what lies in the others is nothing
 BUDGET = "a limit that somebody chose: one more is as good"
 TOUCH = "what ends at the instant at which another thing begins does not meet it"
 
+CHOICE = "a weight or a range by which proposals are ordered; no proposal is right or wrong"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
@@ -31,6 +32,10 @@ EQUIVALENT = {
     ("tables.py", "count = max(counts, default=1)"): "of nothing, 1 is as far below each limit as 0",
     ("bundle.py", "cpus.setdefault(unit.name, 1)"): "only where the export has been refused",
     ("bundle.py", "sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 1))"): "a transfer has at least one byte",
+    ("hyperperiod.py", "if not isinstance(value, int) and hyperperiod // tick <= MAX_TICKS:"): "refused at the limit already; a smaller tick is no help",
+    ("hyperperiod.py", "for thirds, spread in ((1, Fraction(1, 4)), (3, Fraction(1, 100))):"): CHOICE,
+    ("hyperperiod.py", "return 51 * distance + times.bit_length() + 4 * _digits(choice)"): CHOICE,
+    ("accesses.py", "is_served = bool(version.units) or serving.issuperset(version.units)"): "by the longer way, with the same result",
     (
         "precedence.py",
         "before = min(cycles, max(1, -((switch.length + cyclic.start - least) // cycle)))",

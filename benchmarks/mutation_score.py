@@ -370,6 +370,7 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="halpipe-mutants-") as name:
         place, (folder, patterns) = Path(name).resolve(), ROOMS[options.room]
+        patterns += " unit/test_limit_constants*"  # the limits of all rooms
         copied(place)
         found = mutants(place / PACKAGE / folder, options.only)
         print(f"{len(found)} places", flush=True)

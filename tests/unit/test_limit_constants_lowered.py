@@ -367,7 +367,9 @@ def guilty_periods_that_are_cured(count):
 @lowered("pipeline.validate.load:_MAX_CLASSES", 3, "alone")
 def classes_of_a_mode(count):
     classes = {frozenset(map(str, range(size))): [size] for size in range(1, count + 1)}
-    found = named("pipeline.validate.load:_needs_within")(classes, max(classes, key=len), False)
+    needs = named("pipeline.validate.load:_needs_within")
+    found = needs(classes, max(classes, key=len), False)
+    assert len(needs(classes, max(classes, key=len), True)) == count  # all units: whatever the number of classes
     return "" if len(found) == count else "alone"
 
 
@@ -571,7 +573,7 @@ def cycles_before_a_switch(count):
 
 @lowered("pipeline.validate.accesses:MAX_BITS", 5, "more than 5 bits")
 def bits_of_a_common_denominator(count):
-    access = fake(resource="r", bound=Fraction(1, 2 ** (count - 1)), at=Location(), origin=None)
+    access = fake(resource="r", bound=Fraction(1, 2**count - 1), at=Location(), origin=None)
     context = fake(accesses_of_versions=[(None, None, access)])
     found = named("pipeline.validate.accesses:check_denominators")(context)
     return " ".join(each.message for each in found)

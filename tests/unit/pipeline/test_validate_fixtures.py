@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.core.diagnostics import REGISTER
+from golden_file import assert_golden
+from halpipe.core.diagnostics import REGISTER, render_text
 from halpipe.importers.native.model import read_model
 from halpipe.pipeline.validate import CHECKS, codes, validate
 
@@ -40,6 +41,13 @@ def test_every_finding_names_file_element_and_remedy(path):
         assert finding.path
         assert finding.subjects
         assert finding.help
+
+
+def test_the_findings_read_as_in_the_golden_file(monkeypatch):
+    """Numbers, plurals and what is listed of them are decided in the checks, too."""
+    monkeypatch.chdir(FOLDER)
+    texts = [render_text(finding) for path in FIXTURES for finding in validate(read_model(path.name))]
+    assert_golden("validate.txt", "\n".join(texts) + "\n", "pipeline")
 
 
 def test_every_code_has_a_fixture_and_a_check_that_reports_it():

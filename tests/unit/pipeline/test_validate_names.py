@@ -8,7 +8,7 @@ from validate_cases import alone, codes_of, found, the
 from halpipe.core.diagnostics import Location, Subject, about
 from halpipe.models import Mode, Run, Transfer, Unit
 from halpipe.pipeline.validate import codes, validate
-from halpipe.pipeline.validate.context import task_path, version_path
+from halpipe.pipeline.validate.context import quoted, task_path, version_path
 from support import access, after, chain, mode, model, task, version
 
 A = task("a", 25, version("v", 5))
@@ -27,6 +27,11 @@ def test_bad_names(name):
 @pytest.mark.parametrize("name", ["/ns/node", "a.b:c~d+e@f$g%h-i_0", "x" * 1000])
 def test_good_names(name):
     assert validate(replace(alone(), name=name)) == ()
+
+
+@pytest.mark.parametrize(("count", "end"), [(5, '"n3", "n4"'), (6, '"n3", "n4" and 1 more')])
+def test_a_message_lists_five_names(count, end):
+    assert quoted(f"n{number}" for number in range(count)).endswith(end)
 
 
 def test_every_kind_of_name_is_looked_at():

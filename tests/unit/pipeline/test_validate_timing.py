@@ -49,6 +49,11 @@ def test_offset_beyond_the_period_counts_modulo_the_period():
     assert validate(alone(offset="30ms")) == ()
 
 
+def test_a_let_of_zero_bounds_no_version():
+    system = alone()
+    assert codes_of(replace(system, tasks=(replace(system.tasks[0], let=ms(0)),))) == {codes.LET_BEYOND_DEADLINE.id}
+
+
 def test_missing_wcet_says_where_to_give_it():
     finding = the(alone(None), codes.MISSING_WCET)
     assert finding.path == 'task "a" version "v"'
