@@ -91,7 +91,13 @@ ROOMS = {
     "deploy/riscv": ("deploy/riscv", "unit/deploy/riscv/*"),
     "deploy/linux": ("deploy/linux", "linux/test_linux_*"),
     "validate": ("pipeline/validate", "unit/pipeline/test_validate_[!s]* unit/pipeline/test_validate_s[tp][!e]*"),
-    "compare": ("pipeline/compare", "unit/pipeline/test_compare* unit/pipeline/test_learning*"),
+    "compare": (
+        "pipeline/compare",
+        (
+            "unit/pipeline/test_compare* unit/pipeline/test_learning* unit/exporters/test_parts_shown* "
+            "unit/exporters/test_split_switches_shown*"
+        ),
+    ),
     "explain": ("pipeline/explain", "unit/pipeline/test_explain*"),
     "generate": ("pipeline/generate", "unit/pipeline/test_generate*"),
     "measure": (

@@ -6,62 +6,19 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from compare_cases import PIECES, PLAN, RACE, SLOW, compared, job, moved, play, switch, table
 from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.models import Schedule
 from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Executions, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.compare.codes import Kind
 from halpipe.pipeline.compare.tables import MOST_SILENT
 from support import access, model, ms, task, version
-
-
-def job(task, index, start, end, units="c1", version="v"):
-    return Job(task=task, index=index, start=ms(start), end=ms(end), version=version, units=tuple(units.split()))
-
-
-def table(name, hyperperiod, *jobs):
-    return ModeSchedule(name=name, hyperperiod=ms(hyperperiod), status=Status.VALID, jobs=jobs)
-
-
-def switch(source, target, length, *jobs):
-    return TransitionTable(
-        source=source, target=target, length=ms(length), worst_latency=ms(length), status=Status.VALID, jobs=jobs
-    )
-
-
-RACE = table("race", 20, job("a", 0, 0, 3), job("a", 1, 10, 13), job("b", 0, 4, 6), job("c", 0, 18, 22, "c2 c3"))
-SLOW = table("slow", 10, job("b", 0, 5, 7))
-PLAN = Schedule(
-    model="m",
-    model_sha256="",
-    modes=(RACE, SLOW),
-    transitions=(switch("race", "slow", 5, job("b", 0, 2, 4)), switch("slow", "race", 0)),
-)
-PIECES = [("race", RACE), ("race", RACE), ("race->slow", PLAN.transitions[0]), ("slow", SLOW), ("slow", SLOW)]
-
-
-def play(pieces=PIECES, origin=ZERO, *, stated=True):
-    """The trace of a run that keeps the schedule; a table of length zero takes a number, too."""
-    seen, now = [], origin
-    for cycle, (name, played) in enumerate(pieces):
-        for planned in played.jobs:
-            label = {"table": name, "cycle": cycle, "job": planned.index} if stated else {}
-            start, end = now + planned.start, now + planned.end
-            seen.append(Execution(task=planned.task, units=planned.units, start=start, end=end, **label))
-        now += played.length if isinstance(played, TransitionTable) else played.hyperperiod
-    return seen
-
-
-def compared(seen, **options):
-    seen = sorted(seen, key=lambda execution: execution.start.ns)
-    if all(each.table and each.cycle is not None for each in seen):
-        options.pop("mode", None)  # it is refused beside a trace that names its tables
-    return compare(PLAN, Trace(name="", executions=tuple(seen)), CompareOptions(**options))
 
 
 def deviations(seen, **options):
@@ -124,12 +81,6 @@ def test_with_jitter_no_job_is_early_and_one_is_on_time(shift, jitter):
     assert min(row.least for row in answer.rows) == ZERO
     assert max(row.worst for row in answer.rows) == Duration(max(jitter) - min(jitter))
     assert [d for d in answer.diagnostics if d.is_error] == []
-
-
-def moved(seen, position, *, start=0, end=0, **changes):
-    e = seen[position]
-    changed = replace(e, start=e.start + Duration(start), end=e.end + Duration(end), **changes)
-    return [*seen[:position], changed, *seen[position + 1 :]]
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -273,6 +224,10 @@ def test_a_gang_may_be_recorded_unit_by_unit():
     assert found(late, origin=ZERO) == {codes.WRONG_START.id}
     alone = [e for e in parts if e.units != ("c3",)]
     assert found(alone, origin=ZERO) == {codes.WRONG_UNIT.id}
+    trace = Trace(name="", executions=Executions.of(tuple(sorted(parts, key=lambda e: e.start.ns))))
+    answers = [compare(PLAN, trace, CompareOptions(origin=ZERO)) for _ in range(2)]  # which leaves the trace as it was
+    assert answers[0].rows == answers[1].rows
+    assert [answer.diagnostics for answer in answers] == [(), ()]
 
 
 def test_a_task_that_is_not_scheduled():
@@ -285,6 +240,10 @@ def test_a_task_that_is_not_scheduled():
 def test_a_table_that_is_not_scheduled():
     seen = [replace(e, table="pit") if e.table == "slow" else e for e in play()]
     assert codes.UNKNOWN_TABLE.id in found(seen, origin=ZERO)
+    for length in (60, 61):
+        named = [replace(e, table="t" * length) if e.table == "slow" else e for e in play()]
+        told = [d for d in deviations(named, origin=ZERO) if d.code == codes.UNKNOWN_TABLE.id]
+        assert {d.message for d in told} == {f'the schedule has no table "{"t" * 60}"'}
 
 
 @pytest.mark.parametrize(
@@ -434,6 +393,10 @@ def test_other_programs_of_a_computer_are_no_deviation():
     (only,) = shared([*play(), *others]).diagnostics
     assert (only.code, only.severity) == (codes.UNSCHEDULED.id, Severity.NOTE)
     assert "kworker/0:1" in only.message
+    many = [replace(others[0], task=f"p{number}") for number in range(7)]
+    assert [each.message for each in shared([*play(), *many]).diagnostics] == [
+        "not in the schedule: 7 programs: p0, p1, p2, p3, p4"
+    ]
     foreign = compare(PLAN, Trace(name="", executions=tuple(others), is_shared=True), CompareOptions(mode="race"))
     assert codes.UNKNOWN_TASK.id in {d.code for d in foreign.diagnostics}
 
