@@ -82,6 +82,18 @@ def test_the_same_run_has_the_same_jobs_in_each_form(form):
     assert seen(found) == (whole if form == "signals" else forms.JOBS)  # signals do not tell of preemptions
 
 
+def notes_of(recording):
+    return [d.message for d in recording.diagnostics if d.code == codes.ALREADY_RUNNING.id]
+
+
+@pytest.mark.parametrize("form", ["ftrace", "trace-cmd report", "trace.dat", "perfetto"])
+def test_a_job_that_began_before_the_recording_is_left_out(form, monkeypatch):
+    monkeypatch.setattr(forms, "RUN", forms.RUN[2:])  # B is preempted by A, and its start was not recorded
+    recording = parse_traces(WRITERS[form](), "t")
+    assert seen(recording.traces[0]) == [("A", 4000, 5000, 1000, ()), ("C", 6000, 9000, 3000, ())]
+    assert notes_of(recording) == ["1 job without a start"]
+
+
 @pytest.mark.parametrize("form", [form for form in WRITERS if form not in ("btf", "events", "signals")])
 def test_threads_of_a_computer_run_on_its_cpus(form):
     (found,) = parse_traces(WRITERS[form](), "t").traces
@@ -261,17 +273,25 @@ def test_measurement_files_have_tables_of_jobs_and_states_of_tasks(tmp_path):
     asammdf = pytest.importorskip("asammdf")
     numpy = pytest.importorskip("numpy")
     with asammdf.MDF(version="4.10") as file:
-        stamps = numpy.array([1e-6, 3e-6, 4e-6, 5e-6])
-        states = numpy.array([1, 0, 1, 0], dtype="uint8")
+        stamps = numpy.array([0, 1e-6, 3e-6, 4e-6, 5e-6])
+        states = numpy.array([0, 1, 0, 1, 0], dtype="uint8")
         file.append([asammdf.Signal(states, stamps, name="A")])
-        file.append([asammdf.Signal(numpy.array([1, 5, 9, 2], dtype="uint8"), stamps, name="speed")])
+        states = numpy.array([1, 1, 0, 1, 0], dtype="uint8")  # it runs when the recording begins
+        file.append([asammdf.Signal(states, stamps, name="B")])
+        file.append([asammdf.Signal(numpy.array([1, 1, 5, 9, 2], dtype="uint8"), stamps, name="speed")])
         names = numpy.array([b"C", b"C"])
         begins, ends = (numpy.array(times, dtype="uint64") for times in ([6000, 20000], [9000, 21000]))
         columns = [("task", names), ("start", begins), ("end", ends)]
         file.append([asammdf.Signal(c, numpy.arange(2.0), name=n, encoding="utf-8") for n, c in columns])
         file.save(tmp_path / "t.mf4")
-    rows, states = parse_traces((tmp_path / "t.mf4").read_bytes(), "t").traces
-    assert seen(states) == [("A", 1000, 3000, 2000, ()), ("A", 4000, 5000, 1000, ())]
+    recording = parse_traces((tmp_path / "t.mf4").read_bytes(), "t")
+    rows, states = recording.traces
+    assert seen(states) == [
+        ("A", 1000, 3000, 2000, ()),
+        ("A", 4000, 5000, 1000, ()),
+        ("B", 4000, 5000, 1000, ()),
+    ]
+    assert notes_of(recording) == ["1 job without a start"]
     assert seen(rows) == [("C", 6000, 9000, 3000, ()), ("C", 20000, 21000, 1000, ())]
 
 
@@ -302,9 +322,16 @@ def test_rows_of_signals_that_cannot_be_read_are_named(broken):
 
 
 def test_signals_that_are_no_states_are_left_out():
-    found = parse_traces(b"time_us,A,speed\n1,1,1\n2,1,7\n3,0,0\n", "t")
+    found = parse_traces(b"time_us,A,speed\n0,0,1\n1,1,1\n2,1,7\n3,0,0\n", "t")
     assert seen(found.traces[0]) == [("A", 1000, 3000, 2000, ())]
     assert any("speed" in d.message for d in found.diagnostics if d.code == codes.LEFT_OUT.id)
+    assert not notes_of(found)  # what it is at first is no job
+
+
+def test_a_signal_that_is_1_at_first_runs_since_an_unknown_instant():
+    found = parse_traces(b"time_us,A,B\n1,1,\n2,1,1\n3,0,1\n4,1,0\n5,0,1\n6,,\n7,0,0\n", "t")
+    assert seen(found.traces[0]) == [("A", 4000, 5000, 1000, ()), ("B", 5000, 7000, 2000, ())]
+    assert notes_of(found) == ["2 jobs without a start"]
 
 
 def test_rows_of_signals_may_be_short():

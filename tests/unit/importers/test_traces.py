@@ -89,17 +89,37 @@ def test_a_job_without_an_end_still_ran():
     assert len(told(text, codes.UNFINISHED)) == 1
 
 
+@pytest.mark.parametrize("row", ["a,1,5,2,5", "a,1,2,,x"])
+@pytest.mark.parametrize("head", ["task,start,end", "time,a,b"])
+def test_values_without_a_column_are_refused(head, row):
+    """Of decimal commas in a table that is separated by commas, the first part would be the time."""
+    row = row if head.startswith("task") else row.replace("a", "2").replace("5,2", "0,1")
+    assert (codes.BROKEN_ROW.id, 3) in rejected(f"{head}\n{'a,1,2,' if head < 'time' else '1,0,0'}\n{row}\n")
+
+
 def test_a_short_row_has_empty_cells():
     assert executions("task,start,end,job\na,1\n")[0].end is None
 
 
-@pytest.mark.parametrize("row", [",1,2", "a,,2", "a,x,2", "a,1,2e3", "a,5,1", "a,1,nan", "a,1/0,2", "a,1,2,1.5"])
+@pytest.mark.parametrize(
+    "row", [",1,2", "a,,2", "a,x,2", "a,1,2e3", "a,5,1", "a,1,nan", "a,1/0,2", "a,1,2,1.5", "a,1,2,1,-1"]
+)
 def test_rows_that_cannot_be_read_are_all_named(row):
-    found = refusal(f"task,start,end,job\nb,1,2\n{row}\n{row}\n")
+    found = refusal(f"task,start,end,job,busy\nb,1,2\n{row}\n{row}\n")
     assert [(d.code, d.at.line) for d in found] == [(codes.BROKEN_ROW.id, 3), (codes.BROKEN_ROW.id, 4)]
 
 
 # ------------------------------------------------------------------------------------------------ BTF
+
+
+@pytest.mark.parametrize("first", ["preempt", "resume", "wait", "park", "run"])
+def test_a_btf_job_that_began_before_the_recording_is_left_out(first):
+    text = f"#version 2.2\n1,c,0,T,a,4,{first}\n2,c,0,T,a,4,resume\n3,c,0,T,a,4,terminate\n"
+    text += "5,c,0,T,a,5,start\n6,c,0,T,a,5,terminate\n"
+    assert [(e.start.ns, e.end.ns) for e in executions(text)] == [(5, 6)]
+    assert [d.message for d in told(text, codes.ALREADY_RUNNING)] == ["1 job without a start"]
+    assert not told(text, codes.ODD_SEQUENCE)
+
 
 BTF = """#version 2.1.5
 #timescale us
@@ -552,10 +572,12 @@ def test_the_separator_that_a_spreadsheet_states_is_no_header():
     assert [(e.task, e.start.ns, e.at.line) for e in found.executions] == [("a", 1, 3)]
 
 
-@pytest.mark.parametrize("header", ["task,start,start_us,end", "task,name,start,end", "task,start,end,end"])
+@pytest.mark.parametrize(
+    "header", ["task,start,start_us,end", "task,name,start,end", "task,start,end,end", "task,start,end,unit,core"]
+)
 def test_two_columns_of_one_meaning_are_refused(header):
     with pytest.raises(HalpipeError) as refused:
-        parse_traces(f"{header}\na,1,2,3\n".encode(), "t")
+        parse_traces(f"{header}\na,1,2,3,4\n".encode(), "t")
     assert "two columns have one meaning" in [d.message for d in refused.value.diagnostics]
 
 

@@ -120,7 +120,7 @@ class _Reader(Jobs):
             self.last[source] = at
             if self.is_of_runnables:
                 self.is_of_runnables = False
-                self.running, self.executions = {}, Executions(self.file)
+                super().__init__(self.file, self.findings)
             self._job(target, instance, event, source, at, number)
         elif kind == "R":
             if self.is_of_runnables:
@@ -133,20 +133,27 @@ class _Reader(Jobs):
     def _job(self, task: str, instance: str, event: str, source: str, at: int | Fraction, line: int) -> None:
         if event in _KEEPS:
             return
-        job = self.running.get((task, instance))
-        if event in _RUNS:
+        key = task, instance
+        job = self.running.get(key)
+        if event == "start" and job is None:
+            self.begun.discard(key)
+            self.running[key] = Job(task, source, at, line)
+        elif event in _RUNS:
             if job is None:
-                self.running[task, instance] = Job(task, source, at, line)
+                self.cut(key)
                 return
             if job.since is not None and event not in ("run", "poll"):
                 self.odd.add(f"{event} while it runs", line, f'job {instance} of task "{task}"')
             job.run(source, at)
-        elif event in _PAUSES and job is not None:
-            job.pause(at)
+        elif event in _PAUSES:
+            if job is None:
+                self.cut(key)
+            else:
+                job.pause(at)
         elif event == "terminate":
-            if not self.end((task, instance), at):
+            if not self.end(key, at):
                 self.odd.add("terminate without start", line, f'job {instance} of task "{task}"')
-        elif event not in _PAUSES:
+        else:
             self.others[event] += 1
 
     def result(self, marks: Sequence[tuple[int | Fraction, str, int]] = ()) -> Executions:

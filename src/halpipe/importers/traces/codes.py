@@ -36,6 +36,11 @@ UNFINISHED = note(
     "Trace ends while a job runs",
     "Its end is not known, so only its start is compared.",
 )
+ALREADY_RUNNING = note(
+    "HAL1500",
+    "Trace begins while a job runs",
+    "Its start is not known, nor how long it ran before, so the job is left out.",
+)
 LEFT_OUT = note(
     "HAL1125",
     "Events of a trace are of no use for a comparison",

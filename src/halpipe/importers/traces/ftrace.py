@@ -57,9 +57,11 @@ class Switches(Jobs):
         if goes_on:
             if (job := self.running.get(left)) is not None:
                 job.pause(at)
+            elif left != _IDLE:
+                self.cut(left)
         else:
             self.end(left, at)
-        if entered == _IDLE:
+        if entered == _IDLE or entered in self.begun:
             return
         known = self.running.get(entered)
         if known is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -174,13 +175,33 @@ class Jobs:
         self.file = file
         self.findings = findings
         self.running: dict[Hashable, Job] = {}
+        self.begun: set[Hashable] = set()
+        """Jobs that began before the recording, up to their ends: their starts and run times are unknown."""
+        self.cuts: Counter[Hashable] = Counter()
         self.executions = Executions(file)
+
+    def cut(self, key: Hashable) -> None:
+        """Note a job that began before the recording, and leave it out."""
+        if key not in self.begun:
+            self.cuts[key] += 1
+            self.begun.add(key)
+
+    def state(self, task: str, at: Instant, line: int = 0, *, runs: bool, is_first: bool) -> None:
+        """Take a sample of a signal that is 1 while its task runs."""
+        if not runs:
+            self.end(task, at)
+        elif is_first:
+            self.cut(task)
+        elif task not in self.running and task not in self.begun:
+            self.running[task] = Job(task, "", at, line)
 
     def end(self, key: Hashable, at: Instant) -> bool:
         """End a job; return False if it does not run."""
         job = self.running.pop(key, None)
         if job is None:
-            return False
+            is_cut = key in self.begun
+            self.begun.discard(key)
+            return is_cut
         if job.stretches or job.since is None:
             job.pause(at)
             self._add(job, at, sum(end - start for start, end in job.stretches))
@@ -196,6 +217,9 @@ class Jobs:
     def result(self, marks: Sequence[tuple[Instant, str, int]] = ()) -> Executions:
         """Return what ran, with what still runs; from a mark on, it belongs to the table and cycle of the mark."""
         report_unfinished(len(self.running), "job", self.file, self.findings)
+        if self.cuts:
+            message = f"{counted(self.cuts.total(), 'job')} without a start"
+            self.findings.add(codes.ALREADY_RUNNING(message, at=Location(self.file)))
         for job in self.running.values():
             self._add(job, None, None)
         found = self.executions

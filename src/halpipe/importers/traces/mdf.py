@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.importers.traces import codes, table
-from halpipe.importers.traces.jobs import Job, Jobs
+from halpipe.importers.traces.jobs import Jobs
 from halpipe.models.trace import Trace
 
 if TYPE_CHECKING:
@@ -87,10 +87,6 @@ def _cell(value: Any) -> str:
 def _state(jobs: Jobs, name: str, signal: Any) -> bool:
     if signal.dtype.kind not in "buif" or not set(signal.unique().tolist()) <= {0, 1}:
         return False
-    for seconds, value in zip(signal.index.tolist(), signal.tolist(), strict=True):
-        at = round(seconds * 10**9)
-        if value and name not in jobs.running:
-            jobs.running[name] = Job(name, "", at, 0)
-        elif not value:
-            jobs.end(name, at)
+    for sample, (seconds, value) in enumerate(zip(signal.index.tolist(), signal.tolist(), strict=True)):
+        jobs.state(name, round(seconds * 10**9), runs=bool(value), is_first=sample == 0)
     return True

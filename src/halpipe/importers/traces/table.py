@@ -20,7 +20,7 @@ import numpy as np
 from halpipe.core.diagnostics import Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import Job, Jobs, report_unfinished
+from halpipe.importers.traces.jobs import Jobs, report_unfinished
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
 from halpipe.models.trace import NONE, Executions, Trace, column
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Instant
 
 TIMES = ("start", "end", "busy")
+_ROLES = frozenset(("task", *TIMES, "units", "mode", "cycle", "job", "data"))
 _ALIASES = {"unit": "units", "table": "mode", "callback": "task", "core": "units"}
 _LONG = {"callback_name": "task", "name": "task", "node": "task"}
 _LONG |= {
@@ -125,22 +126,30 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
         except ValueError as failure:
             _broken(str(failure), Location(file, line), findings)
             continue
-        for name, cell in [(n, c) for n, c, b in zip(names, cells, before, strict=False) if c != b]:
-            state = _STATES.get(cell.strip())
-            if state is None and cell.strip():
-                others.add(name)
-            elif state and name not in jobs.running:
-                jobs.running[name] = Job(name, "", at, line)
-            elif state is False:
-                jobs.end(name, at)
-        before[: len(cells)] = cells  # a row may be short
+        _require_columns(cells, len(names), line, file, findings)
+        changes = [place for place, (cell, last) in enumerate(zip(cells, before, strict=False)) if cell != last]
+        for place in changes:
+            if not (cell := cells[place].strip()):  # no sample
+                continue
+            if (state := _STATES.get(cell)) is None:
+                others.add(names[place])
+            else:
+                jobs.state(names[place], at, line, runs=state, is_first=not before[place])
+            before[place] = cells[place]
     report_signals(others, file, findings)
     for name in others:
         jobs.running.pop(name, None)
+        jobs.cuts.pop(name, None)
     found = jobs.result()
     wrong = [found.number(name) for name in others]
     found.order = found.order[~np.isin(np.asarray(found.task)[found.order], wrong)]
     return [Trace(name="", executions=found, is_shared=True)]
+
+
+def _require_columns(cells: Sequence[str], count: int, line: int, file: str, findings: Findings) -> None:
+    """Report a row with values that no column names, such as decimal commas in a table separated by commas."""
+    if any(cell.strip() for cell in cells[count:]):
+        _broken(f"{len(cells)} values, and {counted(count, 'column')}", Location(file, line), findings)
 
 
 def _broken(message: str, at: Location, findings: Findings) -> None:
@@ -161,12 +170,13 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
     try:
         header = next(filled, [])
         columns = _columns(header)
-        if len(stated := [role for role, _ in map(_role, header) if role in ("task", *TIMES)]) > len({*stated}):
+        if len(stated := [role for role, _ in map(_role, header) if role in _ROLES]) > len({*stated}):
             findings.add(
                 codes.BROKEN_ROW("two columns have one meaning", at=Location(file, 1), help="leave one of them")
             )
         records = {} if _is_complete(columns) else _records(header)
         for cells in filled:
+            _require_columns(cells, len(header), rows.line_num, file, findings)
             try:
                 if records:
                     absent += table.record(records, cells, rows.line_num)
@@ -222,6 +232,8 @@ class _Table:
             raise ValueError("the row has no task or no start")
         if end is not None and end < start:
             raise ValueError(f"ends at {of['end']}, before it starts")
+        if busy is not None and busy < 0:
+            raise ValueError(f"runs for {of['busy']}")
         cycle, job = (whole(of[name]) if of.get(name) else None for name in ("cycle", "job"))
         if (flag := of.get("data", "")) not in ("", "0", "1"):
             raise ValueError(f"data is {flag[:20]!r}, neither 0 nor 1")
