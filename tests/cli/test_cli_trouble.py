@@ -80,6 +80,7 @@ def is_searching(process, folder):
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_saves_the_best_so_far(folder, wait_until, signum):
+    kept = signal.signal(signum, signal.SIG_DFL)  # a process inherits what nohup or a shell ignores
     search = subprocess.Popen(
         [sys.executable, "-m", "halpipe", "schedule", "hopeless.xml", "--budget", "1000000000", "-o", "s.xml"],
         cwd=folder,
@@ -87,6 +88,7 @@ def test_ctrl_c_saves_the_best_so_far(folder, wait_until, signum):
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
+    signal.signal(signum, kept)
     wait_until(lambda: search.poll() is not None or is_searching(search, folder))
     search.send_signal(signum)
     _, said = search.communicate(timeout=300)
