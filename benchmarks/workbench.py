@@ -1,32 +1,45 @@
-"""How long a person waits in the workbench and in a large report, in a real browser.
+"""Times of the workbench and of a large report in a real browser.
 
-Usage: python benchmarks/workbench.py [--edits 20] [--tasks 60 500] [--loads 9]. Chromium opens the page of `halpipe
-serve` for a drawn model; WCETs of tasks in turn grow by 1 %, and the clock of the page runs from the order until the
-frame after the chart was painted. Then each edit is undone. Thereafter it opens the report of 8001 jobs so many times,
-each time until the frame after the chart was painted, and pans through it, a step in every frame. Needs chromium and
-its driver, and the extra [serve].
+Usage: python benchmarks/workbench.py [--edits 20] [--tasks 60 500] [--models FILE ...] [--loads 9]. Chromium opens the
+page of `halpipe serve` for a drawn model, or for a file; WCETs of tasks in turn grow by 1 %, and then first jobs of
+tasks in turn are dragged by 100 us. The clock of the page runs from the order until the frame after the chart was
+painted, and until the frame after the verified answer; the processor time of the server is counted apart. Each step is
+undone. Thereafter it opens the report of 8001 jobs so many times, each time until the frame after the chart was
+painted, and pans through it, a step in every frame. Needs chromium and its driver, and the extra [serve].
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
-import statistics
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from statistics import mean, median
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from selenium.webdriver.chrome.webdriver import WebDriver
 
-EDIT = """
-const [task, wcet, done] = arguments, began = performance.now();
-const version = state.tasks.find(each => each.name === task).versions[0].name;
-order("edit", {kind: "version", name: task, inner: version, field: "wcet", value: wcet}).then(told =>
-  requestAnimationFrame(() => requestAnimationFrame(() => done([performance.now() - began, told.valid,
-    told.answered.stayed, told.answered.jobs]))));
+STEP = """
+const [name, what, done] = arguments, task = state.tasks.find(each => each.name === name);
+const number = state.tasks.indexOf(task), mode = state.modes[0], version = task.versions[0].name;
+const job = mode.jobs.find(each => each[0] === number), plain = show, painted = [], began = performance.now();
+const frame = act => requestAnimationFrame(() => requestAnimationFrame(act));
+const now = () => performance.now() - began, end = told =>
+  { show = plain; done([painted[0], now(), told.valid, told.answered.stayed, told.answered.jobs]); };
+show = (...told) => { plain(...told); frame(() => painted.push(now())); };
+if (what !== "drag")
+  order("edit", {kind: "version", name, inner: version, field: "wcet", value: what}).then(
+    told => frame(() => end(told)));
+else if (job)
+  order("pin", {mode: mode.name, task: name, index: job[1], start: `${(job[4] + .1).toFixed(6)}ms`}).then(
+    told => frame(() => end(told)));
+else { show = plain; done(null); }
 """
 UNDO = "const done = arguments[0]; order('undo').then(() => done(0));"
 WAIT = "const done = arguments[0]; (function look() { state && state.valid ? done(0) : setTimeout(look, 50); })();"
@@ -49,34 +62,45 @@ requestAnimationFrame(function frame(now) {
 });
 """
 REPORT = "--units 4 --unit-types 1 --resources 1 --utilisation 0.5 --period 1s" + 8 * " --period 1ms"
-HEAD = "| tasks | jobs | edits with a schedule | edit to drawn, median | worst | jobs that stay, least |"
+HEAD = "| steps | jobs | valid | painted, median | worst | verified, median | worst | server | jobs that stay, least |"
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--edits", type=int, default=20)
-    options.add_argument("--tasks", type=int, nargs="+", default=[60, 500])
+    options.add_argument("--tasks", type=int, nargs="*", default=[60, 500])
+    options.add_argument("--models", type=Path, nargs="*", default=[])
     options.add_argument("--loads", type=int, default=9)
     options.add_argument("--seed", type=int, default=101)
     stated = options.parse_args()
-    print(HEAD + "\n" + "|---:" * 6 + "|")
-    for tasks in stated.tasks:
-        with tempfile.TemporaryDirectory() as folder:
-            print(row(tasks, stated.edits, stated.seed, Path(folder)), flush=True)
+    print(HEAD + "\n" + "|---:" * 9 + "|")
+    with tempfile.TemporaryDirectory() as folder:
+        copies = [Path(shutil.copy(model, folder)) for model in stated.models]
+        drawn = [generated(tasks, stated.seed, Path(folder)) for tasks in stated.tasks]
+        for model in [*copies, *drawn]:
+            for line in rows(model, stated.edits):
+                print(line, flush=True)
     with tempfile.TemporaryDirectory() as folder:
         report(stated.loads, stated.seed, Path(folder))
 
 
-def row(tasks: int, edits: int, seed: int, folder: Path) -> str:
-    """Return the line of the table for a model of so many tasks."""
+def generated(tasks: int, seed: int, folder: Path) -> Path:
+    """Write a model of so many tasks."""
     size = ["--tasks", str(tasks), "--units", str(tasks // 10), "--access-windows", "20", "--utilisation", "0.4"]
-    command = [sys.executable, "-m", "halpipe"]
-    model = folder / "model.xml"
-    subprocess.run([*command, "generate", *size, "--seed", str(seed), "-o", model, "-q"], check=True)
-    with subprocess.Popen([*command, "serve", model], stdout=subprocess.PIPE, text=True) as server:
+    model = folder / f"{tasks}.xml"
+    command = [sys.executable, "-m", "halpipe", "generate", *size, "--seed", str(seed), "-o", str(model), "-q"]
+    subprocess.run(command, check=True)
+    return model
+
+
+def rows(model: Path, edits: int) -> Iterator[str]:
+    """Yield the lines of the table for a model: edits, and drags."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "halpipe", "serve", model], stdout=subprocess.PIPE, text=True
+    ) as server:
         try:
             assert server.stdout is not None
-            return measured(server.stdout.readline().strip(), edits)
+            yield from measured(server.stdout.readline().strip(), server.pid, edits)
         finally:
             server.terminate()
 
@@ -96,37 +120,51 @@ def report(loads: int, seed: int, folder: Path) -> None:
             seen.append(browser.execute_async_script(SEEN))
         nodes = browser.execute_script("return document.getElementsByTagName('*').length")
         print(f"report of 8001 jobs, {page.stat().st_size} bytes, {nodes} elements: ", end="")
-        print(f"drawn after {statistics.median(seen):.0f} ms (median of {loads}, worst {max(seen):.0f} ms)")
+        print(f"drawn after {median(seen):.0f} ms (median of {loads}, worst {max(seen):.0f} ms)")
         for share in (1.0, 0.1, 0.01):
             frames, paints = browser.execute_async_script(PAN, share)
-            shown = f"{1000 / statistics.mean(frames):.0f} frames per second, the longest {max(frames):.0f} ms"
-            print(f"pan, {share:.0%} of the hyperperiod in sight: {shown}; painting {statistics.median(paints):.1f} ms")
+            shown = f"{1000 / mean(frames):.0f} frames per second, the longest {max(frames):.0f} ms"
+            print(f"pan, {share:.0%} of the hyperperiod in sight: {shown}; painting {median(paints):.1f} ms")
             browser.refresh()
     finally:
         browser.quit()
 
 
-def measured(address: str, edits: int) -> str:
-    """Make the edits one after the other in a browser at an address."""
+def measured(address: str, server: int, edits: int) -> Iterator[str]:
+    """Make the edits, then the drags, one after the other in a browser at an address."""
     browser = chromium()
     try:
         browser.get(address)
         browser.execute_async_script(WAIT)
         tasks = browser.execute_script("return state.tasks.map(task => [task.name, task.versions[0].wcet])")
-        times, stays, jobs = [], [], 0
-        for name, wcet in (tasks[number % len(tasks)] for number in range(edits)):
-            spent, valid, stayed, jobs_now = browser.execute_async_script(EDIT, name, grown(wcet))
-            if valid:
-                times.append(spent)
-                stays.append(stayed / jobs_now)
-                jobs = jobs_now
-            browser.execute_async_script(UNDO)
+        chosen = [tasks[number % len(tasks)] for number in range(edits)]
+        for what in ("edits", "drags"):
+            found = []
+            for name, wcet in chosen:
+                began = spent(server)
+                answer = browser.execute_async_script(STEP, name, "drag" if what == "drags" else grown(wcet))
+                if answer is not None:
+                    found.append((*answer, spent(server) - began))
+                    browser.execute_async_script(UNDO)
+            yield line(f"{len(found)} {what}", found)
     finally:
         browser.quit()
-    if not times:
-        return f"| {len(tasks)} | | 0 of {edits} | | | |"
-    median, worst = statistics.median(times), max(times)
-    return f"| {len(tasks)} | {jobs} | {len(times)} of {edits} | {median:.0f} ms | {worst:.0f} ms | {min(stays):.1%} |"
+
+
+def line(what: str, found: list[tuple[Any, ...]]) -> str:
+    """Return a line of the table."""
+    painted, verified, valid, stayed, jobs, used = zip(*found, strict=True)
+    times = [
+        f"{each:.0f} ms" for each in (median(painted), max(painted), median(verified), max(verified), median(used))
+    ]
+    stays = [stay / of for stay, of, is_valid in zip(stayed, jobs, valid, strict=True) if is_valid]
+    return f"| {what} | {max(jobs)} | {sum(valid)} | {' | '.join(times)} | {min(stays, default=0):.1%} |"
+
+
+def spent(process: int) -> float:
+    """Return the processor time of a process in milliseconds."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * 1000 / os.sysconf("SC_CLK_TCK")
 
 
 def chromium() -> WebDriver:

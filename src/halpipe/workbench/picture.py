@@ -25,7 +25,7 @@ MOST = 50
 
 def picture(session: Session) -> Plain:
     """Return everything that the page shows."""
-    state, seconds = session.state, session.answered.seconds
+    state, seconds = session.shown, session.answered.seconds
     findings = list(state.findings)
     try:
         beside = session.beside()
@@ -37,6 +37,7 @@ def picture(session: Session) -> Plain:
         "path": session.path,
         "busy": session.lock.locked(),
         "valid": state.is_valid,
+        "solved": state.solved,
         "what": state.what,
         "can_undo": session.can_undo,
         "can_redo": session.can_redo,

@@ -270,6 +270,7 @@ def _explain(stated: dict[str, Any]) -> Order:
 ORDERS: dict[str, Callable[[dict[str, Any]], Order]] = {
     "edit": _edit,
     "pin": _pin,
+    "settle": lambda _: methodcaller("settle"),
     "unpin": lambda _: methodcaller("unpin"),
     "undo": lambda _: methodcaller("undo"),
     "redo": lambda _: methodcaller("redo"),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.common.base import ExportOptions
     from halpipe.exporters.report.beside import Beside
     from halpipe.exporters.report.scene import Drawn
-    from halpipe.models import Job, Schedule, TaskModel
+    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
     from halpipe.workbench.edits import Edit, Pin
 
 OUTDATED = error(
@@ -53,18 +53,22 @@ LOWER = ("nothing", "variant", "trace")
 
 @record
 class State:
-    """A model, what is pinned in it, and its schedule, which `findings` may say is none of this model any more."""
+    """A model, what is pinned in it, and its schedule, which `findings` may say is none of this model any more.
+
+    A schedule that is not `solved` yet is that of the state before, with what the edit says of its jobs.
+    """
 
     model: TaskModel
     pins: tuple[Pin, ...] = ()
     schedule: Schedule | None = None
     findings: tuple[Diagnostic, ...] = ()
     what: str = "opened"
+    solved: bool = True
 
     @property
     def is_valid(self) -> bool:
         """Whether the schedule is one of the model, and has passed verify."""
-        return self.schedule is not None and not any(found.is_error for found in self.findings)
+        return self.solved and self.schedule is not None and not any(found.is_error for found in self.findings)
 
 
 @record
@@ -97,17 +101,29 @@ class Session:
         """State of each task as last sent to the page."""
         self.lower = ("nothing", "")
         """Kind, one of `LOWER`, and name of what is drawn under the schedule: that of the variant, or the file."""
-        self.state = State(self.opened)
+        self.shown = State(self.opened)
+        """State as it is drawn: an edit is drawn before it is solved."""
         self.journal = Journal(path)
         kept = self.journal.read(self._on_disk)
         if kept is not None:
             self._remember()
-            self.state = State(*kept, what="edits of an earlier session")
+            self.shown = State(*kept, what="edits of an earlier session")
 
     def begin(self) -> None:
         """Find the first schedule."""
         with self.lock:
-            self._show(self._solved(self.state, None))
+            self._show(self._solved(self.shown, None))
+
+    @property
+    def state(self) -> State:
+        """The state with its verified schedule, or with the reasons against one."""
+        if not self.shown.solved:
+            self.shown = self._solved(self.shown, self._past[-1].schedule)
+        return self.shown
+
+    def settle(self) -> None:
+        """Find the schedule near the last one for the edit that is drawn."""
+        _ = self.state
 
     # ---- what a person does
 
@@ -118,7 +134,7 @@ class Session:
             raise HalpipeError(OUTDATED("the model was changed in another window", help=help))
 
     def edit(self, edit: Edit) -> None:
-        """Change one attribute, and find a schedule near the one that is shown."""
+        """Change one attribute; the next look at `state` finds a schedule near the one that is shown."""
         model = edited(self.state.model, edit)
         what = edit.place if edit.kind == "remove" else f"{edit.place} = {edit.value or 'nothing'}"
         self._enter(replace(self.state, model=model, what=what))
@@ -209,16 +225,17 @@ class Session:
     def beside(self) -> Beside | None:
         """Return what is drawn under the schedule; raise `HalpipeError` where it does not fit, None for nothing."""
         kind, name = self.lower
-        if kind == "nothing" or self.state.schedule is None or not self.state.is_valid:
+        shown = self.shown
+        if kind == "nothing" or shown.schedule is None or not shown.is_valid:
             return None
         from halpipe.exporters.report import ReportOptions
         from halpipe.flow.beside import against, with_beside
 
         if kind == "trace":
-            model = self._as_read(self.state.model)
-            return with_beside(model, self.state.schedule, ReportOptions(trace=name))[0].beside
+            model = self._as_read(shown.model)
+            return with_beside(model, shown.schedule, ReportOptions(trace=name))[0].beside
         other = self.variant(name).schedule
-        return against(self.state.model, self.state.schedule, other, f'variant "{name}"') if other else None
+        return against(shown.model, shown.schedule, other, f'variant "{name}"') if other else None
 
     def why(self, mode: str) -> tuple[Diagnostic, ...]:
         """Return why a mode (empty: any) has no schedule and what would help; a cancelled search ends early."""
@@ -267,24 +284,24 @@ class Session:
     # ---- inside
 
     def _enter(self, wanted: State) -> None:
-        solved = self._solved(wanted, self.state.schedule)
         self._remember()
         self._future.clear()
-        self._show(solved)
+        self.answered = Answered()
+        self._show(replace(wanted, schedule=_drawn(self.state, wanted), findings=(), solved=False))
 
     def _remember(self) -> None:
         self._past.append(self.state)
         del self._past[:-HISTORY]
 
     def _show(self, state: State) -> None:
-        self.state = state
+        self.shown = state
         self.revision += 1
         self._note()
 
     def _note(self) -> None:
         """Keep what the file of the model does not have yet, for the next session."""
-        if self.state.pins or self.state.model != self._saved:
-            self.journal.write(self._on_disk, self.state.model, self.state.pins)
+        if self.shown.pins or self.shown.model != self._saved:
+            self.journal.write(self._on_disk, self.shown.model, self.shown.pins)
         else:
             self.journal.remove()
 
@@ -325,7 +342,7 @@ class Session:
             findings = list(refused.diagnostics)
         self.answered = _answered(before, None if findings else schedule, time.monotonic() - began)
         self.progress = None
-        return replace(state, schedule=schedule, findings=tuple(sort_diagnostics(findings)))
+        return replace(state, schedule=schedule, findings=tuple(sort_diagnostics(findings)), solved=True)
 
     def _search(
         self, model: TaskModel, options: SearchOptions, before: Schedule | None
@@ -346,10 +363,33 @@ class Session:
             return None
         modes = []
         for mode in before.modes:
-            pins = {(p.task, p.index): p for p in state.pins if p.mode == mode.name}
+            pins = _pins(state, mode)
             held = tuple(_moved(job, pins[job.task, job.index]) for job in mode.jobs if (job.task, job.index) in pins)
             modes.append(replace(mode, jobs=held))
         return before.alone(tuple(modes))
+
+
+def _drawn(before: State, wanted: State) -> Schedule | None:
+    """Return the schedule before with pinned jobs at their places, and jobs as much longer as their WCETs are."""
+    if before.schedule is None:
+        return None
+    old, new = ({(t.name, v.name): v.wcet for t in state.model.tasks for v in t.versions} for state in (before, wanted))
+    grown = {key: wcet - was for key, wcet in new.items() if wcet and (was := old.get(key)) and wcet != was}
+
+    def drawn(job: Job, pin: Pin | None) -> Job:
+        moved = job if pin is None else _moved(job, pin)
+        more = grown.get((job.task, job.version))
+        return moved if more is None or moved.parts else replace(moved, end=moved.end + more)
+
+    modes = []
+    for mode in before.schedule.modes:
+        pins = _pins(wanted, mode)
+        modes.append(replace(mode, jobs=tuple(drawn(job, pins.get((job.task, job.index))) for job in mode.jobs)))
+    return replace(before.schedule, modes=tuple(modes))
+
+
+def _pins(state: State, mode: ModeSchedule) -> dict[tuple[str, int], Pin]:
+    return {(pin.task, pin.index): pin for pin in state.pins if pin.mode == mode.name}
 
 
 def _moved(job: Job, pin: Pin) -> Job:

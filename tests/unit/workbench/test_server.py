@@ -101,6 +101,16 @@ def test_an_edit_answers_with_the_new_state(inside):
     assert answer.json()["tasks"][0]["versions"][0]["wcet"] == "7ms"
 
 
+def test_an_edit_is_answered_with_what_is_drawn_then_with_what_is_verified(inside):
+    drawn = edit(inside, "7ms").json()
+    assert not drawn["solved"]
+    assert not drawn["valid"]
+    settled = inside.post("/api/settle", json={"revision": drawn["revision"]}).json()
+    assert settled["solved"]
+    assert settled["valid"]
+    assert settled["revision"] == drawn["revision"]
+
+
 def test_a_wrong_edit_answers_with_its_code_and_the_state_as_it_was(inside):
     answer = edit(inside, "fast")
     assert answer.status_code == 409

@@ -47,8 +47,41 @@ def test_an_edit_gives_a_verified_schedule_of_the_edited_model(session):
     assert verified(session) == []
 
 
+def test_an_edit_is_drawn_before_it_is_solved(session):
+    before = {job.index: job for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
+    session.edit(wcet("7ms"))
+    told = picture(session)
+    assert (told["solved"], told["valid"], told["tasks"][0]["versions"][0]["wcet"]) == (False, False, "7ms")
+    drawn = [job for job in session.shown.schedule.mode("drive").jobs if job.task == "camera"]
+    more = Duration.parse("1ms")
+    expected = {job.index: job.end + more if job.version == "full" else job.end for job in before.values()}
+    assert {job.index: job.end for job in drawn} == expected
+    assert any(job.version == "full" for job in drawn)
+    session.settle()
+    assert picture(session)["solved"]
+    assert session.shown.is_valid
+
+
+def test_a_dragged_job_is_drawn_at_its_place_before_it_is_solved(session):
+    session.pin(Pin("drive", "logging", 0, Duration.parse("3ms"), "core2"))
+    [job] = [job for job in session.shown.schedule.mode("drive").jobs if job.task == "logging"]
+    assert (job.start, job.units, session.shown.is_valid) == (Duration.parse("3ms"), ("core2",), False)
+
+
+def test_an_edit_that_is_not_solved_yet_is_solved_before_the_next_order(session):
+    session.edit(wcet("7ms"))
+    session.edit(wcet("2ms", "logging", "only"))
+    session.undo()
+    assert session.shown.is_valid
+    assert session.shown.model.task("camera").version("full").wcet == Duration.parse("7ms")
+    session.edit(wcet("5ms"))
+    assert session.exported("report", ReportOptions())
+    assert verified(session) == []
+
+
 def test_most_jobs_stay_where_they_are(session):
     session.edit(wcet("9ms", "logging", "only"))
+    session.settle()
     assert session.answered.jobs == 13
     assert session.answered.stayed >= 12
 
@@ -259,6 +292,7 @@ def test_only_tasks_that_changed_are_drawn_anew(session, monkeypatch):
 
 def test_what_was_proven_before_is_not_told_as_answered_now(session):
     session.edit(wcet("7ms"))
+    session.settle()
     assert picture(session)["answered"]["jobs"] == 13
     session.undo()
     assert picture(session)["answered"] == {"stayed": 0, "jobs": 0, "milliseconds": None}
@@ -343,6 +377,7 @@ def test_a_variant_is_drawn_under_the_schedule_also_after_edits(session):
     session.draw_under("variant", "first")
     assert marks(session) == {""}
     session.edit(wcet("7ms"))
+    session.settle()
     assert "off" in marks(session)
     assert picture(session)["beside"]["name"] == 'variant "first"'
     assert any('task "camera"' in text for text in picture(session)["beside"]["found"])

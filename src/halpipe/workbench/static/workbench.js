@@ -32,7 +32,7 @@ async function send(name, stated = {}, quiet = false) {
     if (!answer.ok && answer.status !== 409) throw new Error(await answer.text());
     const told = await answer.json();
     show(told, quiet);
-    return told;
+    return told.solved || told.refused ? told : await send("settle", {}, quiet); // drawn first, then solved
   } catch (failure) {
     say(`${failure.message || failure}: is the server still there?`, "bad");
     return null;
@@ -75,6 +75,7 @@ function show(told, quiet) {
   const answered = told.answered;
   const stayed = answered.jobs ? `; ${answered.stayed} of ${answered.jobs} jobs stay` : "";
   if (told.refused) say(told.refused[0].message, "bad");
+  else if (!told.solved) say(`solving: ${told.what}`, "");
   else if (told.valid) say(answered.milliseconds === null ? `valid, verified before: ${told.what}` : `valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
   else say("no schedule of this model: the last valid one is shown", "bad");
   findings([...(told.refused || []), ...told.findings]);
@@ -308,7 +309,7 @@ document.addEventListener("keydown", event => {
 });
 async function open() {
   const told = await (await fetch("/api/state")).json();
-  if (told.busy && !told.modes.length) { show(told); say("finding the first schedule…", ""); setTimeout(open, 300); } else { show(told); followLink(); }
+  if (told.busy && !told.modes.length) { show(told); say("finding the first schedule…", ""); setTimeout(open, 300); } else { show(told); followLink(); if (!told.solved) order("settle"); }
 }
 function followLink() { // shows the table, the time and the job that the address names
   const view = new URLSearchParams(location.hash.slice(1)).get("view");
