@@ -32,6 +32,8 @@ EQUIVALENT = {
     ("tables.py", "count = max(counts, default=1)"): "of nothing, 1 is as far below each limit as 0",
     ("bundle.py", "cpus.setdefault(unit.name, 1)"): "only where the export has been refused",
     ("bundle.py", "sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 1))"): "a transfer has at least one byte",
+    ("__init__.py", "RARELY = (100000, 50, 101)"): BUDGET,
+    ("formats.py", "_HEAD = 4097"): BUDGET,
     ("matching.py", "SAMPLE = 2001"): BUDGET,
     ("matching.py", "self.slot[former] = -2"): "only whether it is negative counts",
     ("judging.py", "if key not in self._worst or (amount, -rank) > self._worst[key][:3]:"): "the pair is compared with more than a pair; where it is equal, the pair is still not greater",

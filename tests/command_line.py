@@ -33,7 +33,10 @@ def run_here(folder, *arguments, stdin=""):
         mock.patch.dict(os.environ),
     ):
         output.choose(None, quiet=False, verbose=False)
-        code = halpipe.cli.invoke(words)
+        try:
+            code = halpipe.cli.invoke(words)
+        except SystemExit as end:  # of the completion
+            code = end.code
     said = [stream.buffer.getvalue().decode() for stream in (out, err)]
     return subprocess.CompletedProcess(["halpipe", *words], code, *said)
 

@@ -1,27 +1,24 @@
-"""What a shell is told of how a command line may go on; it asks in the way of `halpipe --show-completion`."""
+"""Completion of command lines, asked for in the way of `halpipe --show-completion`."""
 
 import os
 import subprocess
 import sys
+from unittest import mock
 
 import pytest
 
+from command_line import run_here
 from halpipe.cli.app import VERBS
 from halpipe.starters import first_model
 
 
-def completed(line, folder=None):
-    words = line.split(" ")
-    asked = {"_HALPIPE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    done = subprocess.run(
-        [sys.executable, "-m", "halpipe"],
-        env=os.environ | asked,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        cwd=folder,
-    )
+def asked(line):
+    return {"_HALPIPE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)}
+
+
+def completed(line, folder="."):
+    with mock.patch.dict(os.environ, asked(line)):
+        done = run_here(folder)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split()
 
@@ -29,6 +26,12 @@ def completed(line, folder=None):
 def test_verbs():
     assert completed("halpipe ") == list(VERBS)
     assert completed("halpipe sch") == ["schedule"]
+
+
+def test_a_process_completes_as_the_command_does():
+    environment = os.environ | asked("halpipe sch")
+    done = subprocess.run([sys.executable, "-m", "halpipe"], env=environment, capture_output=True, check=True)
+    assert (done.stdout.split(), done.stderr) == ([b"schedule"], b"")
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def _account(coverage: Coverage, every: bool) -> list[str]:
     defaults = coverage.defaulted_values
     if every:
         lines += [f"  ignored {e.kind} {e.name} ({e.at}): {e.reason}" for e in coverage.ignored_elements]
-        lines += [f"  default {d.element}: {d.what} = {d.value} ({d.at})" for d in defaults]
+        lines += [f"  default {d.element}: {d.what} = {d.value}" + f" ({d.at})" * bool(d.at.file) for d in defaults]
     elif defaults:
         lines.append(f"  {counted(len(defaults), 'value')} defaulted; --coverage lists them and every ignored element")
     return lines

@@ -1,14 +1,16 @@
 """What commands show on a terminal: columns, the first of many, counts of the rest, colours."""
 
+import json
 import re
 
 import pytest
 
 from command_line import run_here
-from halpipe.cli import checks, output, show
-from halpipe.core.diagnostics import Severity
+from halpipe.cli import checks, import_, output, show, tools
+from halpipe.core.diagnostics import Location, Severity
 from halpipe.core.settings import UNKNOWN_KEY
 from halpipe.flow.formats import UNSCHEDULABLE_YET
+from halpipe.importers.common.base import Coverage
 from halpipe.pipeline.compare.codes import ALIGNED
 from halpipe.pipeline.diff import Change, JobChange
 from halpipe.starters import first_model
@@ -43,6 +45,52 @@ def test_the_first_of_one_code_are_shown_and_the_rest_is_counted(severity, most,
     output.choose(None, quiet=False, verbose=True)
     output.report([code(f"finding {number}") for number in range(most + 2)], as_result=True)
     assert capsys.readouterr().out.count("finding") == most + 2
+
+
+@pytest.mark.parametrize(
+    ("every", "lines"),
+    [
+        (
+            False,
+            [
+                "  element  read  mapped  ignored",
+                "  task        3       2        1",
+                "  and 4 elements of 2 kinds without influence on timing",
+                "  2 values defaulted; --coverage lists them and every ignored element",
+            ],
+        ),
+        (
+            True,
+            [
+                "  element  read  mapped  ignored",
+                "  colour      3       0        3",
+                "  note        1       0        1",
+                "  task        3       2        1",
+                "  ignored task t (f.xml:3): runs in no mode",
+                "  ignored note n (f.xml:4): no influence",
+                "  default task a: period = 5ms (f.xml:9)",
+                "  default platform: units = core0",
+            ],
+        ),
+    ],
+)
+def test_the_coverage_of_an_import_lists_what_decides_timing_and_counts_the_rest(every, lines):
+    found = Coverage()
+    found.mapped("task", 2)
+    found.dropped("colour", 3)
+    found.ignored("task", "t", "runs in no mode", Location("f.xml", 3))
+    found.ignored("note", "n", "no influence", Location("f.xml", 4))
+    found.defaulted("task a", "period", "5ms", Location("f.xml", 9))
+    found.defaulted("platform", "units", "core0")
+    assert import_._account(found, every) == lines
+    assert import_._account(Coverage(), every) == lines[:1]
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_doctor_says_which_programs_are_found(is_there, tmp_path, monkeypatch):
+    monkeypatch.setattr(tools.shutil, "which", lambda name: name if is_there else None)
+    assert set(json.loads(run_here(tmp_path, "doctor", "--format", "json").stdout)["programs"].values()) == {is_there}
+    assert ("dot: found" in run_here(tmp_path, "doctor").stdout) is is_there
 
 
 def test_only_the_first_label_has_a_colour():
