@@ -7,7 +7,7 @@ of the items. Processes are for work that does not leave the interpreter.
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Exit, HalpipeError, error
 from halpipe.core.options import option
@@ -71,19 +71,42 @@ class Workers:
 
         Raise what the function raised, if an item before raised nothing and was not enough.
         """
-        shared = _Shared(function, items, is_enough)
-        helpers = [threading.Thread(target=shared.work, daemon=True) for _ in range(self._take(len(items) - 1))]
+        results: dict[int, _Result] = {}
+        failures: dict[int, BaseException] = {}
+        waiting, lock, is_over = enumerate(items), threading.Lock(), threading.Event()
+
+        def work() -> None:
+            while not is_over.is_set():
+                with lock:
+                    taken = next(waiting, None)
+                if taken is None:
+                    break
+                try:
+                    results[taken[0]] = function(taken[1])
+                except BaseException as failure:  # noqa: BLE001 - raised again below, in the thread that asked
+                    failures[taken[0]] = failure
+                if taken[0] in failures or is_enough(results[taken[0]]):
+                    is_over.set()
+
+        helpers = [threading.Thread(target=work, daemon=True) for _ in range(self._take(len(items) - 1))]
         try:
             for helper in helpers:
                 helper.start()
-            shared.work()
+            work()
         finally:
-            shared.end()
+            is_over.set()
             for helper in helpers:
                 if helper.ident is not None:
                     helper.join()
             self._give(len(helpers))
-        return shared.collect()
+        collected: list[_Result] = []
+        for number in range(len(items)):  # as if the items had been taken one after the other
+            if number in failures:
+                raise failures[number]
+            collected.append(results[number])
+            if is_enough(collected[-1]):
+                break
+        return collected
 
     def spread(
         self, function: Callable[[_Item], _Result], items: Sequence[_Item], go_on: Callable[[int], bool]
@@ -115,60 +138,6 @@ class Workers:
     def _give(self, count: int) -> None:
         with self._lock:
             self._idle += count
-
-
-class _Shared(Generic[_Item, _Result]):
-    """The items of one call, from which each thread takes the next."""
-
-    def __init__(
-        self,
-        function: Callable[[_Item], _Result],
-        items: Sequence[_Item],
-        is_enough: Callable[[_Result], bool],
-    ) -> None:
-        self._function = function
-        self._items = items
-        self._is_enough = is_enough
-        self._results: dict[int, _Result] = {}
-        self._failures: dict[int, BaseException] = {}
-        self._lock = threading.Lock()
-        self._next = 0
-
-    def end(self) -> None:
-        """Begin no further item."""
-        with self._lock:
-            self._next = len(self._items)
-
-    def work(self) -> None:
-        """Take items until there are no more, or one was enough or failed."""
-        while (number := self._take()) is not None:
-            try:
-                result = self._function(self._items[number])
-            except BaseException as failure:  # noqa: BLE001 - raised again by collect, in the thread that asked
-                self._failures[number] = failure
-                self.end()
-            else:
-                self._results[number] = result
-                if self._is_enough(result):
-                    self.end()
-
-    def collect(self) -> list[_Result]:
-        """Return the results as if the items had been taken one after the other."""
-        collected = []
-        for number in range(len(self._items)):
-            if number in self._failures:
-                raise self._failures[number]
-            collected.append(self._results[number])
-            if self._is_enough(collected[-1]):
-                break
-        return collected
-
-    def _take(self) -> int | None:
-        with self._lock:
-            if self._next >= len(self._items):
-                return None
-            self._next += 1
-            return self._next - 1
 
 
 def watched(work: Callable[[], _Result], go_on: Callable[[], bool], stop: Callable[[], None]) -> tuple[_Result, bool]:
