@@ -298,7 +298,7 @@ def test_large_modes_are_refused(monkeypatch):
     with pytest.raises(HalpipeError) as failure:
         answer(large)
     assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_TOO_LARGE.id]
-    monkeypatch.setattr(exact, "MAX_PARTS", 5)
+    monkeypatch.setattr("halpipe.pipeline.solve.exactmodel.MAX_PARTS", 5)
     with pytest.raises(HalpipeError) as failure:
         answer(hard())
     assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_TOO_LARGE.id]

@@ -96,7 +96,7 @@ def test_without_its_answer_the_search_is_what_it_was(few_moves, monkeypatch, re
     elif reason == "no answer":
         monkeypatch.setattr(relay, "FIRST_WORK", 0)
     else:
-        monkeypatch.setattr("halpipe.pipeline.solve.exact.MAX_PARTS", 1)
+        monkeypatch.setattr("halpipe.pipeline.solve.exactmodel.MAX_PARTS", 1)
     found = schedule_model(perfect_fit(), SearchOptions(), go_on)
     assert (found.is_complete, found.schedule.solver) == (False, "anneal")
     said = {d.code for d in found.diagnostics}

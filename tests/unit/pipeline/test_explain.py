@@ -412,7 +412,7 @@ def test_a_mode_with_too_many_parts_has_no_conflict(monkeypatch):
     pytest.importorskip("ortools")
     from halpipe.pipeline.solve import exact
 
-    monkeypatch.setattr(exact, "MAX_PARTS", 3)
+    monkeypatch.setattr("halpipe.pipeline.solve.exactmodel.MAX_PARTS", 3)
     assert find_conflict(packing(), packing().modes[0], lambda: True).answer is Answer.UNKNOWN
 
 

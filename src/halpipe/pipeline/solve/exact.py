@@ -8,10 +8,8 @@ turns into a set of tasks and constraints that can be looked at.
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
@@ -21,7 +19,8 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_ELEMENT, EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
 from halpipe.pipeline.solve.exactunits import is_bound_by_choice
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
-from halpipe.pipeline.solve.workers import Workers, once, watched
+from halpipe.pipeline.solve.solver import solver_library
+from halpipe.pipeline.solve.workers import Workers, watched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -35,8 +34,7 @@ FIRST_TURN, GROWTH = 0.02, 2
 """Deterministic seconds of a program in the first turn, and how many times as many it gets in the next."""
 
 MAX_JOBS = 20_000
-MAX_PARTS = 200_000
-"""Jobs, and pieces of the program they become, up to which a mode is taken; larger ones are for the annealer.
+"""Jobs up to which a mode is taken; larger ones are for the annealer.
 
 What bounds them is memory: 2400 tasks with 4800 jobs took 0.4 GB, 10 000 with 20 000 took 0.8 GB.
 """
@@ -124,8 +122,13 @@ def solve_expansion(
     """
     if not expansion.tasks:  # what is left of a mode whose one task is left out: there is no grid to stand on
         return ExactResult(Answer.FEASIBLE)
-    cp_model = _solver_library(expansion)
-    programs = _programs(cp_model, model, expansion, model.chains if chains is None else chains)
+    _refuse_unsuited(expansion)
+    from halpipe.pipeline.solve.exactmodel import MAX_PARTS, build
+    from halpipe.pipeline.solve.exactunits import forms_of
+
+    counted = model.chains if chains is None else chains
+    forms = forms_of(expansion, [unit.name for unit in model.units])
+    programs = (build(expansion, model, counted, form) for form in forms)
     racing = [next(programs)]
     workers, left, turn = Workers(effort.workers), math.inf if effort.work is None else effort.work, 0
     while left > 0:
@@ -133,7 +136,7 @@ def solve_expansion(
         if not entrants and turn:
             raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
         share = min(FIRST_TURN * GROWTH**turn, left / max(1, len(entrants)))
-        run = _Turn(cp_model, replace(effort, work=share, seed=(effort.seed + turn) % 2**31))
+        run = _Turn(replace(effort, work=share, seed=(effort.seed + turn) % 2**31))
         answers = workers.each(run.solve, list(enumerate(entrants)), lambda found: found.is_last)
         if answers and answers[-1].is_last:
             return answers[-1]
@@ -143,53 +146,48 @@ def solve_expansion(
     return ExactResult(Answer.UNKNOWN)
 
 
-def _programs(
-    cp_model: Any, model: TaskModel, expansion: Expansion, chains: Sequence[Chain]
-) -> Iterator[Program | None]:
-    """Yield the mode in all forms, the most promising first; None where one is too large."""
-    from halpipe.pipeline.solve.exactmodel import build
-    from halpipe.pipeline.solve.exactunits import forms_of
-
-    for form in forms_of(expansion, [unit.name for unit in model.units]):
-        yield build(cp_model, expansion, model, chains, MAX_PARTS, form)
-
-
 @dataclass(slots=True)
 class _Turn:
     """One run of CP-SAT on each program; those behind one that has an answer are stopped."""
 
-    cp_model: Any
     effort: Effort
     answered: float = math.inf
 
     def solve(self, numbered: tuple[int, Program]) -> ExactResult:
-        """Let CP-SAT run on one thread; starts that cannot be assigned to units are no answer."""
+        """Let CP-SAT run on a program; starts that cannot be assigned to units are no answer."""
         number, program = numbered
-        solver = solver_for(self.cp_model, self.effort)
         go_on = lambda: number < self.answered and self.effort.go_on()  # noqa: E731
-        status, is_stopped = watched(lambda: solver.solve(program.cp), go_on, solver.stop_search)
+        solver, status, is_stopped = run(program, replace(self.effort, go_on=go_on))
         found = ExactResult(Answer.UNKNOWN, stopped=is_stopped)
-        if status in (self.cp_model.OPTIMAL, self.cp_model.FEASIBLE):
+        if status in FOUND:
             jobs = program.jobs(solver)
             if jobs is not None:
                 found = ExactResult(Answer.FEASIBLE, tuple(jobs))
-        if status == self.cp_model.INFEASIBLE and program.form.is_circle:
+        if status == IMPOSSIBLE and program.form.is_circle:
             found = ExactResult(Answer.INFEASIBLE)
         if found.is_last:
             self.answered = min(self.answered, number)
         return found
 
 
-def solver_for(cp_model: Any, effort: Effort) -> Any:
-    """Return CP-SAT on one thread, so that its answer depends on the program and the effort alone."""
-    solver = cp_model.CpSolver()
+FOUND, IMPOSSIBLE, UNDECIDED = ("OPTIMAL", "FEASIBLE"), "INFEASIBLE", "UNKNOWN"
+"""Answers of CP-SAT by their names."""
+
+
+def run(program: Program, effort: Effort) -> tuple[Any, str, bool]:
+    """Let CP-SAT run on one thread, so that its answer depends on the program and the effort alone.
+
+    Return the solver, the name of its answer, and whether it was stopped.
+    """
+    solver = solver_library().CpSolver()
     parameters = solver.parameters
     parameters.num_workers = 1
     parameters.random_seed = effort.seed
     parameters.max_deterministic_time = effort.work
     parameters.catch_sigint_signal = False  # Ctrl-C belongs to the caller of `go_on`
     parameters.symmetry_level = 0  # programs have their own, and the detection of OR-Tools 9.15 fails on some of them
-    return solver
+    status, is_stopped = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
+    return solver, solver.status_name(status), is_stopped
 
 
 def _unknown(model: TaskModel, expansion: Expansion) -> Iterator[tuple[str, Location]]:
@@ -219,8 +217,8 @@ def is_installed() -> bool:
     return find_spec("ortools") is not None
 
 
-def _solver_library(expansion: Expansion) -> Any:
-    """Return CP-SAT, or say how to get it, and refuse what is too large for it."""
+def _refuse_unsuited(expansion: Expansion) -> None:
+    """Say how to get CP-SAT where it is missing, and refuse what is too large for it."""
     if not is_installed():
         raise HalpipeError(
             EXACT_MISSING("OR-Tools is not installed", help="install it: pip install ortools"),
@@ -229,29 +227,6 @@ def _solver_library(expansion: Expansion) -> Any:
         raise _too_large(
             expansion, f"has {expansion.job_count} jobs in {expansion.hyperperiod}; {MAX_JOBS} jobs are taken"
         )
-    return solver_library()
-
-
-@once
-def solver_library() -> Any:
-    """Import CP-SAT without pandas, whose types its interface names: that takes a third of a short command."""
-    from importlib import import_module
-    from importlib.util import find_spec, module_from_spec
-
-    spec = find_spec("ortools.sat.python.cp_model")
-    if "pandas" not in sys.modules and spec is not None and spec.loader is not None:
-        module = module_from_spec(spec)
-        types: Any = SimpleNamespace(Index=None, Series=None, DataFrame=None)
-        sys.modules["pandas"] = types
-        try:
-            spec.loader.exec_module(module)
-        except (AttributeError, ImportError, TypeError):  # another version, which does more with pandas
-            pass
-        else:
-            return module
-        finally:
-            del sys.modules["pandas"]
-    return import_module("ortools.sat.python.cp_model")
 
 
 def _too_large(expansion: Expansion, text: str) -> HalpipeError:

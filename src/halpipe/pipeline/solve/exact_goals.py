@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,8 +17,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.jobs import Expansion
 from halpipe.pipeline.measure.objectives import NEVER, whole_weights
 from halpipe.pipeline.parts import is_exact_model
-from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for, solver_library
-from halpipe.pipeline.solve.workers import watched
+from halpipe.pipeline.solve.exact import FOUND, IMPOSSIBLE, UNDECIDED, Effort, is_installed, is_small, run
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -148,11 +146,10 @@ def _solve(
     from halpipe.pipeline.solve.exactmodel import build
     from halpipe.pipeline.solve.exactunits import forms_of
 
-    cp_model = solver_library()
     form: Any = next(iter(forms_of(expansion, [unit.name for unit in model.units])))
     if any(active.demands for active in expansion.tasks) and not jobs:
         return Shortest(Fraction(0))
-    program = build(cp_model, expansion, model, chains, MAX_PARTS, form)
+    program = build(expansion, model, chains, form)
     if program is None:
         return Shortest(Fraction(0))
     weights = whole_weights(chains)
@@ -165,12 +162,11 @@ def _solve(
     except TooLarge:
         return Shortest(Fraction(0))
     program.suggest(jobs)
-    solver = solver_for(cp_model, effort)
-    status, is_stopped = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
-    if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE, cp_model.UNKNOWN):
+    solver, status, is_stopped = run(program, effort)
+    if status not in (*FOUND, UNDECIDED):
         return Shortest(Fraction(0), stopped=is_stopped)
     bound = unit * max(0, math.floor(solver.best_objective_bound))  # a whole number, well below 2^53
-    found = program.jobs(solver) if status != cp_model.UNKNOWN else None
+    found = program.jobs(solver) if status != UNDECIDED else None
     is_better = found is not None and now is not None and unit * int(solver.objective_value) < now
     return Shortest(bound, tuple(found) if found is not None and is_better else (), is_stopped)
 
@@ -213,23 +209,22 @@ def fewest_moved(
         return Fewest()
     if not all(_is_numbered(expansion, job) for job in (*earlier.values(), *held.values(), *known)):
         return Fewest()
-    cp_model, best = solver_library(), Fewest(least)
+    best = Fewest(least)
     floor, most, left = least, _moved(known, earlier), effort.work or math.inf
     while floor < most and left > 0:
         is_proving = floor == best.bound
         limit = most - 1 if most - floor <= FEW_LIMITS else floor if is_proving else (floor + most) // 2
-        program = _limited(cp_model, model, expansion, earlier, held, limit, best.jobs or known)
+        program = _limited(model, expansion, earlier, held, limit, best.jobs or known)
         if program is None:
             break
-        solver = solver_for(cp_model, replace(effort, work=left if limit == most - 1 else left / 2))
-        status, stopped = watched(partial(solver.solve, program.cp), effort.go_on, solver.stop_search)
+        solver, status, stopped = run(program, replace(effort, work=left if limit == most - 1 else left / 2))
         left -= solver.response_proto.deterministic_time
-        if status in (cp_model.OPTIMAL, cp_model.FEASIBLE):
+        if status in FOUND:
             best = Fewest(best.bound, tuple(program.jobs(solver) or ()))
             most = _moved(best.jobs, earlier)
         else:
             floor = limit + 1  # without an answer, no lower limit has one soon
-            best = Fewest(floor, best.jobs) if is_proving and status == cp_model.INFEASIBLE else best
+            best = Fewest(floor, best.jobs) if is_proving and status == IMPOSSIBLE else best
         if stopped:
             break
     return best
@@ -244,7 +239,7 @@ def _moved(jobs: Iterable[Job], earlier: Jobs) -> int:
 
 
 def _limited(
-    cp_model: Any, model: TaskModel, expansion: Expansion, earlier: Jobs, held: Jobs, limit: int, hint: tuple[Job, ...]
+    model: TaskModel, expansion: Expansion, earlier: Jobs, held: Jobs, limit: int, hint: tuple[Job, ...]
 ) -> Program | None:
     """Return the program of a mode in which at most `limit` jobs move."""
     from halpipe.pipeline.solve.exactmodel import build, exact_tick
@@ -252,7 +247,7 @@ def _limited(
 
     starts = (job.start for jobs in (earlier.values(), held.values(), hint) for job in jobs)
     tick = greatest_common_divisor([exact_tick(expansion), *starts])
-    program = build(cp_model, expansion, model, model.chains, MAX_PARTS, NamedUnits, tick)
+    program = build(expansion, model, model.chains, NamedUnits, tick)
     if program is not None:
         for literal in _stay(program, held):
             program.cp.add(literal == 1)

@@ -15,6 +15,7 @@ from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Anchor, Edge, Job, Match
 from halpipe.pipeline.jobs import demands_of
 from halpipe.pipeline.solve.exactchains import Figures, TooLarge, state_chain
+from halpipe.pipeline.solve.solver import solver_library
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.exactunits import Form
 
 MAX_QUANTA = 10**9
+
+MAX_PARTS = 200_000
+"""Variables and intervals of a program; what bounds them is memory."""
 
 
 def exact_tick(expansion: Expansion) -> Duration:
@@ -65,19 +69,17 @@ class JobVars:
 
 
 def build(
-    cp_model: Any,
     expansion: Expansion,
     model: TaskModel,
     chains: Iterable[Chain],
-    max_parts: int,
     form: type[Form],
     tick: Duration | None = None,
 ) -> Program | None:
-    """Write down the program of an expanded mode; None where it would have more than `max_parts` parts.
+    """Write down the program of an expanded mode; None where it would have more than `MAX_PARTS` parts.
 
     A `tick` takes the place of the one on which nothing is lost, which it divides.
     """
-    program = Program(cp_model, expansion, max_parts, form, tick or exact_tick(expansion))
+    program = Program(expansion, form, tick or exact_tick(expansion))
     try:
         program.state_jobs()
         program.state_demands()
@@ -94,8 +96,8 @@ def build(
 class Program:
     """The variables of a mode and its constraints; one method per rule."""
 
-    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int, form: type[Form], tick: Duration) -> None:
-        self.cp = cp_model.CpModel()
+    def __init__(self, expansion: Expansion, form: type[Form], tick: Duration) -> None:
+        self.cp = solver_library().CpModel()
         self.form = form
         self.expansion = expansion
         self.tick = tick
@@ -105,7 +107,7 @@ class Program:
         self.later: dict[str, Any] = {}
         """By how much the first release of a task is later than its phase."""
         self.released = expansion.released | expansion.in_first
-        self._left = max_parts
+        self._left = MAX_PARTS
 
     def ticks(self, duration: Duration) -> int:
         """Return whole ticks; exact for all that the tick divides, rounded down for limits."""
