@@ -320,6 +320,6 @@ def test_goals_name_what_they_weigh():
     """Every stage may look only at objectives that are judged."""
     for count in (1, 2, 3):
         for objectives in permutations(Objective, count):
-            wanted = optimise.Goals.of(objectives)
-            assert wanted.stages
-            assert all(leading <= len(wanted.objectives) for _, leading in wanted.stages)
+            stages = list(optimise.stages_of(objectives))
+            assert stages
+            assert all(leading <= count for _, leading in stages)

@@ -410,7 +410,6 @@ def test_witnesses_and_remedies_say_which_elements_they_are_about():
 
 def test_a_mode_with_too_many_parts_has_no_conflict(monkeypatch):
     pytest.importorskip("ortools")
-    from halpipe.pipeline.solve import exact
 
     monkeypatch.setattr("halpipe.pipeline.solve.exactmodel.MAX_PARTS", 3)
     assert find_conflict(packing(), packing().modes[0], lambda: True).answer is Answer.UNKNOWN

@@ -16,9 +16,8 @@ from halpipe.pipeline.solve.kernel.kernel import (
     INSERTED,
     MOVES,
     NEVER,
-    fitting,
+    bound,
     new_state,
-    removing,
     total_cost,
 )
 from halpipe.pipeline.solve.problem import build_problem
@@ -160,7 +159,7 @@ def test_what_asks_to_stop_is_obeyed():
 
 def test_an_entry_fits_between_what_is_placed_and_comes_out_again():
     problem, state = state_of(model(task("a", 10, version("v", 5)), task("b", 20, version("v", 3))))
-    place, remove = fitting(problem.arrays, state), removing(problem.arrays, state)
+    place, remove = bound("fit", problem.arrays, state), bound("remove", problem.arrays, state)
     assert place(0, 3, 9) == 3
     assert place(1, 4, 19) == 8
     remove(1)

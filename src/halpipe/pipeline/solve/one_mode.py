@@ -18,7 +18,7 @@ from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
-from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, Goals, polish_of
+from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, polish_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -151,11 +151,8 @@ class _Search:
         """The improvement of a valid schedule; None without objectives."""
         if not self.options.optimise:
             return None
-        goals = Goals.of(self.options.optimise)
-        from halpipe.pipeline.solve.optimise import telling
-
-        tell = telling(goals, partial(self.options.on_better, self.name))
-        options = self.options
+        options, tell = self.options, partial(self.options.on_better, self.name)
+        goals = self.options.optimise
         return polish_of(self.model, self.expansion, goals, options.target, self.seed + 1, tell, options.budget)
 
     @property

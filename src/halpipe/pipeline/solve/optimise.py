@@ -23,7 +23,7 @@ from halpipe.pipeline.measure.objectives import Judge, Objective
 from halpipe.pipeline.solve.exact import Effort
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from halpipe.models import Chain, Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
@@ -38,37 +38,23 @@ POLISH_BUDGET, MARGIN_BUDGET = 300, 2000
 longer jobs hardly fit beside each other where the valid schedule has them."""
 
 
-@record
-class Goals:
-    """Objectives and the stages of their improvement.
-
-    - `objectives` come one before the other; none gets worse than in the first valid schedule.
-    - `stages` are the kinds of tightening in their order. Each comes with the number of leading objectives in which its
-      results may not be worse than the best so far.
-    """
-
-    objectives: tuple[Objective, ...]
-    stages: tuple[tuple[str, int], ...]
-
-    @classmethod
-    def of(cls, objectives: tuple[Objective, ...]) -> Goals:
-        """Return the goals of the objectives named."""
-        ranked = enumerate(objectives, 1)
-        return cls(objectives, tuple((stage, rank) for rank, goal in ranked for stage in STAGES.get(goal, (goal,))))
-
-
 STAGES: dict[Objective, tuple[str, ...]] = {Objective.COST: (DELAYS, UNITS, DELAYS)}
 """Stages of objectives that have several: the bonuses of F are for punctual jobs and for idle units."""
 
 
+def stages_of(objectives: tuple[Objective, ...]) -> Iterator[tuple[str, int]]:
+    """Yield the kinds of tightening in order, with how many leading objectives may not get worse by it."""
+    for rank, goal in enumerate(objectives, 1):
+        yield from ((stage, rank) for stage in STAGES.get(goal, (goal,)))
+
+
 @record
 class Polish:
-    """The goals, the judge of schedules, the moves per task and step, the seed, and the end of the improvement.
+    """The judge of schedules, the moves per task and step, the seed, and the end of the improvement.
 
     `on_better` receives the worth of each better schedule.
     """
 
-    goals: Goals
     judge: Judge
     budget: int
     seed: int
@@ -90,15 +76,15 @@ class Finished:
 def polish_of(
     model: TaskModel,
     expansion: Expansion,
-    goals: Goals,
+    objectives: tuple[Objective, ...],
     target: Fraction | None,
     seed: int,
-    on_better: Callable[[Worth], None] = lambda worth: None,
-    budget: int | None = None,
+    tell: Callable[[str], None],
+    budget: int | None,
 ) -> Polish:
     """Return the improvement of the first valid schedule of a mode, which ends once its cost F is at most `target`.
 
-    No step takes more than a stated `budget`.
+    No step takes more than a stated `budget`; `tell` gets the objectives of each better schedule in a few words.
     """
 
     def is_enough(jobs: tuple[Job, ...]) -> bool:
@@ -107,9 +93,12 @@ def polish_of(
         report = mode_report(model, expansion, jobs, Status.VALID)
         return report.cost is not None and report.cost.total <= target
 
-    judge = Judge(model, expansion, goals.objectives)
-    most = MARGIN_BUDGET if goals.objectives[0] is Objective.MARGIN else POLISH_BUDGET
-    return Polish(goals, judge, min(most, budget or most), seed, is_enough, on_better)
+    def on_better(worth: Worth) -> None:
+        pairs = zip(objectives, worth.values, strict=True)
+        tell(", ".join(f"{objective} {value_text(objective, value)}" for objective, value in pairs))
+
+    most = MARGIN_BUDGET if objectives[0] is Objective.MARGIN else POLISH_BUDGET
+    return Polish(Judge(model, expansion, objectives), min(most, budget or most), seed, is_enough, on_better)
 
 
 @record
@@ -158,16 +147,6 @@ def value_text(objective: Objective, value: Fraction) -> str:
     if objective is Objective.MARGIN:
         return f"{format_rational(Fraction(int(-value * 1000), 10))} %"
     return format_rational(value) if value >= 0 else f"-{format_rational(-value)}"
-
-
-def telling(goals: Goals, tell: Callable[[str], None]) -> Callable[[Worth], None]:
-    """Return what tells in a few words how far all objectives are."""
-
-    def said(worth: Worth) -> None:
-        pairs = zip(goals.objectives, worth.values, strict=True)
-        tell(", ".join(f"{objective} {value_text(objective, value)}" for objective, value in pairs))
-
-    return said
 
 
 WORDS = {

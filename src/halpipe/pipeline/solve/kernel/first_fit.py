@@ -21,8 +21,7 @@ from halpipe.pipeline.solve.kernel.kernel import (
     INSERTED,
     MOVES,
     NEVER,
-    fitting,
-    removing,
+    bound,
     total_cost,
 )
 
@@ -50,7 +49,7 @@ def construct(problem: Problem, state: State, budget: int, go_on: Callable[[int]
     The state holds the frozen entries alone, as it does again after a failure. `go_on` gets the entries placed.
     """
     arrays, register = problem.arrays, state.register
-    place, remove = fitting(arrays, state), removing(arrays, state)
+    place, remove = bound("fit", arrays, state), bound("remove", arrays, state)
     orders = _Orders.of(arrays)
     movable = len(arrays.entry_offset) - register[FROZEN]
     best: list[tuple[int, int]] = []
@@ -96,6 +95,7 @@ class _Table:
     state: State
     orders: _Orders
     place: Callable[..., int]
+    """Places an entry at the first phase in [earliest, last] that costs nothing; returns the phase, or NEVER."""
     begins: dict[int, int] = field(default_factory=dict)
     ends: dict[int, int] = field(default_factory=dict)
     placed: list[int] = field(default_factory=list)

@@ -169,21 +169,6 @@ def total_cost(arrays: Arrays, state: State) -> int:
     return ask("total_cost", arrays, state)
 
 
-def putting(arrays: Arrays, state: State) -> Callable[[int], object]:
-    """Return what enters a job's rectangles into the profiles."""
-    return bound("put", arrays, state)
-
-
-def fitting(arrays: Arrays, state: State) -> Callable[..., int]:
-    """Return what places an entry at the first phase in [earliest, last] that costs nothing: the phase, or NEVER."""
-    return bound("fit", arrays, state)
-
-
-def removing(arrays: Arrays, state: State) -> Callable[..., object]:
-    """Return what takes an entry out of the profiles."""
-    return bound("remove", arrays, state)
-
-
 def worst_reaction(arrays: Arrays, state: State, chain: int) -> int:
     """Return the worst reaction time, in the best placement, of a chain by number, or NEVER."""
     return ask("worst_reaction", arrays, state, chain)

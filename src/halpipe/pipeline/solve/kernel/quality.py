@@ -36,7 +36,7 @@ from halpipe.pipeline.solve.kernel.kernel import (
 )
 from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.kernel.widen import following, margins, reserved
-from halpipe.pipeline.solve.optimise import chain_bounds
+from halpipe.pipeline.solve.optimise import chain_bounds, stages_of
 from halpipe.pipeline.solve.problem import NO_TICK
 
 if TYPE_CHECKING:
@@ -83,29 +83,18 @@ class _Best:
         self.problem = replace(self.problem, arrays=replace(self.arrays, **columns))
 
 
-@record
-class Improved:
-    """The improved placement, the problem it is valid for, its units, the moves made, and whether to stop."""
-
-    problem: Problem
-    state: State
-    units: Units
-    moves: int
-    stopped: bool
-
-
-class _Improvement:
-    """One improvement: the first and the best placement, and the searches in between."""
+class Improvement:
+    """One improvement: the first and the best placement, the moves made, and whether it was stopped."""
 
     def __init__(self, best: _Best, polish: Polish, on_slice: OnSlice, named: Named) -> None:
         self.best, self.first, self.plain = best, best.worth, best.arrays
         self.polish, self.on_slice, self.named = polish, on_slice, named
-        self.moves = 0
+        self.moves, self.stopped = 0, False
 
     def run(self, kept: Kept | None) -> bool:
         """Grant one wish after the other; return whether it was stopped."""
         number = 0
-        for stage, leading in self.polish.goals.stages:
+        for stage, leading in stages_of(self.polish.judge.objectives):
             steps = _wishes(self.best, self.plain, stage, self.polish)
             granted = None
             while (arrays := following(steps, granted)) is not None:
@@ -187,14 +176,14 @@ class _Step:
 
 def improve(
     problem: Problem, state: State, units: Units, polish: Polish, on_slice: OnSlice, named: Named, kept: Kept | None
-) -> Improved:
+) -> Improvement:
     """Grant one wish after the other; the steps of an earlier run that were `kept` are not searched again."""
     jobs = named(problem, state, units)
     best = _Best(problem, state, units, jobs, polish.judge.worth(jobs))
     polish.first[:] = polish.first or [best.worth]
-    improvement = _Improvement(best, polish, on_slice, named)
-    stopped = improvement.run(kept)
-    return Improved(best.problem, best.state, best.units, improvement.moves, stopped)
+    improvement = Improvement(best, polish, on_slice, named)
+    improvement.stopped = improvement.run(kept)
+    return improvement
 
 
 def _fit_slack(arrays: Arrays, state: State) -> None:

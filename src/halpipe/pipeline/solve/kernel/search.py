@@ -105,7 +105,8 @@ class Search:
 
             wish, chained = self._polish
             better = improve(problem.with_chains(chained()), state, units, wish, on_slice, self._named, self._kept)
-            problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
+            best, unimproved = better.best, better.stopped
+            problem, state, units = best.problem, best.state, best.units
             moves += better.moves
         units = units or deal_anyhow(problem, state.best_start, state.best_option)
         jobs = self._named(problem, state, units)
@@ -140,8 +141,7 @@ def improved(
         return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
 
     better = improve(problem, *taken, polish, on_slice, named, kept)
-    found = named(better.problem, better.state, better.units)
-    return Outcome(found, 0, better.moves, stopped=False, unimproved=better.stopped)
+    return Outcome(better.best.jobs, 0, better.moves, stopped=False, unimproved=better.stopped)
 
 
 def _is_constructed(problem: Problem) -> bool:

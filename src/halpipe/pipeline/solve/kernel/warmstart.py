@@ -19,9 +19,9 @@ from halpipe.pipeline.solve.kernel.kernel import (
     FROZEN_HINT,
     INSERTED,
     State,
+    bound,
     load,
     new_state,
-    putting,
     total_cost,
 )
 
@@ -109,7 +109,7 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
     it still has. An empty `state` is given and filled.
     """
     arrays = problem.arrays
-    put, group_of = putting(arrays, state), {names[0]: group for group, names in enumerate(problem.groups)}
+    put, group_of = bound("put", arrays, state), {names[0]: group for group, names in enumerate(problem.groups)}
     kept, changed = [], []
     for number, active in enumerate(problem.expansion.tasks):
         jobs = [shipped[active.name, index] for index in range(active.jobs) if (active.name, index) in shipped]
