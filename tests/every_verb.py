@@ -256,7 +256,7 @@ def _phase(draft: Draft, name: str, bound: Fraction) -> None:
         row = Access(resource=name, start=begin, end=end, bound=bound)
         return replace(v, accesses=(*v.accesses, row))
 
-    for task in {draft.periodic().name, draft.periodic().name}:
+    for task in sorted({draft.periodic().name, draft.periodic().name}):  # the order of a set differs between runs
         draft.put_versions(draft.tasks[task], phase)
 
 
