@@ -21,6 +21,7 @@ import gc
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -127,6 +128,9 @@ SWAPS = {
 DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict", "maxsize"}
 """Options of classes, of `zip` over what is of one length, and of caches."""
 
+LIMIT = re.compile(r"_?(?:MOST|MAX|LONGEST)[A-Z_]* = \d+")
+"""Assignments of limits, of which one more is as good; tests/unit/test_limit_constants* try each on both sides."""
+
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor"}
 
 
@@ -205,8 +209,8 @@ class Mutant:
         return range(statement.lineno, max(min(heads, default=(statement.end_lineno or 0) + 1), statement.lineno + 1))
 
     def is_known(self) -> bool:
-        """Whether it is listed as one that changes nothing."""
-        return self.changed in EQUIVALENT
+        """Whether it changes nothing: it is listed, or makes a limit that was chosen one larger."""
+        return self.changed in EQUIVALENT or LIMIT.fullmatch(self.changed[1]) is not None
 
 
 # ------------------------------------------------------------------------------------------------ tests

@@ -253,6 +253,16 @@ def word_of_a_regulator(value):
     return written(lambda f: named("deploy.regulator.reading:_word")(f, "n"), n=value)
 
 
+@limit("deploy.regulator.reading:MAX_WINDOWS", 2**22)
+def windows_of_a_regulator(count):
+    return written(lambda f: named("deploy.regulator.reading:_table")(f, [], 1), kind="mode", windows=count, entries={})
+
+
+@limit("devices:MOST", 10**9 - 1)
+def number_of_a_manager(number):
+    named("exporters.regulator.platform:_INDEX")(str(number))
+
+
 @limit("deploy.riscv.target:MAX_UNITS", 64)
 def hart_of_a_unit(number):
     return written(named("deploy.riscv.target:_unit"), hart=number, ispm={}, dspm={})
@@ -303,8 +313,31 @@ def test_a_limit_is_passed_and_refused_at_its_edge(name):
     assert says in refusal(trial, beyond)
 
 
-UNTRIED = 39
-"""Limit constants that no test tries; what bounds effort alone is seen in how long something takes. It only falls."""
+ELEMENTS = {"task": 100_000, "mode": 500, "interrupt": 200, "access": 20_000}
+
+
+@pytest.mark.parametrize("held", ELEMENTS)
+def test_what_holds_what_is_passed_and_refused_at_its_edge(held):
+    rows = {row[1]: row for row in named("importers.native.model:MOST")}
+    assert {name: row[2] for name, row in rows.items()} == ELEMENTS
+    space = "{urn:halpipe:task-model:1}"
+    root = inner = etree.Element(f"{space}task-model")
+    for step in rows[held][0].split("/"):
+        inner = etree.SubElement(inner, step.replace("t:", space))
+    for _ in range(ELEMENTS[held]):
+        etree.SubElement(inner, space + held)
+    bound = named("importers.native.model:_bound")
+    bound(root, "m.xml")
+    etree.SubElement(inner, space + held)
+    assert f"at most {ELEMENTS[held]}" in refusal(lambda _: bound(root, "m.xml"), 0)
+
+
+ELSEWHERE = {"exporters.arxml.tables:MOST_EVENTS": "unit/exporters/test_arxml_split.py"}
+"""Limits that a test reaches without their names, and where."""
+
+UNTRIED = 6
+"""Limit constants that no test tries: sizes of arrays in C, the page of the workbench, and the fineness of a search.
+It only falls."""
 
 
 def test_limits_without_a_test_only_become_fewer():

@@ -1,45 +1,21 @@
 """Limit constants that are too large to be reached in a test: lowered, then tried at the limit and one beyond."""
 
 import io
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import redirect_stdout, suppress
 from fractions import Fraction
 from importlib import import_module
-from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
+from lowered_limits import ELEMENT, fake, named, patched, registry, try_both_sides
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import Duration
 from halpipe.core.files import parse_xml, parse_yaml
 from halpipe.core.settings import Fields
 from support import job, model, task, version
 
-LIMITS = {}
-ELEMENT = SimpleNamespace(at=Location(), path="e", name="e")
-
-
-def lowered(name, value, says, **others):
-    """Register a trial of the constant `name`, set to `value`; beyond it, its answer contains `says`.
-
-    `others` are set in the same module.
-    """
-
-    def register(trial):
-        assert name not in LIMITS
-        LIMITS[name] = (value, says, others, trial)
-        return trial
-
-    return register
-
-
-def named(path):
-    module, _, name = path.partition(":")
-    return getattr(import_module(f"halpipe.{module}"), name)
-
-
-def fake(**members):
-    return SimpleNamespace(**members)
+LIMITS, lowered = registry()
 
 
 # ------------------------------------------------------------------------------------------------ core, cli, schemas
@@ -397,15 +373,6 @@ def steps_of_a_reserved_length(count):
 # ------------------------------------------------------------------------- names that stand in several modules
 
 
-@contextmanager
-def patched(module, **members):
-    """Set members of a module until the end of a block."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in members.items():
-            patch.setattr(import_module(f"halpipe.{module}"), name, value)
-        yield
-
-
 @lowered("exporters.report.axis:MAX_TICKS", 4, "coarser")
 def ticks_of_an_axis(count):
     return "" if named("exporters.report.axis:_coarse_step")(Duration(count)) == 1 else "coarser"
@@ -611,21 +578,4 @@ def jobs_whose_window_is_checked(count):
 
 @pytest.mark.parametrize("name", LIMITS)
 def test_a_lowered_limit_is_passed_and_refused_at_its_edge(name, monkeypatch):
-    value, says, others, trial = LIMITS[name]
-    module, _, constant = name.partition(":")
-    module = import_module(f"halpipe.{module}")
-    if not hasattr(module, constant):
-        pytest.skip(f"{name} is gone; remove its trial")  # one that was only renamed counts as untried
-    assert getattr(module, constant) > value
-    for other, instead in {constant: value, **others}.items():
-        monkeypatch.setattr(module, other, instead)
-    answers = []
-    for number in (value, value + 1):
-        try:
-            answers.append(str(trial(number) or ""))
-        except HalpipeError as refused:
-            answers.append(" ".join(found.message for found in refused.diagnostics))
-        except ValueError as refused:
-            answers.append(str(refused))
-    assert says not in answers[0]
-    assert says in answers[1]
+    try_both_sides(LIMITS, name, monkeypatch)

@@ -149,7 +149,8 @@ def test_too_many_points_are_refused():
     spans = [(2 * n, n, n + 1) for n in range(66)]
     with pytest.raises(HalpipeError) as refused:
         write(system, planned(system, ("all", 200, parted(system, "a", "u1", *spans))))
-    assert [d.code for d in refused.value.diagnostics] == [TOO_MANY_EVENTS.id]  # HAL0889
+    [found] = refused.value.diagnostics
+    assert (found.code, found.message) == (TOO_MANY_EVENTS.id, "would wait for 65 events; a mask has 64")  # HAL0889
     fewer = [(2 * n, n, n + 1) for n in range(64)] + [(128, 64, 66)]
     write(system, planned(system, ("all", 200, parted(system, "a", "u1", *fewer))))
 
