@@ -5,9 +5,9 @@ from fractions import Fraction
 
 import pytest
 from exporter_samples import roboracer
-from golden_file import assert_golden
 from lxml import etree
 
+from golden_file import assert_golden
 from growth import growth, half_way
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 from exporter_samples import hostile, roboracer, thirds, two_modes
-from golden_file import assert_golden
 from lxml import etree
 
 from arxml_reading import NS, all_of, by_path, name_of, names, native, q, text, texts, write
+from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions, export
 from halpipe.exporters.arxml.codes import BAD_PREFIX, NO_LATENCY, WEAKER_WINDOW

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import pytest
 from exporter_samples import many, roboracer, thirds, two_modes
-from golden_file import assert_golden
 
+from golden_file import assert_golden
 from halpipe.core.diagnostics import Severity
 from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT, BtfOptions

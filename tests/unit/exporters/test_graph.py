@@ -4,9 +4,9 @@ import subprocess
 
 import pytest
 from exporter_samples import hostile, many, roboracer, thirds, two_modes
-from golden_file import assert_golden
 from lxml import etree
 
+from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.graph import FORMAT, GraphOptions, render_svg
 from support import after, chain, model, task, version

@@ -6,11 +6,11 @@ from html.parser import HTMLParser
 
 import pytest
 from exporter_samples import hostile, many, roboracer, thirds, two_modes
-from golden_file import assert_golden
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
+from golden_file import assert_golden
 from halpipe.core.durations import Duration
 from halpipe.exporters.common.base import TitledOptions
 from halpipe.exporters.common.palette import FILLS, INK

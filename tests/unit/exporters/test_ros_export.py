@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 import yaml
 from exporter_samples import roboracer, thirds, two_modes
-from golden_file import assert_golden
 
+from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.common.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes

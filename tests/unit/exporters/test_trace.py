@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 from exporter_samples import hostile, many, roboracer, thirds, two_modes
-from golden_file import assert_golden
 
+from golden_file import assert_golden
 from halpipe.exporters.common.base import TitledOptions
 from halpipe.exporters.trace import FORMAT
 from support import after, job, model, schedule, task, version
