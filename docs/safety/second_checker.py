@@ -51,9 +51,9 @@ TICKS = [1]  # in a nanosecond: so many that every time of both files is a whole
 def fit(*roots: ET.Element) -> None:
     words = {word for root in roots for e in root.iter() for value in e.attrib.values() for word in value.split()}
     TICKS[0] = lcm(*(exact(word).denominator for word in words if DURATION.fullmatch(word)))
-    duration.cache_clear()
 
 
+@lru_cache(maxsize=100_000)
 def exact(text: str) -> Fraction:
     found = DURATION.fullmatch(text.strip())
     if not found:
@@ -61,7 +61,6 @@ def exact(text: str) -> Fraction:
     return Fraction(found[1]) * SCALE[found[2]]
 
 
-@lru_cache(maxsize=100_000)
 def duration(text: str) -> int:
     return (exact(text) * TICKS[0]).numerator
 
@@ -248,10 +247,11 @@ class Job:  # One job of the schedule; parts are (start, end, from, to).
                     self.model.reserved(self.units, self.version.resume * (number > 0) + point - begin) or 0
                 )
         release = self.start - self.delay
-        known = {"end": self.end, "release": release, "read": self.start, "write": self.end}
-        if self.let is not None:
-            known |= {"read": release, "write": release + self.let}
-        return known.get(origin, self.start)
+        if origin == "write" and self.let is not None:
+            return release + self.let
+        if origin in ("end", "write"):
+            return self.end
+        return release if origin == "release" or (origin == "read" and self.let is not None) else self.start
 
 
 class Chain:
@@ -264,9 +264,28 @@ class Chain:
             raise UnreadableError(f"chain {self.name!a} has no such event")
 
 
+class Order:  # The jobs of a task as they read, or write; with a cycle, they come again in each.
+    def __init__(self, jobs: list[Job], what: str, cycle: int) -> None:
+        names = ("write", "read", "release") if what == "write" else ("read",)
+        sign, self.cycle = -1 if what == "write" else 1, cycle  # of equal writes, the first to start is the newest
+
+        def rank(step: Step) -> tuple[int, ...]:
+            job, by = step
+            return *(job.instant(name) + by for name in names), sign * (job.start + by), job.index
+
+        self.steps = sorted(((job, -(job.instant(what) // cycle * cycle) if cycle else 0) for job in jobs), key=rank)
+        self.instants = [job.instant(what) + by for job, by in self.steps]
+
+    def near(self, instant: int, bisect: Callable[[list[int], int], int], before: int) -> Step | None:
+        turn, rest = divmod(instant, self.cycle) if self.cycle else (0, instant)
+        place = bisect(self.instants, rest) - before
+        if not self.steps or (not self.cycle and not 0 <= place < len(self.steps)):
+            return None
+        job, by = self.steps[place % len(self.steps)]
+        return job, by + (turn + place // len(self.steps)) * self.cycle
+
+
 class Table:  # What modes and switches have in common: jobs that must be well formed and must not meet on a line.
-    next_read: Callable[[str, int, bool], Step | None]
-    last_write: Callable[[str, int], Step | None]
     until: int | None = None  # Paths of chains count if they cross the time from 0 to this; in a mode, all do.
 
     def __init__(self, model: Model, name: str, total: int) -> None:
@@ -355,10 +374,13 @@ class Table:  # What modes and switches have in common: jobs that must be well f
                     self.broken("access", job, f"{resource} is taken {level} times")
                     break
 
-    def chain(self, chain: Chain, first: list[Job], last: list[Job]) -> Limits:
-        """Return the worst latency, reaction and age of a chain; paths begin with `first`, or end with `last`."""
+    def chain(self, chain: Chain, jobs: dict[str, list[Job]], cycle: int) -> Limits:
+        """Return the worst latency, reaction and age of a chain; with a cycle, the jobs come again in each."""
         worst: Limits = []
-        figures = (self.forward(chain, first, False), self.forward(chain, first, True), self.ages(chain, last))
+        reads, writes = ({task: Order(jobs[task], what, cycle) for task in chain.tasks} for what in ("read", "write"))
+        first, last = jobs[chain.tasks[0]], jobs[chain.tasks[-1]]
+        ahead = (self.forward(chain, first, reads, is_missed) for is_missed in (False, True))
+        figures = (*ahead, self.ages(chain, last, writes))
         for what, ends, limit in zip(("latency", "reaction", "age"), figures, chain.limits, strict=True):
             most = max(ends, default=None)
             worst.append(most)
@@ -369,20 +391,20 @@ class Table:  # What modes and switches have in common: jobs that must be well f
     def counts(self, one: Step, two: Step) -> bool:
         return self.until is None or (one[0].start + one[1] < self.until and two[0].start + two[1] >= 0)
 
-    def forward(self, chain: Chain, jobs: list[Job], is_missed: bool) -> Iterator[int]:
+    def forward(self, chain: Chain, jobs: list[Job], reads: dict[str, Order], is_missed: bool) -> Iterator[int]:
         for job in jobs:
             # A stimulus just after this job read is seen by the next one.
-            found = self.next_read(chain.tasks[0], job.instant("read"), True) if is_missed else (job, 0)
+            found = reads[job.task].near(job.instant("read"), bisect_right, 0) if is_missed else (job, 0)
             for task in chain.tasks[1:]:
-                found = found and self.next_read(task, found[0].instant("write") + found[1], False)
+                found = found and reads[task].near(found[0].instant("write") + found[1], bisect_left, 0)
             if found and self.counts((job, 0), found):
                 yield found[0].instant(chain.to) + found[1] - job.instant(chain.origin)
 
-    def ages(self, chain: Chain, jobs: list[Job]) -> Iterator[int]:
+    def ages(self, chain: Chain, jobs: list[Job], writes: dict[str, Order]) -> Iterator[int]:
         for last in jobs:
             found: Step | None = last, 0
             for task in reversed(chain.tasks[:-1]):
-                found = found and self.last_write(task, found[0].instant("read") + found[1])
+                found = found and writes[task].near(found[0].instant("read") + found[1], bisect_right, 1)
             if found and self.counts(found, (last, 0)):
                 yield last.instant(chain.to) - found[0].instant(chain.origin) - found[1]
 
@@ -512,23 +534,10 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
     def latencies(self, chain: Chain) -> None:
         if chain.limits != [None] * 3 and not all(self.bound[task] for task in chain.tasks):
             self.broken("chain", chain.tasks[0], f"{chain.name}: a task has no job")
-        worst = self.chain(chain, self.bound[chain.tasks[0]], self.bound[chain.tasks[-1]])
+        worst = self.chain(chain, self.bound, self.total)
         given = self.figures.get(chain.name, worst)
         if given[1:] != worst[1:] or given[0] not in (None, worst[0]):
             self.broken("figures", chain.tasks[0], f"{chain.name}: a reported latency is wrong")
-
-    def next_read(self, task: str, since: int, later: bool) -> Step | None:
-        """Return the first job, in any cycle, that reads from an instant on; of equals, of the lowest number."""
-        turns = [(job, up(since + later - job.instant("read"), self.total) * self.total) for job in self.bound[task]]
-        return min(turns, key=lambda step: (step[0].instant("read") + step[1], step[0].index), default=None)
-
-    def last_write(self, task: str, until: int) -> Step | None:
-        turns = [(job, (until - job.instant("write")) // self.total * self.total) for job in self.bound[task]]
-        return max(
-            turns,
-            key=lambda step: (*(step[0].instant(w) + step[1] for w in ("write", "read", "release")), step[0].index),
-            default=None,
-        )
 
 
 # The line of one switch: cycles of the mode before up to 0, the table on [0, length), the mode to come.
@@ -541,13 +550,14 @@ class Switch(Table):
         if len({(job.task, job.index) for job in jobs}) < len(jobs):
             self.broken("length", "-", "a job is given twice")
 
-    def line(self, before: int, after: int) -> list[Job]:
-        if before * len(self.source.jobs) + after * len(self.target.jobs) > MOST_JOBS:
+    def line(self, before: int, after: int, tasks: list[str] | None = None) -> list[Job]:
+        everyone = (self.source.jobs, self.target.jobs, self.jobs)
+        old, new, own = ([job for job in jobs if tasks is None or job.task in tasks] for jobs in everyone)
+        if before * len(old) + after * len(new) > MOST_JOBS:
             raise UnreadableError("a switch has too many jobs in reach")
-        old, new = self.source.total, self.target.total
-        line = [job.moved(-turn * old, "before") for turn in range(1, before + 1) for job in self.source.jobs]
-        line += [job.moved(self.total + turn * new, "after") for turn in range(after) for job in self.target.jobs]
-        return line + self.jobs
+        line = [job.moved(-turn * self.source.total, "before") for turn in range(1, before + 1) for job in old]
+        line += [job.moved(self.total + turn * self.target.total, "after") for turn in range(after) for job in new]
+        return line + own
 
     def check(self) -> list[Finding]:
         if self.longest is not None and self.total > self.longest:
@@ -564,7 +574,7 @@ class Switch(Table):
                 self.broken("edge", job, "in progress where the mode to come begins from idle")
             if job.let and job.end - job.start > job.let:
                 self.broken("edge", job, "lasts longer than its logical execution time")
-        for name in {job.task for job in self.jobs}:
+        for name in dict.fromkeys(job.task for job in self.jobs):
             self.bind(name, [job for job in [*self.jobs, *self.target.jobs] if job.task == name])
         self.continuity()
         self.entering()
@@ -573,19 +583,15 @@ class Switch(Table):
             tasks = chain.tasks
             if any(chain.limits) and all(task in self.source.runs and task in self.target.runs for task in tasks):
                 lets = sum(self.model.tasks[task].let or 0 for task in tasks)
-                turns = [4 * len(tasks) + 2 + up(lets, mode.total) for mode in (self.source, self.target)]
-                line = sorted(self.line(*turns), key=lambda job: (job.instant("read"), job.start, job.index))
-                self.far = {task: [job for job in line if job.task == task] for task in tasks}
-                line.sort(key=lambda job: (*map(job.instant, ("write", "read", "release")), -job.start, job.index))
-                self.writes = {task: [job for job in line if job.task == task] for task in tasks}
-                self.chain(chain, self.far[tasks[0]], self.far[tasks[-1]])
+                before, after = (4 * len(tasks) + 2 + up(lets, mode.total) for mode in (self.source, self.target))
+                line = self.line(before, after, tasks)
+                self.chain(chain, {task: [job for job in line if job.task == task] for task in tasks}, 0)
         return self.findings
 
     def continuity(self) -> None:
         line = sorted(self.line(2, 2), key=lambda job: (job.start, job.index))
-        for name in self.source.runs.keys() & self.target.runs.keys():
-            task = self.model.tasks[name]
-            own = [job for job in line if job.task == name]
+        for task in (self.model.tasks[name] for name in self.source.runs if name in self.target.runs):
+            own = [job for job in line if job.task == task.name]
             for number, two in enumerate(own):
                 for one in (one for one in own[:number] if not one.where == two.where != "table"):
                     if one.end > two.start:
@@ -631,14 +637,6 @@ class Switch(Table):
             place = bisect_right(instants, own - row.least)
             if not place or instants[place - 1] < own - row.most:
                 self.broken("precedence", job, f"no job of {row.task} lies within the window")
-
-    def next_read(self, task: str, since: int, later: bool) -> Step | None:
-        found = self.far[task][bisect_left(self.far[task], since + later, key=lambda job: job.instant("read")) :][:1]
-        return (found[0], 0) if found else None
-
-    def last_write(self, task: str, until: int) -> Step | None:
-        number = bisect_right(self.writes[task], until, key=lambda job: job.instant("write"))
-        return (self.writes[task][number - 1], 0) if number else None
 
 
 def judge(model_path: str, schedule_path: str) -> list[Finding]:  # what is broken: (rule, mode, task, job, what)

@@ -130,8 +130,9 @@ def run(mutants: int, seed: int) -> Outcome:
         model_file, schedule_file = Path(folder, "model.xml"), Path(folder, "schedule.xml")
         files = str(model_file), str(schedule_file)
         for case in cases(mutants, seed):
-            model_file.write_bytes(case.model)
-            schedule_file.write_bytes(case.schedule)
+            for file, text in ((model_file, case.model), (schedule_file, case.schedule)):
+                file.unlink(missing_ok=True)  # some file systems flush a file to its disk when it is overwritten
+                file.write_bytes(text)
             outcome.count(case, _broken(*files), second.accepts(*files) if case.by_second else not case.broken)
     return outcome
 

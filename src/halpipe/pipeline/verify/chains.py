@@ -18,7 +18,7 @@ from halpipe.pipeline.verify.precedence import LineInstants
 from halpipe.pipeline.verify.tables import READ, WRITE, Rule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -53,21 +53,28 @@ def check_chain(table: ModeTable) -> Iterator[Diagnostic]:
     """Compare the worst figures of every chain that runs in the mode with its limits."""
     for chain in table.chains():
         if any(limit is not None for limit in limits(chain)):
-            yield from _too_long(table, chain, measured(table, chain))
+            yield from _too_long(table, chain, measured(table, chain, limits(chain)))
 
 
-def measured(table: ModeTable, chain: Chain) -> Figures:
-    """Return latency, reaction time and data age in ticks at their worst, each with its job; None without data."""
+def measured(table: ModeTable, chain: Chain, limited: Sequence[object] = (True, True, True)) -> Figures:
+    """Return latency, reaction time and data age in ticks at their worst, each with its job; None without data.
+
+    A figure that nothing limits, None in `limited`, is not computed.
+    """
     first, last = (table.by_task.get(task, ()) for task in (chain.tasks[0], chain.tasks[-1]))
-    return _worst_figures(_Path(chain, table.instants), first, last)
+    return _worst_figures(_Path(chain, table.instants), first, last, limited)
 
 
-def _worst_figures(paths: _Path, first: Iterable[Placed], last: Iterable[Placed]) -> Figures:
-    return (
-        _worst(paths.forward(placed) for placed in first),
-        _worst(paths.forward(placed, placed.read + 1) for placed in first),  # of a stimulus that it just missed
-        _worst(paths.backward(placed) for placed in last),
+def _worst_figures(paths: _Path, first: Iterable[Placed], last: Iterable[Placed], limited: Sequence[object]) -> Figures:
+    ways = (
+        (paths.forward(placed) for placed in first),
+        (paths.forward(placed, placed.read + 1) for placed in first),  # of a stimulus that it just missed
+        (paths.backward(placed) for placed in last),
     )
+    latency, reaction, age = (
+        None if limit is None else _worst(found) for limit, found in zip(limited, ways, strict=True)
+    )
+    return latency, reaction, age
 
 
 def _too_long(table: ModeTable | Switch, chain: Chain, figures: Figures, where: str = "") -> Iterator[Diagnostic]:
@@ -162,7 +169,7 @@ def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
         before, after = (_turns(table, chain) for table in (switch.source, switch.target))
         first = [p for p in (*switch.before(before), *switch.jobs) if p.job.task == chain.tasks[0]]
         last = [p for p in (*switch.jobs, *switch.after(after)) if p.job.task == chain.tasks[-1]]
-        yield from _too_long(switch, chain, _worst_figures(paths, first, last), " across the switch")
+        yield from _too_long(switch, chain, _worst_figures(paths, first, last, limits(chain)), " across the switch")
 
 
 def _turns(table: ModeTable, chain: Chain) -> int:
