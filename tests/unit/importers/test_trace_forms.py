@@ -182,6 +182,14 @@ def test_stamps_of_the_tracing_sdk_count_from_the_one_before(unit):
     assert "6 of events without an instant, or on a clock" in refused.value.diagnostics[0].message
 
 
+def test_builtin_clocks_of_perfetto_differ_by_what_the_system_slept():
+    """C is stamped by the monotonic clock, which was 2000 ns behind the time since boot at the snapshot."""
+    clocks = (forms.message((1, number), (2, stamp)) for number, stamp in ((3, 500), (6, 2500)))
+    snapshot = forms.message((6, forms.message(*((1, clock) for clock in clocks))), (10, 1))
+    written = [*(event(*each) for each in RUN[:4]), *(event(at - 2000, *rest, clock=3) for at, *rest in RUN[4:])]
+    assert perfetto_jobs(*written, before=[snapshot]) == SEEN
+
+
 def test_perfetto_forgets_interned_names_when_the_writer_starts_again():
     name = forms.message((12, forms.message((2, forms.message((1, 1), (2, "A"))))), (13, 1), (10, 1))
     begin = forms.message((8, 5), (11, forms.message((9, 1), (11, 1), (10, 1))), (10, 1))

@@ -160,7 +160,8 @@ class _Clock:
 class _Sequence:
     """State of one writer's packets: names by number, clocks, and defaults."""
 
-    def __init__(self) -> None:
+    def __init__(self, offsets: dict[int, int]) -> None:
+        self.offsets = offsets
         self.names: dict[int, str] = {}
         self.clocks: dict[int, _Clock] = {}
         self.clock = _BOOTTIME
@@ -170,7 +171,7 @@ class _Sequence:
         """Return the instant of a packet; None where it has none on a clock that is known."""
         clock, stamp = _one(packet, 58, self.clock), _one(packet, 8, -1)
         if stamp < 0 or clock in _NANOSECOND_CLOCKS:
-            return None if stamp < 0 else stamp
+            return None if stamp < 0 else stamp + self.offsets.get(clock, 0)
         return self.clocks[clock].time(stamp) if clock in self.clocks else None
 
 
@@ -179,6 +180,8 @@ class _Reader:
         self.file = file
         self.findings = findings
         self.sequences: dict[int, _Sequence] = {}
+        self.offsets: dict[int, int] = {}
+        """Nanoseconds from each builtin clock to the time since boot; the monotonic clock stops during suspend."""
         self.tracks: dict[int, tuple[int, int, str]] = {}
         """Process, parent and name of each track."""
         self.processes: dict[int, str] = {}
@@ -223,7 +226,7 @@ class _Reader:
         """Take one packet, or those that it holds compressed; return what its events add where, if they are plain."""
         number = _one(fields, 10, 0)
         if number not in self.sequences or _one(fields, 13, 0) & 1 or 41 in fields:
-            self.sequences[number] = _Sequence()
+            self.sequences[number] = _Sequence(self.offsets)
         sequence = self.sequences[number]
         self.has_lost = self.has_lost or 42 in fields
         for number in () if self.taken.keys().isdisjoint(fields) else self.taken:
@@ -248,6 +251,9 @@ class _Reader:
         """Take the clocks of a writer by the nanoseconds of the first builtin clock beside them."""
         clocks = {_one(clock, 1, 0): clock for clock in _messages(snapshot, 1)}
         builtin = [clocks[known] for known in (_BOOTTIME, *_NANOSECOND_CLOCKS) if known in clocks]
+        for known in _NANOSECOND_CLOCKS if _BOOTTIME in clocks else ():
+            if known in clocks:
+                self.offsets[known] = _one(clocks[_BOOTTIME], 2, 0) - _one(clocks[known], 2, 0)
         for number, clock in clocks.items() if builtin else ():
             if number > 63:  # a clock of the writer
                 stamp, unit = _one(clock, 2, 0), _one(clock, 4, 1)
