@@ -90,6 +90,9 @@ def test_rows_of_one_task_are_its_versions(read):
         (",10ms,1ms,c0,\n", "HAL0024", 'lacks the key "task"'),
         ("b,,1ms,c0,\na,10ms,1ms,c0,b\n", "HAL0023", "both need a period"),
         ('a,"1,000 ms",1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
+        ('a,"2,5 ms",1ms,c0,\nb,1.000ms,1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
+        ('a,1.000ms,1ms,c0,\nb,"2,5 ms",1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
+        ("a,2,5 ms,1ms,c0,a\n", "HAL1485", "6 cells below 5 heads"),
     ],
 )
 def test_faults_of_rows_are_errors_with_their_line(read, text, code, words):
@@ -114,6 +117,17 @@ def test_unknown_columns_and_sheets_warn_and_strict_refuses(read):
     with pytest.raises(HalpipeError) as failure:
         read(strict=True, tasks=text)
     assert failure.value.exit == 5
+
+
+def test_decimal_signs_may_differ_where_none_may_mean_thousands(read):
+    found = read(tasks='Task,Period,WCET,Core,\na,"2,5 ms",0.25 ms,c0,\n')  # and a row may end with a separator
+    assert str(task(found).versions[0].wcet) == "250us"
+
+
+def test_jitter_in_time_is_no_share(read):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks="Task,Period [ms],WCET [us],Jitter [ms]\na,10,500,1\n")
+    assert failure.value.diagnostics[0].help == "state slack as a share, such as 0.2 or 20 %"
 
 
 @pytest.mark.parametrize("head", ["WCET [cycles]", "WCET [%]", "Core [ms]"])

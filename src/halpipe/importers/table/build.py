@@ -112,6 +112,7 @@ class _Table:
     kind: Kind
     sheet: Sheet
     columns: list[Column]
+    width: int
     rows: Sequence[tuple[int, tuple[str, ...]]]
 
     def names(self) -> set[str]:
@@ -121,14 +122,20 @@ class _Table:
 
     def fields(self, findings: Findings, known: set[str]) -> Iterator[Fields]:
         """Yield what the rows state, with their lines; empty cells state nothing. `known` are names of elements."""
+        signs = set[str]()
         for line, cells in self.rows:
+            if any(cells[self.width :]):
+                text = f"{len(cells)} cells below {self.width} heads: a decimal comma may separate two of them"
+                help = "write numbers with a decimal point, or a head above each cell"
+                findings.add(CONTRADICTION(text, at=Location(self.sheet.file, line), help=help))
+                continue
             data = YamlMap(line)
             row = Fields(self.sheet.file, findings, data, f"row of {self.kind.name}", ())
             for column in self.columns:
                 text = cells[column.place] if column.place < len(cells) else ""
                 if column.key and text and text not in ("-", "—", "n/a"):
                     is_list = column.key in self.kind.lists
-                    read = partial(_name_list, text, known) if is_list else partial(_cell, column, text)
+                    read = partial(_name_list, text, known) if is_list else partial(_cell, column, text, signs)
                     value = row.checked(column.key, read, None, line=line)
                     if value is not None:
                         data[column.key] = value
@@ -138,26 +145,30 @@ class _Table:
             yield row
 
 
-def _cell(column: Column, text: str) -> str:
+def _cell(column: Column, text: str, signs: set[str]) -> str:
     """Return the text of a cell as its reader takes it: names without blanks, numbers with point and unit."""
     if is_time(column.key):
-        number = _with_point(text).replace("µ", "u").replace("μ", "u")
+        number = _with_point(text, signs).replace("µ", "u").replace("μ", "u")
         if column.unit and _NUMBER.fullmatch(number):
             return number + column.unit
         if _NUMBER.fullmatch(number):
             raise ValueError(f'{quoted(text)} has no unit; write "{text} ms", or "{column.head} [ms]" as the head')
         return number
     if column.key in SHARES:
-        number = _with_point(text)
+        number = _with_point(text, signs)
         if number.endswith("%") or column.unit == "%":
             return format_rational(parse_rational(number.removesuffix("%")) / 100)
         return number
     return _name(text)
 
 
-def _with_point(text: str) -> str:
-    """Return a number with a decimal point; raise ``ValueError`` where a comma may separate thousands."""
-    if _THOUSANDS.search(text):
+def _with_point(text: str, signs: set[str]) -> str:
+    """Return a number with a decimal point; raise ``ValueError`` where its sign may separate thousands.
+
+    `signs` are the decimal signs of the table so far: beside 2,5 the number 1.000 may be a thousand.
+    """
+    signs.update("," if "," in text else "." if _THOUSANDS.search(text.replace(".", ",")) else "")
+    if _THOUSANDS.search(text) or len(signs) > 1:
         raise ValueError(
             f"{quoted(text)} may be a decimal or thousands; write it with a decimal point, or without sign"
         )
@@ -215,7 +226,7 @@ def _table(sheet: Sheet, findings: Findings, coverage: Coverage) -> _Table | Non
             coverage.dropped("row above a table", place) if place else None
             columns = columns_of(cells, kind)
             _judge(columns, kind, Location(sheet.file, line), findings, coverage)
-            return _Table(kind, sheet, columns, sheet.rows[place + 1 :])
+            return _Table(kind, sheet, columns, len(cells), sheet.rows[place + 1 :])
     if sheet.rows:
         help = "tables have: " + "; ".join(f"{kind.name}: {', '.join(kind.needed)}" for kind in KINDS)
         at = Location(sheet.file, sheet.rows[0][0])
@@ -235,6 +246,8 @@ def _judge(columns: list[Column], kind: Kind, at: Location, findings: Findings, 
             coverage.mapped("column")
             if not is_unit_of(column.unit, column.key):
                 help = "write s, ms, us or ns; convert cycles and ticks to time"
+                if column.key in SHARES:
+                    help = f"state {column.key} as a share, such as 0.2 or 20 %"
                 findings.add(UNKNOWN_UNIT(f'"{column.head}" has the unit {quoted(column.unit)}', at=at, help=help))
         elif plain(column.head) in REMARKS:
             coverage.ignored("column", column.head, "a remark", at)
