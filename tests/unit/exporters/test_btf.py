@@ -11,7 +11,7 @@ from golden_file import assert_golden
 from halpipe.core.diagnostics import Severity
 from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT, BtfOptions
-from halpipe.exporters.btf.events import tour
+from halpipe.exporters.btf.events import run_of
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
@@ -153,7 +153,7 @@ def planned_of(modes, switches):
 )
 def test_a_run_takes_every_switch_that_it_can(switches, unreached):
     planned = planned_of("abc" if "c" in switches or not switches else "ab", [tuple(s) for s in switches.split()])
-    pieces, missed = tour(planned, 2)
+    pieces, missed = run_of(planned, 2)
     assert [m for m in missed if m not in ("c",) or m in unreached] == unreached
     names = [piece.name for piece in pieces]
     for before, after in pairwise(names):

@@ -6,7 +6,7 @@ import csv
 import io
 import os
 import shutil
-from collections import deque
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
 from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
+from halpipe.models.modes import tour
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, compare
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, Kind
@@ -209,13 +210,13 @@ def _run(target: Target, options: CheckOptions, built: Path) -> tuple[int, bytes
     """Return the exit status, the recording, and the lines of standard error and output."""
     schedule = target.schedule
     longest = max(float(mode.hyperperiod.fraction) / 1e9 for mode in schedule.modes)
-    tour = _tour(schedule)
-    stay = max(_stay(options, len(tour) + 1, longest), 2 * longest)
-    total = stay * (len(tour) + 1) + (longest if tour else 0)
+    asked = _tour(schedule)
+    stay = max(_stay(options, len(asked) + 1, longest), 2 * longest)
+    total = stay * (len(asked) + 1) + (longest if asked else 0)
     command = [str(built / "dispatcher"), "--record", str(built / "run.csv"), "--degrade", "all"]
     command += ["--seconds", f"{total:.6f}"]
-    for index, mode in enumerate(tour, 1):  # at ever other phases of the tables
-        command += ["--switch", f"{index * (stay + longest / (len(tour) + 1)):.6f}={mode}"]
+    for index, mode in enumerate(asked, 1):  # at ever other phases of the tables
+        command += ["--switch", f"{index * (stay + longest / (len(asked) + 1)):.6f}={mode}"]
     at = target.bundle.at("manifest.json")
     help = "run build/dispatcher by hand to see what happens"
     try:
@@ -239,34 +240,5 @@ def _stay(options: CheckOptions, stays: int, longest: float) -> float:
 
 def _tour(schedule: Schedule) -> list[str]:
     """Return the modes to ask for, one after the other, so that every switch is taken that can be reached."""
-    ways = [(table.source, table.target) for table in schedule.transitions]
-    here, left = schedule.modes[0].name, set(ways)
-    tour: list[str] = []
-    while left and len(tour) < _MOST_SWITCHES:
-        path = _path(here, left, ways)
-        if path is None:
-            break
-        for step in path[:-1]:
-            left.discard((here, step))
-            tour.append(step)
-            here = step
-        left.discard((here, path[-1]))
-        tour.append(path[-1])
-        here = path[-1]
-    return tour[:_MOST_SWITCHES]
-
-
-def _path(here: str, left: set[tuple[str, str]], ways: list[tuple[str, str]]) -> list[str] | None:
-    """Return the shortest way from a mode that ends with a switch of `left`."""
-    rest: deque[tuple[str, list[str]]] = deque([(here, [])])
-    seen = {here}
-    while rest:
-        mode, path = rest.popleft()
-        for source, end in ways:
-            if source == mode and (source, end) in left:
-                return [*path, end]
-        for source, end in ways:
-            if source == mode and end not in seen:
-                seen.add(end)
-                rest.append((end, [*path, end]))
-    return None
+    switches = dict.fromkeys((table.source, table.target) for table in schedule.transitions)
+    return list(islice(tour(schedule.modes[0].name, schedule.transitions, switches), _MOST_SWITCHES))

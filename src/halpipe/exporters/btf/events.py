@@ -8,19 +8,20 @@ A job runs one runnable, the code of its version: the function that the version 
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.exporters.common.timeline import delays_of
+from halpipe.models.modes import tour
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.exporters.btf import BtfOptions
-    from halpipe.models import Job, Schedule, TaskModel, TransitionTable
+    from halpipe.models import Job, Schedule, TaskModel
 
 CREATED = "1970-01-01T00:00:00Z"
 """The format wants a date; the same schedule gives the same bytes, so it is always this one."""
@@ -40,7 +41,7 @@ class Piece:
 
 def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str:
     """Return the trace of a run through every mode and switch that can be reached from the first mode."""
-    pieces, unreached = tour(schedule, options.cycles)
+    pieces, unreached = run_of(schedule, options.cycles)
     mixed = _overlapping(pieces)
     runnables = {
         (task.name, version.name): f"RUN_{version.source.entry if version.source else f'{task.name}.{version.name}'}"
@@ -64,55 +65,27 @@ def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str
     return "\n".join([*header, *events]) + "\n"
 
 
-def tour(schedule: Schedule, cycles: int) -> tuple[list[Piece], list[str]]:
+def run_of(schedule: Schedule, cycles: int) -> tuple[list[Piece], list[str]]:
     """Return a run that plays each mode `cycles` times per visit and takes every switch at least once.
 
     Also return the names of modes and switches that no allowed path from the first mode leads to.
     """
     switches = {(table.source, table.target): table for table in schedule.transitions}
     modes = {mode.name: mode for mode in schedule.modes}
-    here = schedule.modes[0].name
-    untaken = dict.fromkeys(switches)
-    path: list[str | TransitionTable] = [here]
-    while untaken:
-        steps = _nearest_untaken(here, switches, untaken)
-        if not steps:
-            break
-        for step in steps:
-            untaken.pop((step.source, step.target), None)
-            path += [step, step.target]
-        here = steps[-1].target
+    first = schedule.modes[0].name
+    path = [first, *tour(first, schedule.transitions, dict.fromkeys(switches))]
     pieces, now = [], ZERO
-    for played in path:
-        if isinstance(played, str):
-            for _ in range(cycles):
-                pieces.append(Piece(played, now, modes[played].jobs))
-                now += modes[played].hyperperiod
-        else:
-            pieces.append(Piece(played.name, now, played.jobs))
-            now += played.length
+    for before, mode in zip(["", *path], path, strict=False):
+        if before:
+            switch = switches[before, mode]
+            pieces.append(Piece(switch.name, now, switch.jobs))
+            now += switch.length
+        for _ in range(cycles):
+            pieces.append(Piece(mode, now, modes[mode].jobs))
+            now += modes[mode].hyperperiod
     seen = {piece.name for piece in pieces}
     names = [*modes, *(table.name for table in schedule.transitions)]
     return pieces, [name for name in names if name not in seen]
-
-
-def _nearest_untaken(
-    here: str, switches: dict[tuple[str, str], TransitionTable], untaken: dict[tuple[str, str], None]
-) -> list[TransitionTable]:
-    """Return the shortest way from a mode that ends with a switch not yet taken; empty if there is none."""
-    waiting: deque[tuple[str, list[TransitionTable]]] = deque([(here, [])])
-    visited = {here}
-    while waiting:
-        mode, steps = waiting.popleft()
-        leaving = [table for (source, _), table in switches.items() if source == mode]
-        for table in leaving:
-            if (table.source, table.target) in untaken:
-                return [*steps, table]
-        for table in leaving:
-            if table.target not in visited:
-                visited.add(table.target)
-                waiting.append((table.target, [*steps, table]))
-    return []
 
 
 def _entities(pieces: list[Piece], runnables: Mapping[tuple[str, str], str]) -> list[str]:

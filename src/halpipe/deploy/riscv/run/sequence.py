@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.models.modes import tour
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,47 +122,16 @@ def tables_named(schedule: Schedule, names: Sequence[str]) -> list[Played]:
 
 def tours(schedule: Schedule, cycles: int) -> list[Tour]:
     """Return runs that together play every mode and every transition, each mode for at least `cycles` hyperperiods."""
-    unplayed = {mode.name: [t.target for t in schedule.transitions if t.source == mode.name] for mode in schedule.modes}
+    untaken = dict.fromkeys((t.source, t.target) for t in schedule.transitions)
     unseen = [mode.name for mode in schedule.modes]
     found = []
-    while unseen or any(unplayed.values()):
-        first = next((name for name in unplayed if unplayed[name]), "") or unseen[0]
-        walk = _walk(schedule, first, unplayed, unseen)
+    while unseen or untaken:
+        sources = {source for source, _ in untaken}
+        first = next((mode.name for mode in schedule.modes if mode.name in sources), "") or unseen[0]
+        walk = [first, *tour(first, schedule.transitions, untaken)]
+        unseen = [name for name in unseen if name not in walk]
         found.append(_tour(schedule, walk, cycles))
     return found
-
-
-def _walk(schedule: Schedule, first: str, unplayed: dict[str, list[str]], unseen: list[str]) -> list[str]:
-    """Return modes one after the other, along transitions that were not played while there are any within reach."""
-    walk, mode = [first], first
-    while True:
-        if mode in unseen:
-            unseen.remove(mode)
-        way = _way(schedule, mode, unplayed)
-        if not way:
-            return walk
-        for following in way:
-            if following in unplayed[mode]:
-                unplayed[mode].remove(following)
-            walk.append(following)
-            mode = following
-            if mode in unseen:
-                unseen.remove(mode)
-
-
-def _way(schedule: Schedule, mode: str, unplayed: dict[str, list[str]]) -> list[str]:
-    """Return the shortest way to and along a transition that was not played, breadth first; empty if there is none."""
-    ways: deque[list[str]] = deque([[mode]])
-    known = {mode}
-    while ways:
-        way = ways.popleft()
-        if unplayed[way[-1]]:
-            return [*way[1:], unplayed[way[-1]][0]]
-        for transition in schedule.transitions:
-            if transition.source == way[-1] and transition.target not in known:
-                known.add(transition.target)
-                ways.append([*way, transition.target])
-    return []
 
 
 def _tour(schedule: Schedule, walk: list[str], cycles: int) -> Tour:
