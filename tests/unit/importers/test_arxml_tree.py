@@ -1,23 +1,37 @@
 """Files become one tree: encodings, split elements, reference bases, white space, files that do not belong."""
 
+from itertools import permutations
+
 import pytest
 from arxml_case import (
+    alarm,
     component,
+    configuration,
+    container,
+    core,
+    counter,
     document,
     el,
     every,
     found,
+    mapped,
     named,
+    order,
+    os_task,
     package,
     periods,
     read,
     ref,
     refusal,
+    rte,
+    schedule_table,
+    timing,
     write,
 )
 
 from halpipe.core.diagnostics import Exit, Findings
 from halpipe.core.files import BROKEN_XML, CANNOT_READ
+from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
 from halpipe.importers.arxml.system.reading import read_tree
@@ -83,6 +97,84 @@ def test_a_conflict_names_both_places(tmp_path):
     assert conflict.at.file == str(second)
     assert str(first) in conflict.message
     assert conflict.path == "/T/Pump/B/Tick"
+
+
+TASKS = configuration("Os", os_task("A"), os_task("B"), counter(), counter("0.002", "Slow"))
+CORES = configuration("EcuC", core("C0", "0"), core("C1", "1"))
+
+
+def bound(core_name):
+    refs = [("OsAppTaskRef", "/E/Os/A"), ("OsApplicationCoreRef", f"/E/EcuC/{core_name}")]
+    return configuration("Os", container("Os/OsApplication", "App", refs=refs))
+
+
+def called(task):
+    return configuration("Rte", rte(mapped("Pump/B/Tick", task, "1")))
+
+
+def two_starts(*cycles):
+    kind = "Os/OsAlarm/OsAlarmAutostart"
+    starts = (container(kind, f"s{cycle}", params={"OsAlarmCycleTime": cycle}) for cycle in cycles)
+    return configuration("Os", container("Os/OsAlarm", "Al", *starts))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "what"),
+    [
+        (called("A"), called("B"), "RteMappedToTaskRef"),
+        (bound("C0"), bound("C1"), "core"),
+        (
+            configuration("Os", alarm("Al", "10", activates="A")),
+            configuration("Os", alarm("Al", "10", activates="A").replace("/E/Os/Ticks", "/E/Os/Slow")),
+            "OsAlarmCounterRef",
+        ),
+        (
+            configuration("Os", alarm("Al", "10", activates="A")),
+            configuration("Os", alarm("Al", "10", activates="B")),
+            "OsAlarmActivateTaskRef",
+        ),
+        (
+            configuration("Os", schedule_table("S", "10", [("p", "2", "A")])),
+            configuration("Os", schedule_table("S", "10", [("p", "2", "B")])),
+            "OsScheduleTableActivateTaskRef",
+        ),
+        (two_starts("10"), two_starts("20"), "OsAlarmAutostart"),
+    ],
+    ids=lambda value: value if len(value) < 40 else "",
+)
+def test_a_configuration_split_over_files_states_one_target_only(tmp_path, first, second, what):
+    base = (package("T", PUMP), package("E", TASKS, CORES))
+    one = write(tmp_path, *base, package("E", first), name="a.arxml")
+    two = write(tmp_path, package("E", second), name="b.arxml")
+    for paths in ((one, two), (two, one)):
+        (told,) = {d for d in refusal(*paths).diagnostics if d.code == codes.CONFLICT.id}
+        assert (told.message.partition(" is ")[0], told.at.file) == (what, str(two))
+        assert str(one) in told.message
+
+
+def test_the_order_in_which_files_are_named_changes_nothing(tmp_path):
+    fan = component("Fan", every("0.02", "Tick", "Fan/Blow"), runnables="Blow")
+    both = component("Both", every("0.01", "A", "Both/X"), every("0.01", "B", "Both/Y"), runnables="X Y")
+    contents = [
+        (package("T", PUMP, both),),
+        (package("T", fan), timing(order("O", "Both/X Both/Y"))),
+        (timing(order("P", "Both/Y Both/X")),),
+    ]
+    paths = [write(tmp_path, *each, name=f"{name}.arxml") for name, each in zip("abc", contents, strict=True)]
+    texts = {format_model(read(*each).model) for each in permutations(paths)}
+    assert len(texts) == 1
+
+
+def test_files_that_disagree_about_a_reference_base_are_named(tmp_path):
+    def based(target, *elements):
+        base = bases((el("SHORT-LABEL", "x"), ref("PACKAGE-REF", target)))
+        return named("AR-PACKAGE", "T", base, el("ELEMENTS", *elements))
+
+    one = write(tmp_path, based("/T/Pump", PUMP), name="a.arxml")
+    two = write(tmp_path, based("/T/Fan"), name="b.arxml")
+    (told,) = [d for d in refusal(two, one).diagnostics if d.code == codes.CONFLICT.id]
+    assert (told.at.file, told.path) == (str(two), "/T")
+    assert f'"/T/Fan" here, but "/T/Pump" at {one}' in told.message
 
 
 def test_values_that_nothing_reads_may_differ(tmp_path):

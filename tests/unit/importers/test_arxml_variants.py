@@ -5,11 +5,13 @@ from fractions import Fraction
 
 import pytest
 from arxml_case import (
+    alarm,
     assembly,
     component,
     composition,
     configuration,
     container,
+    counter,
     el,
     every,
     found,
@@ -233,6 +235,94 @@ def test_two_that_exist_at_once_contradict_each_other(tmp_path):
     )
     errors = refusal(write(tmp_path, package("T", pump), VARIANTS), variant="Base").diagnostics
     assert codes.CONFLICT.id in {d.code for d in errors}
+
+
+def test_values_of_constants_may_be_formulas_of_other_constants(tmp_path):
+    def entry(name, value):
+        return el("SW-SYSTEMCONST-VALUE", ref("SW-SYSTEMCONST-REF", f"/V/{name}"), el("VALUE", value))
+
+    pump = LINE.replace(side(1), "")
+    double = '<SYSC-REF DEST="SW-SYSTEMCONST">/V/{}</SYSC-REF> * 2'
+    values = [entry("Platform", double.format("Half")), entry("Half", double.format("One")), entry("One", "1")]
+    known = [named("SW-SYSTEMCONST", name) for name in ("Platform", "Half", "One")]
+    stated = named(CONST, "S", el("SW-SYSTEMCONSTANT-VALUES", *values))
+    path = write(tmp_path, pump, package("V", *known, stated, variant("X", (CONST, "S"))))
+    assert periods(read(path, variant="X"))["p/Step"] == "20ms"
+    path.write_text(path.read_text().replace("<VALUE>1</VALUE>", f"<VALUE>{double.format('Half')}</VALUE>"))
+    assert codes.UNSET_CONSTANT.id in {d.code for d in refusal(path, variant="X").diagnostics}
+
+
+def test_variants_are_read_with_relative_references(tmp_path):
+    base = el("REFERENCE-BASE", el("SHORT-LABEL", "v"), ref("PACKAGE-REF", "/V"))
+    relative = VARIANTS.replace("REF>/V/", 'REF BASE="v">')
+    relative = relative.replace("<SHORT-NAME>V</SHORT-NAME>", f"<SHORT-NAME>V</SHORT-NAME><X>{base}</X>")
+    assert periods(read(write(tmp_path, LINE, relative), variant="Including")) == {"p/Step": "10ms"}
+
+
+def test_a_value_set_split_over_files_is_one(tmp_path):
+    one = write(tmp_path, LINE, VARIANTS)
+    two = write(tmp_path, package("V", constants("Gen2", Platform=4)), name="two.arxml")
+    for paths in ((one, two), (two, one)):
+        (told,) = [d for d in refusal(*paths, variant="Gen2Left").diagnostics if d.code == codes.TWO_VALUES.id]
+        assert str(one) in told.message
+        assert told.at.file == str(two)
+
+
+@pytest.mark.parametrize("point", [el("SHORT-LABEL", "x"), el("BLUEPRINT-CONDITION", el("P", "maybe"))])
+def test_a_variation_point_without_a_condition_is_no_variant(tmp_path, point):
+    tick = every("0.01", "Tick", "Pump/Step", el("VARIATION-POINT", point))
+    assert not found(read(write(tmp_path, package("T", component("Pump", tick, runnables="Step")))), codes.VARIANT)
+
+
+def cycles(*conditions):
+    """Two cycle times of an alarm, of which each variant has one."""
+    name = "/Vendor/X/Os/OsAlarm/OsAlarmAutostart/OsAlarmCycleTime"
+    return [
+        el("ECUC-NUMERICAL-PARAM-VALUE", ref("DEFINITION-REF", name), el("VALUE", str(10 * number)), condition)
+        for number, condition in enumerate(conditions, 1)
+    ]
+
+
+def starts(*conditions):
+    """Two autostarts of an alarm, of which each variant has one."""
+    kind, cycle = "Os/OsAlarm/OsAlarmAutostart", "OsAlarmCycleTime"
+    found = (container(kind, f"s{n}", params={cycle: str(10 * n)}) for n in range(1, len(conditions) + 1))
+    return "".join(s.replace("<D", f"{c}<D", 1) for s, c in zip(found, conditions, strict=True))
+
+
+CYCLES = container("Os/OsAlarm/OsAlarmAutostart", "s").replace(
+    "<PARAMETER-VALUES>", "<PARAMETER-VALUES>" + "".join(cycles(side(1), side(2)))
+)
+
+
+@pytest.mark.parametrize("start", [CYCLES, starts(side(1), side(2))], ids=["parameter", "container"])
+def test_variants_side_by_side_in_the_configuration_are_named_and_chosen(tmp_path, start):
+    action = alarm("Al", "77", activates="A")
+    plain = container("Os/OsAlarm/OsAlarmAutostart", "s", params={"OsAlarmCycleTime": "77", "OsAlarmAlarmTime": "0"})
+    assert plain in action
+    path = write(
+        tmp_path, package("E", configuration("Os", os_task("A"), counter(), action.replace(plain, start))), VARIANTS
+    )
+    imported = read(path)
+    assert periods(imported) == {"A": "10ms"}
+    told = found(imported, codes.VARIANT)
+    assert [d.help for d in told] == [
+        "choose --variant Gen2Left or Gen4Right or Base or Including or Both",
+        "choose a variant; otherwise the first of the two counts",
+    ]
+    assert periods(read(path, conditions=("Side=2",))) == {"A": "20ms"}
+
+
+def test_an_event_mapped_to_another_os_task_in_each_variant_is_named_and_chosen(tmp_path):
+    mappings = [
+        mapped("Fan/B/Tick", task, "1").replace("</SHORT-NAME>", "</SHORT-NAME>" + side(number), 1)
+        for number, task in enumerate("AB", 1)
+    ]
+    ecu = package("E", configuration("Os", os_task("A"), os_task("B")), configuration("Rte", rte(*mappings)))
+    path = write(tmp_path, package("T", FAN), ecu, VARIANTS)
+    told = found(read(path), codes.VARIANT)
+    assert any(d.message.startswith('RteMappedToTaskRef is "/E/Os/B" here, but "/E/Os/A" at') for d in told)
+    assert "B" in found(read(path, conditions=("Side=1",)), codes.NOT_SCHEDULED)[0].message
 
 
 def test_a_bad_formula_is_named_with_its_line(tmp_path):

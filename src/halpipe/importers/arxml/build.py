@@ -49,7 +49,8 @@ def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
     Raise `HalpipeError` with every finding if any is an error: unusable files, parts that contradict each other, no
     periodic task; under `options.strict` also every loss (warning), with the exit code for unsupported input.
     """
-    return imported(lambda findings: _import(paths, options, findings), options)
+    ordered = sorted(paths)  # of values that contradict each other, and of tasks, the first is that of the first file
+    return imported(lambda findings: _import(ordered, options, findings), options)
 
 
 def _import(paths: Sequence[str], options: ArxmlImportOptions, findings: Findings) -> Imported:

@@ -87,7 +87,7 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ArxmlImportOpt
 
     Raise `HalpipeError` with every difference, if the project is another one or changed.
     """
-    tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions), marks=True)
+    tree = read_tree(sorted(paths), Findings(), Choice(options.variant, options.conditions), marks=True)
     if tree.removed:
         others = listed([removed.path for removed in tree.removed])
         findings.report(

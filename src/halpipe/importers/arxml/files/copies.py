@@ -16,8 +16,7 @@ from halpipe.core.diagnostics import Location
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.slim import Slimming
-from halpipe.importers.arxml.files.variants import path_of
-from halpipe.importers.arxml.files.words import NS, child_text, parse_number, steps_of
+from halpipe.importers.arxml.files.words import NS, child_text, parse_number, path_of, steps_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

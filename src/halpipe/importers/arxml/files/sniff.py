@@ -238,7 +238,7 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
                 at=Location(document.name, document.root.sourceline or 1),
                 help="state the periods in the overlay (sources), or export the configuration as release 3 or 4",
             )
-    releases = dict.fromkeys(document.release or "4" for document in documents)
+    releases = sorted({document.release or "4" for document in documents})
     if len(releases) > 1:
         findings.report(
             codes.MIXED_RELEASES,

@@ -7,12 +7,14 @@ path and tag in several places are one node with several parts (AUTOSAR: splitab
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Location, named
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.bases import Bases
 from halpipe.importers.arxml.files.sniff import NAMED
 from halpipe.importers.arxml.files.variants import apply_variant, conditional
 from halpipe.importers.arxml.files.words import NS, compiled, listed, parse_double
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.variants import Choice
 
 _NAMED = [NS + tag for tag in NAMED]
+_conditions = compiled("ancestor-or-self::*/ar:VARIATION-POINT[ar:SW-SYSCOND or ar:POST-BUILD-VARIANT-CONDITIONS]")
 # A reference may name any class that its target is derived from instead of the target's own.
 _BASE_CLASSES = frozenset(
     {
@@ -54,10 +57,11 @@ _BASE_CLASSES = frozenset(
 
 @record
 class Stated:
-    """A value as the file writes it, and where it stands."""
+    """A value as the file writes it, where it stands, and the element that states it, if that is known."""
 
     text: str
     at: Location
+    element: etree._Element | None = field(default=None, compare=False)
 
 
 @record
@@ -82,6 +86,11 @@ class Ref:
     def name(self) -> str:
         """The short name of the target."""
         return self.path.rpartition("/")[2]
+
+    @property
+    def stated(self) -> Stated:
+        """The target as a value."""
+        return Stated(self.path, self.at, self.element)
 
 
 @record
@@ -113,6 +122,11 @@ class Node:
     def at(self) -> Location:
         """Place of the first part."""
         return place(self.parts[0].element, self.parts[0].file) if self.parts else Location()
+
+    @property
+    def stated(self) -> Stated:
+        """The name as a value."""
+        return Stated(self.name, self.at, self.parts[0].element)
 
     def report(self, findings: Findings, code: Code, message: str, help: str = "") -> None:
         """Report something of the element."""
@@ -165,9 +179,10 @@ class Tree:
 
     def __init__(self, documents: Sequence[Document], findings: Findings, choice: Choice | None = None) -> None:
         self.findings = findings
-        self.removed = apply_variant(documents, choice, findings) if choice and choice.is_made else []
+        self._bases = Bases(documents, findings)
+        self._is_whole = choice is None or not choice.is_made
+        self.removed = apply_variant(documents, choice, self._bases, findings) if choice and choice.is_made else []
         self._absent = frozenset(removed.path for removed in self.removed)
-        self._is_whole = not self.removed and not (choice and choice.is_made)
         self.root = Node("", "", "", None)
         self._by_path: dict[str, tuple[Node, ...]] = {}
         self._by_name: dict[str, list[str]] | None = None
@@ -176,7 +191,6 @@ class Tree:
         self._folded: dict[str, str] | None = None
         self.nameless: list[tuple[str, Location]] = []
         self._by_tag: dict[str, list[Node]] = {}
-        self._bases: dict[str, dict[str, tuple[str, str]]] = {}
         self._ranks = {document.name: document.rank for document in documents}
         self.dropped: Counter[str] = Counter()
         self.symbols: dict[str, list[Stated]] = {}
@@ -187,6 +201,9 @@ class Tree:
                 found = [Stated(value, Location(document.name, line)) for value, line in values.items()]
                 self.symbols.setdefault(name, []).extend(found)
             self._add(document)
+        if self._is_whole:
+            for document in documents:
+                self._report_variants(document)
 
     # ------------------------------------------------------------------------------------------- building
 
@@ -208,9 +225,6 @@ class Tree:
         for element in document.root.iter(*_NAMED):
             if element not in owners and element.find(NS + "SHORT-NAME") is None:
                 self._report_nameless(element, "has no SHORT-NAME", place(element, document.name))
-        self._add_bases(document, owners)
-        if self._is_whole:
-            self._report_variants(document)
 
     def _report_nameless(self, element: etree._Element, message: str, at: Location) -> None:
         self.nameless.append((local(element), at))
@@ -226,38 +240,16 @@ class Tree:
         node.parts.append(part)
         return node
 
-    def _add_bases(self, document: Document, owners: dict[etree._Element, Node]) -> None:
-        for base in document.root.iter(NS + "REFERENCE-BASE"):
-            holder = base.getparent()
-            package = holder.getparent() if holder is not None else None
-            if package is None or package not in owners:
-                continue
-            own = _is_true(base, "BASE-IS-THIS-PACKAGE")
-            target = (owners[package].path, "") if own else self._package(base)
-            if not target[0]:
-                continue
-            labels = self._bases.setdefault(owners[package].path, {})
-            labels[(base.findtext(NS + "SHORT-LABEL") or "").strip()] = target
-            if _is_true(base, "IS-DEFAULT"):
-                labels[""] = target
-
-    @staticmethod
-    def _package(base: etree._Element) -> tuple[str, str]:
-        """Return the path that PACKAGE-REF of a reference base states, and the base that it is relative to."""
-        ref = base.find(NS + "PACKAGE-REF")
-        if ref is None:
-            return "", ""
-        return "".join((ref.text or "").split()), (ref.get("BASE") or "").strip()
-
     def _report_variants(self, document: Document) -> None:
         found = conditional(document)
+        known = [node.name for node in self.tagged("PREDEFINED-VARIANT")]
         if found:
             self.findings.report(
                 codes.VARIANT,
                 f"has {len(found)} elements that depend on a variant, and are imported unconditionally: "
                 f"{listed([name for name, _ in found])}",
                 at=found[0][1],
-                help="choose a variant with --variant, or values with --condition",
+                help=f"choose --variant {' or '.join(known[:5])}" if known else "choose values with --condition",
             )
 
     # -------------------------------------------------------------------------------------------- reading
@@ -297,7 +289,7 @@ class Tree:
 
     def text(self, node: Node, path: str) -> Stated | None:
         """Return the text at a relative path; see `agreed`."""
-        found = (Stated((e.text or "").strip(), place(e, file)) for e, file in self.elements(node, path))
+        found = (Stated((e.text or "").strip(), place(e, file), e) for e, file in self.elements(node, path))
         return self.agreed(node, path, found)
 
     def agreed(self, node: Node, what: str, values: Iterable[Stated]) -> Stated | None:
@@ -313,8 +305,7 @@ class Tree:
     def ref(self, node: Node, path: str) -> Ref | None:
         """Return the only reference at a relative path; report a conflict if two parts state it differently."""
         found = self.refs(node, path)
-        for other in found[1:]:
-            self._report_conflict(node, path, Stated(found[0].path, found[0].at), Stated(other.path, other.at))
+        self.agreed(node, path, (ref.stated for ref in found))
         return found[0] if found else None
 
     def refs(self, node: Node, path: str) -> list[Ref]:
@@ -328,24 +319,8 @@ class Tree:
 
     def reference(self, node: Node, element: etree._Element, file: str) -> Ref | None:
         """Read a reference element, completing a relative path by its reference base; None if it is empty."""
-        path = "".join((element.text or "").split())
-        if not path:
-            return None
-        if path.startswith("/"):
-            return Ref(path, element.get("DEST") or "", element, file)
-        label = (element.get("BASE") or "").strip()
-        relative = f'"{path}" of the {f"base {label}" if label else "default base"}'
-        return Ref(f"{self._base(node, label)}/{path}", element.get("DEST") or "", element, file, relative)
-
-    def _base(self, node: Node | None, label: str) -> str:
-        """Return the package that a label stands for: what the nearest package round `node` that knows it says."""
-        while node is not None:
-            labels = self._bases.get(node.path, {})
-            if label in labels:
-                target, outer = labels[label]
-                return target if target.startswith("/") else f"{self._base(node.parent, outer)}/{target}"
-            node = node.parent
-        return ""
+        path, relative = self._bases.absolute(element, node.path)
+        return Ref(path, element.get("DEST") or "", element, file, relative) if path else None
 
     def target(self, node: Node, path: str, tags: Container[str] | None = None, kind: str = "") -> Node | None:
         """Return the node that the only reference at a relative path names; see `find` and `ref`."""
@@ -425,8 +400,8 @@ class Tree:
     def _report_conflict(self, node: Node, what: str, first: Stated, second: Stated) -> None:
         """Report that two parts of a node state `what` differently: as variants of it, or as a contradiction."""
         message = f'{what} is "{second.text}" here, but "{first.text}" at {first.at}'
-        is_variant = any(part.element.find(f"{NS}VARIATION-POINT/*") is not None for part in node.parts)
-        if is_variant and self._is_whole:
+        elements = (stated.element for stated in (first, second) if stated.element is not None)
+        if self._is_whole and any(map(_conditions, elements)):
             help = "choose a variant; otherwise the first of the two counts"
             self.findings.report(codes.VARIANT, message, at=second.at, path=node.path, help=help)
             return
@@ -434,10 +409,6 @@ class Tree:
         code = codes.OTHER_COPY if is_copy else codes.CONFLICT
         help = "generate the file again" if is_copy else "import one of the two, or make them agree"
         self.findings.report(code, f"{message}{', which counts' * is_copy}", at=second.at, path=node.path, help=help)
-
-
-def _is_true(element: etree._Element, tag: str) -> bool:
-    return (element.findtext(NS + tag) or "").strip() in ("true", "1")
 
 
 def _same_value(first: str, second: str) -> bool:

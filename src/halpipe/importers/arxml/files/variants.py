@@ -13,7 +13,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate, is_true
-from halpipe.importers.arxml.files.words import NS, parse_number
+from halpipe.importers.arxml.files.words import NS, parse_number, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.core.diagnostics import Findings
+    from halpipe.importers.arxml.files.bases import Bases
     from halpipe.importers.arxml.files.formulas import Value
     from halpipe.importers.arxml.files.sniff import Document
 
@@ -31,6 +32,9 @@ _SETS = {
 }
 _CONSTANTS = ("SW-SYSTEMCONST", "POST-BUILD-VARIANT-CRITERION")
 _REFS = ("SYSC-REF", "SYSC-STRING-REF")
+_MAX_ROUNDS = 40
+_PATHS = ("EVALUATED-VARIANT-REF", "INCLUDED-VARIANT-REF", "MATCHING-CRITERION-REF", "SW-SYSTEMCONST-REF")
+_CONDITIONS = (NS + "SW-SYSCOND", NS + "POST-BUILD-VARIANT-CONDITION")
 
 
 @record
@@ -55,11 +59,15 @@ class Removed:
     at: Location
 
 
-def apply_variant(documents: Sequence[Document], choice: Choice, findings: Findings) -> list[Removed]:
+def apply_variant(documents: Sequence[Document], choice: Choice, bases: Bases, findings: Findings) -> list[Removed]:
     """Take out of the documents what is not in the chosen variant; return it.
 
     Raise `HalpipeError` for an unknown variant, and with every condition that cannot be decided.
     """
+    tags = (*_REFS, *_PATHS, "VARIANT-CRITERION-REF", *(f"{tag}-REF" for tag in _SETS))
+    for document in documents:
+        for ref in document.root.iter(*(NS + tag for tag in tags)):
+            ref.text = bases.absolute(ref)[0]
     values = _Chooser(documents, findings).values(choice)
     findings.stop_on_errors()
     removed = [found for document in documents for found in _prune(document, values, findings)]
@@ -72,7 +80,7 @@ def conditional(document: Document) -> list[tuple[str, Location]]:
     found = []
     for point in document.root.iter(NS + "VARIATION-POINT"):
         holder = point.getparent()
-        if len(point) and holder is not None:
+        if holder is not None and next(point.iter(*_CONDITIONS), None) is not None:
             found.append((_name(holder), Location(document.name, point.sourceline or 0)))
     for element in _formulas(document.root):
         found.append((_name(element), Location(document.name, element.sourceline or 0)))
@@ -89,23 +97,18 @@ def _name(element: etree._Element) -> str:
     return tag.removeprefix(NS) if holder is None else f"{_name(holder)}/{tag.removeprefix(NS)}"
 
 
-def path_of(element: etree._Element) -> str:
-    """Return the AUTOSAR path of an element: the short names down to it."""
-    names = [each.findtext(NS + "SHORT-NAME") for each in (element, *element.iterancestors())]
-    return "/" + "/".join("".join(name.split()) for name in reversed(names) if name)
-
-
 class _Chooser:
     """Finds the value sets of a variant, and the constants of conditions."""
 
     def __init__(self, documents: Sequence[Document], findings: Findings) -> None:
         self._findings = findings
-        self._by_path: dict[str, tuple[etree._Element, Location]] = {}
+        self._by_path: dict[str, list[tuple[etree._Element, Location]]] = {}
+        self._formulas: list[tuple[str, etree._Element, Location]] = []
         tags = ("PREDEFINED-VARIANT", "EVALUATED-VARIANT-SET", *_SETS, *_CONSTANTS)
         for document in documents:
             for element in document.root.iter(*(NS + tag for tag in tags)):
                 at = Location(document.name, element.sourceline or 0)
-                self._by_path.setdefault(path_of(element), (element, at))
+                self._by_path.setdefault(path_of(element), []).append((element, at))
         self._values: dict[str, Value] = {}
         self._sources: dict[str, str] = {}
 
@@ -115,27 +118,40 @@ class _Chooser:
             self._add_variant(choice.variant)
         for condition in choice.conditions:
             self._add_condition(condition)
+        self._evaluate()
         return self._values
 
-    def _tagged(self, *tags: str) -> dict[str, etree._Element]:
-        return {p: e for p, (e, _) in self._by_path.items() if str(e.tag).removeprefix(NS) in tags}
+    def _evaluate(self) -> None:
+        """Evaluate the formulas that value sets state as values, those first whose constants are known."""
+        for _ in range(_MAX_ROUNDS):
+            formulas, self._formulas = self._formulas, []
+            for path, element, at in formulas:
+                try:
+                    self._set(path, evaluate(element, self._values.get), at)
+                except UnsetError:
+                    self._formulas.append((path, element, at))
+                except FormulaError as failure:
+                    _report_formula(failure, path, at, self._findings)
+
+    def _tagged(self, *tags: str) -> list[str]:
+        wanted = [NS + tag for tag in tags]
+        return [path for path, parts in self._by_path.items() if parts[0][0].tag in wanted]
 
     def _named(self, name: str, *tags: str) -> list[str]:
-        known = self._tagged(*tags)
-        return [path for path in known if name in (path, path.rpartition("/")[2])]
+        return [path for path in self._tagged(*tags) if name in (path, path.rpartition("/")[2])]
 
     def _add_variant(self, name: str) -> None:
         found = self._named(name, "PREDEFINED-VARIANT")
         for path in self._named(name, "EVALUATED-VARIANT-SET") if not found else ():
-            refs = self._by_path[path][0].iter(NS + "EVALUATED-VARIANT-REF")
-            found += ["".join((ref.text or "").split()) for ref in refs]
+            refs = (r for element, _ in self._by_path[path] for r in element.iter(NS + "EVALUATED-VARIANT-REF"))
+            found += dict.fromkeys(ref.text or "" for ref in refs)
         if len(found) != 1:
             known = sorted(
                 path.rpartition("/")[2] for path in self._tagged("PREDEFINED-VARIANT", "EVALUATED-VARIANT-SET")
             )
             among = f"the variants are {', '.join(known) or 'none'}"
             several = f'"{name}" could be {", ".join(found)}' if found else f'there is no variant "{name}"'
-            at = self._by_path[found[0]][1] if found and found[0] in self._by_path else Location()
+            at = self._by_path[found[0]][0][1] if found and found[0] in self._by_path else Location()
             help = "name one of them by its path" if found else did_you_mean(name, known, among)
             self._findings.report(codes.UNKNOWN_VARIANT, several, at=at, help=help)
             return
@@ -149,20 +165,26 @@ class _Chooser:
             message = f"{path} is in no file"
             self._findings.report(codes.UNKNOWN_VARIANT, message, help="add the file that defines it to the import")
             return []
-        element, at = self._by_path[path]
-        tag = str(element.tag).removeprefix(NS)
-        if tag in _SETS:
-            self._take(element, at, *_SETS[tag])
-            return []
-        refs = [r for kind in ("INCLUDED-VARIANT", *_SETS) for r in element.iter(f"{NS}{kind}-REF")]
-        return ["".join((ref.text or "").split()) for ref in refs]
+        found: list[str] = []
+        for element, at in self._by_path[path]:
+            tag = str(element.tag).removeprefix(NS)
+            if tag in _SETS:
+                self._take(element, at, *_SETS[tag])
+            else:
+                refs = [r for kind in ("INCLUDED-VARIANT", *_SETS) for r in element.iter(f"{NS}{kind}-REF")]
+                found += [ref.text or "" for ref in refs]
+        return found
 
     def _take(self, element: etree._Element, at: Location, tag: str, ref_tag: str) -> None:
         for entry in element.iter(NS + tag):
-            path = "".join((entry.findtext(NS + ref_tag) or "").split())
-            stated = (entry.findtext(NS + "VALUE") or "").strip()
+            path, value = entry.findtext(NS + ref_tag) or "", entry.find(NS + "VALUE")
+            place = Location(at.file, entry.sourceline or 0)
+            stated = "" if value is None else (value.text or "").strip()
             number = parse_number(stated)
-            self._set(path, stated if number is None else number, Location(at.file, entry.sourceline or 0))
+            if value is not None and len(value):
+                self._formulas.append((path, value, place))
+            else:
+                self._set(path, stated if number is None else number, place)
 
     def _add_condition(self, text: str) -> None:
         name, sign, stated = text.partition("=")
@@ -240,7 +262,7 @@ def _exists(point: etree._Element, values: Mapping[str, Value], file: str, findi
         if value is not None and not is_true(value):
             return False
     for condition in point.iter(NS + "POST-BUILD-VARIANT-CONDITION"):
-        path = "".join((condition.findtext(NS + "MATCHING-CRITERION-REF") or "").split())
+        path = condition.findtext(NS + "MATCHING-CRITERION-REF") or ""
         wanted = condition.find(NS + "VALUE")
         stated = values.get(path)
         if stated is None:
@@ -257,10 +279,12 @@ def _value(element: etree._Element, values: Mapping[str, Value], file: str, find
     except UnsetError as unset:
         _report_unset(str(unset), at, findings)
     except FormulaError as failure:
-        findings.report(
-            codes.BAD_FORMULA, str(failure), at=at, path=path_of(element), help="correct the formula in its source"
-        )
+        _report_formula(failure, path_of(element), at, findings)
     return None
+
+
+def _report_formula(failure: FormulaError, path: str, at: Location, findings: Findings) -> None:
+    findings.report(codes.BAD_FORMULA, str(failure), at=at, path=path, help="correct the formula in its source")
 
 
 def _report_unset(path: str, at: Location, findings: Findings) -> None:

@@ -126,6 +126,12 @@ def child_text(element: etree._Element, tag: str) -> str:
     return next((child.text or "" for child in element.iterchildren(NS + tag)), "")
 
 
+def path_of(element: etree._Element) -> str:
+    """Return the AUTOSAR path of an element: the short names down to it."""
+    names = [each.findtext(NS + "SHORT-NAME") for each in (element, *element.iterancestors())]
+    return "/" + "/".join("".join(name.split()) for name in reversed(names) if name)
+
+
 @lru_cache(maxsize=4096)  # an extract has thousands of containers, and few definitions
 def steps_of(definition: str) -> tuple[str, ...]:
     """Return the short names of the path of a definition."""

@@ -5,6 +5,7 @@ halpipe (``ADMIN-DATA/SDGS/SDG``) mark the containers that an export put on top 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import named
@@ -103,6 +104,8 @@ def edited(data: Data, message: str) -> None:
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
 _MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
+# Ends of the definitions of which a container has one at most, and would have one read: variants may name them apart.
+_SINGLE = ("Autostart", "TimingProtection")
 _VALUES = tuple(map(qualified, ("VALUE-REF", "VALUE-IREF/TARGET-REF")))
 
 
@@ -130,7 +133,7 @@ class Container:
         if self._parameters is None:
             self._parameters = {}
             for key, element, file in _by_definition(self.node, "PARAMETER-VALUES/*"):
-                found = Stated(child_text(element, "VALUE").strip(), place(element, file))
+                found = Stated(child_text(element, "VALUE").strip(), place(element, file), element)
                 self._parameters.setdefault(key, []).append(found)
         return self._tree.agreed(self.node, name, self._parameters.get(name, ()))
 
@@ -167,15 +170,20 @@ class Container:
                         self._references.setdefault(key, []).append(ref)
         return list({ref.path: ref for name in names for ref in self._references.get(name, ())}.values())
 
+    def stated(self, *names: str) -> list[Stated]:
+        """Return the paths of the existing targets of references with their places; report those that dangle."""
+        what = f'{self.kind} "{self.node.path}"'
+        found = ((self._tree.find(ref, what), ref) for ref in self.refs(*names))
+        return [replace(ref.stated, text=node.path) for node, ref in found if node is not None]
+
     def targets(self, *names: str) -> list[str]:
         """Return the paths of the existing targets of references; report those that dangle."""
-        what = f'{self.kind} "{self.node.path}"'
-        found = (self._tree.find(ref, what) for ref in self.refs(*names))
-        return [node.path for node in found if node is not None]
+        return [target.text for target in self.stated(*names)]
 
     def target(self, *names: str) -> str | None:
-        """Return the path of the first existing target of a reference."""
-        return next(iter(self.targets(*names)), None)
+        """Return the path of the existing target of a reference; report a conflict if there are several."""
+        found = self._tree.agreed(self.node, names[0], self.stated(*names))
+        return found.text if found else None
 
 
 def _by_definition(node: Node, path: str) -> Iterator[tuple[str, etree._Element, str]]:
@@ -197,6 +205,7 @@ class Containers:
         self._waits: dict[str, frozenset[str]] | None = None
         self.kinds: dict[str, str] = {}
         standard = standard_modules(tree)
+        alternatives: dict[tuple[Node, str], list[Stated]] = {}
         for node in tree.tagged(_CONTAINER):
             holder = node.parent.path if node.parent is not None else ""
             if holder not in self.kinds and holder not in standard:
@@ -207,6 +216,10 @@ class Containers:
                 container = self.by_path[node.path] = Container(tree, node, kind)
                 if container.data():
                     self.added[node.path] = container
+                elif kind.endswith(_SINGLE) and node.parent is not None:
+                    alternatives.setdefault((node.parent, kind), []).append(node.stated)
+        for (owner, what), found in alternatives.items():
+            tree.agreed(owner, what, found)
 
     def of(self, *kinds: str) -> list[Container]:
         """Return the project's own containers of the given definitions, in document order.

@@ -29,7 +29,7 @@ from halpipe.models.project import Deed
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.files.tree import Stated, Tree
     from halpipe.importers.arxml.system.containers import Data
 
 _PERIODS = ("RtePeriod", "RteBswPeriod", "RteBswEventPeriod")
@@ -91,19 +91,19 @@ def _applications(containers: Containers, cores: dict[str, Core]) -> tuple[list[
 
 def _bound_core(containers: Containers, application: Container, cores: dict[str, Core]) -> Core | None:
     """Follow the references from an OsApplication to a core, directly, by an OsCore or by its partition."""
-    seen: set[str] = set()
+    found: list[Stated] = []
     todo = [application]
-    while todo:
-        container = todo.pop(0)
-        for path in container.targets(
+    for container in todo:
+        for target in container.stated(
             "OsApplicationCoreRef", "OsCoreEcucCoreRef", "OsAppEcucPartitionRef", "EcucPartitionCoreRef"
         ):
-            if path in cores:
-                return cores[path]
-            if path in containers.by_path and path not in seen:
-                seen.add(path)
-                todo.append(containers.by_path[path])
-    return None
+            step = containers.by_path.get(target.text)
+            if target.text in cores:
+                found.append(target)
+            elif step is not None and step not in todo:
+                todo.append(step)
+    core = containers.tree.agreed(application.node, "core", found)
+    return cores[core.text] if core else None
 
 
 def _task(containers: Containers, container: Container, core: str | None) -> OsTask:
@@ -169,7 +169,7 @@ def _mappings(containers: Containers) -> Iterator[EventMapping]:
             position = container.number("RteBswPositionInTask")
         yield EventMapping(
             place=container.place,
-            prototype=_instance(containers, container),
+            prototype=_prototype(containers, container),
             event=container.target("RteEventRef", "RteBswEventRef"),
             task=containers.own(container.target("RteMappedToTaskRef", "RteBswMappedToTaskRef")),
             position=int(position) if position is not None else None,
@@ -191,16 +191,21 @@ def _mappings(containers: Containers) -> Iterator[EventMapping]:
 
 def _instances(containers: Containers) -> Iterator[RteInstance]:
     for container in containers.of("RteSwComponentInstance"):
-        for ref in container.refs("RteSoftwareComponentInstanceRef"):
+        if named := _named(containers, container):
             events = [event.path for inside in containers.below(container) for event in inside.refs("RteEventRef")]
-            yield RteInstance(place=container.place, prototype=ref.path, at=ref.at, events=tuple(events))
+            yield RteInstance(place=container.place, prototype=named.text, at=named.at, events=tuple(events))
 
 
-def _instance(containers: Containers, mapping: Container) -> str | None:
-    parent = mapping.node.parent
-    owner = containers.by_path.get(parent.path) if parent is not None else None
-    refs = owner.refs("RteSoftwareComponentInstanceRef") if owner is not None else []
-    return refs[0].path if refs else None
+def _named(containers: Containers, instance: Container) -> Stated | None:
+    """Return the prototype that an instance of the Rte names, which files need not define."""
+    name = "RteSoftwareComponentInstanceRef"
+    return containers.tree.agreed(instance.node, name, (ref.stated for ref in instance.refs(name)))
+
+
+def _prototype(containers: Containers, mapping: Container) -> str | None:
+    owner = containers.by_path.get(mapping.node.parent.path) if mapping.node.parent is not None else None
+    named = _named(containers, owner) if owner is not None else None
+    return named.text if named else None
 
 
 _CONTAINER = "ECUC-CONTAINER-VALUE"
@@ -309,12 +314,13 @@ def deeds_of(containers: Containers, container: Container) -> Iterator[Deed]:
         path = inside.node.path
         point = path if inside.kind == _POINT else point
         for prefix in ("OsAlarm", "OsScheduleTable"):
-            yield from (Deed(path, task, point) for task in inside.targets(f"{prefix}ActivateTaskRef"))
-            stated = inside.targets(f"{prefix}SetEventRef") or [ref.path for ref in inside.refs(f"{prefix}SetEventRef")]
-            for event in stated:
-                named = inside.targets(f"{prefix}SetEventTaskRef")
-                waiting = named or [task for task, events in containers.waits.items() if event in events] or [""]
-                yield from (Deed(path, task, point, event) for task in waiting)
+            if task := inside.target(f"{prefix}ActivateTaskRef"):
+                yield Deed(path, task, point)
+            stated = (ref.stated for ref in inside.refs(f"{prefix}SetEventRef"))
+            if event := containers.tree.agreed(inside.node, f"{prefix}SetEventRef", stated):
+                named = inside.target(f"{prefix}SetEventTaskRef")
+                waiting = [task for task, events in containers.waits.items() if event.text in events]
+                yield from (Deed(path, task, point, event.text) for task in ([named] if named else waiting or [""]))
 
 
 def _acts(deeds: Iterable[Deed]) -> dict[str, tuple[str, ...]]:
