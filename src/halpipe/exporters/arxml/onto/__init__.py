@@ -7,6 +7,7 @@ what is added, `edit` changes values in the project's own files and leaves every
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
@@ -47,15 +48,4 @@ class Onto:
     def summary(self) -> list[Change]:
         """The changes for people: a new container stands for all that is in it."""
         new = {change.path for change in self.changes if not change.name and change.old is None}
-        return [c for c in self.changes if not _is_within(c, new)]
-
-
-def _is_within(change: Change, new: set[str]) -> bool:
-    if change.name and change.path in new:
-        return True
-    holder = change.path.rpartition("/")[0]
-    while holder:
-        if holder in new:
-            return True
-        holder = holder.rpartition("/")[0]
-    return False
+        return [c for c in self.changes if new.isdisjoint(map(str, PurePosixPath(f"{c.path}/{c.name}").parents))]

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.tree import Stated, Tree
     from halpipe.importers.arxml.system.containers import Data
 
+_PREFIXES, _CAUSES = ("Rte", "RteBsw"), ("SchTblExpiryPoint", "Alarm", "Event")
 _PERIODS = ("RtePeriod", "RteBswPeriod", "RteBswEventPeriod")
 
 
@@ -177,14 +178,7 @@ def _mappings(containers: Containers) -> Iterator[EventMapping]:
             period=next(filter(None, map(container.value, _PERIODS)), None),
             is_called=bool(container.refs("RteMappedToTaskRef", "RteBswMappedToTaskRef")),
             triggers=tuple(
-                container.targets(
-                    "RteUsedOsSchTblExpiryPointRef",
-                    "RteBswUsedOsSchTblExpiryPointRef",
-                    "RteUsedOsAlarmRef",
-                    "RteBswUsedOsAlarmRef",
-                    "RteUsedOsEventRef",
-                    "RteBswUsedOsEventRef",
-                )
+                container.targets(*(f"{prefix}UsedOs{what}Ref" for what in _CAUSES for prefix in _PREFIXES))
             ),
         )
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.files.tree import Node, Ref, Tree
     from halpipe.importers.arxml.system.values import Ecu, System
 
 _MAX_DEPTH = 32
@@ -256,8 +256,6 @@ def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Compo
 
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
-_COLLECTED = "ECUC-VALUES/ECUC-MODULE-CONFIGURATION-VALUES-REF-CONDITIONAL/ECUC-MODULE-CONFIGURATION-VALUES-REF"
-_OLD_COLLECTED = "ECUC-VALUES/ECUC-MODULE-CONFIGURATION-VALUES-REF"
 _STANDARD = re.compile(r"(?<![a-z])(?:[a-z]|[A-Z0-9_]+)?(?:Os|Rte|EcuC)$")  # by name: Os, iRte, VTTOs, MyEcu_Rte
 
 
@@ -332,15 +330,16 @@ def _modules(tree: Tree, ecus: Sequence[Ecu], chosen: Ecu) -> frozenset[str]:
     return found
 
 
+def _collected(tree: Tree, collection: Node) -> list[Ref]:
+    """Return the references to module configurations, which releases before 4 do not wrap."""
+    plain = f"ECUC-VALUES/{_MODULE}-REF"
+    return [*tree.refs(collection, f"{plain}-CONDITIONAL/{_MODULE}-REF"), *tree.refs(collection, plain)]
+
+
 def report_absent(tree: Tree) -> None:
     """Report the configurations of Os, Rte and EcuC that a collection names, and no file has."""
     for node in tree.tagged("ECUC-VALUE-COLLECTION"):
-        absent = [
-            ref
-            for path in (_COLLECTED, _OLD_COLLECTED)
-            for ref in tree.refs(node, path)
-            if _STANDARD.search(ref.path) and not tree.has(ref.path, _MODULE)
-        ]
+        absent = [r for r in _collected(tree, node) if _STANDARD.search(r.path) and not tree.has(r.path, _MODULE)]
         if absent:
             tree.findings.report(
                 ABSENT_MODULE,
@@ -356,8 +355,7 @@ def _groups(tree: Tree) -> dict[str, list[str]]:
     groups: dict[str, list[str]] = {}
     collected = set()
     for node in tree.tagged("ECUC-VALUE-COLLECTION"):
-        refs = (*tree.refs(node, _COLLECTED), *tree.refs(node, _OLD_COLLECTED))
-        found = [ref.path for ref in refs if tree.has(ref.path, _MODULE)]
+        found = [ref.path for ref in _collected(tree, node) if tree.has(ref.path, _MODULE)]
         if found:
             groups[node.path] = found
             collected.update(found)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
-from math import gcd
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
@@ -204,11 +202,8 @@ def _meet(first: Draft, second: Draft) -> bool:
     """Whether releases of two tasks coincide, which they do iff their offsets agree modulo the common divisor."""
     if first.period is None or second.period is None:
         return first.period == second.period
-    one, other = first.period.fraction, second.period.fraction
-    common = Fraction(
-        gcd(one.numerator * other.denominator, other.numerator * one.denominator), one.denominator * other.denominator
-    )
-    return ((first.offset or ZERO).fraction - (second.offset or ZERO).fraction) % common == 0
+    common = greatest_common_divisor((first.period, second.period))
+    return not ((first.offset or ZERO) - (second.offset or ZERO)) % common
 
 
 def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], findings: Findings) -> None:

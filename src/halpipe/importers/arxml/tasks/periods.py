@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Diagnostic, about, named
+from halpipe.core.diagnostics import about, named
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
@@ -23,7 +23,7 @@ from halpipe.importers.arxml.tasks.dataflow import item_at
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Findings
+    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.importers.arxml.files.tree import Stated, Tree
     from halpipe.importers.arxml.system.values import Event, Place, System, Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
@@ -102,7 +102,6 @@ class Periods:
         self._triggers = system.configuration.triggers
         self._is_mapped = any(mapping.task is not None for mapping in system.configuration.mappings)
         self._mapped = {mapping.event for mapping in system.configuration.mappings}
-        self._seen: set[Diagnostic] = set()
 
     def of(self, activation: Activation) -> list[Activation]:
         """Return the activation once for every way it recurs; unchanged if it does not."""
@@ -134,29 +133,20 @@ class Periods:
         if mapping is not None and mapping.period is not None:
             before = f", instead of {stated.text} s" if stated is not None else ""
             stated = mapping.period
-            self._report(
-                codes.PERIOD_OF_MAPPING(
-                    f'gives "{activation.name}" the period {stated.text} s{before}',
-                    at=stated.at,
-                    path=named(mapping.place.kind, mapping.place.path),
-                )
-            )
+            message = f'gives "{activation.name}" the period {stated.text} s{before}'
+            path = named(mapping.place.kind, mapping.place.path)
+            self._findings.report(codes.PERIOD_OF_MAPPING, message, at=stated.at, path=path)
         period = self._evaluate(event, stated)
         if isinstance(period, Duration):
             self._compare(activation, period)
             return [Recurrence(period, ZERO, ())]
         found = self._recurrences(self._used_by(activation)) or self._of_os_task(activation) or of_arrival(activation)
         if not found:
-            self._report(period)
+            self._findings.add(period)
         for recurrence in found:
             source = recurrence.used[0]
-            self._report(
-                codes.OS_PERIOD(
-                    f'gets its period {recurrence.period} from {source.kind} "{source.path}"',
-                    at=event.place.at,
-                    path=_what(event),
-                )
-            )
+            message = f'gets its period {recurrence.period} from {source.kind} "{source.path}"'
+            self._findings.report(codes.OS_PERIOD, message, at=event.place.at, path=_what(event))
         return found
 
     def _compare(self, activation: Activation, period: Duration) -> None:
@@ -179,17 +169,12 @@ class Periods:
         if cycle is None:
             return []
         period = parse_seconds(cycle.text)
-        if not period:
-            self._report(
-                codes.BAD_PERIOD(
-                    f'CYCLE-TIME-VALUE "{cycle.text}" is not a positive number of seconds',
-                    at=cycle.at,
-                    path=named("PROCESS", activation.place.path),
-                    help=_PERIOD_HELP,
-                )
-            )
-            return []
-        return [Recurrence(period, ZERO, ())]
+        if period:
+            return [Recurrence(period, ZERO, ())]
+        message = f'CYCLE-TIME-VALUE "{cycle.text}" is not a positive number of seconds'
+        path = named("PROCESS", activation.place.path)
+        self._findings.report(codes.BAD_PERIOD, message, at=cycle.at, path=path, help=_PERIOD_HELP)
+        return []
 
     def _evaluate(self, event: Event, stated: Stated | None) -> Duration | Diagnostic:
         """Return a stated period, or what is wrong with it: absent, an unknown name, or no positive time."""
@@ -199,21 +184,12 @@ class Periods:
             return self._look_up(event, stated)
         period = parse_seconds(stated.text)
         if not period:
-            return codes.BAD_PERIOD(
-                f'PERIOD "{stated.text}" is not a positive number of seconds',
-                at=stated.at,
-                path=_what(event),
-                help=_PERIOD_HELP,
-            )
+            message = f'PERIOD "{stated.text}" is not a positive number of seconds'
+            return codes.BAD_PERIOD(message, at=stated.at, path=_what(event), help=_PERIOD_HELP)
         if not isinstance(period.ns, int):
-            self._report(
-                codes.FINE_PERIOD(
-                    f'PERIOD "{stated.text}" is {period}, not a whole number of nanoseconds',
-                    at=stated.at,
-                    path=_what(event),
-                    help="correct it in the source if it is a rounded value",
-                )
-            )
+            message = f'PERIOD "{stated.text}" is {period}, not a whole number of nanoseconds'
+            help = "correct it in the source if it is a rounded value"
+            self._findings.report(codes.FINE_PERIOD, message, at=stated.at, path=_what(event), help=help)
         return period
 
     def _look_up(self, event: Event, stated: Stated) -> Duration | Diagnostic:
@@ -233,7 +209,7 @@ class Periods:
             )
         period = seconds(number)
         message = f'PERIOD "{stated.text}" is {period}, stated at {values[0].at}'
-        self._report(codes.SYMBOLIC(message, at=stated.at, path=_what(event)))
+        self._findings.report(codes.SYMBOLIC, message, at=stated.at, path=_what(event))
         return period
 
     # ------------------------------------------------------------------------------------ the OS as a source
@@ -272,13 +248,8 @@ class Periods:
         if all(point.offset == first.offset + distance * index for index, point in enumerate(points)):
             used = tuple(point.place for point in points)
             return [Recurrence(distance, first.offset, (*used, *first.through))]
-        self._report(
-            codes.UNEVEN_TABLE(
-                f"triggers the same task {len(points)} times in {first.period}, at unequal distances",
-                at=first.through[-1].at,
-                path=named("OsScheduleTable", first.table),
-            )
-        )
+        message = f"triggers the same task {len(points)} times in {first.period}, at unequal distances"
+        first.through[-1].report(self._findings, codes.UNEVEN_TABLE, message)
         return [Recurrence(point.period, point.offset, (point.place, *point.through)) for point in points]
 
     # ---------------------------------------------------------------------------------------------- offsets
@@ -297,20 +268,10 @@ class Periods:
     def _stated_offset(self, stated: Stated, activation: Activation) -> Duration | None:
         offset = parse_seconds(stated.text)
         if offset is None:
-            self._report(
-                codes.BAD_OFFSET(
-                    f'offset "{stated.text}" is not a non-negative number of seconds',
-                    at=stated.at,
-                    path=about(task=activation.name),
-                    help="write it in seconds, such as 0.0025",
-                )
-            )
+            message = f'offset "{stated.text}" is not a non-negative number of seconds'
+            path, help = about(task=activation.name), "write it in seconds, such as 0.0025"
+            self._findings.report(codes.BAD_OFFSET, message, at=stated.at, path=path, help=help)
         return offset
-
-    def _report(self, diagnostic: Diagnostic) -> None:
-        if diagnostic not in self._seen:
-            self._seen.add(diagnostic)
-            self._findings.add(diagnostic)
 
 
 def _what(event: Event) -> str:
