@@ -1,6 +1,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import pytest
 from exporter_samples import hostile, many, roboracer, thirds, two_modes
@@ -9,7 +10,8 @@ from lxml import etree
 from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.graph import FORMAT, GraphOptions, render_svg
-from support import after, chain, model, task, version
+from halpipe.models import Anchor, Match, Precedence
+from support import after, chain, model, ms, task, version
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -35,6 +37,40 @@ def test_the_graph_of_the_paper_is_the_golden_one():
     assert_golden("roboracer.dot", write(*roboracer()))
 
 
+def everything():
+    """A system with every kind of label: shares, gangs, many units, points, several versions and many chains."""
+    units = [f"u{number}" for number in range(1, 11)]
+    point = Precedence(task="a", min=ms(0), max=ms(3), anchor=Anchor.POINT, point=ms(1), to=Anchor.END)
+    cycle = Precedence(task="a", min=ms("1us"), max=ms(3), anchor=Anchor.END, match=Match.CYCLE)
+    pair = version("v", 2, "u2 u1", gang=2)
+    return model(
+        task("a", 10, version("wide", 3, " ".join(units[:5])), version("v", None, "u1 u2 u3 u4"), slack="0.25"),
+        task("b", 10, replace(pair, precedences=(point,)), version("w", 1, "u1"), slack="1/3"),
+        task("c", None, replace(pair, precedences=(cycle, after("b", "0.5s", 1000, "end")))),
+        task("d", 10, version("v", 1, "")),
+        *(task(f"t{number}", 10, version("v", 1, unit)) for number, unit in enumerate(units)),
+        units=" ".join(units[::-1]),
+        chains=[chain(f"c{number}", "a b c") for number in range(5)] + [chain("other", "d c")],
+    )
+
+
+def test_labels_of_everything_are_those_of_the_golden_file():
+    assert_golden("everything.dot", write(everything()))
+
+
+@pytest.mark.parametrize(("length", "shown"), [(300, 300), (301, 300)])
+def test_a_failure_of_graphviz_is_said_in_few_words(monkeypatch, length, shown, capfd):
+    def fail(*_, quiet, **__):
+        assert quiet
+        raise subprocess.CalledProcessError(3, "dot", stderr=b"x" * length)
+
+    monkeypatch.setattr("graphviz.pipe", fail)
+    with pytest.raises(HalpipeError) as caught:
+        render_svg("digraph {}")
+    [found] = caught.value.diagnostics
+    assert found.message == "`dot` stopped with status 3: " + "x" * shown
+
+
 def test_edges_carry_their_windows_and_the_versions_that_have_them():
     found = edges(write(roboracer()[0]))
     assert found[1].startswith("t1 -> t2 [label=<end +0..2ms (full)>")
@@ -44,7 +80,7 @@ def test_edges_carry_their_windows_and_the_versions_that_have_them():
 @pytest.mark.parametrize(
     ("low", "high", "text"),
     [("0ms", "2ms", "start +0..2ms"), ("24ms", "75ms", "start +24..75ms"), ("500us", "2ms", "start +500us..2ms"),
-     ("1/30s", "1/15s", "start +100/3..200/3ms")],
+     ("1/30s", "1/15s", "start +100/3..200/3ms"), ("500ms", "1s", "start +500ms..1s"), ("0ms", "1s", "start +0..1s")],
 )  # fmt: skip
 def test_windows_are_short_and_exact(low, high, text):
     system = model(task("a", 25, version()), task("b", 25, version("v", "1ms", "u1", after("a", low, high))))

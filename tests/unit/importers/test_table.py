@@ -2,12 +2,15 @@
 
 import io
 import zipfile
+from contextlib import nullcontext
+from fractions import Fraction
 
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.flow.formats import import_model
 from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.table import sheets
 from halpipe.models import Anchor, Match
 from halpipe.starters import first_table
 
@@ -188,6 +191,44 @@ def test_workbooks_with_entities_or_beyond_the_limit_are_refused(read, monkeypat
     with pytest.raises(HalpipeError) as failure:
         read(tasks=packed.getvalue())
     assert codes(failure) == ["HAL1480"]
+
+
+@pytest.mark.parametrize(("value", "text"), [(2.5, "2.5"), (100.0, "100"), (1e22, "1" + "0" * 22), (0.25, "0.25")])
+def test_a_number_of_a_workbook_is_written_as_it_was_typed(value, text):
+    assert sheets._shown(value) == text
+
+
+@pytest.mark.parametrize(("beyond", "is_refused"), [(0, False), (1, True)])
+def test_a_workbook_may_be_as_large_as_the_limit(monkeypatch, beyond, is_refused):
+    package = io.BytesIO()
+    with zipfile.ZipFile(package, "w") as written:
+        written.writestr("a.xml", b"12345")
+    monkeypatch.setattr(sheets, "MAX_UNPACKED", 5 - beyond)
+    with zipfile.ZipFile(package) as read, pytest.raises(HalpipeError) if is_refused else nullcontext():
+        sheets._refuse_bombs(read, "t.xlsx")
+
+
+def test_the_separator_is_that_of_the_first_lines(read):
+    text = "Task;Period;WCET;Core\na;10ms;1ms;c0\n" + "\n" * 18
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=text + ",,,,,,,,\n")
+    assert failure.value.diagnostics[0].path == 'task ",,,,,,,,"'  # one cell, since commas come too late to separate
+
+
+@pytest.mark.parametrize(("text", "share"), [("10%", "1/10"), ("2,5 %", "1/40")])
+def test_shares_may_be_percent(read, text, share):
+    found = task(read(tasks=f"Task;Period;WCET;Core;Slack\na;10ms;1ms;c0;{text}\n"))
+    assert found.slack == Fraction(share)
+
+
+@pytest.mark.parametrize(
+    ("versions", "help"), [("", "name the versions in a column"), ("fast", "keep one of the rows")]
+)
+def test_a_version_that_is_there_twice_is_refused_with_what_to_do(read, versions, help):
+    row = f"a,{versions},10ms,1ms,c0\n"
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks="Task,Version,Period,WCET,Core\n" + row + row)
+    assert help in failure.value.diagnostics[0].help
 
 
 def test_rows_and_columns_have_a_limit(read, monkeypatch):

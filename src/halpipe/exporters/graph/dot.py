@@ -127,10 +127,10 @@ def _edges(part: _Part) -> dict[tuple[str, str], list[str]]:
 
 def _window(precedence: Precedence) -> str:
     """Return a window as ``end +0..2ms``."""
-    low, high = str(precedence.min), str(precedence.max)
-    unit = high.lstrip("0123456789./")
-    same = low.removesuffix(unit) if precedence.min else "0"
-    text = f"{precedence.anchor} +{same if low.endswith(unit) or same == '0' else low}..{high}"
+    low, high = str(precedence.min) if precedence.min else "0", str(precedence.max)
+    if low.lstrip("0123456789./") == high.lstrip("0123456789./"):
+        low = low.rstrip("nums")
+    text = f"{precedence.anchor} +{low}..{high}"
     if precedence.point is not None:
         text = text.replace("point", f"point {precedence.point}", 1)
     until = "" if precedence.to is Anchor.START else f" to {precedence.to}"
