@@ -8,6 +8,7 @@ BUDGET = "a limit that somebody chose: one more is as good"
 TOUCH = "what ends at the instant at which another thing begins does not meet it"
 
 CHOICE = "a weight or a range by which proposals are ordered; no proposal is right or wrong"
+MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
@@ -37,6 +38,10 @@ EQUIVALENT = {
     ("hyperperiod.py", "if not isinstance(value, int) and hyperperiod // tick <= MAX_TICKS:"): "refused at the limit already; a smaller tick is no help",
     ("hyperperiod.py", "for thirds, spread in ((1, Fraction(1, 4)), (3, Fraction(1, 100))):"): CHOICE,
     ("hyperperiod.py", "return 51 * distance + times.bit_length() + 4 * _digits(choice)"): CHOICE,
+    ("hyperperiod.py", "while hyperperiod // (unit / 10) <= MAX_TICKS // 1000:"): CHOICE,
+    ("hyperperiod.py", "return 1 + max(0, min(gaps, default=1))"): MODEL,
+    ("hyperperiod.py", "if period > base:"): "the period itself is the nearest either way",
+    ("structure.py", "for name in repeated(run.versions) if len(run.versions) >= 1 else ():"): "one version is not repeated",
     ("accesses.py", "is_served = bool(version.units) or serving.issuperset(version.units)"): "by the longer way, with the same result",
     (
         "precedence.py",
@@ -44,7 +49,6 @@ EQUIVALENT = {
     ): "the cycle is looked at in the second range instead of the first",
 }  # fmt: skip
 
-MODEL = "only where the model has a fault, for which it is refused"
 BROKEN = "only where another rule has refused the job or the schedule already"
 WORDS = "chooses what a finding says, not whether there is one"
 WITHIN = "the path lies within one of the modes, whose own rule judges it"

@@ -3,6 +3,7 @@
 import inspect
 import re
 from fractions import Fraction
+from itertools import permutations
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,7 +26,7 @@ from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.compare.learning import LearnOptions
 from halpipe.pipeline.explain.explanation import ExplainOptions
-from halpipe.pipeline.generate import SetParameters
+from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif.sensitivity import SensitivityOptions
 from halpipe.pipeline.whatif.size import SizeOptions
@@ -205,7 +206,7 @@ def test_a_text_that_is_written_as_it_is_has_one_line(verb, name):
 
 # ---------------------------------------------------------------------------------------- each has an effect
 
-VALUES = {"mode": "limp", "cpus": {"core0": 7}, "max_points": 1, "ecuc_prefix": "/Vendor/Defs", "busy": 60}
+VALUES = {"mode": "limp", "cpus": {"core1": 7}, "max_points": 1, "ecuc_prefix": "/Vendor/Defs", "busy": 60}
 BESIDE = {"linux": {"busy": 50}}
 """Options without which a format writes nothing of the first model."""
 NOT_HERE = {"arxml": {"onto", "ecu", "variant", "conditions"}, "linux": {"sources"}}
@@ -232,14 +233,69 @@ def test_every_option_of_an_export_changes_what_is_written(name, planned):
     base = BESIDE.get(name, {})
     plain = outcome(name, planned, base)
     assert isinstance(plain, dict), plain
-    switches, idle = {each.name for each in options_of(exporter(name).options) if each.form is Form.SWITCH}, []
+    values = values_of(name, planned)
+    assert [key for key, value in values.items() if outcome(name, planned, base | {key: value}) == plain] == []
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_no_option_of_an_export_is_idle_beside_another(name, planned):
+    """It changes what is written, or is refused there."""
+    base, values = BESIDE.get(name, {}), values_of(name, planned)
+    alone = {key: outcome(name, planned, base | {key: value}) for key, value in values.items()}
+    pairs = [pair for pair in permutations(values, 2) if isinstance(alone[pair[1]], dict)]
+    both = {pair: outcome(name, planned, base | {key: values[key] for key in pair}) for pair in pairs}
+    assert [pair for pair in pairs if both[pair] == alone[pair[1]]] == []
+
+
+def values_of(name, planned):
+    """A value of each option of a format, by its keyword."""
+    found = {}
     for each in options_of(exporter(name).options):
-        value = VALUES.get(each.attribute, True if each.name in switches else text_of(each))
+        value = VALUES.get(each.attribute, True if each.form is Form.SWITCH else text_of(each))
         if each.form is Form.NAMES and each.attribute not in VALUES:
             value = {planned[0].tasks[0].name: value}
         if each.attribute not in NOT_HERE.get(name, ()):
-            idle += [each.name] if outcome(name, planned, base | {each.keywords[0]: value}) == plain else []
-    assert idle == []
+            found[each.keywords[0]] = value
+    return found
+
+
+SET = {
+    "tasks": 9,
+    "units": 4,
+    "unit_types": 1,
+    "access_windows": 3,
+    "resources": 3,
+    "multi_version": Fraction(1, 2),
+    "precedence": Fraction(1, 2),
+    "utilisation": Fraction(2, 5),
+    "hyperperiod": ms(60),
+    "slack": Fraction(1, 10),
+    "fractional": True,
+    "resource_fill": Fraction(1, 5),
+    "gang": Fraction(1, 4),
+    "unlike_units": True,
+    "periods": (ms(10), ms(20)),
+}
+"""A value of each option of a generated set, other than those of a small set."""
+
+
+def generated(**options):
+    """The model, or why there is none."""
+    small = {"units": 6} if "periods" in options else {"units": 6, "tasks": 8}
+    parameters = SetParameters(**(small | options))
+    try:
+        refuse_unused(parameters, "generate")
+        return generate(parameters, 1)
+    except HalpipeError as refused:
+        return [found.message for found in refused.diagnostics]
+
+
+def test_no_option_of_a_generated_set_is_idle_alone_or_beside_another():
+    assert SET.keys() == {each.attribute for each in options_of(SetParameters)}
+    alone = {key: generated(**{key: value}) for key, value in SET.items()}
+    assert generated() not in alone.values()
+    both = {pair: generated(**{key: SET[key] for key in pair}) for pair in permutations(SET, 2)}
+    assert [pair for pair in both if both[pair] == alone[pair[1]]] == []
 
 
 # ------------------------------------------------------------------------------------------- without effect
@@ -261,6 +317,9 @@ def test_every_option_of_an_export_changes_what_is_written(name, planned):
         (SizeOptions(units="cpu", mode="m", switches=True), "switches"),
         (SetParameters(periods=(ms(5),), tasks=3), "tasks"),
         (SetParameters(periods=(ms(5),), hyperperiod=ms(60)), "hyperperiod"),
+        (SetParameters(resource_fill=Fraction(0), access_windows=5), "access-windows"),
+        (SetParameters(access_windows=0, fractional=True), "fractional"),
+        (SetParameters(resource_fill=Fraction(0), fractional=True), "fractional"),
     ],
 )
 def test_what_has_no_effect_beside_the_others_is_refused(options, idle):

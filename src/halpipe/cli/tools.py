@@ -186,7 +186,7 @@ def generate(
     from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 
     parameters = SetParameters(**options)
-    refuse_unused(parameters, "generate with --period")
+    refuse_unused(parameters, "generate")
     refuse_inputs(*filter(None, (output_file, witness)))
     for file in (output_file, witness):
         refuse_name(file, ".xml")
@@ -195,7 +195,7 @@ def generate(
     write_output(output_file, document)
     if witness:
         write_output(witness, format_schedule(replace(schedule, model_sha256=sha256(document))))
-    _summarise(output_file, achieved(model), 0 if parameters.resource_fill else parameters.window_count)
+    _summarise(output_file, achieved(model), 0 if parameters.resource_fill is not None else parameters.window_count)
     return Exit.OK
 
 

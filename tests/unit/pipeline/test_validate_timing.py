@@ -54,6 +54,12 @@ def test_a_let_of_zero_bounds_no_version():
     assert codes_of(replace(system, tasks=(replace(system.tasks[0], let=ms(0)),))) == {codes.LET_BEYOND_DEADLINE.id}
 
 
+def test_arrivals_as_rare_as_the_polls_leave_no_time_without_slack():
+    system = alone(period="10ms")
+    polls = replace(system, tasks=(replace(system.tasks[0], distance=ms(10)),))
+    assert "less the least time since" in the(polls, codes.WCET_BEYOND_DEADLINE).message
+
+
 def test_missing_wcet_says_where_to_give_it():
     finding = the(alone(None), codes.MISSING_WCET)
     assert finding.path == 'task "a" version "v"'

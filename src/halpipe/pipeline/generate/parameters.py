@@ -81,7 +81,10 @@ class SetParameters:
 
     def unused(self) -> tuple[str, ...]:
         """Return the fields that have no effect beside the others."""
-        return ("tasks", "hyperperiod") if self.periods else ()
+        has_fill = self.resource_fill is not None
+        beside_periods = ("tasks", "hyperperiod") if self.periods else ()
+        without_windows = () if (self.resource_fill if has_fill else self.window_count) else ("fractional",)
+        return (*beside_periods, *(("access_windows",) if has_fill else ()), *without_windows)
 
     @property
     def task_count(self) -> int:
