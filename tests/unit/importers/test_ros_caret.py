@@ -140,7 +140,7 @@ def test_what_a_dropped_topic_triggered_is_told_so():
 def test_groups_hold_on_one_unit_and_executors_are_noted(stack):
     (note,) = found(stack.diagnostics, codes.EXCLUSION)
     assert note.severity is Severity.NOTE
-    assert note.message.startswith("1 single-threaded executors are not represented")
+    assert note.message.startswith("not represented: 1 single-threaded executor, whose")
 
 
 def test_units_versions_and_mode_are_defaults(stack):

@@ -111,7 +111,7 @@ def test_every_element_is_accounted_for(shuttle):
     assert reasons(shuttle, "node_file") == {"Spare.node": "no part of the system uses it"}
     assert reasons(shuttle, "publisher")["/tracker debug"] == "no process states it as its output"
     assert reasons(shuttle, "executor") == {
-        "lidars": "a schedule deals out the cores, not an executor",
+        "lidars": "the schedule assigns the cores, not an executor",
         "main": "no two of its callbacks that exclude each other are tasks",
     }
 

@@ -57,7 +57,7 @@ def test_a_group_becomes_a_resource_that_its_tasks_need_to_their_end(grouped):
     }
     assert rows(imported)["callback_group"] == [2, 1, 1]
     (note,) = found(imported.diagnostics, codes.EXCLUSION)
-    assert note.message.startswith("1 single-threaded executors")
+    assert note.message.startswith("not represented: 1 single-threaded executor,")
     assert note.severity is Severity.NOTE
 
 

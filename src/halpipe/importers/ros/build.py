@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
-from halpipe.core.suggest import few
+from halpipe.core.suggest import counted, few
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate, settled
@@ -228,7 +228,7 @@ class _Model:
             row = Precedence(task=publisher, min=ZERO, max=window, anchor=Anchor.END, origin=origin)
             constraints.setdefault(edge.reader, []).append(row)
         if first:
-            text = f"{len(first)} precedence windows: 0 to the longer period after the predecessor's end"
+            text = f"{counted(len(first), 'precedence window')}: 0 to the longer period after the predecessor's end"
             help = "state tighter windows under precedence: in an overlay where the data must be fresher"
             self.findings.add(codes.DEFAULT_WINDOW(text, at=Location(self.wiring.graph.file), help=help))
         return constraints
@@ -238,7 +238,7 @@ class _Model:
         stated = [unit for unit in units if unit != UNIT]
         if UNIT in units:
             self.coverage.defaulted("platform", "units", UNIT)
-            some = f"{count} tasks" if not stated else "tasks without a compute unit"
+            some = counted(count, "task") if not stated else "tasks without a compute unit"
             self.findings.add(codes.DEFAULT_UNIT(f"{some} put on one unit, {UNIT}", at=at, help=help))
         if stated:
             text = f"{len(stated)} compute units are one execution unit each: {few(stated)}"

@@ -3,7 +3,7 @@
 The callbacks of a mutually exclusive group share data without locks. A resource that each of their tasks needs wholly,
 for its whole WCET, keeps them apart on any units, just as the group does. That takes the WCETs, which an overlay may
 state, so it is done once the overlay is on the model. Tasks that all have one and the same unit are apart without it.
-A single-threaded executor is not modelled: it is how ROS deals out cores, which the schedule takes over.
+A single-threaded executor is not modelled: it is how ROS assigns cores, which the schedule takes over.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, Severity, named
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
-from halpipe.core.suggest import few
+from halpipe.core.suggest import counted, few
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Group, Kind, Names
 from halpipe.models import Access, Origin, Resource
@@ -31,7 +31,7 @@ CALLBACK_GROUP = "callback_group"
 DEFAULT_GROUP = "default_callback_group"
 """The group that rclcpp puts callbacks into for which no other is stated; it is mutually exclusive."""
 
-_CORES = "a schedule deals out the cores, not an executor"
+_CORES = "the schedule assigns the cores, not an executor"
 _GIVEN_UP = "its tasks may overlap on different units"
 _NO_PAIR = "no two of its callbacks that exclude each other are tasks"
 
@@ -130,9 +130,8 @@ class Exclusion:
                 help = "state their WCETs in an overlay or with --calibrate, or give them one and the same unit"
             yield codes.EXCLUSION(text, at=group.at, path=named("callback group", group.name), help=help)
         if executors:
-            text = (
-                f"{len(executors)} single-threaded executors are not represented: their callbacks may run in parallel"
-            )
+            what = counted(len(executors), "single-threaded executor")
+            text = f"not represented: {what}, whose callbacks may run in parallel"
             help = "in the overlay, give the tasks of an executor one and the same unit if they share data across nodes"
             yield codes.EXCLUSION(text, at=executors[0].at, help=help, severity=Severity.NOTE)
 
