@@ -8,6 +8,7 @@ from collections import defaultdict
 
 from halpipe.deploy.riscv.run.recording import Flag, Kind
 from halpipe.flow import formats
+from riscv_attacks import DECLARED, bodies
 
 FAULTS = {
     "illegal": '__asm__ volatile(".word 0xc0001073");',
@@ -36,13 +37,13 @@ def task(name, unit, phases="", wcet=500):
     )
 
 
-def failing_model():
+def failing_model(faults=FAULTS):
     tasks = [
         task(name, unit, phase("read", 0, source, "in") + phase("write", 400, target, "out"), 410)
         for name, unit, source, target in (("good", "u1", "a", "b"), ("next", "u2", "b", "a"))
     ]
-    tasks += [task(name, f"u{1 + i % 3}") for i, name in enumerate(FAULTS)]
-    return system(tasks, (*GOOD, *FAULTS), 3)
+    tasks += [task(name, f"u{1 + i % 3}") for i, name in enumerate(faults)]
+    return system(tasks, (*GOOD, *faults), 3)
 
 
 def system(tasks, names, units):
@@ -77,11 +78,19 @@ def exported_files(folder, model, sources, *options):
     return formats.open_target(str(folder / "b"))
 
 
-def exported_failing(folder, profile):
-    """Export two jobs that exchange data, and one with each fault."""
+def exported_failing(folder, profile, faults=FAULTS, declared="uint64_t x[2];"):
+    """Export two jobs that exchange data, and one with each fault, on three units in turn."""
     sources = {name: ("uint64_t in[8], out[8];", body) for name, body in GOOD.items()}
-    sources |= {name: ("uint64_t x[2];", body) for name, body in FAULTS.items()}
-    return exported(folder, failing_model(), sources, profile)
+    sources |= {name: (declared, body) for name, body in faults.items()}
+    return exported(folder, failing_model(faults), sources, profile)
+
+
+def exported_attacks(folder, profile, sound, left_out=()):
+    """Export two jobs that exchange data, and one with each attack; addresses are those of a `sound` bundle."""
+    texts = [bodies(sound, position) for position in range(3)]
+    titles = [title for title in texts[0] if title not in left_out]
+    faults = {f"attack{i}": texts[i % 3][title] for i, title in enumerate(titles)}
+    return exported_failing(folder, profile, faults, DECLARED)
 
 
 def memory_of(target, size, leaves):

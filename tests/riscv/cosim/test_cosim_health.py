@@ -52,19 +52,24 @@ def test_the_trials_switch_restart_and_stop(ruled):
     site = check.read_site(ruled.bundle)
     images = check.read_images(ruled.bundle, site)
     for trial in containment.trials(ruled):
-        rule = ruled.model.health[trial.rule]
 
-        def plan(tables, trial=trial, rule=rule):
+        def plan(tables, trial=trial):
             jobs = check.Expectation(ruled.bundle, ruled.model, site, images).jobs(tables)
-            return jobs, containment.failing(trial, rule.task, jobs)
+            return jobs, containment.failing(trial, ruled.model, jobs)
 
         course = containment.course_of(ruled, site, trial.mode, (), trial.tables, plan)
         names.add((trial.mode, course.tables[-1].name))
         stops += course.stops
-        restarts += any(rule.action == "restart" for f in course.firings if f.rule == trial.rule)
+        restarts += any(ruled.model.health[f.rule].action == "restart" for f in course.firings if f.rule == trial.rule)
     assert {("full", "halt"), ("calm", "halt"), ("full", "calm")} <= names
     assert stops
     assert restarts
+
+
+def test_of_two_rules_the_first_of_the_model_prevails(mutant):
+    change = lambda text: text.replace("  </transitions>\n</task-model>", RULES)  # noqa: E731
+    forgets = mutant("health.c", "priority = rule->priority;", "", change=change)
+    assert {d.code for d in tried(forgets, lambda trial: trial.beside is not None)} >= {codes.WRONG_TABLE.id}
 
 
 @pytest.mark.slow

@@ -116,6 +116,12 @@ OTHERS = {
         "at.time = now - base + 1U;\n        record",
         declared.TRACE_DISAGREES,
     ),
+    "tables at other instants": (
+        "runtime.c",
+        "        at.time = now - base;\n    }",
+        "        at.time = now + base;\n    }",
+        declared.TRACE_DISAGREES,
+    ),
     "tables are not counted": ("runtime.c", "CONTROL->played = current.cycle;", "", declared.TRACE_DISAGREES),
     "failures of other operations": ("runtime.c", "(uint32_t)s->place;", "0U;", declared.TRACE_DISAGREES),
     "requests are never read": ("runtime.c", 'amoswap.d %0, zero, (%1)"', 'li %0, 0"', declared.WRONG_TABLE),
@@ -234,6 +240,8 @@ def spoilt_table(kind, offset, change, size=8):
         spoilt_table(RUN, 44, lambda ranks: ranks + 1, 4),
         spoilt_table(STOP, 0, lambda key: key - (4 << 2)),
         spoilt_table(STOP, 38, lambda unit: 1 - unit, 1),
+        spoilt_table(STOP, 39, lambda reserved: 1, 1),
+        lambda program: program.put(program.get(program.symbols["hp_tables"][0], 8) + 12, 1, 4),  # behind a release
     ],
 )
 def test_tables_that_are_not_those_of_the_schedule_are_found_without_playing(sound, tmp_path, change):

@@ -21,6 +21,7 @@ def test_what_is_printed_is_what_is_recorded(sound):
         ("sizeof(hp_fault) / 8U", "sizeof(hp_record) / 8U", "report"),
         pytest.param("count = CONTROL->faults;", "count = CONTROL->traced;", "report", marks=pytest.mark.slow),
         ("{APPLICATION_EXIT, status}", "{APPLICATION_EXIT, 1U}", "exit"),
+        ("first = count - capacity;", ";", "report"),
         pytest.param("text[i] != '\\0'; i++", "text[0] != '\\0'; i++", "", marks=pytest.mark.slow),
     ],
 )
@@ -43,6 +44,23 @@ def test_a_console_that_does_not_wait_for_the_line_is_found(mutant, export, prof
     instead = "registers[0]" if profile == "mpfs" else "HP_CONTROL == 0U"
     found = list(wrong_reports(mutant("console.c", what, instead, profile=profile), Budget(calls=10**6)))
     assert found
+
+
+def test_another_success_for_the_finisher_is_found(mutant):
+    found = list(wrong_reports(mutant("console.c", "0x5555U", "0x5556U", profile="virt"), Budget()))
+    assert [(d.code, d.path) for d in found] == [(codes.TRACE_DISAGREES.id, "exit")]
+
+
+@pytest.mark.parametrize(
+    ("file", "what", "instead"),
+    [
+        ("start.S", "sd t2, 136(t1)", "sd t2, 137(t1)"),
+        ("monitor.c", "mailbox()->ready = has_user_mode();", "mailbox()->ready = 1U;"),
+    ],
+)
+def test_a_runtime_that_does_not_tell_why_it_stops_is_found(mutant, file, what, instead):
+    found = list(wrong_reports(mutant(file, what, instead), Budget(traps=1000)))
+    assert [(d.code, d.path) for d in found] == [(codes.TRACE_DISAGREES.id, "state")]
 
 
 def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):

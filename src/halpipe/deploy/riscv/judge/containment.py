@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field, replace
-from itertools import zip_longest
+from itertools import combinations, zip_longest
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about
@@ -283,13 +283,14 @@ def course_of(
 
 @record
 class Trial:
-    """A run that tries one rule in one mode: jobs of its task fail in these cycles, in a way."""
+    """A run that tries one rule in one mode: jobs of its task fail in these cycles, in a way; `beside` another one."""
 
     rule: int
     mode: str
     kind: Kind
     cycles: tuple[int, ...]
     tables: int
+    beside: Trial | None = None
 
 
 def trials(target: Target) -> Iterator[Trial]:
@@ -298,7 +299,24 @@ def trials(target: Target) -> Iterator[Trial]:
     Those in which rules fire come first, for not all may be played.
     """
     each = [[*_trials_of(target, number, rule)] for number, rule in enumerate(target.model.health)]
+    yield from _rivals([trial for several in each for trial in several], target.model.health)
     yield from (trial for row in zip_longest(*each) for trial in row if trial is not None)
+
+
+def _rivals(several: Sequence[Trial], rules: Sequence[HealthRule]) -> Iterator[Trial]:
+    """Yield runs in which rules of two tasks ask for different modes in one table: the first in the model prevails."""
+    firing = {(trial.rule, trial.mode): trial for trial in reversed(several)}  # the first of each
+    for one, other in combinations(sorted(firing.values(), key=lambda trial: trial.rule), 2):
+        own, its = rules[one.rule], rules[other.rule]
+        switch = own.action is its.action is HealthAction.SWITCH
+        if switch and own.mode != its.mode and own.task != its.task and one.mode == other.mode:
+            last = max(one.cycles + other.cycles)
+            first, second = (replace(t, cycles=_until(last, t.cycles), tables=last + 5) for t in (one, other))
+            yield replace(first, beside=second)
+
+
+def _until(last: int, cycles: Sequence[int]) -> tuple[int, ...]:
+    return tuple(cycle + last - max(cycles) for cycle in cycles)
 
 
 def _trials_of(target: Target, number: int, rule: HealthRule) -> Iterator[Trial]:
@@ -318,7 +336,7 @@ def _trials_of(target: Target, number: int, rule: HealthRule) -> Iterator[Trial]
 def _patterns(rule: HealthRule, jobs: int) -> Iterator[tuple[Kind, tuple[int, ...]]]:
     """Yield kinds and the cycles of failing jobs: enough of them, others than count, too far apart, and too few."""
     kind, other = (Kind.TRAP, Kind.SPIN) if rule.event is HealthEvent.FAULT else (Kind.SPIN, Kind.TRAP)
-    near = tuple(1 + i // jobs for i in range(rule.count))
+    near = tuple(1 + (i + -rule.count % jobs) // jobs for i in range(rule.count))  # the last cycle is full
     yield kind, near
     yield other, near
     if rule.count > 1:
@@ -326,10 +344,10 @@ def _patterns(rule: HealthRule, jobs: int) -> Iterator[tuple[Kind, tuple[int, ..
         yield kind, near[:-1]
 
 
-def failing(trial: Trial, task: str, jobs: Sequence[PlannedJob]) -> list[Injection]:
-    """Return the faults of a trial: as many jobs of the task in each cycle as it states, the first ones."""
-    left = Counter(trial.cycles)
-    found = []
+def failing(trial: Trial, model: TaskModel, jobs: Sequence[PlannedJob]) -> list[Injection]:
+    """Return the faults of a trial: as many jobs of the rule's task in each cycle as it states, the first ones."""
+    left, task = Counter(trial.cycles), model.health[trial.rule].task
+    found = failing(trial.beside, model, jobs) if trial.beside is not None else []
     for job in jobs:
         is_own = job.job.task == task and job.table.name == trial.mode
         if is_own and left[job.table.cycle] and victim(trial.kind, job) is not None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import seconds
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, plan
@@ -22,17 +24,21 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.target import Ring, Site
 
 SEMIHOSTING, FINISHER = 1, 2
+_NO_CORE, _TRAPPED, _ILLEGAL = 3, 4, 2
+_LONGEST = seconds(Fraction(1))
+"""Until when a run has come to its end, from the end of its table on."""
 
 
 def printed(memory: Memory, site: Site, *, calibrates: bool) -> str:
-    """Return what the runtime has to print of its records, if none was overwritten."""
+    """Return what the runtime has to print of the records that are left."""
 
     def words(name: str, at: int, size: int) -> str:
         return " ".join([name, *(f"{memory.word(at + i):x}" for i in range(0, size, 8))])
 
     def records(name: str, ring: Ring, counter: int) -> list[str]:
         count = memory.word(site.control + 8 * counter)
-        return [words(name, ring.base + i * ring.record, ring.record) for i in range(count)]
+        kept = range(max(count - ring.capacity, 0), count)
+        return [words(name, ring.base + i % ring.capacity * ring.record, ring.record) for i in kept]
 
     lines = [words("control", site.control, CONTROL_SIZE), *records("trace", site.trace, Word.TRACED)]
     lines += records("fault", site.faults, Word.FAULTS)
@@ -49,10 +55,11 @@ def wrong_reports(target: Target, budget: Budget) -> Iterator[Diagnostic]:
     jobs = [job for job in plan(target, site, tables) if victim(CODES[0], job)]
     kind = next((kind for kind in CODES[2:] if code_of(kind, site, site.units[0])), None)
     failing = [Injection(kind, 0, jobs[0].row)] if jobs and kind else []
-    for leaves, injections in ((SEMIHOSTING, []), (FINISHER if site.finisher else SEMIHOSTING, failing)):
+    ways = [SEMIHOSTING] + [FINISHER] * bool(site.finisher)
+    for leaves, injections in [*((way, []) for way in ways), (ways[-1], failing)]:
         saboteur = Saboteur(site, jobs, injections) if injections else None
         simulation = CoSimulation(target, cycles=1, first=first, budget=budget, saboteur=saboteur, health=False)
-        run = simulation.run(leaves=leaves)
+        run = simulation.run(tables[0].length + _LONGEST, leaves=leaves)
         if run.exhausted:
             yield codes.SPENT(f"{run.exhausted}, in the report at its end", help=REPORT)
             continue
@@ -67,3 +74,21 @@ def wrong_reports(target: Target, budget: Budget) -> Iterator[Diagnostic]:
         if run.status != bool(run.word(Word.FAULTS)):
             message = f"it ends with status {run.status} where {run.word(Word.FAULTS)} jobs were abandoned"
             yield codes.TRACE_DISAGREES(message, path="exit", help=REPORT)
+    yield from _wrong_states(target, budget)
+
+
+def _wrong_states(target: Target, budget: Budget) -> Iterator[Diagnostic]:
+    """Yield where the control block does not say that the management core trapped, or that cores lack user mode."""
+    simulation = CoSimulation(target, budget=budget)
+    address = simulation.break_down()
+    run = simulation.run(_LONGEST)
+    seen = run.state, run.word(Word.CAUSE), run.word(Word.EPC)
+    if seen != (_TRAPPED, _ILLEGAL, address):
+        message = f"state, cause and pc are {seen} after an illegal instruction of the management core at {address:#x}"
+        yield codes.TRACE_DISAGREES(message, path="state", help=REPORT)
+    simulation = CoSimulation(target, budget=budget)
+    simulation.withdraw_user_mode()
+    state = simulation.run(_LONGEST).state
+    if state != _NO_CORE:
+        message = f"it comes to state {state} with cores that have no user mode, and not to state {_NO_CORE}"
+        yield codes.TRACE_DISAGREES(message, path="state", help=REPORT)

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.target import Site
     from halpipe.models import Schedule, TaskModel
 
-_OPERATION = struct.Struct("<QQQQIBBBBII")
+_OPERATION = struct.Struct("<QQQQIBBHII")  # a byte behind the unit is zero
 _PROGRAM = struct.Struct("<QIIIHH")
 _RULE = struct.Struct("<IIIBBBB")
-_RELEASE = struct.Struct("<QII")
+_RELEASE = struct.Struct("<QQ")
 _TABLE = struct.Struct("<QQII")
 _INDEX = struct.Struct("<I")
 _ADDRESS = struct.Struct("<Q")
@@ -133,7 +133,7 @@ class Tables:
         if index not in self._releases:
             base, _, count, _ = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)
             rows = (self._at(base + row * _RELEASE.size, _RELEASE) for row in range(min(count, _MOST)))
-            self._releases[index] = [(tick, program) for tick, program, _ in rows]
+            self._releases[index] = [(tick, program) for tick, program in rows]
         return self._releases[index]
 
     def has(self, entry: Record | Abandoned) -> bool:
@@ -168,7 +168,7 @@ class Tables:
             base, count, *_ = self.program(number)
             found = []
             for i in range(min(count, _MOST)):
-                key, source, target, size, limit, kind, channel, unit, _, *ranks = self._at(
+                key, source, target, size, limit, kind, channel, unit, *ranks = self._at(
                     base + i * _OPERATION.size, _OPERATION
                 )
                 found.append(Operation(key >> 2, key & 3, kind, source, target, size, limit, channel, unit + 1, *ranks))

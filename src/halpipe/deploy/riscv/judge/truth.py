@@ -96,7 +96,8 @@ def _instants(run: Run) -> Iterator[Diagnostic]:
     before = seen[0][0] if seen else 0
     for (now, woken), entry in zip(seen, records, strict=True):
         low, high = tick_of(run, max(before, woken)), tick_of(run, now)
-        if entry.kind not in (Kind.TABLE, Kind.HEALTH) and not min(low, high) <= entry.time <= high:
+        high = max(high, 0)  # the first table is begun before the run, and recorded at its instant
+        if entry.kind != Kind.HEALTH and not min(low, high) <= entry.time <= high:
             yield _differs(f"it records an operation at tick {entry.time} that was begun from {low} to {high}")
             return
         if entry.kind != Kind.HEALTH:  # what a rule does is a part of the operation that is recorded next

@@ -243,6 +243,17 @@ class CoSimulation:
         """Whether the runtime measures its target before the run."""
         return MEASURING in self._target.bundle.files
 
+    def break_down(self) -> int:
+        """Put an illegal instruction where the management core's program in C begins, and return that address."""
+        address = self.program.symbols.get("runtime", (self.program.entry, 0))[0]
+        self._machine.overwrite(MANAGEMENT, address, bytes(4))
+        return address
+
+    def withdraw_user_mode(self) -> None:
+        """Have the application cores be cores without user mode."""
+        for hart in self._machine.harts:
+            hart.has_user_mode = False
+
     def run(self, limit: Duration | None = None, *, is_cold: bool = False, leaves: int = 0) -> Run:
         """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case.
 
@@ -325,9 +336,10 @@ class CoSimulation:
 
     def _told(self, word: int, value: int, now: int) -> None:
         if word == Word.STATE and value not in (0, RUNNING):
-            if self._leaves:  # the first records show how they are printed
-                traced = self._memory.word(self.site.control + 8 * Word.TRACED)
+            if self._leaves:  # the first records show how they are printed, and a full ring how older ones are left out
+                traced, faults = (self._memory.word(self.site.control + 8 * w) for w in (Word.TRACED, Word.FAULTS))
                 self._set(Word.TRACED, min(traced, PRINTED))
+                self._set(Word.FAULTS, faults + self.site.faults.capacity * bool(faults))
             else:
                 self._machine.stop()
         elif word == Word.STATE and value == RUNNING:
