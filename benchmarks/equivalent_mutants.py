@@ -317,3 +317,14 @@ CONDITIONS = {
     ("reading.py", "scale = common_denominator((ns.denominator for ns in durations))"): MORE,
 }  # fmt: skip
 """Faults of benchmarks/conditions.py that change no verdict of verify, in the same form."""
+
+MEASURED = "measures the same with other sizes of transfers, or another scratchpad of the same kind"
+
+RUNTIME = {
+    "calibrate.c:51: 0 -> 1 in uint64_t data = hp_units[0].dspm;": MEASURED,
+    "calibrate.c:52: 8 -> 9 in const uint64_t shares[3] = {64U, 8U, 1U};": MEASURED,
+    "dma.c:6: 8 -> 9 in #define UNIT_BITS 8U": "eight bits of the unit are compared, and the bit above is zero",
+    "monitor.c:133: wait_for_interrupt(); -> ; in wait_for_interrupt();": "the loop ends at the same instant, awake",
+    "runtime.c:436: 1 -> 2 in wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));": "looks at a core that starts a tick later",
+}  # fmt: skip
+"""Faults of benchmarks/mutants.py that change nothing that the runtime promises, as it prints them."""
