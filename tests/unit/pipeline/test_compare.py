@@ -17,6 +17,7 @@ from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Executions, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.compare.codes import Kind
+from halpipe.pipeline.compare.judging import Scope
 from halpipe.pipeline.compare.tables import MOST_SILENT
 from support import access, model, ms, task, version
 
@@ -144,6 +145,17 @@ def test_a_job_that_never_ends_is_late_once_its_end_is_over():
     last = max(seen, key=lambda execution: execution.end.ns)
     open_end = [replace(e, end=None) if e is last else e for e in seen]
     assert deviations(open_end) == []
+
+
+def test_of_a_run_that_was_whole_every_job_is_due():
+    """Of a part of a run only the jobs within what was recorded are."""
+    part = play([("race", RACE)] * 2)[3:-2]
+    trace = Trace(name="", executions=tuple(part))
+    lost = {
+        is_whole: compare(PLAN, trace, CompareOptions(origin=ZERO), scope=Scope(is_whole=is_whole)).counts[Kind.MISSING]
+        for is_whole in (False, True)
+    }
+    assert lost == {False: 1, True: 5}
 
 
 def test_another_unit():

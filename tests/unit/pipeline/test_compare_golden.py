@@ -48,6 +48,12 @@ def disturbed(seen):
     yield "b0 is on another unit", moved(seen, 2, units=("c3",))
     yield "b0 runs on c3 while c0 does", moved(seen, 2, start=15 * MS, end=15 * MS, units=("c3",))
     yield "c0 is recorded on each of its units", [replace(e, units=(unit,)) for e in seen for unit in e.units]
+    parts = [replace(e, units=(unit,)) for e in seen for unit in e.units]
+    yield (
+        "c0 is recorded on each of its units, and runs on c3 for 1 ms more",
+        [replace(e, end=e.end + ms(1)) if e.units == ("c3",) else e for e in parts],
+    )
+    yield "b0 runs once more before all", [replace(seen[2], start=seen[0].start - ms(2), end=seen[0].start), *seen]
     yield "a0 and b0 are exchanged", moved(moved(seen, 4, start=3 * MS, end=3 * MS), 6, start=-4 * MS, end=-4 * MS)
     yield "c0 is early by 5 ms in cycle 0", moved(seen, 3, start=-5 * MS, end=-5 * MS)
     yield "the last job has no end", [*seen[:-1], replace(seen[-1], end=None)]
