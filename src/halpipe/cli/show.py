@@ -208,9 +208,16 @@ def diff(
 
     one, other = _read(before), _read(after)
     if isinstance(one, Schedule) and isinstance(other, Schedule):
-        return _report_schedules(diff_schedules(one, other))
+        found = diff_schedules(one, other)
+        _show_schedules(found) if output.is_text() else print_json(_schedules_as_json(found))
+        return Exit.OK if found.is_same else Exit.FINDINGS
     if isinstance(one, TaskModel) and isinstance(other, TaskModel):
-        return _report_models(diff_models(one, other))
+        changes = diff_models(one, other)
+        if output.is_text():
+            _show_values(changes) if changes else output.result("same")
+        else:
+            print_json({"kind": "task-model", "same": not changes, "changes": [asdict(c) for c in changes]})
+        return Exit.FINDINGS if changes else Exit.OK
     raise HalpipeError(_unlike(before, one, after, other))
 
 
@@ -233,24 +240,6 @@ def _unlike(before: str, one: object, after: str, other: object) -> Any:
     kinds = ["a schedule" if isinstance(read, Schedule) else "a task model" for read in (one, other)]
     text = f"is {kinds[1]}, but {before} is {kinds[0]}"
     return NOT_COMPARABLE(text, at=Location(after), help="name two schedules, or two task models")
-
-
-def _report_models(changes: Sequence[Change]) -> int:
-    if not output.is_text():
-        print_json({"kind": "task-model", "same": not changes, "changes": [asdict(c) for c in changes]})
-    elif changes:
-        _show_values(changes)
-    else:
-        output.result("same")
-    return Exit.FINDINGS if changes else Exit.OK
-
-
-def _report_schedules(found: ScheduleDiff) -> int:
-    if not output.is_text():
-        print_json(_schedules_as_json(found))
-    else:
-        _show_schedules(found)
-    return Exit.OK if found.is_same else Exit.FINDINGS
 
 
 # ------------------------------------------------------------------------------------------------ text

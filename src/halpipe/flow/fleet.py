@@ -91,9 +91,7 @@ def plain_options(options: SearchOptions) -> dict[str, Any]:
     return {one.name: getattr(options, one.name) for one in fields(options) if one.compare}
 
 
-def solve(
-    variant: Variant, go_on: Callable[..., bool] = lambda *_: True, is_interrupted: Callable[[], bool] = lambda: False
-) -> Solved:
+def solve(variant: Variant, go_on: Callable[..., bool], is_interrupted: Callable[[], bool]) -> Solved:
     """Read, search, verify and write one variant as bytes; what ends early is `is_interrupted`, or out of time."""
     from halpipe.exporters.native import format_schedule
     from halpipe.importers.native import parse_model
