@@ -53,3 +53,24 @@ def test_a_job_has_no_more_parts_than_there_is_time_for(monkeypatch):
     schedules.parse_schedule(SCHEDULE, "s.xml")
     monkeypatch.setattr(schedules, "MAX_PARTS", 1)
     assert "has 2 parts of one job" in refusal(lambda: schedules.parse_schedule(SCHEDULE, "s.xml")).message
+
+
+SPLITS = """<task-model xmlns="urn:halpipe:task-model:1" name="m"><platform><unit name="u"/></platform><tasks>
+<task name="a" period="10ms"><version name="v" wcet="1ms" split="anywhere" max-gaps="-1"><units names="u"/></version>
+<version name="w" wcet="1ms" split="anywhere" max-gaps="2"><units names="u"/></version></task></tasks>
+<modes><mode name="a"><run task="a" versions="v w"/></mode></modes></task-model>
+"""
+
+
+def test_a_malformed_restriction_restricts_nothing_and_the_others_stay(tmp_path):
+    path = tmp_path / "m.xml"
+    path.write_text(SPLITS)
+    system, malformed = models.read_what_is_well_formed(str(path))
+    assert [(found.at.line, found.code) for found in malformed] == [(2, "HAL0102")]
+    assert [version.split.max_gaps for version in system.tasks[0].versions] == [100, 2]
+    path.write_text(SPLITS.replace(' max-gaps="-1"', ""))
+    assert models.read_what_is_well_formed(str(path))[1] == []
+    path.write_text(SPLITS.replace('period="10ms"', 'period="ten"'))
+    with pytest.raises(HalpipeError) as refused:
+        models.read_what_is_well_formed(str(path))
+    assert {found.at.line for found in refused.value.diagnostics} == {2}
