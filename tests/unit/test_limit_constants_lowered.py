@@ -557,22 +557,6 @@ def cycles_that_are_reported(count):
     return "" if len([*named("pipeline.validate.precedence:_cycles")(None, "", graph, None)]) == count else "fewer"
 
 
-@lowered("pipeline.validate.precedence:MAX_JOBS", 3, "none")
-def jobs_whose_window_is_checked(count):
-    """The last of so many jobs is the first that starts too late after its predecessor."""
-    from halpipe.models import Anchor
-
-    def active(name, period):
-        return fake(name=name, period=Duration(period), offset=Duration(0), slack=0, at=Location(), origin=None)
-
-    row = fake(task="b", min=Duration(0), max=Duration(count - 2), anchor=Anchor.RELEASE, at=Location(), origin=None)
-    mode = fake(hyperperiod=Duration(count), path="")
-    version = fake(name="v", at=Location(), origin=None)
-    with patched("pipeline.validate.precedence", _window=lambda _: "w"):
-        found = [*named("pipeline.validate.precedence:_apart")(mode, active("a", 1), version, row, active("b", count))]
-    return "" if found else "none"
-
-
 # ------------------------------------------------------------------------------------------------ the table
 
 

@@ -1,12 +1,13 @@
 """Windows, cycles, absent predecessors, and tasks that nobody demands."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import pytest
 from validate_cases import codes_of, found, the
 
 from halpipe.core.diagnostics import Location, Severity
-from halpipe.models import Mode, Run
+from halpipe.models import Match, Mode, Run
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.precedence import MAX_CYCLES
 from support import after, mode, model, task, version
@@ -20,6 +21,27 @@ def test_empty_window():
     assert validate(model(runs("a"), task("b", 25, version("v", 1, "u1", after("a", 5, 5))))) == ()
     finding = the(model(runs("a"), task("b", 25, version("v", 1, "u1", after("a", 5, 4)))), codes.EMPTY_WINDOW)
     assert finding.path == 'task "b" version "v" precedence on "a"'
+
+
+def same_cycle(period, other, low, high):
+    """Task "b", which follows the job of its cycle of task "a" by low to high milliseconds."""
+    row = replace(after("a", low, high), match=Match.CYCLE)
+    followed = task("a", other, version("v", "1ns", "u1"), offset=0)
+    return model(followed, task("b", period, version("v", "1ns", "u1", row), offset=0))
+
+
+@pytest.mark.parametrize(("period", "other"), [(2, 3), (3, 2), (4, 6), (6, 4), (3, 5), (5, 3), (2, 6), (6, 2), (4, 4)])
+def test_a_window_is_compared_with_every_job(period, other):
+    distances = [period * job % other for job in range(other)]
+    for low, high in combinations(range(6), 2):
+        is_met = all(low <= distance <= high for distance in distances)
+        assert (codes.CONTRADICTION.id in codes_of(same_cycle(period, other, low, high))) is not is_met
+
+
+@pytest.mark.parametrize(("high", "is_met"), [(10**6 + 2, True), (10**6 + 1, False)])
+def test_the_job_that_decides_is_computed_where_there_are_a_million(high, is_met):
+    system = same_cycle(2, 10**6 + 3, 0, high)
+    assert (codes.CONTRADICTION.id in codes_of(system)) is not is_met
 
 
 def test_task_after_itself():

@@ -7,7 +7,7 @@ from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.models import Anchor, Match
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
@@ -159,8 +159,6 @@ def check_demand(context: Context) -> Iterator[Diagnostic]:
 # ------------------------------------------------------------------------------------------------ instants
 
 PLAIN = (Anchor.START, Anchor.END)
-MAX_JOBS = 10_000
-"""Jobs of a task whose releases are compared with those of a predecessor."""
 
 
 @check("lets", codes.LET_BEYOND_DEADLINE)
@@ -280,6 +278,10 @@ def _unmet_windows(mode: ActiveMode, name: str, version: Version) -> Iterator[Di
 
 
 def _apart(mode: ActiveMode, task: Task, version: Version, row: Precedence, before: Task) -> Iterator[Diagnostic]:
+    """Compare the window with the jobs that are released soonest and latest after the job of their cycle.
+
+    A job may follow by every multiple of the greatest common divisor of the periods that is below the other period.
+    """
     period, other = task.period, before.period
     assert period
     assert other
@@ -287,9 +289,10 @@ def _apart(mode: ActiveMode, task: Task, version: Version, row: Precedence, befo
     assert before.offset is not None
     own, jitter = task.offset % period, period * task.slack
     others, late = before.offset % other, other * before.slack if row.anchor is Anchor.START else ZERO
-    hyperperiod = mode.hyperperiod
-    for job in range(min(MAX_JOBS, hyperperiod // period if hyperperiod else 1)):
-        between = own + period * job - (others + other * ((period * job) // other))
+    step = greatest_common_divisor((period, other))
+    latest = pow(-(period // step), -1, other // step)
+    for job in (0, latest):
+        between = own - others + (period * job) % other
         if between - late <= row.max and between + jitter >= row.min:
             continue
         text = f"asks for {_window(row)}, but its job {job} starts {between - late} to {between + jitter} after"
