@@ -2,7 +2,8 @@
 
     python benchmarks/vehicle.py PROJECT_DIR --copies 119 [--one-file]
 
-Each copy is put into a package of its own, and every path in it, so that all elements are different ones.
+Each copy is put into a package of its own, and every path in it, so that all elements are different ones. One list of
+modules (ECUC-VALUE-COLLECTION), in place of those of the copies, makes their configurations those of one ECU.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ import sys
 import tempfile
 from pathlib import Path
 
+from lxml import etree
+
+from halpipe.importers.arxml.files.words import NS, path_of
+
 _PATH = re.compile(rb">(\s*)/(?=[A-Za-z_])")
+_COLLECTION = re.compile(rb"<ECUC-VALUE-COLLECTION\b.*?</ECUC-VALUE-COLLECTION>", re.DOTALL)
+_MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
 _LIST, _END = b"<AR-PACKAGES>", b"</AR-PACKAGES>"
 _HEAD = b'<AUTOSAR xmlns="http://autosar.org/schema/r4.0">\n'
 
@@ -42,7 +49,7 @@ def _make(project: Path, folder: Path, copies: int, *, one_file: bool) -> tuple[
             for number in range(copies):
                 for _, data in contents:
                     stream.write(_renamed(data, number)[1])
-            stream.write(_END + b"\n</AUTOSAR>\n")
+            stream.write(_one_ecu(contents, copies) + _END + b"\n</AUTOSAR>\n")
     else:
         for number in range(copies):
             for name, data in contents:
@@ -50,6 +57,7 @@ def _make(project: Path, folder: Path, copies: int, *, one_file: bool) -> tuple[
                 target = folder / f"copy{number}" / name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(head + _LIST + inside + _END + tail)
+        (folder / "ecu.arxml").write_bytes(_HEAD + _LIST + _one_ecu(contents, copies) + _END + b"\n</AUTOSAR>\n")
     written = [path.stat().st_size for path in folder.rglob("*.arxml")]
     return len(written), sum(written)
 
@@ -58,12 +66,25 @@ def _renamed(data: bytes, number: int) -> tuple[bytes, bytes, bytes]:
     """Return what is before, in and after the packages of a file, which are in a package of the copy."""
     begin, end = data.find(_LIST), data.rfind(_END) + len(_END)
     package = f"Copy{number}".encode()
-    inside = _PATH.sub(rb">\1/" + package + b"/", data[begin:end])
+    inside = _COLLECTION.sub(b"", _PATH.sub(rb">\1/" + package + b"/", data[begin:end]))
     return (
         data[:begin],
         b"<AR-PACKAGE><SHORT-NAME>" + package + b"</SHORT-NAME>" + inside + b"</AR-PACKAGE>",
         data[end:],
     )
+
+
+def _one_ecu(contents: list[tuple[Path, bytes]], copies: int) -> bytes:
+    """Return a package with the list of the module configurations of all copies."""
+    roots = [etree.fromstring(data) for _, data in contents]
+    modules = {path_of(module) for root in roots for module in root.iter(f"{NS}{_MODULE}")}
+    paths = (f"/Copy{number}{path}" for number in range(copies) for path in sorted(modules))
+    refs = "".join(
+        f"<{_MODULE}-REF-CONDITIONAL><{_MODULE}-REF>{p}</{_MODULE}-REF></{_MODULE}-REF-CONDITIONAL>" for p in paths
+    )
+    inside = f"<SHORT-NAME>Modules</SHORT-NAME><ECUC-VALUES>{refs}</ECUC-VALUES>"
+    collection = f"<ELEMENTS><ECUC-VALUE-COLLECTION>{inside}</ECUC-VALUE-COLLECTION></ELEMENTS>"
+    return f"<AR-PACKAGE><SHORT-NAME>One</SHORT-NAME>{collection}</AR-PACKAGE>".encode()
 
 
 def _import(folder: Path, files: int, size: int) -> None:

@@ -167,3 +167,54 @@ def test_a_module_of_the_basic_software_is_on_the_ecus_that_configure_it(tmp_pat
     path = write(tmp_path, package("T", PUMP, VALVE, CAR, com, FRONT, REAR, SPLIT), first, BOTH[1])
     assert set(units(read(path, ecu="Front"))) == {"p/Step", "BSW/Com/Main"}
     assert set(units(read(path, ecu="Rear"))) == {"v/Turn"}
+
+
+@pytest.mark.parametrize("ecus", [(), (FRONT, REAR)], ids=["none", "without software"])
+def test_two_configurations_of_an_os_are_two_ecus(tmp_path, ecus):
+    path = write(tmp_path, package("T", PUMP, VALVE, CAR, *ecus), *BOTH)
+    (told,) = [d for d in refusal(path).diagnostics if d.code == codes.SEVERAL_ECUS.id]
+    assert told.message.startswith(f"2 ECUs have an Os: /E1/All ({path}:")
+    assert told.help == "choose one: --ecu /E1/All"
+    assert units(read(path, ecu="/E1/All")) == {"p/Step": ("A0",)}
+    assert units(read(path, ecu="/E2/All")) == {"v/Turn": ("B0",)}
+
+
+def test_the_only_ecu_with_software_is_chosen_where_another_has_an_os(tmp_path):
+    one = package("T", PUMP, composition("Car", "p:Pump"), FRONT, REAR, mappings(on("a", "Front", "Car/p")))
+    path = write(tmp_path, one, BOTH[0], ecuc("Rear", "", "Pump/B/Tick", "B0", "B1", instances=False))
+    (told,) = [d for d in refusal(path).diagnostics if d.code == codes.SEVERAL_ECUS.id]
+    assert told.help == "choose one: --ecu Front"
+    imported = read(path, ecu="Front")
+    assert units(imported) == {"p/Step": ("A0",)}
+    assert [unit.name for unit in imported.model.units] == ["A0", "A1"]
+
+
+def test_a_configuration_that_a_vendor_proposes_is_no_ecu(tmp_path):
+    proposed = package("Proposed", configuration("Os", container("Os/OsOS", "Os")))
+    path = write(tmp_path, package("T", PUMP, VALVE, CAR), BOTH[0], proposed)
+    assert "p/Step" in units(read(path))
+
+
+def test_a_component_on_two_ecus_is_a_contradiction(tmp_path):
+    split = mappings(on("a", "Front", "Car/p"), on("b", "Rear", "Car/v"), on("c", "Rear", "Car/p"))
+    path = write(tmp_path, package("T", PUMP, VALVE, CAR, FRONT, REAR, split))
+    for ecu in ("Front", "Rear"):
+        (told,) = {d for d in refusal(path, ecu=ecu).diagnostics if d.code == codes.CONFLICT.id}
+        assert told.message.startswith('the ECU of /T/Car/p is "/T/Rear" here, but "/T/Front" at')
+
+
+def test_flat_extracts_of_two_ecus_are_not_one_system_without_a_word(tmp_path):
+    def extract(name, composed, ecu=""):
+        root = named("ROOT-SW-COMPOSITION-PROTOTYPE", "R", ref("SOFTWARE-COMPOSITION-TREF", f"/T/{composed}"))
+        on_it = [el("MAPPINGS", mappings(on("a", ecu, f"{composed}/x")))] if ecu else []
+        return named("SYSTEM", name, *on_it, el("ROOT-SOFTWARE-COMPOSITIONS", root))
+
+    flats = [composition("Flat1", "x:Pump"), composition("Flat2", "x:Valve")]
+    parts = [PUMP, VALVE, FRONT, REAR, *flats]
+    path = write(tmp_path, package("T", *parts, extract("S1", "Flat1"), extract("S2", "Flat2")))
+    (told,) = found(read(path), codes.SEVERAL_ROOTS)
+    assert told.message == "is the root of a system, but so is /T/Flat2: they are imported as one"
+    path = write(tmp_path, package("T", *parts, extract("S1", "Flat1", "Front"), extract("S2", "Flat2", "Rear")))
+    imported = read(path, ecu="Rear")
+    assert set(units(imported)) == {"x/Turn"}
+    assert not found(imported, codes.SEVERAL_ROOTS)

@@ -181,7 +181,10 @@ def test_ticks_belong_to_the_module_of_their_counter(tmp_path, name):
         ]
         return package(package_name, configuration("Os", *parts)).replace("/E/Os", f"/{package_name}/Os")
 
-    imported = read(write(tmp_path, module("E", "100"), module("F", "1000")))
+    tag = "ECUC-MODULE-CONFIGURATION-VALUES-REF"
+    refs = [el(f"{tag}-CONDITIONAL", ref(tag, f"/{name}/Os")) for name in "EF"]
+    one = package("C", named("ECUC-VALUE-COLLECTION", "One", el("ECUC-VALUES", *refs)))
+    imported = read(write(tmp_path, module("E", "100"), module("F", "1000"), one))
     assert periods(imported) == {"MainE": "50ms", "MainF": "5ms"}
 
 

@@ -57,7 +57,7 @@ CONFLICT = error(
     "HAL0510",
     "Two parts of one element disagree",
     "Elements of the same path are one element, split over files. A value that two of its parts state differently "
-    "cannot be merged. Only values that the importer reads are compared.",
+    "cannot be merged, nor two references where one target is meant. Only what the importer reads is compared.",
 )
 OTHER_COPY = warning(
     "HAL1510",
@@ -164,7 +164,7 @@ SENDERS_DIFFER = warning(
 DEFAULT_UNIT = note(
     "HAL0540",
     "AUTOSAR core was assumed",
-    "The input configures no core (EcucCoreDefinition, OsApplicationCoreAssignment); one core per ECU is assumed.",
+    "The input configures no core (EcucCoreDefinition, OsApplicationCoreAssignment); one core is assumed.",
 )
 UNMAPPED = note(
     "HAL0541",
@@ -234,9 +234,9 @@ COPY = note(
 )
 SEVERAL_ROOTS = warning(
     "HAL0551",
-    "Component type is used by several root compositions",
-    "Without an Rte configuration it is not known whether they are copies of one system or different systems. All "
-    "are imported.",
+    "Several root compositions are imported as one system",
+    "SYSTEMs name them, or they use the same component type. Without an Rte configuration it is not known whether they "
+    "are copies of one system or different systems. All are imported.",
 )
 DATA_FLOW = note(
     "HAL0552",
@@ -380,12 +380,14 @@ CUT_RUNNABLES = note(
 SEVERAL_ECUS = error(
     "HAL0575",
     "System has several ECUs",
-    "Components are mapped to more than one ECU. A schedule is made for one: name it with --ecu.",
+    "Components are mapped to more than one ECU, or several ECU configurations have an Os with OsTasks. A schedule is "
+    "made for one: name it with --ecu, or its ECUC-VALUE-COLLECTION, or package, by the path.",
 )
 UNKNOWN_ECU = error(
     "HAL0576",
     "ECU is not in the system",
-    "The name after --ecu is the short name, or the path, of an ECU-INSTANCE that components are mapped to.",
+    "The name after --ecu is the short name, or the path, of an ECU-INSTANCE that components are mapped to, or the "
+    "path of an ECUC-VALUE-COLLECTION, or of the package of an ECU configuration.",
 )
 UNMAPPED_COMPONENT = error(
     "HAL0578",

@@ -260,16 +260,10 @@ def note_activations(ledger: Ledger, activations: Iterable[Activation], drafts: 
     for draft in drafts:
         for member in draft.members:
             ledger.mapped(member.place, *member.used)
-            if member.arrival is not None:
-                ledger.mapped(member.arrival.place)
             if member.process is not None:
                 ledger.mapped(*member.process.parts)
-            if member.event is not None:
-                ledger.mapped(member.event.place)
-            if member.mapping is not None and member.os_task is not None:
-                ledger.mapped(member.mapping.place)
-            if member.os_task is not None:
-                ledger.mapped(member.os_task.place)
+            causes = (member.arrival, member.event, member.os_task and member.mapping, member.os_task)
+            ledger.mapped(*(cause.place for cause in causes if cause is not None))
     for activation in activations:
         reason = activation.reason or "left out by the overlay"
         ledger.ignored(activation.event.place if activation.event else activation.place, reason)

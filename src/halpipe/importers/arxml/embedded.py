@@ -13,8 +13,8 @@ from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.sniff import read_whole
 from halpipe.importers.arxml.files.tree import qualified
 from halpipe.importers.arxml.files.words import NS, legal_name, listed
-from halpipe.importers.arxml.system.components import place_of
 from halpipe.importers.arxml.system.containers import Containers, data_of
+from halpipe.importers.arxml.system.values import Place
 from halpipe.importers.native import parse_model
 
 if TYPE_CHECKING:
@@ -80,9 +80,8 @@ def _account(tree: Tree, package: Node) -> Coverage:
     strangers = []
     for node in tree.nodes():
         own = node.path == package.path or node.path.startswith(package.path + "/")
-        place = place_of(node)
-        if node.tag == "ECUC-CONTAINER-VALUE" and node.path in kinds:
-            place = type(place)(place.path, kinds[node.path], place.at)
+        is_container = node.tag == "ECUC-CONTAINER-VALUE"
+        place = Place(node.path, kinds.get(node.path, node.tag) if is_container else node.tag, node.at)
         if own and not node.tag.startswith("ECUC-"):
             ledger.mapped(place)
         else:

@@ -110,12 +110,15 @@ def apply_edits(data: bytes, file: str, edits: Sequence[Edit]) -> bytes:
         if edit not in found:
             raise _cannot(file, f"has no {edit.name or 'container'} {edit.old} in {edit.path}")
     match = _ENCODING.match(data[3:] if data[:3] == b"\xef\xbb\xbf" else data)
-    encoding = match[1].decode() if match else "utf-8"
+    changes = [(*span, escape(edit.new or "")) for edit, span in found.items()]
+    return _spliced(data, changes, match[1].decode() if match else "utf-8")
+
+
+def _spliced(data: bytes, changes: list[tuple[int, int, str]], encoding: str) -> bytes:
+    """Return the bytes with texts in place of spans."""
     result, end = bytearray(), 0
-    for (start, stop), edit in sorted((span, edit) for edit, span in found.items()):
-        result += data[end:start]
-        if edit.new is not None:
-            result += escape(edit.new).encode(encoding, "xmlcharrefreplace")
+    for start, stop, text in sorted(changes):
+        result += data[end:start] + text.encode(encoding, "xmlcharrefreplace")
         end = stop
     return bytes(result + data[end:])
 
@@ -226,13 +229,8 @@ def apply_to_xdm(data: bytes, file: str, module: Box | None, edits: Sequence[Edi
     changes: list[tuple[int, int, str]] = []
     if module is not None:
         changes += _additions(index, module, data)
-    for edit in edits:
-        changes.append(_change(index, edit, data, file))
-    result, end = bytearray(), 0
-    for start, stop, text in _joined(changes):
-        result += data[end:start] + text.encode("ascii", "xmlcharrefreplace")  # right in any encoding
-        end = stop
-    return bytes(result + data[end:])
+    changes += (_change(index, edit, data, file) for edit in edits)
+    return _spliced(data, _joined(changes), "ascii")  # which is right in any encoding
 
 
 def _joined(changes: list[tuple[int, int, str]]) -> list[tuple[int, int, str]]:
@@ -240,7 +238,7 @@ def _joined(changes: list[tuple[int, int, str]]) -> list[tuple[int, int, str]]:
     found: dict[tuple[int, int], str] = {}
     for start, stop, text in changes:
         found[start, stop] = found.get((start, stop), "") + text if start == stop else text
-    return [(start, stop, text) for (start, stop), text in sorted(found.items())]
+    return [(start, stop, text) for (start, stop), text in found.items()]
 
 
 # ------------------------------------------------------------------------------------------------------ additions

@@ -9,6 +9,7 @@ from __future__ import annotations
 import operator
 import re
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
@@ -99,16 +100,10 @@ def _whole(value: Fraction) -> int:
     return value.numerator
 
 
-def _shifted(left: int, right: int) -> int:
-    if not -_MAX_SHIFT <= right <= _MAX_SHIFT or right < 0:
+def _shifted(left: int, right: int, function: Callable[[int, int], int] = operator.lshift) -> int:
+    if not 0 <= right <= _MAX_SHIFT:
         raise FormulaError(f"shifts by {right}")
-    return left << right
-
-
-def _back(left: int, right: int) -> int:
-    if right < 0:
-        raise FormulaError(f"shifts by {right}")
-    return left >> right
+    return function(left, right)
 
 
 _LEVELS: tuple[dict[str, Callable[[Fraction, Fraction], Fraction]], ...] = (
@@ -122,7 +117,7 @@ _LEVELS: tuple[dict[str, Callable[[Fraction, Fraction], Fraction]], ...] = (
         ">": lambda a, b: Fraction(a > b),
         ">=": lambda a, b: Fraction(a >= b),
     },
-    {"<<": _bits(_shifted), ">>": _bits(_back)},
+    {"<<": _bits(_shifted), ">>": _bits(partial(_shifted, function=operator.rshift))},
     {"+": operator.add, "-": operator.sub},
     {"*": operator.mul, "/": _divided, "%": lambda a, b: a - _divided(a, b) * b},
 )

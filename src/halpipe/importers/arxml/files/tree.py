@@ -322,6 +322,12 @@ class Tree:
         path, relative = self._bases.absolute(element, node.path)
         return Ref(path, element.get("DEST") or "", element, file, relative) if path else None
 
+    def instance(self, node: Node, iref: etree._Element, file: str) -> tuple[list[Ref], Ref | None]:
+        """Read an instance reference: the references to its contexts, outermost first, and to its target."""
+        refs = [ref for child in iref.iterchildren("*") if (ref := self.reference(node, child, file))]
+        target = next((ref for ref in refs if local(ref.element).startswith("TARGET-")), None)
+        return [ref for ref in refs if local(ref.element).startswith("CONTEXT-")], target
+
     def target(self, node: Node, path: str, tags: Container[str] | None = None, kind: str = "") -> Node | None:
         """Return the node that the only reference at a relative path names; see `find` and `ref`."""
         ref = self.ref(node, path)

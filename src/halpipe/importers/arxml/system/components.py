@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
@@ -283,54 +284,47 @@ def _target(tree: Tree, node: Node, part: Part, path: str) -> str | None:
 
 def _overrides(tree: Tree, node: Node) -> Iterator[PeriodOverride]:
     for element, file in node.elements("INSTANTIATION-RTE-EVENT-PROPSS/INSTANTIATION-TIMING-EVENT-PROPS"):
-        refs = {local(child): child for child in element.iterfind("{*}REFINED-EVENT-IREF/{*}*")}
-        context = [child for tag, child in refs.items() if tag.startswith("CONTEXT-")]
-        target = [child for tag, child in refs.items() if tag.startswith("TARGET-")]
-        period = next((child for child in element if local(child) == "PERIOD"), None)
-        prototype = tree.reference(node, context[-1], file) if context else None
-        event = tree.reference(node, target[0], file) if target else None
-        value = Stated((period.text or "").strip(), place(period, file)) if period is not None else None
-        if prototype and event and value and value.text:
-            yield PeriodOverride(prototype=prototype.path, event=event.path, period=value)
+        iref, period = (element.find(qualified(tag)) for tag in ("REFINED-EVENT-IREF", "PERIOD"))
+        contexts, event = tree.instance(node, iref, file) if iref is not None else ([], None)
+        text = "" if period is None else (period.text or "").strip()
+        if contexts and event and period is not None and text:
+            value = Stated(text, place(period, file))
+            yield PeriodOverride(prototype=contexts[-1].path, event=event.path, period=value)
 
 
 def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
-    """Read every ECU instance with the component prototypes mapped to it."""
+    """Read every ECU instance with the component prototypes mapped to it; report one that is mapped to two."""
     ecus = tree.tagged("ECU-INSTANCE")
-    mapped: dict[str, list[str]] = {node.path: [] for node in ecus}
-    mappings: dict[str, list[Place]] = {node.path: [] for node in ecus}
-    hardware: dict[str, list[tuple[str, str]]] = {node.path: [] for node in ecus}
-    chains: dict[str, list[tuple[str, ...]]] = {node.path: [] for node in ecus}
+    mapped: dict[str, list[tuple[Node, list[tuple[str, ...]]]]] = {node.path: [] for node in ecus}
+    owners: dict[tuple[str, ...], list[Stated]] = {}
     for node in tree.tagged("SWC-TO-ECU-MAPPING"):
         ecu = tree.target(node, "ECU-INSTANCE-REF", ("ECU-INSTANCE",), "mapping")
         if ecu is not None:
-            refs = tree.refs(node, "COMPONENT-IREFS/COMPONENT-IREF/TARGET-COMPONENT-REF")
-            mapped[ecu.path] += [ref.path for ref in refs]
-            chains[ecu.path] += _chains(tree, node)
-            mappings[ecu.path].append(place_of(node))
-            found = tree.target(node, "PROCESSING-UNIT-REF", ("HW-ELEMENT",), "mapping")
-            if found is not None:
-                hardware[ecu.path] += [(ref.path, found.path) for ref in refs]
-    return tuple(
-        Ecu(
-            place_of(ecu),
-            tuple(mapped[ecu.path]),
-            tuple(mappings[ecu.path]),
-            tuple(hardware[ecu.path]),
-            tuple(chains[ecu.path]),
-        )
-        for ecu in ecus
+            chains = list(_chains(tree, node))
+            mapped[ecu.path].append((node, chains))
+            for chain in chains:
+                owners.setdefault(chain, []).append(replace(node.stated, text=ecu.path))
+                tree.agreed(node, f"the ECU of {chain[-1]}", owners[chain])
+    return tuple(_ecu(tree, ecu, mapped[ecu.path]) for ecu in ecus)
+
+
+def _ecu(tree: Tree, ecu: Node, mapped: Iterable[tuple[Node, list[tuple[str, ...]]]]) -> Ecu:
+    units = [(tree.target(node, "PROCESSING-UNIT-REF", ("HW-ELEMENT",), "mapping"), found) for node, found in mapped]
+    return Ecu(
+        place_of(ecu),
+        tuple(place_of(node) for node, _ in mapped),
+        tuple((chain[-1], unit.path) for unit, found in units if unit is not None for chain in found),
+        tuple(chain for _, found in mapped for chain in found),
     )
 
 
 def _chains(tree: Tree, mapping: Node) -> Iterator[tuple[str, ...]]:
     """Yield each mapped prototype after those that hold it; some tools name it among these, too."""
     for element, file in tree.elements(mapping, "COMPONENT-IREFS/COMPONENT-IREF"):
-        refs = [tree.reference(mapping, child, file) for child in element]
-        target = next((ref.path for ref in refs if ref and local(ref.element) == "TARGET-COMPONENT-REF"), None)
+        contexts, target = tree.instance(mapping, element, file)
         if target is not None:
-            outer = [ref.path for ref in refs if ref and local(ref.element) == "CONTEXT-COMPONENT-REF"]
-            yield (*(path for path in outer if path != target), target)
+            outer = (ref.path for ref in contexts if local(ref.element) == "CONTEXT-COMPONENT-REF")
+            yield (*(path for path in outer if path != target.path), target.path)
 
 
 def read_hardware(tree: Tree) -> tuple[Place, ...]:

@@ -49,9 +49,10 @@ def find_instances(
     components: Sequence[Component],
     compositions: Sequence[Composition],
     mapped: Sequence[RteInstance],
-    findings: Findings,
+    *,
+    is_one: bool,
 ) -> Instances:
-    """Unfold the root compositions into component instances.
+    """Unfold the root compositions into component instances; report several that are to be one system.
 
     Roots are the compositions that a SYSTEM names, or else those that no other composition uses, and those whose
     prototypes the Rte configuration names. Roots of which it names no instance are copies. Component types that no
@@ -59,7 +60,8 @@ def find_instances(
     """
     by_path = {composition.place.path: composition for composition in compositions}
     types = {component.place.path: component for component in components}
-    roots = _roots(tree, compositions, mapped)
+    findings, of_systems = tree.findings, _of_systems(tree)
+    roots = _roots(of_systems, compositions, mapped)
     unfolded = {root: _bounded(_unfold(by_path[root], (root,), by_path, types), by_path[root]) for root in roots}
     everything = [instance for root in roots for instance in unfolded[root]]
     configured, alone = _Configured(tree, everything, components).resolve(mapped)
@@ -69,7 +71,11 @@ def find_instances(
         help = "nothing to do if it is the system that the ECU extract was made of"
         by_path[root].place.report(findings, codes.COPY, message, help=help)
     kept = [instance for root in roots if root not in copies for instance in unfolded[root]]
-    _report_shared_types(kept, by_path, findings)
+    left = [root for root in of_systems if root not in copies]
+    if not _report_shared_types(kept, by_path, findings) and is_one and len(left) > 1:
+        message = f"is the root of a system, but so is {listed(left[1:])}: they are imported as one"
+        help = "import the files of one system only"
+        by_path[left[0]].place.report(findings, codes.SEVERAL_ROOTS, message, help=help)
     used = {instance.component.place.path for instance in (*kept, *alone)}
     rest = [component for component in components if component.place.path not in used]
     if kept:
@@ -182,12 +188,14 @@ def _label(component: Component) -> str:
     return f"BSW/{component.place.name}" if component.is_module else component.place.name
 
 
-def _roots(tree: Tree, compositions: Sequence[Composition], named: Sequence[RteInstance]) -> list[str]:
-    chosen = []
-    for node in tree.tagged("ROOT-SW-COMPOSITION-PROTOTYPE"):
-        target = tree.target(node, "SOFTWARE-COMPOSITION-TREF", (COMPOSITION,), "root composition")
-        if target is not None:
-            chosen.append(target.path)
+def _of_systems(tree: Tree) -> list[str]:
+    """Return the root compositions (paths) that SYSTEMs name."""
+    nodes = tree.tagged("ROOT-SW-COMPOSITION-PROTOTYPE")
+    found = (tree.path_at(node, "SOFTWARE-COMPOSITION-TREF", (COMPOSITION,), "root composition") for node in nodes)
+    return list(dict.fromkeys(path for path in found if path is not None))
+
+
+def _roots(chosen: Sequence[str], compositions: Sequence[Composition], named: Sequence[RteInstance]) -> list[str]:
     used = {prototype.type for composition in compositions for prototype in composition.prototypes}
     unused = [composition.place.path for composition in compositions if composition.place.path not in used]
     holders = {item.prototype.rpartition("/")[0] for item in named}
@@ -239,13 +247,15 @@ def _copies(unfolded: dict[str, list[Instance]], configured: set[Context | str])
     return tuple(root for root in unfolded if not is_configured(root))
 
 
-def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Composition], findings: Findings) -> None:
+def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Composition], findings: Findings) -> bool:
+    """Report root compositions that use the same component types; return whether there are any."""
     roots: dict[str, list[str]] = {}
     for instance in instances:
         known = roots.setdefault(instance.component.place.path, [])
         if instance.context[0] not in known:
             known.append(instance.context[0])
-    for pair in dict.fromkeys(tuple(found) for found in roots.values() if len(found) > 1):
+    pairs = dict.fromkeys(tuple(found) for found in roots.values() if len(found) > 1)
+    for pair in pairs:
         shared = next(path for path, found in roots.items() if tuple(found) == pair)
         by_path[pair[0]].place.report(
             findings,
@@ -253,6 +263,7 @@ def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Compo
             f"{shared} and others are used in each of {', '.join(pair)}",
             help="import the files of one system only, or add the ECU configuration of the Rte",
         )
+    return bool(pairs)
 
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
@@ -274,6 +285,11 @@ class Selection:
 def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
     """Choose the ECU called `name`; raise `HalpipeError` if there are several and none, or an unknown one, is named."""
     used = [ecu for ecu in ecus if any(tree.has(path, "SW-COMPONENT-PROTOTYPE") for path in ecu.prototypes)]
+    groups, systems = _groups(tree), _operating_systems(tree)
+    configured = {name: os for name, paths in groups.items() if (os := [p for p in paths if p in systems])}
+    several = len({*map(tuple, configured.values())}) > 1
+    if name in groups:
+        return Selection(modules=frozenset(groups[name]))
     if name:
         chosen = [ecu for ecu in used or ecus if name in (ecu.place.name, ecu.place.path)]
         if len(chosen) != 1:
@@ -286,18 +302,32 @@ def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
                 if chosen
                 else did_you_mean(name, known, f"the ECUs are {', '.join(known) or 'none'}"),
             )
-    elif len(used) > 1 and not _is_of_tresos(tree):
+    elif several or (len(used) > 1 and not _is_of_tresos(tree)):
         chosen = []
+        places = [(ecu.place.name, ecu.place.at) for ecu in used]
+        what = "have components"
+        if several and len(used) < 2:
+            places, what = [(group, systems[paths[0]].at) for group, paths in configured.items()], "have an Os"
         tree.findings.report(
             codes.SEVERAL_ECUS,
-            f"{len(used)} ECUs have components: " + ", ".join(f"{ecu.place.name} ({ecu.place.at})" for ecu in used),
-            at=used[0].place.at,
-            help=f"choose one: --ecu {used[0].place.name}",
+            f"{len(places)} ECUs {what}: {', '.join(f'{label} ({at})' for label, at in places)}",
+            at=places[0][1],
+            help=f"choose one: --ecu {used[0].place.name if used else places[0][0]}",
         )
     else:
         return Selection(is_whole=len(used) > 1)
     tree.findings.stop_on_errors()
-    return Selection(chosen[0], _modules(tree, used, chosen[0]) if len(used) > 1 else None)
+    return Selection(chosen[0], _modules(tree, ecus, groups, chosen[0]) if several or len(used) > 1 else None)
+
+
+def _operating_systems(tree: Tree) -> dict[str, Node]:
+    """Return the configurations of an Os (by path) that have OsTasks, which what a vendor proposes has not."""
+    modules = (tree.nodes_at(path)[0] for path, module in standard_modules(tree).items() if module == "Os")
+    return {node.path: node for node in modules if any(map(_is_os_task, node.inside(_CONTAINER)))}
+
+
+def _is_os_task(container: Node) -> bool:
+    return any((e.text or "").strip().endswith("/OsTask") for e, _ in container.elements("DEFINITION-REF"))
 
 
 def _is_of_tresos(tree: Tree) -> bool:
@@ -309,9 +339,8 @@ def _is_of_tresos(tree: Tree) -> bool:
 # ------------------------------------------------------------------------------------------- ECU configurations
 
 
-def _modules(tree: Tree, ecus: Sequence[Ecu], chosen: Ecu) -> frozenset[str]:
+def _modules(tree: Tree, ecus: Sequence[Ecu], groups: dict[str, list[str]], chosen: Ecu) -> frozenset[str]:
     """Return the module configurations of the chosen ECU, by the groups in which they are configured together."""
-    groups = _groups(tree)
     owners = {name: _owner(tree, name, modules, ecus) for name, modules in groups.items()}
     found = frozenset(path for name, modules in groups.items() if owners[name] == chosen for path in modules)
     unlinked = [name for name, owner in owners.items() if owner is None and groups[name]]

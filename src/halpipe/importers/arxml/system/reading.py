@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
-from halpipe.importers.arxml.files.tree import Tree, local
+from halpipe.importers.arxml.files.tree import Tree
 from halpipe.importers.arxml.files.words import parse_number
 from halpipe.importers.arxml.system.components import (
     is_component_type,
@@ -124,14 +124,10 @@ def _states(tree: Tree, node: Node) -> Iterator[str]:
     for startup in _STARTUPS:
         for state in _STATES:
             for element, file in node.elements(f"{startup}/{state}"):
-                refs = {local(child): child for child in element.iterchildren("*")}
-                context = next((c for tag, c in refs.items() if tag.startswith("CONTEXT-")), None)
-                target = next((c for tag, c in refs.items() if tag.startswith("TARGET-")), None)
-                group = tree.reference(node, context, file) if context is not None else None
-                mode = tree.reference(node, target, file) if target is not None else None
+                contexts, mode = tree.instance(node, element, file)
                 found = tree.find(mode, what, ("MODE-DECLARATION",)) if mode else None
-                if group is not None and tree.find(group, what, (_GROUP,)) and found is not None:
-                    yield f"{group.path}/{found.name}"
+                if contexts and tree.find(contexts[0], what, (_GROUP,)) and found is not None:
+                    yield f"{contexts[0].path}/{found.name}"
 
 
 def _allowed(tree: Tree, mapping: Node, machines: tuple[Machine, ...]) -> tuple[str | None, tuple[str, ...]]:
@@ -186,7 +182,8 @@ def read_system(tree: Tree, ecu: str = "") -> System:
     ecus = read_ecus(tree)
     selection = select_ecu(tree, ecus, ecu)
     configuration = read_configuration(tree, selection.modules)
-    instances = find_instances(tree, components, compositions, configuration.instances, tree.findings)
+    is_one = selection.ecu is None
+    instances = find_instances(tree, components, compositions, configuration.instances, is_one=is_one)
     machines, groups = read_machines(tree), read_function_groups(tree)
     report_absent(tree)
     _report_unmapped(tree, configuration, components)
@@ -246,14 +243,5 @@ def _check_platform(tree: Tree) -> None:
 
 def _place(tree: Tree) -> Place | None:
     """Return what the system is named after: its only ECU, root composition, SYSTEM, composition or machine."""
-    for tag in (
-        "ECU-INSTANCE",
-        "ROOT-SW-COMPOSITION-PROTOTYPE",
-        "SYSTEM",
-        "COMPOSITION-SW-COMPONENT-TYPE",
-        "MACHINE",
-    ):
-        found = tree.tagged(tag)
-        if len(found) == 1:
-            return place_of(found[0])
-    return None
+    tags = ("ECU-INSTANCE", "ROOT-SW-COMPOSITION-PROTOTYPE", "SYSTEM", "COMPOSITION-SW-COMPONENT-TYPE", "MACHINE")
+    return next((place_of(found[0]) for tag in tags if len(found := tree.tagged(tag)) == 1), None)

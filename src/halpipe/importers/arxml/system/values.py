@@ -466,17 +466,21 @@ class Process:
 
 @record
 class Ecu:
-    """An ECU-INSTANCE, the component prototypes (paths) that are put on it, and the SWC-TO-ECU-MAPPINGs that do so.
+    """An ECU-INSTANCE, and the SWC-TO-ECU-MAPPINGs that put component prototypes on it.
 
     `hardware` has the HW-ELEMENT (path) of those prototypes whose mapping names a processing unit; `chains` has each
     prototype with those that hold it, as the mapping states them.
     """
 
     place: Place
-    prototypes: tuple[str, ...]
     mappings: tuple[Place, ...]
-    hardware: tuple[tuple[str, str], ...] = ()
-    chains: tuple[tuple[str, ...], ...] = ()
+    hardware: tuple[tuple[str, str], ...]
+    chains: tuple[tuple[str, ...], ...]
+
+    @property
+    def prototypes(self) -> tuple[str, ...]:
+        """The component prototypes (paths) that are put on it."""
+        return tuple(chain[-1] for chain in self.chains)
 
 
 @record(kw_only=True)

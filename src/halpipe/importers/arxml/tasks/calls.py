@@ -94,7 +94,7 @@ def _is_due_with(activation: Activation, other: Activation) -> bool:
 
 
 def _report_rest(call: Sequence[Activation], findings: Findings) -> None:
-    rates = dict.fromkeys(f"{a.period}" + (f" from {a.offset} on" if a.offset else "") for a in call)
+    rates = _rates(call)
     if len(rates) > 1:
         first = call[0]
         findings.report(
@@ -166,13 +166,16 @@ def _rate(calls: Iterable[Activation]) -> tuple[Duration, Duration]:
     return period, first % period
 
 
+def _rates(calls: Sequence[Activation]) -> list[str]:
+    return list(dict.fromkeys(f"{c.period}" + (f" from {c.offset} on" if c.offset else "") for c in calls))
+
+
 def _report(calls: Sequence[Activation], period: Duration, findings: Findings) -> None:
     task = calls[0].os_task
     assert task is not None
-    rates = dict.fromkeys(f"{call.period}" + (f" from {call.offset} on" if call.offset else "") for call in calls)
     findings.report(
         codes.SEVERAL_RATES_OF_TASK,
-        f"waits for no OsEvent and calls runnables every {listed(list(rates))}: it is activated every {period}, "
+        f"waits for no OsEvent and calls runnables every {listed(_rates(calls))}: it is activated every {period}, "
         "and each of its jobs is taken to be as long as all of them",
         at=task.place.at,
         path=about(task=task.place.name),

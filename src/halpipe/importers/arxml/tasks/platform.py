@@ -67,7 +67,7 @@ class Platform:
     # --------------------------------------------------------------------------------------------- classic
 
     def _add_classic(self, system: System) -> None:
-        """Add the cores of the ECU configuration, else processing units of the hardware, else one core per ECU."""
+        """Add the cores of the ECU configuration, else processing units of the hardware, else one core."""
         for core in system.configuration.cores:
             unit = self._by_core[core.name] = self._add(core.name, core.place)
             if core.hardware:
@@ -79,15 +79,8 @@ class Platform:
             self.hardware = {unit: path for path, unit in by_hardware.items()}
             for ecu in system.ecus:
                 self._by_prototype.update({p: by_hardware[h] for p, h in ecu.hardware if h in by_hardware})
-            return
-        ecus = [ecu for ecu in system.ecus if ecu.prototypes]
-        if len(ecus) < 2:
+        else:
             self._assume(DEFAULT_UNIT, None)
-            return
-        for ecu in ecus:
-            self._by_prototype.update(
-                dict.fromkeys(ecu.prototypes, self._assume(f"{ecu.place.name}/{DEFAULT_UNIT}", ecu.place))
-            )
 
     # -------------------------------------------------------------------------------------------- adaptive
 
