@@ -116,8 +116,9 @@ class Os:
 
     def _read_xdm(self, element: etree._Element, path: str, kind: str) -> None:
         """Read project data of EB tresos: what is not enabled does not exist, and only the chosen part of a choice."""
-        tag, name, type = _last_tag(element), element.get("name") or "", element.get("type")
-        if any(a.get("name") == "ENABLE" and _is_false(a.get("value")) for a in element.iterchildren("{*}a")):
+        tag, name, type = str(element.tag).rpartition("}")[2], element.get("name") or "", element.get("type")
+        notes = {a.get("name"): a.get("value") or "" for a in element.iterchildren("{*}a")}
+        if notes.get("ENABLE", "").lower() == "false":
             return
         if type in ("AR-PACKAGE", "AR-ELEMENT") or (tag in ("ctr", "chc") and type not in _NO_LEVEL):
             path = f"{path}/{name}"
@@ -236,11 +237,3 @@ class Os:
                 for event in inside.refs[f"{prefix}SetEventRef"]:
                     named = inside.refs[f"{prefix}SetEventTaskRef"] or self._waiting[event]
                     yield from ((task, event) for task in named)
-
-
-def _last_tag(element: etree._Element) -> str:
-    return str(element.tag).rpartition("}")[2]
-
-
-def _is_false(text: str | None) -> bool:
-    return (text or "").lower() == "false"

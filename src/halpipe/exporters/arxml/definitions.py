@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, named, warning
 from halpipe.core.files import find_inputs, parse_xml, read_bytes
-from halpipe.exporters.arxml.document import CONTAINER, Reference
+from halpipe.exporters.arxml.document import CONTAINER, MODULE, Reference
 from halpipe.exporters.arxml.software import ShortNames
 
 if TYPE_CHECKING:
@@ -57,7 +57,6 @@ CONTRADICTION = error(
 _NS = "{http://autosar.org/schema/r4.0}"
 _CONTAINER_DEFS = ("ECUC-PARAM-CONF-CONTAINER-DEF", "ECUC-CHOICE-CONTAINER-DEF")
 _GROUPS = ("CONTAINERS", "SUB-CONTAINERS", "CHOICES", "PARAMETERS", "REFERENCES")
-_MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _FLAGS = ("true", "false", "1", "0")
 _NUMERICAL = ("BOOLEAN", "FLOAT", "INTEGER")
 _NUMBER = re.compile(r"[+-]?[0-9]{1,40}(\.[0-9]{0,40})?([eE][+-]?[0-9]{1,3})?")
@@ -120,7 +119,7 @@ class Definitions:
         stated = [e for e in self._configurations if self.of(_text(e, "DEFINITION-REF")) is definition]
         for path in _Completion(moved, findings).run(box, definition, stated):
             help = f"state it in a configuration by {box.definition}, in an ARXML file that --ecuc-definitions names"
-            findings.report(NO_VALUE, f"nothing states {path}", path=named(_MODULE, box.path), help=help)
+            findings.report(NO_VALUE, f"nothing states {path}", path=named(MODULE, box.path), help=help)
 
 
 class _Completion:
@@ -174,7 +173,7 @@ class _Completion:
         if part.upper == 1 and len(found) > 1:
             places = [f'"{text}" ({v.getroottree().docinfo.URL}:{v.sourceline})' for text, v in found.values()]
             message, help = f"{part.name} is {', '.join(places)}", "give --ecuc-definitions the files of one controller"
-            self._findings.report(CONTRADICTION, message, path=named(_CONTAINER, box.path), help=help)
+            self._findings.report(CONTRADICTION, message, path=named(CONTAINER, box.path), help=help)
         form = "NUMERICAL" if kind in _NUMERICAL else "TEXTUAL"
         for text, value in found.values():
             target = value.find(_NS + "VALUE-REF")
@@ -207,7 +206,7 @@ def _containers(stated: Sequence[etree._Element], kind: str) -> dict[str, list[e
     found: dict[str, list[etree._Element]] = {}
     for element in stated:
         for group in ("CONTAINERS", "SUB-CONTAINERS"):
-            for inner in element.iterfind(f"{_NS}{group}/{_NS}{_CONTAINER}"):
+            for inner in element.iterfind(f"{_NS}{group}/{_NS}{CONTAINER}"):
                 if _name_of(inner) == kind:
                     found.setdefault(_text(inner, "SHORT-NAME"), []).append(inner)
     return found
@@ -221,7 +220,7 @@ def read_definitions(paths: Sequence[str]) -> Definitions:
         root = parse_xml(read_bytes(name), name, long_texts=True)
         found |= _modules_of(root)
         root.getroottree().docinfo.URL = name
-        configurations += root.iter(_NS + _MODULE)
+        configurations += root.iter(_NS + MODULE)
     if paths and not found:
         raise HalpipeError(NO_DEFINITIONS("no file of it defines a module", at=Location(paths[0])))
     return Definitions(found, configurations)
@@ -290,11 +289,11 @@ class _Check:
         self._root = root
         self._definitions = definitions
         self._is_part = is_part
-        self._modules = [_path(module) for module in root.iter(_NS + _MODULE)]
-        self._kinds = {_path(c): _name_of(c) for c in root.iter(_NS + _CONTAINER)}
+        self._modules = [_path(module) for module in root.iter(_NS + MODULE)]
+        self._kinds = {_path(c): _name_of(c) for c in root.iter(_NS + CONTAINER)}
 
     def run(self) -> Iterator[Diagnostic]:
-        for module in self._root.iter(_NS + _MODULE):
+        for module in self._root.iter(_NS + MODULE):
             path = _text(module, "DEFINITION-REF")
             definition = self._definitions.of(path)
             if definition is None:
@@ -306,7 +305,7 @@ class _Check:
         self, element: etree._Element, definition: Definition, group: str, *, is_whole: bool
     ) -> Iterator[Diagnostic]:
         parts = [
-            *element.iterfind(f"{_NS}{group}/{_NS}{_CONTAINER}"),
+            *element.iterfind(f"{_NS}{group}/{_NS}{CONTAINER}"),
             *element.iterfind(f"{_NS}PARAMETER-VALUES/*"),
             *element.iterfind(f"{_NS}REFERENCE-VALUES/*"),
         ]

@@ -201,7 +201,8 @@ class Ledger:
             if node in mapped:
                 coverage.mapped(kind)
             else:
-                reason = self._reasons.get((node.path, kind)) or _default(kind)
+                usual = "starts no runnable that is known" if kind.endswith("-EVENT") else _NO_INFLUENCE
+                reason = self._reasons.get((node.path, kind)) or _UNUSED.get(kind, usual)
                 is_lost = _is_demand(node) and named(node.tag, node.path) not in told
                 if is_lost or (reason == _NO_INFLUENCE and not is_harmless(node, kind)):
                     unused.setdefault(kind, []).append(node)
@@ -232,12 +233,6 @@ def _with_holders(nodes: Iterable[Node]) -> set[Node]:
             found.add(node)
             node = node.parent
     return found
-
-
-def _default(kind: str) -> str:
-    if kind.endswith("-EVENT"):
-        return "starts no runnable that is known"
-    return _UNUSED.get(kind, _NO_INFLUENCE)
 
 
 def note_timing(ledger: Ledger, system: System, tree: Tree) -> None:

@@ -149,7 +149,13 @@ def _report_others(model: TaskModel, project: TaskModel, paths: Sequence[str], f
             continue
         now = next((other for other in new if _path(other) == _path(task)), None)
         if now is None:
-            _report_foreign(task, findings)
+            findings.report(
+                codes.FOREIGN_PROJECT,
+                f"is in none of its files; it was imported from {_path(task) or 'nowhere'}",
+                at=task.origin.location if task.origin else Location(),
+                path=about(task=task.name),
+                help="name the project that the model was imported from",
+            )
         else:
             new.remove(now)
             periods = f", with the period {now.period} for {task.period}" if now.period != task.period else ""
@@ -161,16 +167,6 @@ def _report_others(model: TaskModel, project: TaskModel, paths: Sequence[str], f
             at=Location(paths[0]),
             help="import the project again if they are new",
         )
-
-
-def _report_foreign(task: Task, findings: Findings) -> None:
-    findings.report(
-        codes.FOREIGN_PROJECT,
-        f"is in none of its files; it was imported from {_path(task) or 'nowhere'}",
-        at=task.origin.location if task.origin else Location(),
-        path=about(task=task.name),
-        help="name the project that the model was imported from",
-    )
 
 
 def _path(task: Task) -> str:

@@ -5,7 +5,6 @@ halpipe (``ADMIN-DATA/SDGS/SDG``) mark the containers that an export put on top 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import named
@@ -46,13 +45,9 @@ class Data:
         """Place of the group."""
         return place(self.element, self.file)
 
-    def texts(self, key: str) -> list[str]:
-        """Return every value of `key`, as it stands there."""
-        return [sd.text or "" for sd in self.element.iterchildren(NS + "SD") if sd.get("GID") == key]
-
     def text(self, key: str) -> str | None:
-        """Return the first value of `key`, None if there is none."""
-        return next(iter(self.texts(key)), None)
+        """Return the first value of `key`, as it stands there, None if there is none."""
+        return next((sd.text or "" for sd in self.element.iterchildren(NS + "SD") if sd.get("GID") == key), None)
 
     def value(self, key: str, read: Callable[[str], T]) -> T | None:
         """Return the first value of `key` as `read` understands it; None if absent, or bad and reported."""
@@ -65,16 +60,12 @@ class Data:
             edited(self, f'"{key}" is unusable: {failure}')
             return None
 
-    def targets(self, tag: str) -> list[str]:
-        """Return the paths of the existing elements of a class that the group refers to; report those that dangle."""
+    def target(self, tag: str) -> str | None:
+        """Return the path of the first existing element of a class that the group refers to; report what dangles."""
         what = f'special data of "{self.node.path}"'
         refs = (self.tree.reference(self.node, e, self.file) for e in self.element.iterchildren(NS + "SDX-REF"))
         found = (self.tree.find(ref, what, (tag,)) for ref in refs if ref is not None and ref.dest == tag)
-        return [node.path for node in found if node is not None]
-
-    def target(self, tag: str) -> str | None:
-        """Return the path of the first existing element of a class that the group refers to."""
-        return next(iter(self.targets(tag)), None)
+        return next((node.path for node in found if node is not None), None)
 
     def groups(self, kind: str) -> Iterator[Data]:
         """Yield the groups of a kind inside this one."""
@@ -174,7 +165,7 @@ class Container:
         """Return the paths of the existing targets of references with their places; report those that dangle."""
         what = f'{self.kind} "{self.node.path}"'
         found = ((self._tree.find(ref, what), ref) for ref in self.refs(*names))
-        return [replace(ref.stated, text=node.path) for node, ref in found if node is not None]
+        return [Stated(node.path, ref.at, ref.element) for node, ref in found if node is not None]
 
     def targets(self, *names: str) -> list[str]:
         """Return the paths of the existing targets of references; report those that dangle."""

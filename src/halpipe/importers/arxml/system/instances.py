@@ -110,7 +110,8 @@ class _Configured:
         found: dict[str, Context] = {}
         open_: list[RteInstance] = []
         for item in mapped:
-            context = self._defined(item) or self._by_flat_map(item)
+            defined = self._by_prototype.get(item.prototype)
+            context = defined[0].context if defined else self._by_flat_map(item)
             if context:
                 found[item.prototype] = context
             elif not self._tree.has(item.prototype, _PROTOTYPE) and not self._tree.is_absent(item.prototype):
@@ -131,9 +132,6 @@ class _Configured:
             elif types or not item.events:
                 self._report(item, types)
         return found, list(alone.values())
-
-    def _defined(self, item: RteInstance) -> Context | None:
-        return next((instance.context for instance in self._by_prototype.get(item.prototype, ())), None)
 
     def _by_flat_map(self, item: RteInstance) -> Context | None:
         steps = self._upstream.get(item.prototype)

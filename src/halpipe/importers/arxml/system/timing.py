@@ -4,7 +4,7 @@ Read are requirements. Guarantees state what is fulfilled already, so they const
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
 from halpipe.core.durations import ZERO, Duration
@@ -234,8 +234,6 @@ def _unfolded(tree: Tree, element: Node) -> list[Node]:
     return _Constraint(tree, constraint).leaves(element)
 
 
-T = TypeVar("T")
-
 CHAIN = "TIMING-DESCRIPTION-EVENT-CHAIN"
 LATENCY = "LATENCY-TIMING-CONSTRAINT"
 AGE = "AGE-CONSTRAINT"
@@ -262,18 +260,14 @@ def read_timing(tree: Tree) -> Timing:
     for node in required(tree, *CONSTRAINTS):
         _report_lost_parts(tree, node, {let.interval for let in lets})
     return Timing(
-        observables=_present(_observable(tree, node) for node in tree.tagged(*_RUNNABLE_EVENTS, _DATA_EVENT)),
+        observables=tuple(filter(None, (_observable(tree, n) for n in tree.tagged(*_RUNNABLE_EVENTS, _DATA_EVENT)))),
         chains=tuple(_chain(tree, node) for node in tree.tagged(CHAIN)),
-        arrivals=_present(_arrival(tree, node) for node in required(tree, *_ARRIVALS)),
-        limits=_present(_limit(tree, node) for node in required(tree, LATENCY, AGE)),
-        distances=_present(_distance(tree, node) for node in required(tree, OFFSET)),
-        synchronisations=_present(_synchronisation(tree, node) for node in required(tree, SYNCHRONISATION)),
+        arrivals=tuple(filter(None, (_arrival(tree, node) for node in required(tree, *_ARRIVALS)))),
+        limits=tuple(filter(None, (_limit(tree, node) for node in required(tree, LATENCY, AGE)))),
+        distances=tuple(filter(None, (_distance(tree, node) for node in required(tree, OFFSET)))),
+        synchronisations=tuple(filter(None, (_synchronisation(tree, n) for n in required(tree, SYNCHRONISATION)))),
         lets=tuple(lets),
     )
-
-
-def _present(found: Iterable[T | None]) -> tuple[T, ...]:
-    return tuple(item for item in found if item is not None)
 
 
 def required(tree: Tree, *tags: str) -> list[Node]:

@@ -217,7 +217,7 @@ def _full_name(activation: Activation) -> str:
     return "/".join((*steps, activation.place.name))
 
 
-_BEGINNINGS = ("activated", "started")
+BEGINNINGS = ("activated", "started")
 
 
 class Arrivals:
@@ -246,7 +246,7 @@ class Arrivals:
             if observable.prototype is not None and observable.prototype not in activation.context:
                 continue
             arrives = data is not None and observable.what == "received" and observable.port == data.port
-            if arrives or observable.what in _BEGINNINGS:
+            if arrives or observable.what in BEGINNINGS:
                 return arrival
         return None
 

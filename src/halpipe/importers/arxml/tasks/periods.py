@@ -375,7 +375,10 @@ def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Find
         ready = [i for i in pending if not any(sender in waiting for sender in senders_of(result[i], dataflow))]
         if not ready:
             return result
-        periods = _periods_by_actor(result)
+        periods: dict[Actor, list[Duration]] = {}
+        for activation in result:
+            if activation.period is not None:
+                periods.setdefault(activation.actor, []).append(activation.period)
         for index in ready:
             result[index] = _inherit(result[index], periods, dataflow, findings)
         pending = [index for index in pending if index not in ready]
@@ -389,14 +392,6 @@ def senders_of(activation: Activation, dataflow: DataFlow) -> tuple[Actor, ...]:
     """Return the runnables that send the data whose arrival starts this activation."""
     data = activation.event.data if activation.event else None
     return dataflow.senders.get(item_at(activation.context, data), ()) if data else ()
-
-
-def _periods_by_actor(activations: Sequence[Activation]) -> dict[Actor, list[Duration]]:
-    periods: dict[Actor, list[Duration]] = {}
-    for activation in activations:
-        if activation.period is not None:
-            periods.setdefault(activation.actor, []).append(activation.period)
-    return periods
 
 
 def _inherit(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
-from halpipe.importers.arxml.tasks.activation import are_in_order
+from halpipe.importers.arxml.tasks.activation import BEGINNINGS, are_in_order
 from halpipe.models import Anchor, Chain, Match
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _MOST_STEPS = 10_000
 """Events along a chain and its segments."""
-_BEGINNINGS = ("activated", "started")
 _ENDS = ("terminated", "sent")
 
 
@@ -224,7 +223,7 @@ class _Finder:
             report_inner(limit.place, inner, self._findings)
         for way in ways:
             task, first, last = way[0].draft, way[0].observable.what, way[-1].observable.what
-            if any(event.draft is not task for event in way) or first not in _BEGINNINGS or last != "terminated":
+            if any(event.draft is not task for event in way) or first not in BEGINNINGS or last != "terminated":
                 label = f"@{way[0].context[-1].rpartition('/')[2]}" if len(ways) > 1 else ""
                 self._cause_effect(chain.place.name + label, chain.place, limits, way)
                 continue
@@ -308,7 +307,7 @@ class _Finder:
         if not sources or not targets:
             self._lost(distance.place, "its events belong to no task")
             return
-        if any(target.observable.what not in _BEGINNINGS for target in targets):
+        if any(target.observable.what not in BEGINNINGS for target in targets):
             self._lost(distance.place, "it ends elsewhere than at the beginning of a runnable")
             return
         inner: list[Draft] = []
