@@ -31,6 +31,7 @@ from arxml_case import (
     periods,
     read,
     ref,
+    refusal,
     runnable,
     triggering,
     write,
@@ -105,6 +106,21 @@ def test_a_concrete_pattern_gives_one_task_for_each_offset(tmp_path):
     imported = pump(tmp_path, extension([third], triggering("CONCRETE-PATTERN", "P", "E", *pattern)))
     tasks = [task for task in imported.model.tasks if task.name.startswith("Pump/Third")]
     assert [(str(task.period), str(task.offset)) for task in tasks] == [("10ms", "0ms"), ("10ms", "3ms")]
+
+
+@pytest.mark.parametrize("second", [3_000, 4_000])
+def test_a_pattern_in_two_files_counts_once_or_contradicts_itself(tmp_path, second):
+    def part(offset):
+        offsets = el("OFFSETS", *(cse("MULTIDIMENSIONAL-TIME", each) for each in (0, offset)))
+        pattern = triggering("CONCRETE-PATTERN", "P", "E", offsets, cse("PATTERN-PERIOD", 10_000))
+        return extension([observed("E", "Pump/Third", "ACTIVATED")], pattern)
+
+    paths = [write(tmp_path, package("T", PUMP), part(3_000)), write(tmp_path, part(second), name="two.arxml")]
+    if second == 3_000:
+        assert len([task for task in read(*paths).model.tasks if task.name.startswith("Pump/Third")]) == 2
+    else:
+        (told,) = {d for d in refusal(*paths).diagnostics if d.code == codes.CONFLICT.id}
+        assert (told.message.partition(" ")[0], told.at.file) == ("OFFSETS", str(paths[1]))
 
 
 def test_data_that_arrives_sporadically_starts_its_reader(tmp_path):

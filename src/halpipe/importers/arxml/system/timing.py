@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import named
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.tree import local, place
+from halpipe.importers.arxml.files.tree import Stated, local, place
 from halpipe.importers.arxml.files.words import parse_cse
 from halpipe.importers.arxml.system.components import RUNNABLES, place_of
 from halpipe.importers.arxml.system.values import (
@@ -319,9 +319,9 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
     if node.tag == _PERIODIC:
         offsets = (ZERO,)
     elif node.tag == _CONCRETE:
-        offsets = _times(node, "OFFSETS/MULTIDIMENSIONAL-TIME")
+        offsets = _times(tree, node, "OFFSETS")
     elif node.tag == _ARBITRARY:
-        period = next(iter(_times(node, "MINIMUM-DISTANCES/MULTIDIMENSIONAL-TIME") or ()), None)
+        period = next(iter(_times(tree, node, "MINIMUM-DISTANCES") or ()), None)
     if event is None:
         return None
     if not period or (node.tag == _CONCRETE and not offsets):
@@ -336,11 +336,13 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
     return Arrival(place=place_of(node), event=event, period=period, offsets=offsets, jitter=jitter)
 
 
-def _times(node: Node, path: str) -> tuple[Duration, ...] | None:
-    """Return the times at a path, None if one of them cannot be read."""
+def _times(tree: Tree, node: Node, path: str) -> tuple[Duration, ...] | None:
+    """Return the times of a list, None if one of them cannot be read; report parts that state different ones."""
+    lists = (Stated(" ".join(" ".join(e.itertext()).split()), place(e, file), e) for e, file in node.elements(path))
+    stated = tree.agreed(node, path, lists)
     found = []
-    for element, _ in node.elements(path):
-        texts = {str(child.tag).rpartition("}")[2]: child.text or "" for child in element.iterchildren("*")}
+    for element in stated.element if stated is not None and stated.element is not None else ():
+        texts = {local(child): child.text or "" for child in element.iterchildren("*")}
         found.append(parse_cse(texts.get("CSE-CODE", ""), texts.get("CSE-CODE-FACTOR", "")))
     times = tuple(time for time in found if time is not None)
     return times if len(times) == len(found) else None
