@@ -35,6 +35,7 @@ from test_arxml_onto import planned, project
 from command_line import run_here
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files import variants
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate
 from halpipe.importers.arxml.options import ArxmlImportOptions
 
@@ -250,6 +251,24 @@ def test_values_of_constants_may_be_formulas_of_other_constants(tmp_path):
     assert periods(read(path, variant="X"))["p/Step"] == "20ms"
     path.write_text(path.read_text().replace("<VALUE>1</VALUE>", f"<VALUE>{double.format('Half')}</VALUE>"))
     assert codes.UNSET_CONSTANT.id in {d.code for d in refusal(path, variant="X").diagnostics}
+
+
+@pytest.mark.parametrize(("more", "is_read"), [(0, True), (1, False)])
+def test_values_of_constants_depend_on_each_other_in_a_limited_number_of_rounds(tmp_path, more, is_read):
+    count = variants._MAX_ROUNDS + more
+    texts = [f'<SYSC-REF DEST="SW-SYSTEMCONST">/V/C{n + 1}</SYSC-REF>' for n in range(count)]
+    values = [
+        el("SW-SYSTEMCONST-VALUE", ref("SW-SYSTEMCONST-REF", f"/V/C{n}"), el("VALUE", text))
+        for n, text in enumerate([*texts, "1"])
+    ]
+    known = [named("SW-SYSTEMCONST", f"C{n}") for n in range(count + 1)]
+    stated = named(CONST, "S", el("SW-SYSTEMCONSTANT-VALUES", *values))
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step", when(texts[0].replace("C1", "C0"))), runnables="Step")
+    path = write(tmp_path, package("T", pump), package("V", *known, stated, variant("X", (CONST, "S"))))
+    if is_read:
+        assert periods(read(path, variant="X")) == {"Pump/Step": "10ms"}
+    else:
+        assert codes.UNSET_CONSTANT.id in {d.code for d in refusal(path, variant="X").diagnostics}
 
 
 def test_variants_are_read_with_relative_references(tmp_path):
