@@ -296,15 +296,15 @@ def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
     """Read every ECU instance with the component prototypes mapped to it; report one that is mapped to two."""
     ecus = tree.tagged("ECU-INSTANCE")
     mapped: dict[str, list[tuple[Node, list[tuple[str, ...]]]]] = {node.path: [] for node in ecus}
-    owners: dict[tuple[str, ...], list[Stated]] = {}
+    owners: dict[tuple[str, ...], Stated] = {}
     for node in tree.tagged("SWC-TO-ECU-MAPPING"):
         ecu = tree.target(node, "ECU-INSTANCE-REF", ("ECU-INSTANCE",), "mapping")
         if ecu is not None:
             chains = list(_chains(tree, node))
             mapped[ecu.path].append((node, chains))
             for chain in chains:
-                owners.setdefault(chain, []).append(replace(node.stated, text=ecu.path))
-                tree.agreed(node, f"the ECU of {chain[-1]}", owners[chain])
+                here = replace(node.stated, text=ecu.path)
+                tree.agreed(node, f"the ECU of {chain[-1]}", (owners.setdefault(chain, here), here))
     return tuple(_ecu(tree, ecu, mapped[ecu.path]) for ecu in ecus)
 
 
