@@ -481,14 +481,21 @@ def sourced_wrongly(owner):
 
 @needs_compiler
 def test_missing_rights_are_named_with_their_remedy(tmp_path):
-    owner, tables = two_modes()
-    bundle, _ = write(tmp_path, owner, tables, busy=10)
+    """Two units on one CPU are refused by the export, and by the start, which may state other CPUs."""
+    owner = model(
+        *(task(name, 10, version("v", "1ms", unit)) for name, unit in (("a", "u1"), ("b", "u2"))), units="u1 u2"
+    )
+    tables = schedule(owner, 10, job(owner, "a", 0, 0, "u1"), job(owner, "b", 0, 0, "u2"))
+    bundle, _ = write(tmp_path, owner, tables, busy=10, cpus={"u1": 0, "u2": 1})
     subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
-    command = [str(bundle / "build/dispatcher"), "--cycles", "2", "--cpus", "1000"]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ran.returncode == 1
-    assert "wants CPU 1000" in ran.stderr
-    assert "--degrade cpus" in ran.stderr
+    command = [str(bundle / "build/dispatcher"), "--cycles", "2", "--cpus"]
+    for more, found in (
+        (["1000,0"], ("wants CPU 1000", "--degrade cpus")),
+        (["0,0", "--degrade", "fifo", "--degrade", "memory"], ("units u1 and u2 are both CPU 0",)),
+    ):
+        ran = subprocess.run([*command, *more], capture_output=True, text=True, check=False)
+        assert ran.returncode == 1
+        assert all(text in ran.stderr for text in found)
     wrong = subprocess.run([command[0], "--mode", "x"], capture_output=True, text=True, check=False)
     assert (wrong.returncode, "no such mode" in wrong.stderr) == (2, True)
 

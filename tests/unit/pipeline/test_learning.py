@@ -117,6 +117,16 @@ def test_a_task_of_no_schedule_is_a_comment_with_its_period():
     assert '\n  "new"' not in text
 
 
+@pytest.mark.parametrize(
+    ("starts", "period"), [((7, 39, 71, 103), 32), ((0, 11, 19, 30, 41), 10), ((0, 33, 66, 100), 33)]
+)
+def test_a_round_period_may_not_explain_less_than_another(starts, period):
+    (new,) = (
+        each for each in learned(run(2, 2, 2, 2, others=[("new", at) for at in starts])).periods if not each.is_known
+    )
+    assert new.period == ms(period)
+
+
 def test_the_overlay_is_one(tmp_path):
     (tmp_path / "o.yaml").write_text(learned(run(3, 4, 3, 4)).overlay("a: recording\nof two lines"))
     entries = {entry.pattern: entry for entry in read_overlays([str(tmp_path / "o.yaml")]).tasks}

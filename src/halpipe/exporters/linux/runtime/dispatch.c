@@ -496,7 +496,7 @@ static int find_peers(int worker) {
   return 0;
 }
 
-/* Each CPU must be there, and this process must be allowed to use it. */
+/* Each CPU must be there, of one unit, and this process must be allowed to use it. */
 static int check_cpus(void) {
   cpu_set_t usable;
   CPU_ZERO(&usable);
@@ -508,6 +508,13 @@ static int check_cpus(void) {
              plan.workers[i].unit, cpu, CPU_COUNT(&usable));
     return ENODEV;
   }
+  for (int i = 1; i < plan.n_workers && !now_.may_share; i++)
+    for (int k = 0; k < i; k++) {
+      const char *unit = plan.workers[i].unit, *other = plan.workers[k].unit;
+      if (now_.cpus[i] != now_.cpus[k] || strcmp(unit, other) == 0) continue;
+      snprintf(dispatch_reason, sizeof dispatch_reason, "units %.90s and %.90s are both CPU %d", other, unit, now_.cpus[i]);
+      return EINVAL;
+    }
   return 0;
 }
 

@@ -89,6 +89,7 @@ enum { DISPATCH_FAULT = -1, DISPATCH_NO_DATA, DISPATCH_RAN };   /* results of a 
 typedef struct {
   int mode, priority, clock, policy, refuge;  /* clock: of the origin; refuge: the mode to go to after an overrun */
   int may_unlock;                             /* go on with memory that is not locked, where a thread has no room else */
+  int may_share;                              /* units that have one CPU: their jobs wait for each other */
   int64_t origin, spin, lead;                 /* ns; origin 0: the next whole second but one */
   uint64_t cycles;                            /* tables to play, 0: until stopped */
   size_t capacity, stack;                     /* events waiting for the recorder, by thread; bytes, 0: the platform's */

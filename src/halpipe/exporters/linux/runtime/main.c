@@ -260,6 +260,7 @@ static int lock_memory(void) {
 /* Threads take their stacks out of the memory that may be locked. */
 static void start(void) {
   cfg.run.may_unlock = cfg.degrade_memory;
+  cfg.run.may_share = cfg.degrade_cpus;
   const int error = dispatch_start(&cfg.run);
   if (error) {
     say("%s: %s", dispatch_reason, strerror(error));
