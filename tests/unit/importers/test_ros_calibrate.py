@@ -107,6 +107,11 @@ def test_every_broken_row_is_named():
     assert [d.at.line for d in findings] == [3, 4, 5, 6, 7, 8]
 
 
+def test_a_decimal_comma_in_a_table_separated_by_commas_is_no_duration():
+    (found,) = samples("callback,duration_ms\na,2,5\n")[1]
+    assert (found.message, found.at.line, found.is_error) == ("3 values, and 2 columns", 2, True)
+
+
 def test_an_execution_without_an_end_is_no_sample():
     assert samples("task,start,end\na,1,\na,2,5\n")[0] == {"a": [3]}
 

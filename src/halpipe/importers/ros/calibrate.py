@@ -17,7 +17,6 @@ which undoes what floating-point milliseconds did to them.
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
 from dataclasses import dataclass, field, replace
@@ -36,18 +35,20 @@ from halpipe.importers.ros.graph import printable
 from halpipe.importers.ros.traced import measure
 from halpipe.importers.traces.codes import NO_EXECUTIONS, UNKNOWN_TRACE
 from halpipe.importers.traces.ctf import folders
-from halpipe.importers.traces.numbers import DecimalSign, separator_of
+from halpipe.importers.traces.numbers import SCALES_NS
 from halpipe.importers.traces.read import parse_traces
 from halpipe.importers.traces.ros2 import read_ros_trace
+from halpipe.importers.traces.table import ABSENT, require_columns, rows_of
 from halpipe.models import Origin
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.graph import Callback
     from halpipe.importers.ros.options import RosImportOptions
+    from halpipe.importers.traces.numbers import DecimalSign
     from halpipe.importers.traces.ros2 import RosTrace
     from halpipe.models import Task, TaskModel
 
@@ -167,11 +168,9 @@ _NAMES = ("callback", "callback_name", "task", "node", "name")
 _DURATIONS = ("duration", "latency", "execution_time", "elapsed")
 _COLUMN = re.compile(r"(?P<name>.*?)(?:[ _]?[\[(](?P<bracket>ns|us|ms|s)[\])]|_(?P<suffix>ns|us|ms|s))?")
 _NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{0,40})?(?:[eE][+-]?[0-9]{1,2})?")
-_DECIMAL = re.compile(r"([0-9]{1,30})\.([0-9]{1,40})")
+_DECIMAL = re.compile(r"([0-9]{1,30})(?:\.([0-9]{1,40}))?")
 _WITH_UNIT = re.compile(r"[0-9.]{1,60} ?(?:ns|us|ms|s)")
 _TIMEDELTA = re.compile(r"(?:([0-9]{1,6}) days? )?([0-9]{1,3}):([0-9]{2}):([0-9]{2}(?:\.[0-9]{1,9})?)")
-_SCALES = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
-_ABSENT = ("", "nan", "nat", "none", "null", "<na>")
 _FORM = "give it the columns callback and duration_ns, or export it from CARET as it is"
 
 
@@ -233,27 +232,22 @@ def _read_durations(data: bytes, file: str, into: Measurements, findings: Findin
             return False
         text, line = f"byte {failure.start} is no UTF-8", data[: failure.start].count(b"\n") + 1
         raise HalpipeError(codes.NO_MEASUREMENTS(text, at=Location(file, line), help=_FORM)) from None
-    separator = separator_of(next((line for line in text.splitlines() if line.strip()), ""))
-    rows, sign = _rows(text, separator), DecimalSign(separator)
+    rows, sign = rows_of(text.splitlines(keepends=True))
+    filled = (cells for cells in rows if any(cell.strip() for cell in cells))
     try:
-        _, header = next(rows, (1, []))
-        columns = _long(header) or _caret_frames(header, next(rows, (2, []))[1])
+        header: list[str] = next(filled, [])
+        columns = _long(header) or _caret_frames(header, next(filled, []))
     except csv.Error:
         return False
     try:
-        for line, cells in rows if columns else ():
+        for cells in filled if columns else ():
+            at = Location(file, rows.line_num)
+            require_columns(cells, len(header), at, findings)
             for column in columns:
-                _take(column, cells, sign, Location(file, line), into, findings)
+                _take(column, cells, sign, at, into, findings)
     except csv.Error as failure:
         raise HalpipeError(codes.NO_MEASUREMENTS(str(failure), at=Location(file, 1), help=_FORM)) from None
     return bool(columns)
-
-
-def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-    for cells in reader:
-        if any(cell.strip() for cell in cells):
-            yield reader.line_num, cells
 
 
 # -------------------------------------------------------------------------------------------------- headers
@@ -264,7 +258,7 @@ def _column(text: str) -> tuple[str, int]:
     match = _COLUMN.fullmatch(text.strip())
     if match is None:
         return text.strip(), 1
-    return match["name"].strip(), _SCALES[match["bracket"] or match["suffix"] or "ns"]
+    return match["name"].strip(), int(SCALES_NS[match["bracket"] or match["suffix"] or "ns"])
 
 
 def _long(header: Sequence[str]) -> list[_Column]:
@@ -294,7 +288,7 @@ def _take(
 ) -> None:
     callback = column.callback or printable(_cell(cells, column.name))
     text = _cell(cells, column.position)
-    if text.lower() in _ABSENT:
+    if text.lower() in ABSENT:
         if column.callback is None:
             findings.add(codes.BAD_SAMPLE("the row has no callback or no duration", at=at, help="complete the row"))
         return
@@ -320,17 +314,16 @@ def _path(callback: str) -> str:
 
 def _nanoseconds(text: str, scale: int) -> int:
     """Return a time rounded to whole nanoseconds: a number, a duration with its unit, or pandas' 0 days 00:00:00.1."""
-    if text.isascii() and text.isdigit() and len(text) <= 30:
-        return int(text) * scale
     if decimal := _DECIMAL.fullmatch(text):  # most tables are of these, and a Fraction takes its time
-        parts = int(10 ** len(decimal[2]))
-        return (2 * int(decimal[1] + decimal[2]) * scale + parts) // (2 * parts)
+        digits = decimal[2] or ""
+        parts = int(10 ** len(digits))
+        return (2 * int(decimal[1] + digits) * scale + parts) // (2 * parts)
     if _NUMBER.fullmatch(text):
         return _nearest(Fraction(text) * scale)
     if match := _TIMEDELTA.fullmatch(text):
         days, hours, minutes, seconds = match.groups()
         whole = (int(days or 0) * 24 + int(hours)) * 60 + int(minutes)
-        return _nearest((whole * 60 + Fraction(seconds)) * _SCALES["s"])
+        return _nearest((whole * 60 + Fraction(seconds)) * 10**9)
     if _WITH_UNIT.fullmatch(text):
         return _nearest(Duration.parse(text).fraction)
     raise ValueError(f"{text[:40]!r} is no duration")

@@ -38,7 +38,7 @@ _LONG |= {
     f"{way}{name}{form}": name for name in ("start", "end") for way in ("", "callback_") for form in ("_timestamp", "")
 }
 _START, _END = "/callback_start_timestamp", "/callback_end_timestamp"
-_ABSENT = ("", "nan", "none", "<na>")
+ABSENT = ("", "nan", "nat", "none", "null", "<na>")
 _CLOCKS = ("time", "timestamp", "timestamps", "t", "zeit")
 _STATES = {"0": False, "1": True, "0.0": False, "1.0": True, "0,0": False, "1,0": True}
 _MICRO = str.maketrans("\xb5\u03bc", "uu")
@@ -113,7 +113,7 @@ def _clock(name: str) -> str | None:
 
 def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time of a table of signals."""
-    rows, numbers = _rows(lines)
+    rows, numbers = rows_of(lines)
     clock, *names = (name.strip() for name in next(cells for cells in rows if any(cells)))
     scale, first = SCALES_NS[_clock(clock) or "s"], rows.line_num
     jobs, others, before = Jobs(file, findings), set[str](), [""] * len(names)
@@ -126,7 +126,7 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
         except ValueError as failure:
             _broken(str(failure), Location(file, line), findings)
             continue
-        _require_columns(cells, len(names), line, file, findings)
+        require_columns(cells, len(names), Location(file, line), findings)
         changes = [place for place, (cell, last) in enumerate(zip(cells, before, strict=False)) if cell != last]
         for place in changes:
             if not (cell := cells[place].strip()):  # no sample
@@ -146,10 +146,10 @@ def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Tra
     return [Trace(name="", executions=found, is_shared=True)]
 
 
-def _require_columns(cells: Sequence[str], count: int, line: int, file: str, findings: Findings) -> None:
+def require_columns(cells: Sequence[str], count: int, at: Location, findings: Findings) -> None:
     """Report a row with values that no column names, such as decimal commas in a table separated by commas."""
     if any(cell.strip() for cell in cells[count:]):
-        _broken(f"{len(cells)} values, and {counted(count, 'column')}", Location(file, line), findings)
+        _broken(f"{len(cells)} values, and {counted(count, 'column')}", at, findings)
 
 
 def _broken(message: str, at: Location, findings: Findings) -> None:
@@ -164,7 +164,7 @@ def report_signals(others: Collection[str], file: str, findings: Findings) -> No
 
 
 def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executions:
-    rows, numbers = _rows(lines)
+    rows, numbers = rows_of(lines)
     filled: Iterator[list[str]] = (cells for cells in rows if any(cell.strip() for cell in cells))
     table, absent, records = _Table(file, numbers), 0, dict[str, tuple[int, int]]()
     try:
@@ -176,7 +176,7 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
             )
         records = {} if _is_complete(columns) else _records(header)
         for cells in filled:
-            _require_columns(cells, len(header), rows.line_num, file, findings)
+            require_columns(cells, len(header), Location(file, rows.line_num), findings)
             try:
                 if records:
                     absent += table.record(records, cells, rows.line_num)
@@ -195,7 +195,7 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
     return table.found
 
 
-def _rows(lines: Iterable[str]) -> tuple[Any, DecimalSign]:
+def rows_of(lines: Iterable[str]) -> tuple[Any, DecimalSign]:
     """Return the rows of a table, and the reader of its numbers, by the separator of its first line that has text."""
     rest, before = iter(lines), list[str]()
     for line in rest:
@@ -249,7 +249,7 @@ class _Table:
         found = []
         for name, places in records.items():
             texts = (cells[place].strip() if place < len(cells) else "" for place in places)
-            start, end = (self._time("" if text.lower() in _ABSENT else text, "ns") for text in texts)
+            start, end = (self._time("" if text.lower() in ABSENT else text, "ns") for text in texts)
             if start is not None and end is not None and end < start:
                 raise ValueError(f"{name} ends at {end}, before it starts")
             if start is not None:

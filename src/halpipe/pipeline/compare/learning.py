@@ -197,7 +197,8 @@ def _period(
     """Return the roundest period that all starts keep within a quarter of it; None where there is none.
 
     A job in ten may be missing. The period of the model is preferred, since starts may vary within it. A rounder period
-    may make starts vary twice as much as their mean distance does, and by a twentieth: four starts each 32 ms fit 30 ms.
+    may make starts vary twice as much as their mean distance does, and by a twentieth: else 30 ms would fit four starts
+    each 32 ms.
     """
     if len(starts) < _LEAST_STARTS:
         return None
