@@ -17,7 +17,7 @@ from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import read_recording
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
-from halpipe.exporters.linux.bundle import _buffers, unrealised
+from halpipe.exporters.linux.bundle import _buffers
 from halpipe.exporters.linux.tables import _frame, thread_levels
 from halpipe.models import (
     HealthAction,
@@ -377,13 +377,13 @@ def test_names_that_are_no_c_strings_are_refused(tmp_path):
 def test_what_the_dispatcher_leaves_open_is_said():
     owner = model(task("g", 10, version("v", "1ms", "u1 u2", gang=2)), units="u1 u2")
     tables = schedule(owner, 10, job(owner, "g", 0, 0, "u1 u2"))
-    said = [d.message for d in unrealised(owner, tables, LinuxOptions(busy=50))]
+    said = [d.message for d in FORMAT.remarks(owner, tables, LinuxOptions(busy=50), {})]
     assert [text.split(":")[0] for text in said] == [
         "programs run on one CPU, though they occupy several units",
         "programs that only take 50 % of their WCET stand for",
         "CPUs are numbered in the order of the units of the model",
     ]
-    assert {d.code for d in unrealised(owner, tables, LinuxOptions(busy=50))} == {codes.UNREALISED.id}
+    assert {d.code for d in FORMAT.remarks(owner, tables, LinuxOptions(busy=50), {})} == {codes.UNREALISED.id}
 
 
 def test_health_rules_that_the_dispatcher_does_not_follow_are_said():
@@ -395,7 +395,7 @@ def test_health_rules_that_the_dispatcher_does_not_follow_are_said():
         (replace(followed, count=2), True),
         (HealthRule(task="b", action=HealthAction.STOP), True),
     ]:
-        said = unrealised(replace(owner, health=(rule,)), tables, LinuxOptions(busy=50))
+        said = FORMAT.remarks(replace(owner, health=(rule,)), tables, LinuxOptions(busy=50), {})
         assert any("health rules" in d.message for d in said) == is_said
 
 

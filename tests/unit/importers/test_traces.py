@@ -121,6 +121,16 @@ def test_a_btf_job_that_began_before_the_recording_is_left_out(first):
     assert not told(text, codes.ODD_SEQUENCE)
 
 
+def test_a_btf_recording_may_begin_within_a_table():
+    """The end of a job is the first event of its core, and another job starts before the first mark of a table."""
+    text = "#version 2.2\n1,a,4,R,f,4,terminate\n1,c,0,T,a,4,terminate\n2,c,0,T,b,5,start\n3,c,0,T,b,5,terminate\n"
+    text += "4,STI_TABLE_m,7,STI,STI_TABLE_m,7,trigger\n4,c,0,T,a,6,start\n6,c,0,T,a,6,terminate\n"
+    assert [(e.start.ns, e.table, e.cycle) for e in executions(text)] == [(4, "m", 7)]
+    found = [d.message for d in told(text, codes.ALREADY_RUNNING)]
+    assert found == ["1 job without a start", "1 job before the first table"]
+    assert not told(text, codes.ODD_SEQUENCE)
+
+
 BTF = """#version 2.1.5
 #timescale us
 #creator a pencil
@@ -158,9 +168,9 @@ def test_btf_time_scales_are_exact(scale, ps):
 
 
 def test_btf_events_that_contradict_each_other_are_left_out_and_told():
-    text = "1,C,0,T,a,0,terminate\n2,C,0,T,b,0,start\n3,C,0,T,b,0,start\n4,C,0,T,b,0,terminate\n"
-    assert [e.task for e in executions(text)] == ["b"]
-    assert [d.at.line for d in told(text, codes.ODD_SEQUENCE)] == [1, 3]
+    text = "0,C,0,T,c,0,start\n1,C,0,T,a,0,terminate\n2,C,0,T,b,0,start\n3,C,0,T,b,0,start\n4,C,0,T,b,0,terminate\n"
+    assert [e.task for e in executions(text)] == ["c", "b"]
+    assert [d.at.line for d in told(text, codes.ODD_SEQUENCE)] == [2, 4]
 
 
 def test_btf_without_an_end():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.core.extent import Extent
 from halpipe.core.options import CPUS, SOURCES, Form, cpu_number, option, specific
 from halpipe.core.quantities import whole
@@ -90,10 +91,12 @@ class LinuxExporter(PlainExporter):
     ) -> list[Diagnostic]:
         """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
-        from halpipe.exporters.linux.bundle import unrealised
+        from halpipe.exporters.linux.bundle import sentences
+        from halpipe.exporters.linux.codes import UNREALISED
 
-        chosen = specific(LinuxOptions, options)
-        return unrealised(model, select(model, schedule, options.mode, self.name), chosen)
+        played, path = select(model, schedule, options.mode, self.name), about(model=model.name)
+        found = sentences(model, played, specific(LinuxOptions, options))
+        return [UNREALISED(text, path=path, help=help) for text, help in found]
 
 
 FORMAT = LinuxExporter()

@@ -17,7 +17,7 @@ from halpipe.core.options import refuse_unused
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
-from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, NOT_ALONE, UNREALISED
+from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, NOT_ALONE
 from halpipe.exporters.linux.copies import copies_of
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
@@ -28,7 +28,6 @@ from halpipe.models import AccessKind
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.linux import LinuxOptions
     from halpipe.exporters.linux.copies import Copy
     from halpipe.exporters.linux.tables import Tables
@@ -275,12 +274,6 @@ def check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], fi
         if _TEXT.fullmatch(name) is None or "*/" in name:
             help = "rename it to letters, digits and _ . / : ~ + @ $ % -"
             findings.add(BAD_TEXT(f"{name[:60]!r} has other characters", at=at, path=kind, help=help))
-
-
-def unrealised(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> list[Diagnostic]:
-    """Return one warning for each kind of thing that the bundle leaves open."""
-    path = about(model=model.name)
-    return [UNREALISED(text, path=path, help=help) for text, help in sentences(model, schedule, options)]
 
 
 def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> Iterator[tuple[str, str]]:

@@ -43,7 +43,14 @@ def format_executors(model: TaskModel, schedule: Schedule, options: RosOptions) 
         "model": model.name,
         "model-sha256": schedule.model_sha256,
         "scheduling": {"policy": "SCHED_FIFO", "priority": options.priority},
-        "modes": [_mode(model, table, cpus) for table in schedule.modes],
+        "modes": [
+            {
+                "name": table.name,
+                "cycle-ns": int(cycle_of(table).fraction),
+                "executors": _executors(model, table, cpus),
+            }
+            for table in schedule.modes
+        ],
         "not-realised": [text for text, _ in sentences(model, schedule, options)],
         "model-xml": _Block("".join(pieces(format_model(model)))),
     }
@@ -71,11 +78,6 @@ def _dumper() -> Any:
 def _stated(**values: Any) -> dict[str, Any]:
     """Return the mapping of what has a value; names with - for _."""
     return {key.replace("_", "-"): value for key, value in values.items() if value is not None}
-
-
-def _mode(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> dict[str, Any]:
-    cycle = int(cycle_of(table).fraction)
-    return {"name": table.name, "cycle-ns": cycle, "executors": _executors(model, table, cpus)}
 
 
 def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> list[dict[str, Any]]:

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Schedule, TaskModel
-    from halpipe.models.trace import BoundCallback
 
 FOLDER = Path(__file__).parent / "package"
 _RUNTIME = Path(__file__).parents[1] / "linux" / "runtime"
@@ -146,7 +145,9 @@ def _refuse_equal(model: TaskModel, tasks: Iterable[str], options: RosOptions, f
     known = [(task, bindings[task]) for task in tasks if task in bindings and bindings[task].group]
     for number, (task, binding) in enumerate(known):
         for other, same in known[:number]:
-            if binding.group == same.group or not _are_equal(binding, same):
+            # The executor takes both for the same callback: it finds the period that is nearest.
+            keys = {(one.node, one.kind, one.topic, one.period) for one in (binding, same)}
+            if binding.group == same.group or len(keys) > 1:
                 continue
             what = f"topic {binding.topic}" if binding.topic else f"period {Duration(binding.period)}"
             text = (
@@ -164,11 +165,6 @@ def _refuse_equal(model: TaskModel, tasks: Iterable[str], options: RosOptions, f
                 text = f'node {row.node} has the timer "{name}" of {Duration(spare.period)} without a row beside it'
                 help = "schedule both, or give the timers periods that differ by more than 0.1 %"
                 findings.add(EQUAL_CALLBACKS(text, at=model.task(task).at, path=about(task=task), help=help))
-
-
-def _are_equal(one: BoundCallback, other: BoundCallback) -> bool:
-    """Return whether the executor takes both for the same callback: it finds the period that is nearest."""
-    return (one.node, one.kind, one.topic, one.period) == (other.node, other.kind, other.topic, other.period)
 
 
 def _refuse_old_messages(model: TaskModel, options: RosOptions, findings: Findings) -> None:

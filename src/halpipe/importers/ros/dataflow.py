@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
-    from halpipe.importers.ros.graph import Names, Path, Step
+    from halpipe.importers.ros.graph import Names, Step
 
 
 _KINDS = {Kind.TIMER: "timer", Kind.SUBSCRIPTION: "subscription callback"}
@@ -373,13 +373,9 @@ def chains_of(
             continue
         first[tasks] = path.name
         coverage.mapped("path")
-        chains.append(_chain(path, tasks, names))
+        name = names.unique(path.name or "path", f'path "{path.name}"', path.at)
+        chains.append(Chain(name=name, tasks=tasks, origin=Origin(path.at.file, path.at.line, path.name)))
     return tuple(chains)
-
-
-def _chain(path: Path, tasks: tuple[str, ...], names: Names) -> Chain:
-    name = names.unique(path.name or "path", f'path "{path.name}"', path.at)
-    return Chain(name=name, tasks=tasks, origin=Origin(path.at.file, path.at.line, path.name))
 
 
 def _callbacks(step: Step, wiring: Wiring, activations: Activations) -> list[str]:

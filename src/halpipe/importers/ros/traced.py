@@ -255,7 +255,7 @@ def confront(graph: RosGraph, trace: RosTrace, findings: Findings) -> RosGraph:
         publications.append(replace(publication, callbacks=seen, certainty=Certainty.STATED) if seen else publication)
     text = f"{len(names)} of {len(graph.callbacks)} callbacks and {confirmed} publishers are as {graph.file} says"
     findings.add(codes.CONFIRMED(text, at=at))
-    return replace(graph, publications=tuple(publications), groups=graph.groups)
+    return replace(graph, publications=tuple(publications))
 
 
 def _report_differences(graph: RosGraph, trace: RosTrace, names: Mapping[Key, str], findings: Findings) -> None:

@@ -117,10 +117,13 @@ class _Reader(Jobs):
         if kind in _JOBS:
             if at < self.last.get(source, at):
                 self.late.add(f"its instant precedes that of the event before on {source[:60]}", number)
-            self.last[source] = at
             if self.is_of_runnables:
                 self.is_of_runnables = False
                 super().__init__(self.file, self.findings)
+                self.odd = Oddities()
+            if event == "terminate" and source not in self.last and (target, instance) not in self.running:
+                self.cut((target, instance))
+            self.last[source] = at
             self._job(target, instance, event, source, at, number)
         elif kind == "R":
             if self.is_of_runnables:

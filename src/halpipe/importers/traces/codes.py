@@ -38,8 +38,9 @@ UNFINISHED = note(
 )
 ALREADY_RUNNING = note(
     "HAL1500",
-    "Trace begins while a job runs",
-    "Its start is not known, nor how long it ran before, so the job is left out.",
+    "Trace begins within a job or a table",
+    "Of a job that runs, neither the start nor the time before is known; of one before the first mark of a table, its "
+    "table is not. Such jobs are left out.",
 )
 LEFT_OUT = note(
     "HAL1125",

@@ -217,17 +217,18 @@ class Jobs:
     def result(self, marks: Sequence[tuple[Instant, str, int]] = ()) -> Executions:
         """Return what ran, with what still runs; from a mark on, it belongs to the table and cycle of the mark."""
         report_unfinished(len(self.running), "job", self.file, self.findings)
-        if self.cuts:
-            message = f"{counted(self.cuts.total(), 'job')} without a start"
-            self.findings.add(codes.ALREADY_RUNNING(message, at=Location(self.file)))
         for job in self.running.values():
             self._add(job, None, None)
         found = self.executions
         found.sort()
         begins, tables = [at for at, _, _ in marks], [found.number(table) for _, table, _ in marks]
+        early = sum(found.start[row] < begins[0] for row in found.order) if marks else 0
+        found.order = found.order[early:]
+        cut = ((self.cuts.total(), "without a start"), (early, "before the first table"))
+        for count, where in ((count, where) for count, where in cut if count):
+            self.findings.add(codes.ALREADY_RUNNING(f"{counted(count, 'job')} {where}", at=Location(self.file)))
         for row in found.order if marks else ():
             # A table of length zero ends where it begins; what starts there belongs to the next one, which comes later.
             position = bisect_right(begins, found.start[row]) - 1
-            if position >= 0:
-                found.table[row], found.cycle[row] = tables[position], marks[position][2]
+            found.table[row], found.cycle[row] = tables[position], marks[position][2]
         return found
