@@ -324,10 +324,15 @@ CONDITIONS = {
 MEASURED = "measures the same with other sizes of transfers, or another scratchpad of the same kind"
 
 RUNTIME = {
+    "calibrate.c:50: 0 -> 1 in uint64_t code = hp_units[0].ispm + PAGE;": MEASURED,
     "calibrate.c:51: 0 -> 1 in uint64_t data = hp_units[0].dspm;": MEASURED,
     "calibrate.c:52: 8 -> 9 in const uint64_t shares[3] = {64U, 8U, 1U};": MEASURED,
+    "calibrate.c:53: 0 -> 1 in for (uint32_t i = 0U; i < 3U; i++) {": MEASURED,
     "dma.c:6: 8 -> 9 in #define UNIT_BITS 8U": "eight bits of the unit are compared, and the bit above is zero",
     "monitor.c:133: wait_for_interrupt(); -> ; in wait_for_interrupt();": "the loop ends at the same instant, awake",
+    "runtime.c:197: + -> - in uint64_t next = ((now + 1U) < end) ? (((now + 1U) << 2U) | (o->key & ORDER)) : (end << 2U);": "the last try, of a transfer that could not be complete any more",
+    "runtime.c:435: 0 -> 1 in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt of a thousand less",
+    "start.S:11: li t0, 8 -> nop in li t0, 8                       # wake on the software interrupt, without taking it": "the address in t0 has that bit, and the core looks at what woke it",
     "runtime.c:436: 1 -> 2 in wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));": "looks at a core that starts a tick later",
 }  # fmt: skip
 """Faults of benchmarks/mutants.py that change nothing that the runtime promises, as it prints them."""

@@ -46,9 +46,13 @@ def test_a_console_that_does_not_wait_for_the_line_is_found(mutant, export, prof
     assert found
 
 
-def test_another_success_for_the_finisher_is_found(mutant):
-    found = list(wrong_reports(mutant("console.c", "0x5555U", "0x5556U", profile="virt"), Budget()))
-    assert [(d.code, d.path) for d in found] == [(codes.TRACE_DISAGREES.id, "exit")]
+@pytest.mark.parametrize(
+    ("what", "instead", "profile"),
+    [("0x5555U", "0x5556U", "virt"), ("slli x0, x0, 0x1f", "slli x0, x0, 0x20", "vcu118")],
+)
+def test_an_end_that_no_emulator_takes_is_found(mutant, what, instead, profile):
+    found = wrong_reports(mutant("console.c", what, instead, profile=profile), Budget(traps=1000))
+    assert (codes.TRACE_DISAGREES.id, "exit") in {(d.code, d.path) for d in found}
 
 
 @pytest.mark.parametrize(

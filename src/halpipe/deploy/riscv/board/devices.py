@@ -101,16 +101,20 @@ class CopyWatcher:
         self._open: list[Transfer] = []
         self._loaded: tuple[Transfer, int] | None = None  # of which transfer something was loaded last, and how much
 
-    def loads(self, address: int, size: int, now: int) -> None:
-        """The management core is about to load: the beginning of a copy, or more of one."""
+    def touches(self, address: int, size: int, now: int, *, is_load: bool) -> None:
+        """The management core is about to load or store."""
+        (self._loads if is_load else self._stores)(address, size, now)
+
+    def _loads(self, address: int, size: int, now: int) -> None:
+        """Take a load as the beginning of a copy, or as more of one."""
         known = next((t for t in self._open if t.source + t.size == address), None)
         if known is None:
             known = Transfer(UNKNOWN, address, 0, 0, now, now)
             self._begins(known)
         self._loaded = (known, size)
 
-    def stores(self, address: int, size: int, now: int) -> None:
-        """The management core is about to store what it has loaded; other stores are none of ours."""
+    def _stores(self, address: int, size: int, now: int) -> None:
+        """Take a store of what was loaded; others are no copies."""
         if self._loaded is None or self._loaded[1] != size:
             return
         transfer, _ = self._loaded

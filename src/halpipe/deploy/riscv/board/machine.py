@@ -36,6 +36,8 @@ RUBBISH = b"\xa5"
 """What memories hold when the power comes: anything, so not zero."""
 
 _EXIT, _EXIT_STATUS = 0x20, 0x20026
+_SEMIHOSTING = b"".join(word.to_bytes(4, "little") for word in (0x01F01013, 0x00100073, 0x40705013))
+"""The break of a call of semihosting, between two instructions that do nothing."""
 _DONE, _BEGIN = 8, 64  # in a mailbox
 
 
@@ -163,7 +165,7 @@ class Machine:
         if self.site.dma.kind == "copy":
             hook = UC_HOOK_MEM_READ | UC_HOOK_MEM_WRITE
             for low, high in self._shared():
-                engine.hook_add(hook, self._touched_main, None, low, high - 1)
+                engine.hook_add(hook, self._copying, None, low, high - 1)
         engine.hook_add(UC_HOOK_MEM_WRITE, self._controlled, None, self.site.control, self.site.control + 127)
 
     def _shared(self) -> list[tuple[int, int]]:
@@ -252,9 +254,9 @@ class Machine:
 
     def trapped(self, hart: Hart, cause: int, pc: int, value: int) -> bool:
         """Pass on a trap; a break of the management core may be a call of semihosting, which ends the run."""
-        if hart.number == MANAGEMENT and cause == 3 and hart.x(10) == _EXIT:
+        if hart.number == MANAGEMENT and cause == 3 and bytes(self.memory.view(pc - 4, 12) or b"") == _SEMIHOSTING:
             block = self.memory.view(hart.x(11), 16)
-            if block and int.from_bytes(block[:8], "little") == _EXIT_STATUS:
+            if hart.x(10) == _EXIT and block and int.from_bytes(block[:8], "little") == _EXIT_STATUS:
                 self._finish(int.from_bytes(block[8:], "little"))
                 return True
         self._budget.traps -= 1
@@ -299,35 +301,24 @@ class Machine:
         if not self.called():
             return
         other.run(now)
+        at = address - self.site.unit_of(other.number).mailbox
+        if at < 0 or access != UC_MEM_READ:  # a load from the mailbox begins no copy
+            self._copies.touches(address, size, now, is_load=access == UC_MEM_READ)
         if access == UC_MEM_READ:
-            self._loads(address, size, now)
-            at = address - self.site.unit_of(other.number).mailbox
             if at == _BEGIN and self.management.has_looked:
                 self.observer.unordered.add("reads when a job began")
             self.management.has_looked = at == _DONE or (self.management.has_looked and at != _BEGIN)
         else:
-            self._copies.stores(address, size, now)
-            unit = self.site.unit_of(other.number)
-            if address == unit.mailbox and other.number in self._begun and not self.management.is_ordered:
-                self.observer.unordered.add(f"requests a job of {unit.name}")
+            if at == 0 and other.number in self._begun and not self.management.is_ordered:
+                self.observer.unordered.add(f"requests a job of {self.site.unit_of(other.number).name}")
             self.management.is_ordered = False
 
-    def _touched_main(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
+    def _copying(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
         """The management core touches a buffer, or an image that is to be loaded."""
         from unicorn import UC_MEM_READ
 
-        if not self.called():
-            return
-        if access == UC_MEM_READ:
-            self._copies.loads(address, size, self.management.now)
-        else:
-            self._copies.stores(address, size, self.management.now)
-
-    def _loads(self, address: int, size: int, now: int) -> None:
-        """A load from a scratchpad begins a copy, unless it is from the mailbox."""
-        region = self.memory.region(address)
-        if region is not None and address < self.site.unit_of(region.hart).mailbox:
-            self._copies.loads(address, size, now)
+        if self.called():
+            self._copies.touches(address, size, self.management.now, is_load=access == UC_MEM_READ)
 
     def _controlled(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
         if self.called():

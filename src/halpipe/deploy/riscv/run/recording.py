@@ -116,7 +116,7 @@ class Memory(Protocol):
 
     def word(self, address: int) -> int:
         """Return the 64-bit word at `address`."""
-        ...
+        return int.from_bytes(self.read(address, 8), "little")
 
 
 def read_recording(memory: Memory, site: Site) -> Recording:
@@ -234,7 +234,7 @@ def no_recording(file: str, message: str) -> HalpipeError:
     return HalpipeError(NO_RECORDING(message, at=Location(file), help=help))
 
 
-class Dump:
+class Dump(Memory):
     """A binary dump of memory that begins at an address."""
 
     def __init__(self, file: str, data: bytes, base: int) -> None:
@@ -246,10 +246,6 @@ class Dump:
         if at < 0 or at + size > len(self._data):
             raise no_recording(self._file, f"{size} bytes at {address:#x} are not in the dump")
         return self._data[at : at + size]
-
-    def word(self, address: int) -> int:
-        """Return the 64-bit word at `address`."""
-        return int.from_bytes(self.read(address, 8), "little")
 
 
 class _Sparse(Dump):
