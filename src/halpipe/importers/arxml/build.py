@@ -26,7 +26,7 @@ from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_in
 from halpipe.importers.arxml.tasks.requirements import Spacing, find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
 from halpipe.importers.common.base import Imported, imported
-from halpipe.models import Anchor, Binding, Precedence, Task, TaskModel, Version
+from halpipe.models import Anchor, Binding, Precedence, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -98,7 +98,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     ledger = Ledger()
     platform = Platform(system)
     variants = make_variants(system, drafts, platform, options, findings)
-    versions = {name: tuple(variant.name for variant in found) for name, found in variants.items()}
+    versions = {name: tuple(variant.version.name for variant in found) for name, found in variants.items()}
     modes, transitions = make_modes(system, drafts, versions, ledger, findings)
     orders, modes = _by_mode(drafts, edges, modes)
     model = TaskModel(
@@ -183,6 +183,7 @@ def _tasks(
             suffix: tuple(_precedence(edge, by_name[edge.first], draft) for edge in found)
             for suffix, found in orders[draft.name].items()
         }
+        versions = [(v.version, _workers(draft, v.version.units, findings)) for v in variants[draft.name]]
         tasks.append(
             Task(
                 name=draft.name,
@@ -194,9 +195,9 @@ def _tasks(
                 distance=draft.distance,
                 binding=Binding.SYSTEM if draft.os_task and draft.os_task.core is not None else Binding.JOB,
                 versions=tuple(
-                    _version(draft, replace(variant, name=f"{variant.name}{suffix}"), found, findings)
+                    replace(version, name=f"{version.name}{suffix}", precedences=found, gang=gang)
                     for suffix, found in precedences.items()
-                    for variant in variants[draft.name]
+                    for version, gang in versions
                 ),
                 origin=draft.origin,
             )
@@ -215,27 +216,17 @@ def _slack(draft: Draft, findings: Findings) -> Fraction:
     return min((share for _, share in found), default=Fraction(0))
 
 
-def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], findings: Findings) -> Version:
+def _workers(draft: Draft, units: Sequence[str], findings: Findings) -> int:
+    """Return how many units a job takes together; report more workers than it may use units."""
     process = draft.members[0].process
     gang = process.workers if process else 1
-    if gang > len(variant.units):
-        findings.report(
-            codes.TOO_MANY_WORKERS,
-            f"has {gang} workers, but may use {len(variant.units)} cores; one is assumed",
-            at=draft.place.at,
-            path=about(task=draft.name),
-            help="allow it more cores, or state its versions in the overlay",
-        )
-        gang = 1
-    return Version(
-        name=variant.name,
-        wcet=variant.wcet,
-        units=variant.units,
-        gang=max(gang, 1),
-        precedences=orders,
-        split=variant.split,
-        origin=variant.times[0].place.origin if len(variant.times) == 1 else None,
-    )
+    if gang <= len(units):
+        return max(gang, 1)
+    message = f"has {gang} workers, but may use {len(units)} cores; one is assumed"
+    help = "allow it more cores, or state its versions in the overlay"
+    path = about(task=draft.name)
+    findings.report(codes.TOO_MANY_WORKERS, message, at=draft.place.at, path=path, help=help)
+    return 1
 
 
 def _precedence(edge: Edge, first: Draft, second: Draft) -> Precedence:

@@ -7,7 +7,7 @@ split are apart anyway. Locks take WCETs, which an overlay may state, so they ar
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO
@@ -17,7 +17,7 @@ from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
 from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.timing import ANALYSED
 from halpipe.importers.common.pieces import cuts
-from halpipe.models import WHOLE, Access, Resource, ResourceKind, Split
+from halpipe.models import WHOLE, Access, Resource, ResourceKind, Split, Version
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,15 +86,11 @@ class Splitter:
 VERSION = "default"
 
 
-@record
-class Variant:
-    """A version to be: its name, its WCET (None: unknown), its units, and the execution times that it comes from."""
+class Variant(NamedTuple):
+    """A version to be, without its precedence, and the execution times that it comes from."""
 
-    name: str
-    wcet: Duration | None
-    units: tuple[str, ...]
+    version: Version
     times: tuple[ExecutionTime, ...] = ()
-    split: Split = WHOLE
 
 
 def make_variants(
@@ -126,10 +122,10 @@ def _budgets(
     found: dict[str, tuple[Variant, ...]] = {}
     for draft in drafts:
         budget = draft.os_task.budget if draft.os_task else None
-        (first, *_) = variants[draft.name]
+        first = variants[draft.name][0].version
         if budget is not None and first.wcet is None:
             split = splitter.split(draft, [budget])
-            found[draft.name] = (Variant(VERSION, budget, first.units, split=split),)
+            found[draft.name] = (Variant(replace(first, wcet=budget, split=split)),)
     if found:
         message = f"the execution budgets of OsTasks are the WCETs of {len(found)} tasks: {listed(list(found))}"
         first_of = next(draft for draft in drafts if draft.name in found)
@@ -170,18 +166,16 @@ def _variants(
             key = (sum(lengths, ZERO), splitter.split(draft, lengths))
             groups.setdefault(key, []).append((unit, known))
     if not groups:
-        return (Variant(VERSION, None, units, split=splitter.split(draft, ())),)
+        return (Variant(Version(name=VERSION, units=units, split=splitter.split(draft, ()))),)
     taken: set[str] = set()
-    return tuple(
-        Variant(
-            unique_name(_name(found[0][1]) if len(groups) > 1 else VERSION, taken),
-            wcet,
-            tuple(unit for unit, _ in found),
-            tuple(dict.fromkeys(time for _, known in found for time in known)),
-            split,
-        )
-        for (wcet, split), found in groups.items()
-    )
+    result = []
+    for (wcet, split), group in groups.items():
+        name = unique_name(_name(group[0][1]) if len(groups) > 1 else VERSION, taken)
+        used = tuple(dict.fromkeys(time for _, times_of in group for time in times_of))
+        origin = used[0].place.origin if len(used) == 1 else None
+        units = tuple(unit for unit, _ in group)
+        result.append(Variant(Version(name=name, wcet=wcet, units=units, split=split, origin=origin), used))
+    return tuple(result)
 
 
 def _time(times: dict[str | None, ExecutionTime], hardware: str | None) -> ExecutionTime | None:
@@ -203,7 +197,7 @@ def _report_units(
     findings: Findings,
 ) -> None:
     for draft in drafts:
-        kept = {unit for variant in variants[draft.name] for unit in variant.units}
+        kept = {unit for variant in variants[draft.name] for unit in variant.version.units}
         left = [unit for unit in platform.units_of(draft) if unit not in kept]
         if left:
             findings.report(
