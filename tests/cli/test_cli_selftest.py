@@ -125,13 +125,14 @@ def test_the_list_of_malfunctions_is_that_of_this_release():
 
 def test_the_walk_names_files_of_the_folder_and_their_results():
     outcome = Outcome(valid=3, broken=4, differing=["x"])
-    files = evidence.folder(outcome, 7, 1)
+    files = evidence.folder(outcome, 5, 1)
     walk = files[evidence.WALK].decode()
     named = {name for row in rows_of(evidence.WALK) for name in re.findall("`([^`]+)`", row[2])}
     assert named <= files.keys()
     assert named | {evidence.WALK} == files.keys()
     assert f"hashes.json: {len(json.loads(files['hashes.json']))} files" in walk
     assert "7 schedules, 1 disagreements; 0 of 29 rules alone" in walk
+    assert json.loads(files["validation.json"])["schedules"] == outcome.valid + outcome.broken
     (row,) = (line for line in walk.splitlines() if line.startswith("| 11.4.4.2 "))
     assert row.endswith(f" {len(rows_of('known-malfunctions.md'))} entries |")
     tables = {line.count("|") for line in walk.splitlines() if line.startswith("|")}

@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 import pytest
 from lowered_limits import ELEMENT, fake, named, patched, registry, try_both_sides
 
-from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration
 from halpipe.core.files import parse_xml, parse_yaml
 from halpipe.core.settings import Fields
@@ -76,7 +76,36 @@ def elements_of_a_document_that_is_explained(count):
     return "" if explained(count - 2) else "fewer"
 
 
+@lowered("pipeline.compare:MOST_NAMES", 3, "at most 3 are read")
+def names_of_tasks_in_a_recording(count):
+    found = fake(names=["t"] * count, task=range(count), row=lambda _: fake(at=Location("t.csv", 2)))
+    try:
+        with patched("pipeline.compare", Executions=fake(of=lambda _: fake(copy=lambda: found))):
+            named("pipeline.compare:_known")(fake(executions=()), fake(all_jobs=lambda: ()), None, None)
+    except HalpipeError as error:
+        return str(error)
+    except AttributeError:
+        return ""  # the executions are none
+
+
 # ------------------------------------------------------------------------------------------------ importers
+
+
+@lowered(
+    "importers.amalthea.build:MOST_TASKS",
+    3,
+    "at most 3 are read",
+    load=lambda paths, _: paths,
+    read_embedded=lambda *_: None,
+    Forest=lambda paths, _: fake(within=lambda *_: paths, roots=[fake(at=Location())]),
+)
+def tasks_of_an_amalthea_model(count):
+    try:
+        named("importers.amalthea.build:_model")(range(count), None, None, None)
+    except HalpipeError as error:
+        return str(error)
+    except AttributeError:
+        return ""  # the forest has no hardware
 
 
 @lowered(

@@ -155,7 +155,7 @@ def _validation(outcome: Outcome, mutants: int, seed: int) -> dict[str, Any]:
     return {
         "command": f"halpipe selftest --mutants {mutants} --seed {seed}",
         "second checker": {"sha256": sha256(second.path().read_bytes())},
-        "schedules": mutants,
+        "schedules": outcome.valid + outcome.broken,
         "valid": outcome.valid,
         "not valid": outcome.broken,
         "disagreements": outcome.differing,

@@ -286,14 +286,17 @@ def distance(low, high, source="Begin", target="Start"):
 @pytest.mark.parametrize(
     ("source", "low", "high", "window"),
     [
-        ("Begin", 1_000, 3_000, ("1ms", "3ms", Anchor.START)),
+        ("Begin", 1_000, 3_000, ("1ms", "3ms", Anchor.RELEASE)),
         ("End", 1_000, 3_000, ("1ms", "3ms", Anchor.END)),
-        ("Begin", 0, 3_000, ("0ms", "3ms", Anchor.START)),
-        ("Begin", 1_000, 0, ("1ms", "11ms", Anchor.START)),
+        ("Begin", 0, 3_000, ("0ms", "3ms", Anchor.RELEASE)),
+        ("Started", 1_000, 3_000, ("1ms", "3ms", Anchor.START)),
+        ("Begin", 1_000, 0, ("1ms", "11ms", Anchor.RELEASE)),
     ],
 )
 def test_an_offset_constraint_is_a_window(tmp_path, source, low, high, window):
-    imported = pump(tmp_path, extension([BEGIN, END, START], distance(low, high, source)))
+    """What is activated is released; it starts no sooner, so that a window from its start is a weaker demand."""
+    started = observed("Started", "Pump/First", "STARTED")
+    imported = pump(tmp_path, extension([BEGIN, started, END, START], distance(low, high, source)))
     (precedence,) = imported.model.task("Pump/Second").versions[0].precedences
     assert (str(precedence.min), str(precedence.max), precedence.anchor) == window
     assert precedence.task == "Pump/First"

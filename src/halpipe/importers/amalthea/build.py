@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.files import refuse_more_than
 from halpipe.core.suggest import counted, few
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.account import account
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.xmi import Item
     from halpipe.models import Chain, Interrupt
 
+MOST_TASKS = 50_000
+"""As many are imported within the cost law; vehicles have some thousands."""
+
 
 def import_amalthea(paths: Sequence[str], options: AmaltheaImportOptions) -> Imported:
     """Read the files of one AMALTHEA model into one task model.
@@ -60,6 +64,8 @@ def _model(
     if embedded is not None:
         return embedded, Reactions(())
     forest = Forest(documents, findings)
+    count = sum(1 for _ in forest.within("SWModel", "tasks", "isrs"))
+    refuse_more_than(MOST_TASKS, count, "tasks and interrupt routines", forest.roots[0].at)
     hardware = read_hardware(forest)
     units = _unit_names(forest, hardware)
     modes = read_modes(forest)

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.files import refuse_more_than
 from halpipe.core.options import option, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.trace import Column, Trace
     from halpipe.pipeline.compare.chains import ChainRow
+
+MOST_NAMES = 100_000
+"""Names of tasks in a recording, of which each may get a finding; a task model has as many tasks at most."""
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
@@ -232,6 +236,8 @@ def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -
     units = {unit for job in jobs for unit in job.units}
     found = Executions.of(trace.executions).copy()
     names = {number: found.names[number] for number in np.unique(np.asarray(found.task)).tolist()}
+    at = Location(found.row(0).at.file) if names else Location()
+    refuse_more_than(MOST_NAMES, len(names), "names of tasks", at)
     plain_task, plain_unit = _names(tasks, _nodes(names.values(), tasks)), _names(units, {})
     plain = {number: plain_task(name) for number, name in names.items()}
     found.rename(plain)

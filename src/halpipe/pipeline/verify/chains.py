@@ -10,7 +10,7 @@ the next one that reads later. A chain with a limit through which no data ever a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from halpipe.core.diagnostics import about
 from halpipe.pipeline.verify import codes
@@ -23,19 +23,8 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Chain
-    from halpipe.pipeline.verify.tables import Clock, Key, ModeTable, Placed, Switch
+    from halpipe.pipeline.verify.tables import Clock, Instants, ModeTable, Placed, Switch
     from halpipe.pipeline.verify.ticks import Found
-
-    class Searched(Protocol):
-        """Instants of tasks, of which the nearest can be found."""
-
-        def earliest(self, task: str, key: Key, since: int) -> Found:
-            """Return the first instant of a task at or after `since`, with its job."""
-            ...
-
-        def latest(self, task: str, key: Key, until: int) -> Found:
-            """Return the last instant of a task at or before `until`, with its job."""
-            ...
 
 
 WHAT = ("latency", "reaction time", "data age")
@@ -109,7 +98,10 @@ class _Path:
     """
 
     def __init__(
-        self, chain: Chain, instants: Searched, is_counted: Callable[[int, int], bool] = lambda first, last: True
+        self,
+        chain: Chain,
+        instants: Instants | LineInstants,
+        is_counted: Callable[[int, int], bool] = lambda first, last: True,
     ) -> None:
         self._tasks = chain.tasks
         self._instants = instants

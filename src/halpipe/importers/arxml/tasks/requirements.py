@@ -319,8 +319,10 @@ class _Finder:
                 self._lost(distance.place, f'"{source.draft.name}" is activated more often than its source is called')
             else:
                 inner += [event.draft for event in (source, target) if len(event.anchors) > 1]
-                most = [] if distance.maximum is None else [(source.anchors[0], target.anchors[-1])]
-                ends = dict.fromkeys([(source.anchors[-1], target.anchors[0]), *most])
+                has_release = source.observable.what == "activated" and source.draft.period is not None
+                begins = (Anchor.RELEASE,) if has_release else source.anchors
+                most = [] if distance.maximum is None else [(begins[0], target.anchors[-1])]
+                ends = dict.fromkeys([(begins[-1], target.anchors[0]), *most])
                 match = Match.WINDOW if len(ends) == 1 else Match.CYCLE
                 names, limits = (source.draft.name, target.draft.name), (distance.minimum, distance.maximum)
                 self._result.spacings += [Spacing(*names, *limits, a, distance.place, b, match) for a, b in ends]
