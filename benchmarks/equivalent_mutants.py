@@ -58,6 +58,7 @@ WITHIN = "the path lies within one of the modes, whose own rule judges it"
 FULL = "only where interrupts take all of the time of a unit, which rule parts reports"
 CACHE = "computed anew, or by the longer way, with the same result"
 SILENT = "without a limit nothing is reported"
+ENDS = "the ends of a line lie further from the switch than a path that crosses it"
 
 CONDITIONS = {
     ("jobs.py", "always: elif active.task.period is None and counts.of(name) is not None:"): MODEL,
@@ -252,7 +253,13 @@ CONDITIONS = {
     ("second_checker.py", 'never: if sum(total // p for p in periods) > MOST_JOBS:'): BUDGET,
     ("second_checker.py", 'if sum((total // p for p in periods)) >= MOST_JOBS:'): BUDGET,
     ("second_checker.py", 'if sum((total // p for p in periods)) > MOST_JOBS + 1:'): BUDGET,
-    ("second_checker.py", "if not self.steps:"): "what lies beyond one end of a line is then taken from the other, and does not cross it",
+    ("second_checker.py", "if not self.steps:"): ENDS,
+    ("second_checker.py", "old, new, own = ([job for job in jobs] for jobs in everyone)"): "jobs of other tasks are moved, and not looked at",
+    ("second_checker.py", "for task in (self.model.tasks[name] for name in self.source.runs):"): "a task that leaves has jobs of the mode before alone",
+    ("second_checker.py", "if not self.steps or (not self.cycle and (not 0 < place < len(self.steps))):"): ENDS,
+    ("second_checker.py", "if not self.steps or (not self.cycle and (not 0 <= place <= len(self.steps))):"): ENDS,
+    ("second_checker.py", "if not self.steps or (not self.cycle and (not 0 <= place + 1 < len(self.steps))):"): ENDS,
+    ("second_checker.py", "if not self.steps or (not self.cycle and (not 0 <= place < len(self.steps) - 1)):"): ENDS,
     ("second_checker.py", 'never: if before * len(old) + after * len(new) > MOST_JOBS:'): BUDGET,
     ("second_checker.py", 'if before * len(old) + after * len(new) >= MOST_JOBS:'): BUDGET,
     ("second_checker.py", 'if before * len(old) + after * len(new) > MOST_JOBS + 1:'): BUDGET,
