@@ -9,6 +9,7 @@ import pytest
 from compare_cases import PIECES, PLAN, RACE, SLOW, compared, job, moved, play, switch, table
 from hypothesis import given
 from hypothesis import strategies as st
+from split_helpers import parted
 
 from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.core.durations import ZERO, Duration
@@ -120,6 +121,17 @@ def test_an_overrun_is_told_with_its_amount():
 
 def test_preemption_is_no_overrun():
     assert found(moved(play(), 2, end=1_000_000, busy=ms(2)), origin=ZERO) == {codes.LATE_END.id}
+
+
+@pytest.mark.parametrize(("start", "end", "outside"), [(0, 3, None), (5, 8, None), (3, 6, ms(2)), (1, 4, ms(1))])
+def test_a_job_with_gaps_that_runs_in_one_piece_fits_one_of_its_parts(start, end, outside):
+    """Its parts are 0 to 3 ms and 5 to 9 ms; of the part that it fits best, the amount outside counts."""
+    plan = replace(PLAN, modes=(table("t", 20, parted("a", 0, "c1", (0, 3, 0, 3), (5, 9, 3, 7))),), transitions=())
+    seen = Execution(task="a", units=("c1",), start=ms(start), end=ms(end), busy=ms(end - start), table="t", cycle=0)
+    found = compare(plan, Trace(name="", executions=(seen,)), CompareOptions(origin=ZERO, tolerance=ms(0)))
+    told = [each.message for each in found.diagnostics if each.code == codes.OUTSIDE_PARTS.id]
+    assert len(told) == (outside is not None)
+    assert all(str(outside) in message for message in told)
 
 
 def test_a_job_that_ends_early_is_welcome():
@@ -281,6 +293,7 @@ def test_the_order_of_the_tables(pieces, allowed):
         ({1}, {"race": 4}),
         ({1, 2}, {"race": 4, "race->slow": 1}),
         ({2}, {"race->slow": 1}),
+        ({3}, {"slow": 1}),
         ({3, 4}, {"slow": 1}),
     ],
 )

@@ -9,7 +9,7 @@ from halpipe.importers.overlay import read_overlays
 from halpipe.models import Job, ModeSchedule, Schedule, Status
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import compare
-from halpipe.pipeline.compare.learning import LearnOptions, learn
+from halpipe.pipeline.compare.learning import LearnOptions, described, learn
 from support import model, ms, task, version
 
 SYSTEM = model(task("a", "10ms", version("v", "2ms", "c1")), task("b", "20ms", version("v", None, "c1")))
@@ -134,6 +134,15 @@ def test_the_overlay_is_one(tmp_path):
         "a": Duration.parse("4.8ms"),
         "b": Duration.parse("3.6ms"),
     }
+
+
+@pytest.mark.parametrize(
+    ("quantile", "margin", "says"),
+    [(1, 0, "the longest job and 0 % more"), (Fraction(9, 10), Fraction(1, 5), "90 % of the jobs and 20 % more")],
+)
+def test_the_rule_of_learned_times_is_stated_in_per_cent(quantile, margin, says):
+    options = LearnOptions(quantile=Fraction(quantile), margin=Fraction(margin))
+    assert described(options, "t.csv") == f"t.csv; a WCET covers {says}"
 
 
 def test_an_overlay_without_entries_is_one_too(tmp_path):
