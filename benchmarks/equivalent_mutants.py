@@ -32,6 +32,12 @@ EQUIVALENT = {
     ("bundle.py", "sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 1))"): "a transfer has at least one byte",
     ("__init__.py", "RARELY = (100000, 50, 101)"): BUDGET,
     ("formats.py", "_HEAD = 4097"): BUDGET,
+    ("fleet.py", "text = json.dumps({MARK: dict(sorted(self._rows.items()))}, indent=2) + '\\n'"): "the layout of a file that halpipe alone reads",
+    (
+        "graph.py",
+        "_USUAL_RATES = (1, 2, 4, 5, 8, 10, 12, 15, 16, 20, 24, 25, 30, 40, 50, 60, 75, 80, 90, 100, 120, 125, 150, 200, 241)",
+    ): CHOICE,
+    ("graph.py", "_FINE_GRIDS = tuple((Duration(step) for step in (100001, 10000, 1000)))"): CHOICE,
     ("matching.py", "SAMPLE = 2001"): BUDGET,
     ("matching.py", "@record(eq=True)"): "no two of them are compared",
     ("tables.py", "last, steps = (tables[max(last.successors)], steps - 1)"): "a switch has one successor",
