@@ -35,7 +35,6 @@ CHAPTERS = {
         "export report model.xml moved.xml -o r.html",
         "export graph model.xml schedule.xml -o g.dot",
         "export btf model.xml schedule.xml -o t.btf --mode all",
-        "export nothing model.xml schedule.xml -o t.btf",
     ],
     "models": [
         "validate model.xml",
@@ -58,7 +57,6 @@ CHAPTERS = {
         "compare schedule.xml late.csv --mode drive --model model.xml --origin 0ms --tolerance 3ms --histogram",
         "compare schedule.xml late.csv",
         "deploy check nothing",
-        "deploy check nothing --trace t.csv --bandwidth t.csv",
     ],
 }
 
@@ -71,12 +69,11 @@ brake,core2,22000000,23000000
 """
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory):
+@pytest.fixture
+def session(tmp_path):
     """Run commands in a folder with a model and its schedule, and both with faults."""
-    folder = tmp_path_factory.mktemp("session")
     for path in FIXTURES.iterdir():
-        shutil.copy(path, folder)
+        shutil.copy(path, tmp_path)
     model, schedule = (FIXTURES.joinpath(name).read_text() for name in ("model.xml", "schedule.xml"))
     mode = '<mode name="drive" hyperperiod="40ms" status="valid" margin="1/3" margin-bound="1.5">'
     extra = '<job task="x" index="{}" start="39ms" end="40ms" version="v" units="core3"/>'
@@ -88,8 +85,8 @@ def session(tmp_path_factory):
         "many.xml": schedule.replace(mode, mode + "".join(map(extra.format, range(192)))),
         "late.csv": LATE,
     }.items():
-        (folder / name).write_text(text)
-    return partial(run_here, folder)
+        (tmp_path / name).write_text(text)
+    return partial(run_here, tmp_path)
 
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
@@ -100,3 +97,8 @@ def test_a_chapter_prints_what_its_golden_file_holds(session, chapter, monkeypat
         done = session(*command.split())
         lines += [f"$ halpipe {command}  # exit code {done.returncode}", done.stdout + done.stderr]
     assert_golden(f"{chapter}.txt", "\n".join(lines), "cli")
+
+
+def test_two_outputs_of_a_check_are_two_files(session):
+    done = session("deploy", "check", "nothing", "--trace", "t.csv", "--bandwidth", "t.csv")
+    assert (done.returncode, "give another file than for --trace" in done.stderr) == (2, True)
