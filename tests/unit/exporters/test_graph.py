@@ -9,6 +9,7 @@ from lxml import etree
 
 from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.common.palette import FILLS
 from halpipe.exporters.graph import FORMAT, GraphOptions, render_svg
 from halpipe.models import Anchor, Match, Precedence
 from support import after, chain, model, ms, task, version
@@ -39,7 +40,7 @@ def test_the_graph_of_the_paper_is_the_golden_one():
 
 def everything():
     """A system with every kind of label: shares, gangs, many units, points, several versions and many chains."""
-    units = [f"u{number}" for number in range(1, 11)]
+    units = [f"u{number}" for number in range(1, 2 * len(FILLS))]
     point = Precedence(task="a", min=ms(0), max=ms(3), anchor=Anchor.POINT, point=ms(1), to=Anchor.END)
     cycle = Precedence(task="a", min=ms("1us"), max=ms(3), anchor=Anchor.END, match=Match.CYCLE)
     pair = version("v", 2, "u2 u1", gang=2)
