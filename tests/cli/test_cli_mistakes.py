@@ -35,6 +35,7 @@ def folder(tmp_path):
     (tmp_path / "extract.arxml").write_text(AUTOSAR)
     (tmp_path / "system.amxmi").write_text(AMALTHEA)
     (tmp_path / "trace.csv").write_text("task;start;end\nplan;0;1\n")
+    (tmp_path / "empty.csv").write_text("")
     (tmp_path / "trace.json").write_text('{"traceEvents": []}')
     (tmp_path / "trace.btf").write_text("#version 2.1.5\n")
     (tmp_path / "source.c").write_text("int main(void) { return 0; }\n")
@@ -225,6 +226,13 @@ IMPORT = "import ros graph.dot --overlay {} -o o.xml"
         ("export perfetto model.xml schedule.xml -o r.json", 'did you mean "trace"?'),
         ("export csv model.xml schedule.xml -o r.csv", 'did you mean "xlsx"?'),
         ("import csv trace.csv -o o.xml", 'did you mean "table"?'),
+        ("help schedul", 'did you mean "schedule"?'),
+        ("schedule model.xml -o --seed 3", 'option "-o" lacks its value: "--seed" is an option'),
+        ("import ros graph.dot --overlay -o o.xml", 'option "--overlay" lacks its value: "-o" is an option'),
+        ("import ros overlay.yaml --overlay graph.dot -o o.xml", "name a YAML file after --overlay"),
+        ("compare schedule.xml empty.csv", "it is empty"),
+        ("validate empty.csv", "the file is empty"),
+        ("deploy check model.xml", 'name a folder, or a bundle, in the place of "model.xml"'),
         ("run model.xml", "name a YAML file; a model is read by `halpipe validate`"),
         ("run overlay.yaml", "this is an overlay"),
         (IMPORT.format("pipeline.yaml"), "this is a pipeline: `halpipe run FILE`"),
@@ -246,6 +254,11 @@ def test_words_and_files_that_outsiders_try(folder, words, remedy):
         ('"camera detection brake"', '"camera -> brake"', "blanks alone separate names"),
         ('wcet="6ms"', 'wcet="6,5ms"', "write 6.5ms, with a decimal point"),
         ('name="first"', 'name="a & b"', 'write "&amp;" for "&"'),
+        ('wcet="6ms"', "wcet=6ms", "put the value of every attribute in quotes"),
+        ("</tasks>", "</task>", "close each element with the name that opens it"),
+        ("<?xml ", "\n<?xml ", "remove what stands before <?xml"),
+        ('encoding="UTF-8"', 'encoding="UTF-16"', "declare the encoding that the file has"),
+        ("</task-model>", "", "the end of the file is missing"),
         ('task="camera" from', 'task="CAMERA" from', 'did you mean "camera"?'),
     ],
 )
@@ -266,6 +279,7 @@ def test_slips_in_a_model(folder, old, new, remedy):
         (IMPORT, OVERLAY, "wcet: 6ms}", "wcet: 6ms", "close the bracket"),
         (IMPORT, OVERLAY, "wcet: 6ms", "wcet: 6ms, wcet: 7ms", "remove one of the two"),
         (IMPORT, OVERLAY, "wcet: 6ms", "cost: 6ms", 'did you mean "wcet"?'),
+        ("run {}", PIPELINE, "schedule.xml}", "schedule.xml, optimise: chains jitter}", "write commas between words"),
         ("run {}", PIPELINE, "output: out/report", "file: out/report", 'did you mean "output"?'),
         ("run {}", PIPELINE, "format: report", "format: html", 'did you mean "report"?'),
         ("run {}", PIPELINE, "model: model", "model: modle", 'did you mean "model.xml"'),

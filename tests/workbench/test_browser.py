@@ -49,9 +49,9 @@ def opened(browser, address):
 
 
 def verdict(browser, word):
-    """Wait for a word of the verdict; return the sentence."""
+    """Wait for a word of the verdict on what was solved last; return the sentence."""
     said = browser.find_element(By.ID, "verdict")
-    WebDriverWait(browser, PATIENCE).until(lambda _: word in said.text)
+    WebDriverWait(browser, PATIENCE).until(lambda _: word in said.text and is_idle(browser))
     return said.text
 
 
@@ -65,7 +65,13 @@ def change(browser, label, text):
     found.send_keys(text, Keys.TAB)
 
 
+def is_idle(browser):
+    """Whether every order of the page is answered: an edit is drawn first, and solved then."""
+    return browser.execute_script("return !busy")
+
+
 def state(browser):
+    WebDriverWait(browser, PATIENCE).until(is_idle)
     return browser.execute_async_script("fetch('/api/state').then(a => a.json()).then(arguments[0])")
 
 

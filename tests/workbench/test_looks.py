@@ -6,15 +6,18 @@ from halpipe.api import export, schedule
 from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
 from halpipe.exporters.report import FORMAT, ReportOptions
+from halpipe.importers.native import parse_model
 from halpipe.models import Split
 from halpipe.pipeline.generate import SetParameters, generate_with_witness
+from halpipe.starters import first_model
+from profiles import volume
 from support import chain, mode, model, task, version
 
 pytest.importorskip("starlette", reason="the extra [serve]")
 pytest.importorskip("selenium", reason="drives the browser")
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 from selenium.webdriver.support.ui import WebDriverWait
 
@@ -166,22 +169,52 @@ def pages(tmp_path_factory):
     return page
 
 
+BLANK = """
+const done = arguments[0], frame = act => requestAnimationFrame(() => requestAnimationFrame(act)), blank = [];
+const places = [0, document.body.scrollHeight / 2, document.body.scrollHeight];
+(function next() {
+  if (!places.length) { scrollTo(0, 0); done(blank); return; }
+  const place = places.shift();
+  scrollTo(0, place);
+  frame(() => {
+    for (const viewer of viewers.values()) {
+      const seen = viewer.canvas.toDataURL();
+      viewer.paint();
+      if (seen !== viewer.canvas.toDataURL() || viewer.lane < 8) blank.push([viewer.mode && viewer.mode.name, place]);
+    }
+    next();
+  });
+})();
+"""
+
+
+def starter():
+    return parse_model(first_model()["model.xml"], "model.xml")
+
+
+WIDE = volume(1) > 1
+"""Whether this is `make endurance`: every width and height, and five systems."""
+SYSTEMS = (chained, long_names, modes_in_a_ring, *((split_job, starter) if WIDE else ()))
+
+
 @pytest.mark.parametrize(("media", "scheme"), LOOKS)
-@pytest.mark.parametrize("system", [chained, long_names, modes_in_a_ring])
-def test_no_text_of_a_report_leaves_its_box(browser, pages, system, media, scheme):
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_no_text_of_a_report_leaves_its_box_and_no_lane_is_blank(browser, pages, system, media, scheme):
     looks = {"media": media, "features": [{"name": "prefers-color-scheme", "value": scheme}]}
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", looks)
     try:
         browser.get(pages(system))
         browser.execute_script("for (const box of document.querySelectorAll('details')) box.open = true")
-        for width in WIDTHS[media]:
-            metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        for width, height in product(WIDTHS[media], (500, 700, 900, 1400) if WIDE else (900,)):
+            metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
             browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-            assert browser.execute_script(OUTSIDE) == [], width
-            assert browser.execute_script(OVERLAPS) == [], width
-            assert overhang(browser) <= 0, width
+            assert browser.execute_script(OUTSIDE) == [], (width, height)
+            assert browser.execute_script(OVERLAPS) == [], (width, height)
+            assert overhang(browser) <= 0, (width, height)
             narrowest = "return Math.min(...[...document.querySelectorAll('.track')].map(bar => bar.clientWidth))"
-            assert browser.execute_script(narrowest) >= 50, width
+            assert browser.execute_script(narrowest) >= 50, (width, height)
+            if WIDE and media == "screen":  # test_report_print.py looks at printed lanes
+                assert browser.execute_async_script(BLANK) == [], (width, height)
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})

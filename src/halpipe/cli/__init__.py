@@ -94,6 +94,8 @@ def _invoke(arguments: list[str]) -> int:
     from halpipe.core.suggest import bounded_suggestions
 
     _refuse_empty(arguments)
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:], "-h"]
     try:
         with protecting_inputs(), bounded_suggestions():
             return int(app_for(arguments)(args=arguments, prog_name="halpipe", standalone_mode=False) or 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from abc import abstractmethod
 from importlib import import_module
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -29,13 +30,24 @@ class Group(TyperGroup):
 
             known = did_you_mean(args[0], self.list_commands(ctx), f"`{ctx.command_path} -h` lists them")
             ctx.fail(f'there is no command "{args[0]}"; {known}')
-        return super().resolve_command(ctx, args)
+        name, command, rest = super().resolve_command(ctx, args)
+        if not ctx.resilient_parsing and not isinstance(command, TyperGroup):
+            _refuse_swallowed(ctx, command, rest)
+        return name, command, rest
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands with the first paragraph of their help."""
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl([(name, _sentence(command.help)) for name, command in commands if command])
+
+
+def _refuse_swallowed(ctx: Any, command: Any, words: list[str]) -> None:
+    """Refuse an option as the value of another one, as a forgotten value leaves it: it would be missed elsewhere."""
+    options = {each: param for param in command.params for each in param.opts if each.startswith("-")}
+    for before, word in pairwise(words):
+        if before in options and not getattr(options[before], "is_flag", False) and word in options:
+            ctx.fail(f'option "{before}" lacks its value: "{word}" is an option')
 
 
 def _sentence(help: str | None) -> str:

@@ -66,6 +66,8 @@ class Words:
         """Return what `text` means; raise ``ValueError`` when it is none of the words."""
         if text not in self.words:
             help = did_you_mean(text, self.words, "write " + ", ".join(self.words))
+            if text.split() and set(text.split()) <= set(self.words):
+                help = "write commas between words, and brackets around them in YAML"
             raise ValueError(f"{quoted(text)} is not known; {help}")
         return self._mean(text)
 

@@ -12,7 +12,7 @@ import re
 from dataclasses import MISSING, Field, fields
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import (
@@ -26,7 +26,7 @@ from halpipe.core.quantities import (
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from enum import Enum
 
 _ITEM = re.compile(r"[^ \t\r\n]+")
@@ -172,3 +172,24 @@ def texts(value: Any, *without: str, element: str = "") -> dict[str, str]:
         if (stated.is_always_written or held != stated.default) and stated.name not in without:
             found[stated.name] = stated.codec.text(held)
     return found
+
+
+class Named(Protocol):
+    """An element of a model or a schedule."""
+
+    @property
+    def name(self) -> str:
+        """Its name, unique among its like."""
+
+
+N = TypeVar("N", bound=Named)
+
+
+def named(elements: Iterable[N], name: str) -> N:
+    """Return the element called `name`; raise ``KeyError`` with the names that there are."""
+    known = []
+    for element in elements:
+        if element.name == name:
+            return element
+        known.append(element.name)
+    raise KeyError(f'there is no "{name}"; there are {", ".join(known[:9]) or "none"}')

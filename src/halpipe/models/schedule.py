@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, word
+from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, named, word
 from halpipe.models.words import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
@@ -147,6 +147,8 @@ class ModeSchedule:
             for share in (self.margin, self.margin_bound)
         )
         best = ", the best possible" if self.margin == self.margin_bound else f", at most {most} is possible"
+        if self.margin != self.margin_bound and any(job.parts for job in self.jobs):
+            best += "; not raised between the segments of preempted jobs"
         return now and now + (best if most else "")
 
 
@@ -263,7 +265,4 @@ class Schedule:
 
     def mode(self, name: str) -> ModeSchedule:
         """Return the schedule of the mode called `name`; raise ``KeyError`` if there is none."""
-        for mode in self.modes:
-            if mode.name == name:
-                return mode
-        raise KeyError(name)
+        return named(self.modes, name)

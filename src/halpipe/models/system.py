@@ -31,6 +31,7 @@ from halpipe.models.attributes import (
     TOKEN,
     WEIGHT,
     attribute,
+    named,
     word,
 )
 from halpipe.models.coercion import Coercion
@@ -347,10 +348,7 @@ class Task(Element):
 
     def version(self, name: str) -> Version:
         """Return the version called `name`; raise ``KeyError`` if there is none."""
-        for version in self.versions:
-            if version.name == name:
-                return version
-        raise KeyError(name)
+        return named(self.versions, name)
 
 
 @record(kw_only=True)
@@ -523,17 +521,11 @@ class TaskModel(Element):
 
     def task(self, name: str) -> Task:
         """Return the task called `name`; raise ``KeyError`` if there is none."""
-        for task in self.tasks:
-            if task.name == name:
-                return task
-        raise KeyError(name)
+        return named(self.tasks, name)
 
     def mode(self, name: str) -> Mode:
         """Return the mode called `name`; raise ``KeyError`` if there is none."""
-        for mode in self.modes:
-            if mode.name == name:
-                return mode
-        raise KeyError(name)
+        return named(self.modes, name)
 
     def alone(self, *modes: str, transitions: tuple[Transition, ...] = ()) -> TaskModel:
         """Return the model of these modes, with no more than these switches and without the health rules."""

@@ -11,6 +11,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.options import from_keywords
 from halpipe.exporters.native import format_schedule
 from halpipe.importers.native import parse_schedule
+from halpipe.models import Split
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
@@ -70,6 +71,15 @@ def test_the_words_name_the_bound():
     (mode,) = found(owner).schedule.modes
     assert mode.margin < mode.margin_bound == Fraction(3, 7)
     assert mode.margin_words == f"{float(int(mode.margin * 1000) / 10):g} %, at most 42.8 % is possible"
+
+
+def test_the_words_state_that_the_margin_of_preempted_jobs_was_not_raised():
+    parts = replace(version("v", 12), split=Split(anywhere=True, max_gaps=8))
+    owner = model(task("a", 20, parts), task("b", 5, version("v", 1)))
+    (mode,) = found(owner).schedule.modes
+    assert any(job.parts for job in mode.jobs)
+    assert mode.margin < mode.margin_bound
+    assert mode.margin_words.endswith("is possible; not raised between the segments of preempted jobs")
 
 
 def test_the_number_of_workers_changes_no_byte():

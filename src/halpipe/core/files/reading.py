@@ -105,6 +105,8 @@ def _unreadable(name: str, failure: Exception) -> Diagnostic:
         with suppress(OSError):
             beside = [os.path.join(folder, each) for each in sorted(os.listdir(folder or "."))[:MOST_BESIDE]]
         help = did_you_mean(name, beside, help)
+    elif isinstance(failure, NotADirectoryError):
+        help = f'name a folder, or a bundle, in the place of "{folder}"'
     return CANNOT_READ(reason(failure), at=Location(name), help=help)
 
 

@@ -180,7 +180,20 @@ def _begins_as_xml(data: bytes) -> bool:
 _ADVICE_TO_PROGRAMMERS = re.compile(r",? (?:use|try|see) xml\w+(?: option)?\.?$", re.IGNORECASE)
 
 
+_ADVICE = (
+    ("EntityRef", 'write "&amp;" for "&"'),
+    ("AttValue", 'put the value of every attribute in quotes, as in name="value"'),
+    ("ending tag mismatch", "close each element with the name that opens it"),
+    ("allowed only at the start", "remove what stands before <?xml ...?>: blanks and empty lines, too"),
+    ("parsing XML declaration", 'declare the encoding that the file has, such as encoding="UTF-8"'),
+    ("Premature end", "the end of the file is missing: write or copy it again"),
+    ("not terminated", "the end of the file is missing: write or copy it again, or close what is open"),
+)
+"""Advice by a part of the parser's messages, which name what is expected, not what to write."""
+
+
 KINDS = (
+    (r"\Z", "the file is empty: write or copy it again"),
     (
         r"#version|\[\s*\{|\{\s*\"|[^\n:]*\b(task|start|end)\b[^\n:]*[,;\t]",
         "a trace comes second: `halpipe compare SCHEDULE TRACE`",
@@ -203,9 +216,9 @@ def kind_of(data: bytes) -> str:
 def _syntax_errors(
     parser: Any, failure: Exception, name: str, data: bytes = b"", *, is_xml: bool = True
 ) -> list[Diagnostic]:
-    help = "repair the file" if is_xml else f"this is no XML; {kind_of(data)}"
-    if "EntityRef" in "".join(entry.message for entry in parser.error_log):
-        help = 'write "&amp;" for "&"'
+    said = "".join(entry.message for entry in parser.error_log)
+    help = next((advice for sign, advice in _ADVICE if sign in said), "repair the file")
+    help = help if is_xml else f"this is no XML; {kind_of(data)}"
     entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
     unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
     return [

@@ -113,6 +113,8 @@ def _read_file(path: str, findings: Findings) -> Overlay:
         help = f'start the file with "{FORMAT}: {FORMAT_VERSION}"'
         if isinstance(document, YamlMap) and "halpipe-pipeline" in document:
             help = "this is a pipeline: `halpipe run FILE`"
+        elif not isinstance(document, YamlMap):
+            help = f"name a YAML file after --overlay, and the source before it; {help}"
         line = getattr(document, "line", 0)
         findings.add(NOT_AN_OVERLAY(problem, at=Location(path, line), help=help))
         return Overlay()

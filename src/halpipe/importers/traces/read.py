@@ -194,5 +194,5 @@ def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str,
     if first.startswith("<"):
         help = "compare takes the schedule first, then the trace: `halpipe compare SCHEDULE TRACE`"
         raise HalpipeError(codes.UNKNOWN_TRACE("this is XML", at=Location(file, 1), help=help))
-    shown = first if len(first) <= 60 else first[:60] + "..."
-    raise HalpipeError(codes.UNKNOWN_TRACE(f"it begins with {shown!r}", at=Location(file, 1), help=FORMS))
+    message = f"it begins with {first[:60]!r}" + (" ..." if len(first) > 60 else "") if head else "it is empty"
+    raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=FORMS))
