@@ -206,7 +206,9 @@ def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None
     if schedule is not None and getattr(options, "wait", None):
         _refuse_late_starts(model, schedule, options)
     if getattr(options, "graphs", ()):
-        options = _with_bindings(options)
+        from halpipe.importers.ros.traced import callbacks_of
+
+        options = replace(options, bindings=callbacks_of(options.graphs))  # type: ignore[call-arg, attr-defined]
     seen: tuple[Diagnostic, ...] = ()
     if schedule is not None and any(getattr(options, name, None) for name in ("trace", "against")):
         from halpipe.flow.beside import with_beside
@@ -263,14 +265,6 @@ def _refuse_late_starts(model: TaskModel, schedule: Schedule, options: Any) -> N
             help = "widen the windows and schedule again, or wait shorter"
             findings.add(LATE_START(f"with late starts: {found.message}", at=found.at, path=found.path, help=help))
     findings.stop_on_errors()
-
-
-def _with_bindings(options: Any) -> ExportOptions:
-    """Return options of a ROS package with the callbacks that its graphs or traces have."""
-    from halpipe.importers.ros.traced import callbacks_of
-
-    bound: ExportOptions = replace(options, bindings=callbacks_of(options.graphs))
-    return bound
 
 
 def open_target(path: str) -> Target:

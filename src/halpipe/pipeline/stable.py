@@ -74,7 +74,7 @@ def schedule_near(
         return _attempt(_near(options, earlier, kept, budget), solve)
 
     def is_least(found: Scheduled) -> bool:
-        moved = _moved_by_mode(earlier, found.schedule)
+        moved = moved_by_mode(earlier, found.schedule)
         return all(count <= fewest.get(mode, 0) for mode, count in moved.items())
 
     found: Scheduled | None = None
@@ -199,7 +199,7 @@ def _fewest(
 
     least: dict[str, int] = {}
     better = []
-    for mode, moved in zip(found.schedule.modes, _moved_by_mode(earlier, found.schedule).values(), strict=True):
+    for mode, moved in zip(found.schedule.modes, moved_by_mode(earlier, found.schedule).values(), strict=True):
         answer = Fewest()
         if moved:
             expansion = expand(model, model.mode(mode.name))
@@ -221,7 +221,7 @@ def _jobs_of(schedule: Schedule | None, mode: str) -> dict[tuple[str, int], Job]
     return {(job.task, job.index): job for each in tables for job in each.jobs}
 
 
-def _moved_by_mode(earlier: Schedule, found: Schedule) -> dict[str, int]:
+def moved_by_mode(earlier: Schedule, found: Schedule) -> dict[str, int]:
     """Return how many jobs of each mode are not where they were."""
     counts = {}
     for mode in found.modes:
@@ -231,7 +231,7 @@ def _moved_by_mode(earlier: Schedule, found: Schedule) -> dict[str, int]:
 
 
 def _count(earlier: Schedule, found: Schedule) -> int:
-    return sum(_moved_by_mode(earlier, found).values())
+    return sum(moved_by_mode(earlier, found).values())
 
 
 def _near(options: SearchOptions, earlier: Schedule, kept: Schedule, budget: int = BUDGET) -> SearchOptions:

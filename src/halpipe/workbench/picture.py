@@ -39,8 +39,8 @@ def picture(session: Session) -> Plain:
         "valid": state.is_valid,
         "solved": state.solved,
         "what": state.what,
-        "can_undo": session.can_undo,
-        "can_redo": session.can_redo,
+        "can_undo": bool(session.past),
+        "can_redo": bool(session.future),
         "changed_on_disk": session.changed_on_disk(),
         "unkept": session.journal.fault,
         "answered": {

@@ -162,7 +162,7 @@ async def _order(session: Session, request: Any) -> Any:
         return _json({})
     try:
         order = _understood(await request.body(), ORDERS.get(name))
-        said = await run_in_threadpool(_alone, session, order)
+        said = await run_in_threadpool(order, session)
     except HalpipeError as refused:
         return _refused(session, refused)
     return _json(picture(session) | ({"said": said} if said else {}))
@@ -187,13 +187,9 @@ def _understood(body: bytes, made: Callable[[dict[str, Any]], Order] | None) -> 
 
 
 def _shown(revision: int, act: Order, session: Session) -> Any:
-    session.check(revision)
-    return act(session)
-
-
-def _alone(session: Session, order: Order) -> Any:
     with session.lock:
-        return order(session)
+        session.check(revision)
+        return act(session)
 
 
 def _refused(session: Session, refused: HalpipeError) -> Any:
@@ -290,7 +286,7 @@ async def _export(session: Session, request: Any) -> Any:
 
     try:
         order = _understood(await request.body(), partial(_exported, request.path_params["format"]))
-        made = await run_in_threadpool(_alone, session, order)
+        made = await run_in_threadpool(order, session)
     except HalpipeError as refused:
         return _refused(session, refused)
     name, kind, content = made

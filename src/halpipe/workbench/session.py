@@ -16,6 +16,7 @@ from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
+from halpipe.pipeline.stable import moved_by_mode
 from halpipe.workbench.edits import BAD_EDIT, edited
 from halpipe.workbench.journal import Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
@@ -94,8 +95,8 @@ class Session:
         self._cancelled = False
         self._workers = Workers(workers)
         self._on_disk = sha256(content)
-        self._past: list[State] = []
-        self._future: list[State] = []
+        self.past: list[State] = []
+        self.future: list[State] = []
         self.opened = self._saved = parse_model(content, path)
         self.drawn: Drawn = {}
         """State of each task as last sent to the page."""
@@ -112,13 +113,13 @@ class Session:
     def begin(self) -> None:
         """Find the first schedule."""
         with self.lock:
-            self._show(self._solved(self.shown, None))
+            self._show(self._solved(self.shown, None), self.answered)
 
     @property
     def state(self) -> State:
         """The state with its verified schedule, or with the reasons against one."""
         if not self.shown.solved:
-            self.shown = self._solved(self.shown, self._past[-1].schedule)
+            self.shown = self._solved(self.shown, self.past[-1].schedule)
         return self.shown
 
     def settle(self) -> None:
@@ -152,15 +153,15 @@ class Session:
 
     def undo(self) -> None:
         """Go back one step, if there is one."""
-        if self._past:
-            self._future.append(self.state)
-            self._show_again(self._past.pop())
+        if self.past:
+            self.future.append(self.state)
+            self._show(self.past.pop())
 
     def redo(self) -> None:
         """Go forward again, if there is a step."""
-        if self._future:
-            self._past.append(self.state)
-            self._show_again(self._future.pop())
+        if self.future:
+            self.past.append(self.state)
+            self._show(self.future.pop())
 
     def keep(self, name: str) -> None:
         """Keep what is shown as a variant of that name."""
@@ -171,7 +172,7 @@ class Session:
         """Show a variant again; the step can be undone."""
         kept = self.variant(name)
         self._remember()
-        self._show_again(replace(kept, what=f'variant "{name}"'))
+        self._show(replace(kept, what=f'variant "{name}"'))
 
     def draw_under(self, kind: str, name: str) -> None:
         """Draw a variant or a recorded trace under the schedule from now on, or nothing."""
@@ -271,30 +272,20 @@ class Session:
         """Return the model as it would be read from its file, whose form the writer has looked at."""
         return parse_model(format_model(model), self.path, is_checked=True)
 
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a step to go back."""
-        return bool(self._past)
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether there is a step to go forward."""
-        return bool(self._future)
-
     # ---- inside
 
     def _enter(self, wanted: State) -> None:
+        format_model(wanted.model)  # what no file can state is refused before anything changes
         self._remember()
-        self._future.clear()
-        self.answered = Answered()
+        self.future.clear()
         self._show(replace(wanted, schedule=_drawn(self.state, wanted), findings=(), solved=False))
 
     def _remember(self) -> None:
-        self._past.append(self.state)
-        del self._past[:-HISTORY]
+        self.past.append(self.state)
+        del self.past[:-HISTORY]
 
-    def _show(self, state: State) -> None:
-        self.shown = state
+    def _show(self, state: State, answered: Answered | None = None) -> None:
+        self.shown, self.answered = state, answered or Answered()
         self.revision += 1
         self._note()
 
@@ -304,10 +295,6 @@ class Session:
             self.journal.write(self._on_disk, self.shown.model, self.shown.pins)
         else:
             self.journal.remove()
-
-    def _show_again(self, state: State) -> None:
-        self._show(state)
-        self.answered = Answered()
 
     def _held(self, pin: Pin) -> list[Pin]:
         """Return pins for all jobs of a task: without slack, the others move as far; else they stay where they are."""
@@ -333,26 +320,22 @@ class Session:
         """Return the state with a verified schedule, or with the reasons of a refusal and the schedule before."""
         began = time.monotonic()
         self._cancelled = False
-        model = self._as_read(state.model)
-        schedule = before
+        schedule, findings = before, []
         options = SearchOptions(budget=BUDGET, workers=self._workers, near=before, shipped=self._pinned(state, before))
         try:
-            schedule, findings = self._search(model, options, before)
+            model = self._as_read(state.model)
+            scheduled = schedule_model(model, options, self._on_progress)
+            if scheduled.is_complete:
+                schedule = scheduled.schedule
+            else:
+                from halpipe.pipeline.checked import explain_failure
+
+                findings = explain_failure(model, scheduled, interrupted=scheduled.stopped)
         except HalpipeError as refused:
             findings = list(refused.diagnostics)
         self.answered = _answered(before, None if findings else schedule, time.monotonic() - began)
         self.progress = None
         return replace(state, schedule=schedule, findings=tuple(sort_diagnostics(findings)), solved=True)
-
-    def _search(
-        self, model: TaskModel, options: SearchOptions, before: Schedule | None
-    ) -> tuple[Schedule | None, list[Diagnostic]]:
-        scheduled = schedule_model(model, options, self._on_progress)
-        if scheduled.is_complete:
-            return scheduled.schedule, []
-        from halpipe.pipeline.checked import explain_failure
-
-        return before, list(explain_failure(model, scheduled, interrupted=scheduled.stopped))
 
     def _on_progress(self, mode: str, made: int, allowed: int, least: int, *_: Any) -> bool:
         self.progress = (mode, made, allowed)
@@ -400,11 +383,5 @@ def _moved(job: Job, pin: Pin) -> Job:
 def _answered(before: Schedule | None, after: Schedule | None, seconds: float) -> Answered:
     if before is None or after is None:
         return Answered(seconds=seconds)
-    places = {(mode.name, job.task, job.index): _place(job) for mode in before.modes for job in mode.jobs}
-    jobs = [(mode.name, job) for mode in after.modes for job in mode.jobs]
-    stayed = sum(places.get((mode, job.task, job.index)) == _place(job) for mode, job in jobs)
-    return Answered(stayed, len(jobs), seconds)
-
-
-def _place(job: Job) -> tuple[Any, ...]:
-    return job.start, job.version, frozenset(job.units)
+    jobs = sum(len(mode.jobs) for mode in after.modes)
+    return Answered(jobs - sum(moved_by_mode(before, after).values()), jobs, seconds)

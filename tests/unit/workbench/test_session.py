@@ -68,6 +68,16 @@ def test_a_dragged_job_is_drawn_at_its_place_before_it_is_solved(session):
     assert (job.start, job.units, session.shown.is_valid) == (Duration.parse("3ms"), ("core2",), False)
 
 
+def test_an_edit_that_no_file_can_state_is_refused_and_changes_nothing(session):
+    before, revision = session.state, session.revision
+    with pytest.raises(HalpipeError):
+        session.edit(Edit("chain", "see-and-brake", "tasks", ""))
+    assert (session.shown, session.revision) == (before, revision)
+    session.edit(Edit("chain", "see-and-brake", "tasks", "camera brake"))
+    session.settle()
+    assert session.shown.what.endswith("tasks = camera brake")
+
+
 def test_an_edit_that_is_not_solved_yet_is_solved_before_the_next_order(session):
     session.edit(wcet("7ms"))
     session.edit(wcet("2ms", "logging", "only"))
@@ -203,7 +213,7 @@ def test_undo_and_redo_show_the_very_states(session):
     session.redo()
     assert session.state is states[1]
     session.edit(wcet("5ms"))
-    assert not session.can_redo
+    assert not session.future
 
 
 def test_two_windows_do_not_overwrite_each_other(session):

@@ -15,7 +15,7 @@ from halpipe.exporters.common.rows import job_rows, latency_rows, load_rows, swi
 from halpipe.models.attributes import SHARE, attributes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel, Version
@@ -159,19 +159,16 @@ def losses(model: TaskModel) -> list[Diagnostic]:
     return [
         NO_COLUMN(f"{what} are not written", path=about(task=task.name))
         for task in model.tasks
-        for what in ("sources", "preemption points", "transfers")
-        if any(_has(version, what) for version in task.versions)
+        for what, has in _LOST.items()
+        if any(map(has, task.versions))
     ]
 
 
-def _has(version: Version, what: str) -> bool:
-    if what == "sources":
-        return version.source is not None
-    return (
-        version.split.is_allowed
-        if what == "preemption points"
-        else any(access.transfers for access in version.accesses)
-    )
+_LOST: dict[str, Callable[[Version], bool]] = {
+    "sources": lambda version: version.source is not None,
+    "preemption points": lambda version: version.split.is_allowed,
+    "transfers": lambda version: any(access.transfers for access in version.accesses),
+}
 
 
 # ------------------------------------------------------------------------------------------------------ schedule
