@@ -7,14 +7,16 @@ import pytest
 from growth import calls, half_way
 from halpipe.core.diagnostics import Findings
 from halpipe.models import Binding
+from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve import groups
 from halpipe.pipeline.solve.problem import build_problem
-from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions, _common_units, schedule_model
+from halpipe.pipeline.transitions.change import Pace
 from halpipe.pipeline.verify import reading
 from halpipe.pipeline.verify.jobs import check_complete
-from support import access, after, model, ms, task, version
+from support import access, after, mode, model, ms, task, version
 
 FEW, MANY = 50, 400
 
@@ -61,6 +63,22 @@ def demanded(count):
     return lambda: list(check_complete(table))
 
 
-@pytest.mark.parametrize("prepare", [measured, narrowed, claimed, demanded])
+def pinned(count):
+    """Find the units of bound tasks that serve in every mode."""
+    system = bound(count)
+    return lambda: _common_units(system, 0)
+
+
+@pytest.mark.parametrize("prepare", [measured, narrowed, claimed, demanded, pinned])
 def test_calls_grow_with_the_model_and_not_with_its_square(prepare):
     assert calls(prepare(MANY)) / calls(prepare(FEW)) < half_way(MANY / FEW)
+
+
+def test_lengths_of_a_table_are_judged_by_the_kinds_of_tasks(monkeypatch):
+    """Tasks with the same distances of their starts rule out the same lengths."""
+    tasks = [task(f"t{n}", 10, version("v", "1us", f"u{n}")) for n in range(20)]
+    system = model(*tasks, units=" ".join(f"u{n}" for n in range(20)), modes=[mode("a", tasks), mode("b", tasks)])
+    asked, can_be_kept = [], Pace.can_be_kept
+    monkeypatch.setattr(Pace, "can_be_kept", lambda *pace: asked.append(pace) or can_be_kept(*pace))
+    assert len(checked.schedule_model(system, SearchOptions(), lambda *_: True).schedule.transitions) == 2
+    assert 0 < len(asked) < len(tasks) * len({length for _, length in asked})

@@ -288,7 +288,8 @@ def _common_units(model: TaskModel, turn: int) -> dict[str, Pins]:
     """
     units = {unit.name: unit for unit in model.units}
     bound = [task for task in model.tasks if task.binding is Binding.SYSTEM]
-    listed = {task.name: {v.name: _fitting(task, v, units) for v in task.versions} for task in bound}
+    narrowed = _fitting if any(unit.interrupts for unit in model.units) else lambda _, version, units: version
+    listed = {task.name: {v.name: narrowed(task, v, units) for v in task.versions} for task in bound}
     modes: dict[str, list[list[Version]]] = {name: [] for name in listed}
     for run in (run for mode in model.modes for run in mode.runs if run.task in listed):
         modes[run.task].append([listed[run.task][name] for name in run.versions])
@@ -306,7 +307,7 @@ def _common_units(model: TaskModel, turn: int) -> dict[str, Pins]:
 
 def _fitting(task: Task, version: Version, units: Mapping[str, Unit]) -> Version:
     """Return a version with those of its units on which a job of it ends in time."""
-    if not any(unit.interrupts for unit in units.values()) or version.wcet is None or task.period is None:
+    if version.wcet is None or task.period is None:
         return version
     room = task.deadline or task.distance or task.period
     room = min(room if task.distance is None else room - task.period, task.let or room)

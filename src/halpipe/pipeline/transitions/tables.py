@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.models import Schedule, TaskModel, Transition
+    from halpipe.pipeline.transitions.change import Pace
     from halpipe.pipeline.transitions.line import LineJob
 
 NO_TABLE = error(
@@ -184,8 +185,11 @@ class _Search:
     def possible(self) -> list[int]:
         """Return the lengths with which no task must starve."""
         lengths = []
+        kinds: dict[tuple[int, int, int], Pace] = {}
+        for pace in self._change.paces:  # thousands of tasks have few kinds, and lengths are many
+            kinds.setdefault((pace.first - pace.last, pace.most, pace.shortest), pace)
         for length in _lengths(self._pair.transition, self._change):
-            starving = next((pace.task for pace in self._change.paces if not pace.can_be_kept(length)), None)
+            starving = next((pace.task for pace in kinds.values() if not pace.can_be_kept(length)), None)
             if starving is None:
                 lengths.append(length)
             else:
