@@ -179,7 +179,16 @@ def test_the_first_of_several_releases_in_the_next_table_counts(tmp_path):
 
 def test_programs_that_stand_in_are_written_where_they_are_used():
     plain = Program("a", "p", ("step",), ("a.c",), (), (), ())
-    values = {"name": "n", "compiled": [], "ready": [], "priority": 50, "cpus": [0], "places": [], "unrealised": []}
+    values = {
+        "name": "n",
+        "compiled": [],
+        "ready": [],
+        "priority": 50,
+        "cpus": [0],
+        "places": [],
+        "unrealised": [],
+        "regulated": False,
+    }
     assert "src/dummy.c" not in _rendered(values, [plain])
     assert "src/dummy.c" in _rendered(values, [plain, replace(plain, files=("src/dummy.c",))])
 

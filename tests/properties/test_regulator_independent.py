@@ -31,7 +31,7 @@ def test_what_the_exporter_makes_of_random_systems_passes(tmp_path):
         assert found(files) == set(), f"seed {seed}"
         tables = read_tables(bundles.target(files).bundle)
         cycles |= {table.cycles for table in tables.tables if table.is_transition}
-        loads |= {max(_sums(tables, table)) >= tables.promise_bytes for table in tables.tables}
+        loads |= {max(_sums(tables, table)) >= tables.platform.promise_bytes for table in tables.tables}
     assert cycles >= {0, 1}  # switches that end at once, and such that reach into the new mode
     assert loads == {True, False}  # windows that grant all that is guaranteed
 

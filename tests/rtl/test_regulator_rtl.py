@@ -107,7 +107,7 @@ def test_windows_of_a_clock_that_does_not_divide_them_keep_to_the_schedule(tmp_p
     """Tables are switched at the cycles at which exact windows of 640 ns end, rounded down: nothing drifts."""
     odd = bundles.export(tmp_path, *bundles.system("100ns"), window="640ns", clock=clock, capacity="820MB/s")
     tables = read_tables(bundles.target(odd).bundle)
-    assert tables.window_ns == 640
+    assert tables.platform.window_ns == 640
     assert tables.platform.window_extra > 0
     built = Icarus().build(design_of(bundles.target(odd).bundle, tables), str(tmp_path))
     for traffic in (TRAFFIC[0], TRAFFIC[2]):

@@ -15,6 +15,8 @@ _SHOWN = 80
 _DIGITS = 20  # as many as 2^64 has; int() takes time that grows with their square
 _SIZE = re.compile(r"(?P<number>[0-9]{1,30}(?:\.[0-9]{1,30})?)\s*(?P<unit>[kMG]?B|[KMG]iB)")
 _BYTES = {"GiB": 2**30, "GB": 10**9, "MiB": 2**20, "MB": 10**6, "KiB": 2**10, "kB": 10**3, "B": 1}
+_FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
+_HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 
 
 def quoted(text: str) -> str:
@@ -135,6 +137,19 @@ def _whole_bytes(text: str, stripped: str, what: str) -> int:
     if value.denominator != 1:
         raise ValueError(f"{quoted(text)} is not a whole number of bytes")
     return value.numerator
+
+
+def parse_frequency(text: str) -> int:
+    """Read ``250MHz`` into whole Hz; raise ``ValueError`` that says what is wrong."""
+    match = _FREQUENCY.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"{quoted(text)} is not a frequency; write it as 250MHz or 533333333Hz")
+    hertz = Fraction(match[1]) * _HERTZ[match[2]]
+    if hertz.denominator != 1 or not hertz:
+        raise ValueError(f"{quoted(text)} is not a whole number of Hz above zero; round it down")
+    if hertz >= 2**32:
+        raise ValueError(f"{quoted(text)} does not fit into 32 bits; state at most 4.2GHz")
+    return hertz.numerator
 
 
 def format_size(value: int) -> str:

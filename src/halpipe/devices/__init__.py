@@ -68,6 +68,8 @@ DEVICES: Mapping[str, Device] = {
                 "depth": Setting("1024", least=2, most=65280),
                 "switches": Setting("needed", "word", words=("needed", "all")),
                 "base": Setting("", "address"),
+                "timebase": Setting("", "frequency"),
+                "drift": Setting("100", most=1000),
             },
         ),
         Device(

@@ -18,6 +18,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
 from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
+from halpipe.deploy.regulator import with_tables
 from halpipe.models.modes import tour
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, compare
@@ -162,9 +163,8 @@ def check(target: Target, options: CheckOptions) -> Checked:
         text = few(noticed, quote="") or "jobs were late or left out"
         help = "raise the WCET of the tasks that are named, or give the machine real-time rights"
         found.append(codes.FAULTS_NOTICED(text, at=target.bundle.at("manifest.json"), help=help))
-    return Checked(
-        diagnostics=tuple(found), lines=(*lines, *_lines(judgement, bool(degraded))), files={"trace": recording}
-    )
+    lines += _lines(judgement, bool(degraded))
+    return with_tables(target, Checked(diagnostics=tuple(found), lines=tuple(lines), files={"trace": recording}))
 
 
 def _lines(judgement: Judgement, is_degraded: bool) -> list[str]:

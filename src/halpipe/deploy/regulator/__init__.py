@@ -5,13 +5,15 @@ Of the generic unit its Verilog plays the tables, in simulation; of the other ba
 
 from __future__ import annotations
 
+from dataclasses import replace
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Checked, CheckOptions, Target
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.reading import Facts, Tables
+    from halpipe.deploy.regulator.reading import Tables
     from halpipe.deploy.regulator.simulate import Played
 
 ARITHMETIC = "arithmetic"
@@ -34,28 +36,29 @@ class RegulatorDeployment:
         from halpipe.deploy.regulator.arithmetic import Arithmetic
         from halpipe.deploy.regulator.codes import NO_ENGINE
         from halpipe.deploy.regulator.forms import check_forms
-        from halpipe.deploy.regulator.reading import compare_facts, read_facts, read_tables
+        from halpipe.deploy.regulator.reading import compare_facts, read_tables
 
         if options.engine not in self.engines:
             help = did_you_mean(options.engine, self.engines, "engines: " + ", ".join(self.engines))
             text = f'there is no engine "{options.engine}" for regulators'
             raise HalpipeError(NO_ENGINE(text, help=help), exit=Exit.USAGE)
-        tables, facts = read_tables(target.bundle), read_facts(target.bundle)
+        tables = read_tables(target.bundle)
         arithmetic = Arithmetic(target, tables)
-        findings = [*compare_facts(target.bundle, tables, facts), *arithmetic.findings()]
+        findings = [*compare_facts(target.bundle, tables), *arithmetic.findings()]
         if tables.backend == "table":
             findings += check_forms(target.bundle, tables)
         wrong = f"{len(findings)} findings" if findings else "exact"
         text = f"{len(tables.tables)} tables of {len(tables.units)} units, {arithmetic.budgets} budgets"
-        sums = f", {arithmetic.windows} sums against {tables.capacity_bytes} B a window" if arithmetic.windows else ""
-        lines = [f"arithmetic: {wrong}; {text}{sums}"]
+        if arithmetic.windows:
+            text += f", {arithmetic.windows} sums against {tables.platform.capacity_bytes} B a window"
+        lines = [f"arithmetic: {wrong}; {text}"]
         if findings and (options.engine == "auto" or tables.backend != "table"):
             lines.append(
                 "nothing executed: the tables are wrong"
                 + (" (name an --engine to play them all the same)" if tables.backend == "table" else "")
             )
         elif tables.backend != "table":
-            found, remarks = _execute(target, tables, facts, arithmetic.planned)
+            found, remarks = _execute(target, tables, arithmetic.planned)
             findings += found
             lines += remarks
         else:
@@ -65,21 +68,16 @@ class RegulatorDeployment:
         return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines))
 
 
-def _execute(
-    target: Target, tables: Tables, facts: Facts, planned: list[Planned]
-) -> tuple[list[Diagnostic], list[str]]:
+def _execute(target: Target, tables: Tables, planned: list[Planned]) -> tuple[list[Diagnostic], list[str]]:
     """Execute what is loaded on a model of the device."""
     from halpipe.core.diagnostics import HalpipeError
     from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
-    from halpipe.deploy.regulator.loading import Case, device
+    from halpipe.deploy.regulator.loading import Case
+    from halpipe.devices import DEVICES
 
-    run = device(tables.backend)
-    if run is None:
-        text = f'there is no model of the back-end "{tables.backend}"'
-        raise HalpipeError(UNUSABLE_TABLES(text, at=target.bundle.at("tables.json"), help="export the bundle again"))
-    case = Case(target.bundle, tables, facts, planned)
+    case = Case(target.bundle, tables, planned)
     try:
-        run(case)
+        import_module(f"{__package__}.{DEVICES[tables.backend].folder}").execute(case)
     except (ValueError, KeyError, TypeError, AttributeError, ZeroDivisionError) as failure:
         text = f"has a value that the model of {tables.backend} cannot use: {failure}"
         at, help = target.bundle.at("platform.yaml"), "correct the platform file, and export the bundle again"
@@ -103,7 +101,7 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
     runs = list(simulate(target.bundle, tables, engine, seed=options.seed, cycles=options.cycles))
     findings = [found for played in runs for found in played.verdict.findings]
     lines = [f"simulation: {remark}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
-    trouble = why_no_cache(CACHE) if engine.is_kept else ""
+    trouble = why_no_cache(CACHE) if engine.name == "verilator" else ""
     return findings, [*lines, f"  compiled anew each time: {trouble}"] if trouble else lines
 
 
@@ -130,7 +128,7 @@ def _table(tables: Tables, runs: list[Played]) -> list[str]:
                 f"{len(seen)} of {len(tables.tables)}",
                 str(verdict.switches),
                 f"{share} %",
-                f"{verdict.largest_sum} of {tables.capacity_bytes} B",
+                f"{verdict.largest_sum} of {tables.platform.capacity_bytes} B",
                 str(verdict.carried),
                 str(len(verdict.findings)),
             )
@@ -141,3 +139,33 @@ def _table(tables: Tables, runs: list[Played]) -> list[str]:
 
 
 DEPLOYMENT = RegulatorDeployment()
+FOLDER = "regulator/"
+"""Of the regulators in a bundle of the cores."""
+
+
+def regulators_of(target: Target) -> Target | None:
+    """Return the regulators of a bundle as one of their own, with the same model and schedule; None if it has none."""
+    from halpipe.core.bundles import MODEL, SCHEDULE, Bundle
+    from halpipe.core.files import YamlMap
+
+    bundle = target.bundle
+    files = {name.removeprefix(FOLDER): data for name, data in bundle.files.items() if name.startswith(FOLDER)}
+    if not files:
+        return None
+    files |= {name: bundle.files[name] for name in (MODEL, SCHEDULE)}
+    return replace(target, bundle=Bundle(f"{bundle.path}/{FOLDER.rstrip('/')}", DEPLOYMENT.name, YamlMap(0), files))
+
+
+def with_tables(target: Target, checked: Checked) -> Checked:
+    """Return the check of the programs with that of the tables, where the bundle has any."""
+    from halpipe.core.diagnostics import sort_diagnostics
+    from halpipe.deploy.base import CheckOptions
+
+    own = regulators_of(target)
+    if own is None:
+        return checked
+    tables = DEPLOYMENT.check(own, CheckOptions(engine=ARITHMETIC))
+    lines = (*checked.lines, *(f"regulators: {line}" for line in tables.lines))
+    return replace(
+        checked, diagnostics=tuple(sort_diagnostics([*checked.diagnostics, *tables.diagnostics])), lines=lines
+    )

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.files import sha256
+from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.regulator import codes, promise
-from halpipe.deploy.regulator.reading import TABLES
+from halpipe.deploy.regulator.reading import DERIVED, FACTS, TABLES
 from halpipe.devices import DEVICES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.core.bundles import Bundle
-    from halpipe.core.diagnostics import Code, Diagnostic, Location
+    from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.deploy.base import Target
     from halpipe.deploy.regulator.promise import Phase, Row, Timeline
     from halpipe.deploy.regulator.reading import Table, Tables, Unit
@@ -46,16 +46,6 @@ class Arithmetic:
     budgets: int = 0
     planned: list[Planned] = field(default_factory=list)
 
-    @property
-    def bundle(self) -> Bundle:
-        """The bundle that is checked."""
-        return self.target.bundle
-
-    @property
-    def at(self) -> Location:
-        """The place of the tables."""
-        return self.bundle.at(TABLES)
-
     def findings(self) -> Iterator[Diagnostic]:
         """Yield everything that is wrong with the tables."""
         yield from self._hashes()
@@ -75,27 +65,25 @@ class Arithmetic:
             yield from self._capacity(table)
 
     def _found(self, code: Code, message: str, path: str = "", help: str = _AGAIN) -> Diagnostic:
-        return code(message, at=self.at, path=path, help=help)
+        return code(message, at=self.target.bundle.at(TABLES), path=path, help=help)
 
     # -------------------------------------------------------------------------------------------- facts
 
     def _hashes(self) -> Iterator[Diagnostic]:
         stated = {"schedule.xml": self.tables.schedule_sha256, "model.xml": self.tables.model_sha256}
         for name, hash in stated.items():
-            found = sha256(self.bundle.files[name])
+            found = sha256(self.target.bundle.files[name])
             if hash != found:
                 text = f"the tables are of {name} {hash[:16]}..., here is {found[:16]}..."
                 yield self._found(codes.OTHER_SCHEDULE, text)
 
     def _facts(self) -> Iterator[Diagnostic]:
         platform, tables = self.tables.platform, self.tables
-        for name, stated, derived in (
-            ("window_ns", tables.window_ns, platform.window_ns),
-            ("promise_bytes", tables.promise_bytes, platform.promise_bytes),
-            ("capacity_bytes", tables.capacity_bytes, platform.capacity_bytes),
-        ):
-            if stated != derived:
-                yield self._found(codes.WRONG_FACTS, f"{name} is {stated}, clock, window and bandwidth give {derived}")
+        for name in (*FACTS, *DERIVED):
+            fact = getattr(platform, name)
+            have, want = tables.stated.get(name), fact if isinstance(fact, str) else format_rational(Fraction(fact))
+            if have != want:
+                yield self._found(codes.WRONG_FACTS, f"{name} is {have}, platform.yaml gives {want}")
         limit = platform.window_cycles * platform.bus_bytes
         if platform.capacity_bytes > limit:
             text = f"a capacity of {platform.capacity_bytes} B in a window is more than the bus carries, {limit} B"

@@ -40,7 +40,6 @@ class Device:
     """The registers after reset, and the values written since, by name, manager (or word) and region."""
 
     def __init__(self, managers: int, regions: int) -> None:
-        self.managers, self.regions = managers, regions
         self.file = RegisterFile(DEVICE, managers, regions)
         self.values: dict[Register, int] = {}
         self.loaded: dict[Register, int] = {}
@@ -56,8 +55,8 @@ class Device:
         word = self.file.words.get(offset)
         if word is None:
             return None
-        is_by_region = len(self.file.words_of(word.name)) == self.managers * self.regions and word.width == 32
-        return (word.name, *divmod(word.number, self.regions)) if is_by_region else (word.name, word.number, 0)
+        is_by_region = len(self.file.words_of(word.name)) == self.file.managers * self.file.regions and word.width == 32
+        return (word.name, *divmod(word.number, self.file.regions)) if is_by_region else (word.name, word.number, 0)
 
     def write(self, offset: int, value: int) -> str:
         """Write a register; return why the device refuses it, empty if it does not."""
@@ -68,7 +67,7 @@ class Device:
         if not self.is_claimed:
             return f"register {offset:#x} is written before the guard at {guard:#x} is claimed: the access fails"
         name, word = self.register(offset), self.file.words.get(offset)
-        if name is None or word is None or not word.is_writable or not 0 <= value < WORD:
+        if name is None or word is None or word.access == "ro" or not 0 <= value < WORD:
             return f"there is no register {offset:#x} to be written with {value:#x}"
         if value & ~word.mask:
             return f"the {_named(name)} has no bits for {value:#x}"
@@ -83,20 +82,20 @@ class Device:
         word = self.file.words.get(check.offset)
         if not self.is_claimed:
             return f"register {check.offset:#x} is read before the guard is claimed: the access fails"
-        if word is None or not word.is_readable:
+        if word is None or word.access == "wo":
             return f"register {check.offset:#x} cannot be read: it is write-only and reads as 0, or there is none"
         return ""
 
 
 def device_of(case: Case) -> Device:
     """Return the device that the platform states, after reset."""
-    return Device(case.facts.number("axi-realm", "managers"), case.facts.number("axi-realm", "regions"))
+    return Device(case.platform.number("axi-realm", "managers"), case.platform.number("axi-realm", "regions"))
 
 
 def execute(case: Case) -> None:
     """Execute the set-up and every table."""
     named, numbered = scripts_of(case, ".txt", SETUP, LOADER)
-    check_loader(case, named, case.facts.settings["axi-realm"]["base"])
+    check_loader(case, named, case.platform.settings["axi-realm"]["base"])
     if SETUP in named:
         _set_up(case, SETUP, steps_of(case, named[SETUP]))
     for index, script in sorted(numbered.items()):
@@ -149,23 +148,23 @@ def _set_up(case: Case, name: str, steps: Sequence[Write | Range]) -> None:
 
 def _read(case: Case, name: str, device: Device, reads: dict[int, Range]) -> None:
     """Note what is not read although it can be, or in another range than it must have."""
-    facts, word = case.facts, WORD - 1
+    p, word = case.platform, WORD - 1
     highest = max((n for table in case.tables.tables for n in _totals(case, table)), default=0)
     highest = max(highest, *(n for unit in case.tables.units for n in unit.default.values()))
     wanted = {
-        ("num_managers", 0): (word, device.managers, device.managers),
-        ("num_addr_regions", 0): (word, device.regions, device.regions),
-        ("data_width", 0): (word, 8 * facts.bus, 8 * facts.bus),
-        ("period_width", 0): (word, (facts.cycles - 1).bit_length(), word),
+        ("num_managers", 0): (word, device.file.managers, device.file.managers),
+        ("num_addr_regions", 0): (word, device.file.regions, device.file.regions),
+        ("data_width", 0): (word, 8 * p.bus_bytes, 8 * p.bus_bytes),
+        ("period_width", 0): (word, (p.window_cycles - 1).bit_length(), word),
         ("budget_width", 0): (word, highest.bit_length(), word),
         ("rt_bypassed", 0): (sum(1 << unit.manager for unit in case.tables.units), 0, 0),
     }
     for unit in case.tables.units:
-        field = unit.manager * device.regions
+        field = unit.manager * device.file.regions
         for direction, bank in BUDGETS.items():
             budget = device.values.get((bank, unit.manager, 0), 0)
             wanted[f"{direction}_budget_left", field] = (word, min(budget, 1), budget)
-            wanted[f"{direction}_period_left", field] = (word, 0, facts.cycles - 1)
+            wanted[f"{direction}_period_left", field] = (word, 0, p.window_cycles - 1)
     for (register, number), (mask, least, most) in wanted.items():
         found = reads.pop(device.file.offset(register, number), None)
         if found is None or (found.mask, found.least, found.most) != (mask, least, most):
@@ -184,8 +183,8 @@ def _totals(case: Case, table: Table) -> list[int]:
 
 def _expected(case: Case, device: Device) -> dict[Register, int]:
     """Return the registers as they must be when the periods start."""
-    facts, everywhere = case.facts, 2**32 - 1
-    beats = facts.burst // facts.bus - 1
+    p, everywhere = case.platform, 2**32 - 1
+    beats = p.burst_bytes // p.bus_bytes - 1
     found = {
         ("len_limit", word.number, 0): beats * 0x01010101 & word.mask for word in device.file.words_of("len_limit")
     }
@@ -193,14 +192,14 @@ def _expected(case: Case, device: Device) -> dict[Register, int]:
     for unit in case.tables.units:
         mask |= 1 << unit.manager
         is_used = any(case.tables.is_used(unit, d) for d in BUDGETS)
-        for region in range(device.regions):  # region 0 is all addresses, the others are beyond those of any bus
+        for region in range(device.file.regions):  # region 0 is all addresses, the others are beyond those of any bus
             bounds = (0, 0, everywhere, everywhere) if region == 0 else (everywhere - 1, *[everywhere] * 3)
             for bank, value in zip(BOUNDS, bounds, strict=True):
                 found[bank, unit.manager, region] = value
             for direction, bank in BUDGETS.items():
-                budget = max(unit.default[direction], facts.burst) if is_used else 0
+                budget = max(unit.default[direction], p.burst_bytes) if is_used else 0
                 found[bank, unit.manager, region] = budget if region == 0 else OPEN
-                found[PERIODS[direction], unit.manager, region] = facts.cycles - 1
+                found[PERIODS[direction], unit.manager, region] = p.window_cycles - 1
     return {**found, ("rt_enable", 0, 0): mask, ("imtu_enable", 0, 0): mask}
 
 
@@ -215,7 +214,7 @@ def _share(case: Case) -> None:
             help = "give the writes of this unit a manager of their own, and export again"
             case.note(SHARED_ISOLATION, "setup.txt", text, path=about(unit=unit.name), help=help)
             case.caveat = "only to units that do not read and write at once"
-    if case.facts.settings["axi-realm"]["bursts"] != "modifiable":
+    if case.platform.settings["axi-realm"]["bursts"] != "modifiable":
         case.caveat += "; " * bool(case.caveat) + "if all short bursts are modifiable"
 
 
@@ -252,7 +251,7 @@ def _play(case: Case, name: str, table: Table, steps: Sequence[Write | Range]) -
             case.note(GRANTS_DIFFER, name, f"{_named(register)} is that already", line=write.line, path=path)
         count = count + 1 if write.at == last else 1
         last = max(last, write.at)
-        if write.at >= 0 and count > case.facts.number("axi-realm", "writes-per-window"):
+        if write.at >= 0 and count > case.platform.number("axi-realm", "writes-per-window"):
             case.note(DEVICE_REFUSES, name, f"{count} writes in window {last}", line=write.line, path=path)
         seen.setdefault(register, []).append((write.at + 1, write.value))
     expected = _budgets(case, table)
@@ -271,7 +270,7 @@ def _budgets(case: Case, table: Table) -> dict[Register, list[tuple[int, int]]]:
             for direction, bank in BUDGETS.items():
                 steps: list[tuple[int, int]] = []
                 for item in table.entries[unit.name]:
-                    budget = max(item.budget(direction), case.facts.burst)
+                    budget = max(item.budget(direction), case.platform.burst_bytes)
                     if not steps or steps[-1][1] != budget:
                         steps.append((item.window, budget))
                 found[bank, unit.manager, 0] = steps
@@ -300,10 +299,10 @@ def _sums(case: Case, name: str, table: Table, seen: dict[Register, list[tuple[i
         for window, value in steps:
             changes[window] = changes.get(window, 0) + value - before
             before = value
-    total = len(seen) * case.facts.burst
+    total = len(seen) * case.platform.burst_bytes
     for window in sorted(changes):
         total += changes[window]
-        if window < table.windows and total > case.tables.capacity_bytes:
-            text = f"{total} B may pass in window {window}, the capacity is {case.tables.capacity_bytes} B"
+        if window < table.windows and total > case.platform.capacity_bytes:
+            text = f"{total} B may pass in window {window}, the capacity is {case.platform.capacity_bytes} B"
             case.note(DEVICE_OVER_CAPACITY, name, text, path=about(table=table.name))
             return

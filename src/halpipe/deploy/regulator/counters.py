@@ -104,7 +104,6 @@ class _Reader:
         self._units = {unit.name: unit for unit in tables.units}
         self._mode = mode or (tables.tables[0].name if len(tables.tables) == 1 else "")
         self._window = tables.platform.window_ns
-        self._places: dict[str, int] = {}
         self._scales: dict[str, int] = {}
 
     def samples(self, text: str, findings: list[Diagnostic]) -> Iterator[Sample]:
@@ -112,10 +111,11 @@ class _Reader:
         try:
             self._header(next(rows, []))
             for cells in rows:
-                if not any(cell.strip() for cell in cells):
+                row = dict(zip(self._scales, (cell.strip() for cell in cells), strict=False))
+                if not any(row.values()):
                     continue
                 try:
-                    yield self._sample([cell.strip() for cell in cells], rows.line_num)
+                    yield self._sample(row, rows.line_num)
                 except ValueError as failure:
                     at, help = Location(self._file, rows.line_num), "correct the row, or leave it out"
                     findings.append(BROKEN_COUNTERS(str(failure), at=at, help=help))
@@ -125,17 +125,17 @@ class _Reader:
             )
 
     def _header(self, names: Sequence[str]) -> None:
-        for place, name in enumerate(names):
+        for name in names:
             plain, _, scale = name.strip().lower().partition("_")
             known = plain in COLUMNS and (not scale or (plain in ("start", "end") and scale in SCALES))
-            if not known or plain in self._places:
+            if not known or plain in self._scales:
                 help = did_you_mean(name, COLUMNS, "known are " + ", ".join(COLUMNS) + "; start_us, end_us and so on")
                 text = f"the column {quoted(name)} is {'there twice' if known else 'not known'}"
                 raise HalpipeError(BROKEN_COUNTERS(text, at=Location(self._file, 1), help=help))
-            self._places[plain], self._scales[plain] = place, SCALES[scale or "ns"]
-        lacking = [name for name in ("unit", "direction", "bytes") if name not in self._places]
-        if "window" not in self._places:
-            lacking += [name for name in ("start", "end") if name not in self._places]
+            self._scales[plain] = SCALES[scale or "ns"]
+        lacking = [name for name in ("unit", "direction", "bytes") if name not in self._scales]
+        if "window" not in self._scales:
+            lacking += [name for name in ("start", "end") if name not in self._scales]
         if lacking:
             text, help = (
                 f"lacks the columns {', '.join(lacking)}",
@@ -143,26 +143,22 @@ class _Reader:
             )
             raise HalpipeError(BROKEN_COUNTERS(text, at=Location(self._file, 1), help=help))
 
-    def _sample(self, cells: Sequence[str], line: int) -> Sample:
-        table = self._one_of("table", self._tables, self._cell(cells, "table") or self._mode)
-        unit = self._one_of("unit", self._units, self._cell(cells, "unit"))
-        direction = self._one_of("direction", {name: name for name in DIRECTIONS}, self._cell(cells, "direction"))
-        if self._cell(cells, "window"):
-            start = _whole("window", self._cell(cells, "window")) * self._window
+    def _sample(self, row: Mapping[str, str], line: int) -> Sample:
+        table = self._one_of("table", self._tables, row.get("table", "") or self._mode)
+        unit = self._one_of("unit", self._units, row.get("unit", ""))
+        direction = self._one_of("direction", {name: name for name in DIRECTIONS}, row.get("direction", ""))
+        if row.get("window", ""):
+            start = _whole("window", row.get("window", "")) * self._window
             end = start + self._window
         else:
-            start, end = (parse_rational(self._cell(cells, name)) * self._scales[name] for name in ("start", "end"))
+            start, end = (parse_rational(row.get(name, "")) * self._scales[name] for name in ("start", "end"))
         if not 0 <= start < end:
             raise ValueError(f"the interval from {start} to {end} ns is empty, or begins before the table")
         if not table.successor == table.index and end > table.windows * self._window:
             raise ValueError(f'ends at {end} ns; the table "{table.name}" is {table.windows * self._window} ns long')
         if (end - start) / self._window > MOST_WINDOWS:
             raise ValueError(f"the interval has more than {MOST_WINDOWS} windows; give shorter ones")
-        return Sample(table, unit, direction, start, end, _whole("bytes", self._cell(cells, "bytes")), line)
-
-    def _cell(self, cells: Sequence[str], name: str) -> str:
-        place = self._places.get(name, len(cells))
-        return cells[place] if place < len(cells) else ""
+        return Sample(table, unit, direction, start, end, _whole("bytes", row.get("bytes", "")), line)
 
     def _one_of(self, what: str, known: Mapping[str, T], text: str) -> T:
         if text not in known:
@@ -193,7 +189,7 @@ class Judge:
     def rows(self, samples: Sequence[Sample], file: str) -> Iterator[Diagnostic]:
         """Yield samples above what could pass: the budgets of the windows, and a burst that was waiting before them."""
         for sample in samples:
-            granted, most = self._limits(sample)
+            granted, most = self.limits(sample)
             usage = self.usage.setdefault((sample.table.name, sample.unit.name, sample.direction), Usage())
             usage.samples += 1
             usage.promised += self.promised(sample)
@@ -215,7 +211,7 @@ class Judge:
         for several in together.values():
             first = several[0]
             total = sum(sample.used for sample in several)
-            most = len(self._windows(first)) * self._tables.capacity_bytes
+            most = len(self._windows(first)) * self._tables.platform.capacity_bytes
             if total > most:
                 text = f"{total} B were used by all {_when(first)}; the capacity is {most} B"
                 help = "measure the capacity of the memory, or look for a manager that is not regulated"
@@ -226,11 +222,7 @@ class Judge:
         width = self._tables.platform.window_ns
         return range(sample.start // width, ceil(sample.end / width))
 
-    def granted(self, sample: Sample) -> int:
-        """Return the budgets of the windows that a sample touches."""
-        return self._limits(sample)[0]
-
-    def _limits(self, sample: Sample) -> tuple[int, int]:
+    def limits(self, sample: Sample) -> tuple[int, int]:
         """Return the budgets of the windows that a sample touches, and the most that can pass in them."""
         key = (sample.table.index, sample.unit.name, sample.direction)
         if key not in self._budgets:

@@ -131,7 +131,7 @@ def _definitions(tables: Tables) -> dict[str, str]:
         "BW_CLOCK_HZ": str(platform.clock_hz),
         "BW_BUS_BYTES": str(platform.bus_bytes),
         "BW_BURST_BYTES": str(platform.burst_bytes),
-        "BW_CAPACITY_BYTES": str(tables.capacity_bytes),
+        "BW_CAPACITY_BYTES": str(tables.platform.capacity_bytes),
         "BW_UNITS": str(len(tables.units)),
         "BW_TABLES": str(len(tables.tables)),
         "BW_SWITCHES": str(len(tables.switches)),

@@ -7,20 +7,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from importlib import import_module
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD, OTHER_SCHEDULE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
     from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.reading import Facts, Tables
+    from halpipe.deploy.regulator.reading import Platform, Tables
 
 
 AGAIN = "export the bundle again; what is loaded was changed, or the exporter is wrong: report it"
@@ -32,7 +30,6 @@ class Case:
 
     bundle: Bundle
     tables: Tables
-    facts: Facts
     planned: Sequence[Planned]
     findings: list[Diagnostic] = field(default_factory=list)
     steps: int = 0
@@ -40,23 +37,14 @@ class Case:
     """What a grant of this device depends on, for the line of the verdict; empty: nothing beside the tables."""
 
     @property
-    def folder(self) -> str:
-        """The folder of the bundle that is loaded."""
-        return self.tables.backend
+    def platform(self) -> Platform:
+        """The facts of the platform."""
+        return self.tables.platform
 
     def note(self, code: Code, name: str, text: str, *, line: int = 0, path: str = "", help: str = AGAIN) -> None:
         """Add a finding about a file of the folder."""
-        at = self.bundle.at(f"{self.folder}/{name}", line) if line else self.bundle.at(f"{self.folder}/{name}")
+        at = self.bundle.at(f"{self.tables.backend}/{name}", line)
         self.findings.append(code(text, at=at, path=path, help=help))
-
-
-def device(backend: str) -> Callable[[Case], None] | None:
-    """Return the model that executes what a back-end writes, None if its Verilog is simulated instead."""
-    from halpipe.devices import DEVICES
-
-    if backend not in DEVICES or find_spec(f"{__package__}.{DEVICES[backend].folder}") is None:
-        return None
-    return cast("Callable[[Case], None]", import_module(f"{__package__}.{DEVICES[backend].folder}").execute)
 
 
 WORD = 2**32
@@ -81,7 +69,7 @@ class Script:
 
 def scripts_of(case: Case, suffix: str, *others: str) -> tuple[dict[str, Script], dict[int, Script]]:
     """Return the `others` by name, and the script of every table by its number; note what is missing or too much."""
-    prefix = f"{case.folder}/"
+    prefix = f"{case.tables.backend}/"
     found = {name[len(prefix) :]: data for name, data in case.bundle.files.items() if name.startswith(prefix)}
     named: dict[str, Script] = {}
     numbered: dict[int, Script] = {}

@@ -59,15 +59,15 @@ class Module:
     """The module: limits of every core and direction, none after loading."""
 
     def __init__(self, case: Case) -> None:
-        stated = case.facts.number("memguard", "cores")
-        numbers = {unit.name: case.facts.units[unit.name].get("core") for unit in case.tables.units}
+        stated = case.platform.number("memguard", "cores")
+        numbers = {unit.name: case.platform.units[unit.name].get("core") for unit in case.tables.units}
         self.names = {int(core): unit for unit, core in numbers.items() if core is not None}
         self.cores = stated or max(self.names, default=-1) + 1
-        settings = case.facts.settings["memguard"]
+        settings = case.platform.settings["memguard"]
         self.line = parse_size(settings["line"])
         self.brings = {d: parse_rational(settings[name]) for d, name in BROUGHT.items()}
         period = settings["period"]
-        self.period = Duration.parse(period).in_unit("us") if period else case.facts.seconds * 10**6
+        self.period = Duration.parse(period).in_unit("us") if period else case.platform.window_ns / 1000
         self.limits: Limits = {}
 
     def owner(self, core: int, direction: str) -> str:
@@ -99,7 +99,7 @@ def execute(case: Case) -> None:
     named, numbered = scripts_of(case, ".sh", "setup.sh")
     module = Module(case)
     for unit in case.tables.units:
-        core = case.facts.units[unit.name].get("core")
+        core = case.platform.units[unit.name].get("core")
         if core is None or module.names.get(int(core)) != unit.name or int(core) >= module.cores:
             text = "has no core of its own in the machine"
             case.note(DEVICE_REFUSES, "setup.sh", text, path=about(unit=unit.name))
@@ -158,7 +158,7 @@ def _promised(case: Case, module: Module, plan: Planned) -> list[tuple[int, Limi
 
     A core takes a limit at the end of its period, whenever that is: between one setting and a period after the next.
     """
-    if case.facts.settings["memguard"]["granularity"] != "phase":
+    if case.platform.settings["memguard"]["granularity"] != "phase":
         highest = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
         return [(0, _wanted(module, highest))]
     span, period = plan.timeline.span, int(module.period * 1000)
@@ -169,7 +169,7 @@ def _promised(case: Case, module: Module, plan: Planned) -> list[tuple[int, Limi
         needed = {}
         for (unit, direction), several in steps.items():
             ends = [*(instant for instant, _ in several[1:]), span]
-            needed[f"{unit} {direction}"] = case.facts.guaranteed * max(
+            needed[f"{unit} {direction}"] = case.platform.guaranteed * max(
                 (
                     rate
                     for (start, rate), stop in zip(several, ends, strict=True)
@@ -198,10 +198,8 @@ def _limits(case: Case, script: Script, lines: list[Line]) -> list[tuple[Line, s
 def _last(case: Case, script: Script) -> Limits:
     """Return the limits that a script leaves behind, as far as the module takes them."""
     module = Module(case)
-    for line in script.lines:
-        match = LINE.fullmatch(line.text.strip())
-        if match:
-            module.write(match[1], match[2])
+    for match in filter(None, (LINE.fullmatch(line.text.strip()) for line in script.lines)):
+        module.write(match[1], match[2])
     return module.limits
 
 
@@ -252,7 +250,7 @@ def _set_up(case: Case, module: Module, script: Script) -> None:
     wanted: Limits = {}
     for core in range(module.cores):
         default = defaults.get(module.names.get(core, ""), {"read": 0, "write": 0})
-        share = {d: Fraction(max(0, free) * n, case.tables.capacity_bytes) for d, n in default.items()}
+        share = {d: Fraction(max(0, free) * n, case.platform.capacity_bytes) for d, n in default.items()}
         own = {d: int(share[d] / (1 + module.brings[OTHER[d]])) for d in BROUGHT}
         for direction, lines in own.items():
             brought = int(module.brings[direction] * own[OTHER[direction]])

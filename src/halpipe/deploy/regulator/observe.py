@@ -75,8 +75,7 @@ class _Judge:
         self._tables, self._run, self._at = tables, run, at
         self._rows = list(tables.rows())
         self._owed = [0] * len(self._rows)
-        self._first: dict[tuple[Code, str], str] = {}
-        self._times: dict[tuple[Code, str], int] = {}
+        self._noted: dict[tuple[Code, str], tuple[str, int]] = {}
         self._faults = 0
         self._reads = {(cycle, address): value for cycle, address, value in run.reads}
         self._budgets: dict[tuple[int, int, str], list[int]] = {}
@@ -101,8 +100,8 @@ class _Judge:
             text = f"the trace has {self.verdict.windows} windows, {len(self._run.expected)} were simulated"
             self._note(codes.PLAYED_WRONG, "trace", text)
         name = self._run.traffic.name
-        for (code, path), text in self._first.items():
-            more = self._times[code, path] - 1
+        for (code, path), (text, times) in self._noted.items():
+            more = times - 1
             tail = f", and {more} windows more" if more else ""
             message = f"{text}{tail} (traffic: {name}, seed {self._run.seed})"
             self.verdict.findings.append(code(message, at=self._at, path=path, help=_HELP))
@@ -113,8 +112,8 @@ class _Judge:
         return max(cycles, default=0) + 1
 
     def _note(self, code: Code, path: str, text: str) -> None:
-        self._first.setdefault((code, path), text)
-        self._times[code, path] = self._times.get((code, path), 0) + 1
+        first, times = self._noted.get((code, path), (text, 0))
+        self._noted[code, path] = first, times + 1
 
     def _register(self, cycle: int, address: int, value: int) -> None:
         expected = self._reads.pop((cycle, address), None)
@@ -138,8 +137,8 @@ class _Judge:
                 self._row(number, 2 * unit.index + half, count, budget, fields[base + 11 + half])
                 total += count.taken
         self.verdict.largest_sum = max(self.verdict.largest_sum, total)
-        if total > self._tables.capacity_bytes:
-            text = f"{total} B in window {number}, the capacity is {self._tables.capacity_bytes} B"
+        if total > self._tables.platform.capacity_bytes:
+            text = f"{total} B in window {number}, the capacity is {self._tables.platform.capacity_bytes} B"
             self._note(codes.SHARED_TOO_MUCH, "all units", text)
 
     def _row(self, number: int, row: int, count: Count, budget: int, left: int) -> None:

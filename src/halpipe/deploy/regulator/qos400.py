@@ -11,11 +11,12 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
+from halpipe.core.quantities import parse_frequency
 from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER
 from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Range, check_loader, scripts_of, steps_of
 from halpipe.deploy.regulator.promise import rate_steps
-from halpipe.deploy.regulator.reading import DIRECTIONS, frequency
+from halpipe.deploy.regulator.reading import DIRECTIONS
 from halpipe.devices.registers import port_registers
 
 if TYPE_CHECKING:
@@ -26,9 +27,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.promise import Row
 
 STEPS = 4096
-DESCRIPTION = port_registers("qos400")
-PORTS = DESCRIPTION.ports
-AT = {register.offset: register for register in DESCRIPTION.registers.values()}
+PORTS, REGISTERS = port_registers("qos400")
+AT = {register.offset: register for register in REGISTERS.values()}
 
 Block = tuple[int, list[tuple[str, int]]]
 """The instant of a setting in nanoseconds, and the rates that it writes: owner (unit and direction), value."""
@@ -54,7 +54,7 @@ def _owners(case: Case) -> dict[str, str]:
     """Return the unit behind every port."""
     found: dict[str, str] = {}
     for unit in case.tables.units:
-        port = case.facts.units[unit.name].get("port", "")
+        port = case.platform.units[unit.name].get("port", "")
         if port not in PORTS:
             case.note(DEVICE_REFUSES, SETUP, f'the chip has no port "{port}"', path=about(unit=unit.name))
         elif port in found:
@@ -72,11 +72,10 @@ def _decode(case: Case, owners: dict[str, str], name: str, write: Write) -> tupl
     for port, unit in owners.items():
         register = AT.get(write.offset - PORTS.get(port, 0))
         if register is not None:
-            held = register.decode(write.value)
-            if held is None:
+            if write.value & ~register.mask:
                 text = f"{write.value:#x} sets bits that register {write.offset:#x} does not have"
                 case.note(DEVICE_REFUSES, name, text, line=write.line)
-            return unit, register.name, write.value >> register.shift if held is None else held
+            return unit, register.name, write.value >> register.shift
     case.note(DEVICE_REFUSES, name, f"there is no such register of a unit: {write.offset:#x}", line=write.line)
     return None
 
@@ -118,7 +117,7 @@ def _init(case: Case, owners: dict[str, str], steps: Sequence[Write | Range]) ->
         values[unit, register] = value
     wanted = {"control": 3}
     for d in DIRECTIONS:
-        wanted |= {f"{d}_rate": 1, f"{d}_burstiness": case.facts.number("qos400", "burstiness")}
+        wanted |= {f"{d}_rate": 1, f"{d}_burstiness": case.platform.number("qos400", "burstiness")}
     for unit, register in ((unit.name, register) for unit in case.tables.units for register in wanted):
         if values.get((unit, register)) != wanted[register]:
             text = f"the set-up does not leave {register} of {unit} with {wanted[register]}"
@@ -146,7 +145,7 @@ def _blocks(case: Case, owners: dict[str, str], name: str, steps: Sequence[Write
 
 def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) -> None:
     """Execute every table after each that may come before it, and compare every setting with the promise."""
-    step = Fraction(case.facts.burst * frequency(case.facts.settings["qos400"]["clock"]), STEPS)
+    step = Fraction(case.platform.burst_bytes * parse_frequency(case.platform.settings["qos400"]["clock"]), STEPS)
     final: dict[int, dict[str, int]] = {}
     for index, blocks in played.items():
         final[index] = {owner: value for _, orders in blocks for owner, value in orders}
@@ -179,7 +178,7 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
 def _promised(case: Case, plan: Planned, step: Fraction) -> list[Setting]:
     """Return what must be set and when: the highest rates of a table, or (phases) every change of the steps set."""
     owners = [f"{unit.name} {d}" for unit in case.tables.units for d in DIRECTIONS]
-    if case.facts.settings["qos400"]["granularity"] != "phase":
+    if case.platform.settings["qos400"]["granularity"] != "phase":
         highest = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
         return [(0, {owner: highest.get(owner, Fraction(0)) for owner in owners})]
     steps = {row: rate_steps(plan.timeline, phases) for row, phases in plan.timeline.by_row().items()}
@@ -190,7 +189,7 @@ def _promised(case: Case, plan: Planned, step: Fraction) -> list[Setting]:
     for instant in instants:
         now |= {row: rate for row, several in steps.items() for at, rate in several if at == instant}
         promised = dict.fromkeys(owners, Fraction(0))
-        promised |= {f"{u} {d}": rate * case.facts.guaranteed for (u, d), rate in now.items()}
+        promised |= {f"{u} {d}": rate * case.platform.guaranteed for (u, d), rate in now.items()}
         steps_set = {owner: max(1, ceil(rate / step)) for owner, rate in promised.items()}
         if steps_set != known:
             known = steps_set

@@ -31,13 +31,13 @@ def unit_peaks(case: Case, plan: Planned) -> dict[str, Fraction]:
 
 
 def _highest(case: Case, plan: Planned, phases: Sequence[Phase]) -> Fraction:
-    return max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO) * case.facts.guaranteed
+    return max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO) * case.platform.guaranteed
 
 
 def limit(case: Case) -> Fraction:
     """Return what all may have together, in bytes per second: the capacity less what passes above budgets."""
     reserve = sum(unit.overshoot[d] for unit in case.tables.units for d in ("read", "write"))
-    return case.facts.capacity - reserve / case.facts.seconds
+    return case.platform.capacity - reserve * 10**9 / case.platform.window_ns
 
 
 def compare(

@@ -5,13 +5,13 @@ Read here on its own (docs/reference/regulator-platform.md), and not through the
 
 from __future__ import annotations
 
-import re
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, quoted
+from halpipe.core.quantities import parse_bandwidth, parse_frequency, parse_rational, parse_size
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Words
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES, WRONG_FACTS
@@ -35,7 +35,10 @@ MAX_WINDOWS = 2**22
 
 @record(kw_only=True)
 class Platform:
-    """The facts that every figure follows from; bandwidths in bytes per second, exact."""
+    """The facts that every figure follows from: Hz, bytes, cycles, bytes per second; settings as they are written.
+
+    `units` are the keys of each unit, `settings` those of each back-end with their defaults.
+    """
 
     name: str
     resource: str
@@ -44,10 +47,13 @@ class Platform:
     burst_bytes: int
     window_cycles: int
     window_extra: Fraction
-    guaranteed: Fraction
-    capacity: Fraction
+    guaranteed: int
+    capacity: int
     unspecified: str
-    table_depth: int
+    peak: int | None = None
+    overshoot: int | None = None
+    units: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def window_ns(self) -> Fraction:
@@ -62,7 +68,16 @@ class Platform:
     @property
     def capacity_bytes(self) -> int:
         """Return the whole bytes that all units together may get in one window, the shorter where they differ."""
-        return int(self.capacity * self.window_cycles / self.clock_hz)
+        return self.capacity * self.window_cycles // self.clock_hz
+
+    @property
+    def table_depth(self) -> int:
+        """The entries that the memory of a unit holds."""
+        return self.number("table", "depth")
+
+    def number(self, backend: str, key: str) -> int:
+        """Return a setting that is a whole number."""
+        return int(self.settings[backend][key])
 
 
 @record(kw_only=True)
@@ -129,15 +144,13 @@ class Switch:
 
 @record(kw_only=True)
 class Tables:
-    """The table object; what is derived stands beside the facts as it was stated."""
+    """The table object; `stated` are the figures of its platform and those derived from them, as they are written."""
 
     backend: str
     schedule_sha256: str
     model_sha256: str
     platform: Platform
-    window_ns: Fraction
-    promise_bytes: Fraction
-    capacity_bytes: int
+    stated: Mapping[str, str]
     units: tuple[Unit, ...]
     tables: tuple[Table, ...]
     switches: tuple[Switch, ...]
@@ -166,8 +179,9 @@ def read_tables(bundle: Bundle) -> Tables:
     findings, at = Findings(), bundle.at(TABLES)
     top = Fields.sealed(bundle.files[TABLES], str(at.file), findings, UNUSABLE_TABLES, _HELP)
     findings.stop_on_errors()
+    platform = read_platform(bundle)
     try:
-        tables = _tables(top)
+        tables = _tables(top, platform)
     except ValueError as failure:  # may follow from values that are missing or wrong
         findings.stop_on_errors()
         raise HalpipeError(UNUSABLE_TABLES(str(failure), at=at, help=_HELP)) from None
@@ -178,9 +192,12 @@ def read_tables(bundle: Bundle) -> Tables:
 _HELP = "export the bundle again with `halpipe export regulator`"
 
 
-def _tables(root: Fields) -> Tables:
+def _tables(root: Fields, platform: Platform) -> Tables:
     root.number("halpipe-regulator", 1, 1)
-    platform = _platform(root.part("platform"))
+    stated = _texts(root.part("platform")) | {key: root.text(key) for key in DERIVED}
+    platform = replace(
+        platform, name=platform.name or stated.get("name", ""), resource=platform.resource or stated.get("resource", "")
+    )
     units = [_unit(item) for item in root.items("units")]
     names = [unit.name for unit in units]
     if not units or len(set(names)) != len(names) or [unit.index for unit in units] != list(range(len(units))):
@@ -193,9 +210,7 @@ def _tables(root: Fields) -> Tables:
         schedule_sha256=root.text("schedule_sha256"),
         model_sha256=root.text("model_sha256"),
         platform=platform,
-        window_ns=_rational(root, "window_ns"),
-        promise_bytes=_rational(root, "promise_bytes"),
-        capacity_bytes=_word(root, "capacity_bytes"),
+        stated=stated,
         units=tuple(units),
         tables=tuple(tables),
         switches=tuple(Switch(s.text("from"), s.text("to"), _word(s, "request")) for s in root.items("switches")),
@@ -212,29 +227,6 @@ def _rational(f: Fields, key: str) -> Fraction:
 
 def _by_direction(f: Fields) -> dict[str, int]:
     return {direction: _word(f, direction) for direction in DIRECTIONS}
-
-
-def _platform(f: Fields) -> Platform:
-    return Platform(
-        name=f.text("name"),
-        resource=f.text("resource"),
-        clock_hz=_word(f, "clock_hz", 1),
-        bus_bytes=_word(f, "bus_bytes", 1),
-        burst_bytes=_word(f, "burst_bytes", 1),
-        window_cycles=_word(f, "window_cycles", 1),
-        window_extra=f.value("window_extra", _part, Fraction(0)),
-        guaranteed=_rational(f, "guaranteed"),
-        capacity=_rational(f, "capacity"),
-        unspecified=f.value("unspecified", Words(*DIRECTIONS), ""),
-        table_depth=_word(f, "table_depth", 1),
-    )
-
-
-def _part(text: str) -> Fraction:
-    extra = parse_rational(text)
-    if extra >= 1 or extra.denominator > MAX_WORD:
-        raise ValueError(f"{quoted(text)} is no part of a cycle, below 1")
-    return extra
 
 
 def _unit(f: Fields) -> Unit:
@@ -282,63 +274,33 @@ def _entries(items: list[Fields], path: str, windows: int, burst: int) -> tuple[
 
 
 PLATFORM = "platform.yaml"
-_HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 _STATED = "export the bundle again; tables.json is made from platform.yaml"
 
 
-@record(kw_only=True)
-class Facts:
-    """A platform: Hz, bytes, cycles, bytes per second; keys of units and settings of back-ends as they are written."""
-
-    clock: int
-    bus: int
-    burst: int
-    cycles: int
-    extra: Fraction
-    guaranteed: int
-    capacity: int
-    peak: int | None
-    unspecified: str
-    resource: str
-    name: str
-    overshoot: int | None
-    units: Mapping[str, Mapping[str, str]]
-    settings: Mapping[str, Mapping[str, str]]
-
-    @property
-    def seconds(self) -> Fraction:
-        """The length of a window."""
-        return (self.cycles + self.extra) / self.clock
-
-    def number(self, backend: str, key: str) -> int:
-        """Return a setting that is a whole number."""
-        return int(self.settings[backend][key])
-
-
-def read_facts(bundle: Bundle) -> Facts:
-    """Return the facts; raise `HalpipeError` where the file is not in its form."""
+def read_platform(bundle: Bundle) -> Platform:
+    """Return the facts of a bundle; raise `HalpipeError` where the file is not in its form."""
     if PLATFORM not in bundle.files:
         raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(PLATFORM), help=_STATED))
     findings, at = Findings(), bundle.at(PLATFORM)
-    facts = _facts(Fields.sealed(bundle.files[PLATFORM], str(at.file), findings, UNUSABLE_TABLES, _STATED))
+    platform = _platform(Fields.sealed(bundle.files[PLATFORM], str(at.file), findings, UNUSABLE_TABLES, _STATED))
     findings.stop_on_errors()
-    return facts
+    return platform
 
 
-def _facts(top: Fields) -> Facts:
-    clock = top.value("clock", frequency, 1)
+def _platform(top: Fields) -> Platform:
+    clock = top.value("clock", parse_frequency, 1)
     cycles = top.value("window", lambda text: _cycles(text, clock), Fraction(0))
     guaranteed = top.value("guaranteed", parse_bandwidth, 0)
 
     def stated(key: str, read: Callable[[str], T], default: D) -> T | D:
         return top.value(key, read, default) if key in top else default
 
-    return Facts(
-        clock=clock,
-        bus=top.value("bus", _bus, 0),
-        burst=top.value("burst", parse_size, 0),
-        cycles=int(cycles),
-        extra=cycles - int(cycles),
+    return Platform(
+        clock_hz=clock,
+        bus_bytes=top.value("bus", _bus, 0),
+        burst_bytes=top.value("burst", parse_size, 0),
+        window_cycles=int(cycles),
+        window_extra=cycles - int(cycles),
         guaranteed=guaranteed,
         capacity=stated("capacity", parse_bandwidth, guaranteed),
         peak=stated("peak", parse_bandwidth, None),
@@ -367,42 +329,28 @@ def _bus(text: str) -> int:
     return int(parse_rational(bus.removesuffix("bit")) / 8) if bus.endswith("bit") else parse_size(bus)
 
 
-def frequency(text: str) -> int:
-    """Return the Hz of a clock."""
-    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(Hz|kHz|MHz|GHz)\s*", text)
-    hertz = int(Fraction(match[1]) * _HERTZ[match[2]]) if match else 0
-    if not hertz:
-        raise ValueError(f"{quoted(text)} is no frequency")
-    return hertz
-
-
 # ---------------------------------------------------------------------------------------------- tables.json
 
 
-def compare_facts(bundle: Bundle, tables: Tables, facts: Facts) -> Iterator[Diagnostic]:
-    """Yield every figure of tables.json that platform.yaml does not state so."""
+FACTS = (
+    *("name", "resource", "clock_hz", "bus_bytes", "burst_bytes", "window_cycles", "window_extra"),
+    *("guaranteed", "capacity", "unspecified", "table_depth"),
+)
+DERIVED = ("window_ns", "promise_bytes", "capacity_bytes")
+
+
+def compare_facts(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
+    """Yield every figure of a unit in tables.json that platform.yaml does not state so."""
     p = tables.platform
-    pairs: list[tuple[str, object, object]] = [
-        ("clock_hz", p.clock_hz, facts.clock),
-        ("bus_bytes", p.bus_bytes, facts.bus),
-        ("burst_bytes", p.burst_bytes, facts.burst),
-        ("window_cycles", p.window_cycles, facts.cycles),
-        ("window_extra", p.window_extra, facts.extra),
-        ("guaranteed", p.guaranteed, facts.guaranteed),
-        ("capacity", p.capacity, facts.capacity),
-        ("unspecified", p.unspecified, facts.unspecified),
-        ("table_depth", p.table_depth, facts.number("table", "depth")),
-        ("resource", p.resource, facts.resource or p.resource),
-        ("name", p.name, facts.name or p.name),
-    ]
+    pairs: list[tuple[str, object, object]] = []
     for unit in tables.units:
-        known = facts.units.get(unit.name, {})
+        known = p.units.get(unit.name, {})
         pairs.append((f'manager of unit "{unit.name}"', str(unit.manager), known.get("manager")))
         for direction in DIRECTIONS:
             stated = known.get(f"default-{direction}")
             if stated is not None:
                 pairs.append((f'{direction} default of "{unit.name}"', unit.default[direction], parse_size(stated)))
-            kept, expected = unit.overshoot[direction], _reserve(tables, facts, unit, direction)
+            kept, expected = unit.overshoot[direction], _reserve(tables, unit, direction)
             pairs.append((f'{direction} overshoot of "{unit.name}"', kept, expected))
     for what, have, want in pairs:
         if have != want:
@@ -410,11 +358,12 @@ def compare_facts(bundle: Bundle, tables: Tables, facts: Facts) -> Iterator[Diag
             yield WRONG_FACTS(text, at=bundle.at("tables.json"), help=_STATED)
 
 
-def _reserve(tables: Tables, facts: Facts, unit: Unit, direction: str) -> int:
+def _reserve(tables: Tables, unit: Unit, direction: str) -> int:
     """Return what must be kept for a row: what passes above a budget, and what the back-end cannot deny."""
-    known = {"axi-realm": facts.burst, "qos400": facts.number("qos400", "burstiness") * facts.burst}
-    each = known.get(tables.backend, 0) if facts.overshoot is None else facts.overshoot
-    each += DEVICES[tables.backend].least * facts.burst
+    p = tables.platform
+    known = {"axi-realm": p.burst_bytes, "qos400": p.number("qos400", "burstiness") * p.burst_bytes}
+    each = known.get(tables.backend, 0) if p.overshoot is None else p.overshoot
+    each += DEVICES[tables.backend].least * p.burst_bytes
     used = {d: tables.is_used(unit, d) for d in DIRECTIONS}
     is_kept = used[direction] or unit.default[direction] > 0
     rule = DEVICES[tables.backend].reserves

@@ -34,9 +34,9 @@ class FileSystem:
     """The groups with the value of every domain; what was not written has everything."""
 
     def __init__(self, case: Case) -> None:
-        settings = case.facts.settings["resctrl"]
+        settings = case.platform.settings["resctrl"]
         self.kind = settings["kind"]
-        self.peak = case.facts.capacity if case.facts.peak is None else case.facts.peak
+        self.peak = case.platform.capacity if case.platform.peak is None else case.platform.peak
         self.width = int(settings["width"])
         bands = 1 << self.width
         if self.kind == "mpam":
@@ -108,7 +108,7 @@ def round_half_up(value: Fraction) -> int:
 def execute(case: Case) -> None:
     """Execute the script of every table, after each that may come before it."""
     _, numbered = scripts_of(case, ".sh")
-    groups = {unit.name: case.facts.units[unit.name].get("group", "") for unit in case.tables.units}
+    groups = {unit.name: case.platform.units[unit.name].get("group", "") for unit in case.tables.units}
     if len(set(groups.values())) != len(groups) or "" in groups.values():
         case.note(DEVICE_REFUSES, "", "every unit must have a group of its own, and two have the same or none")
         return
@@ -116,7 +116,7 @@ def execute(case: Case) -> None:
     nothing = FileSystem(case)
     if nothing.kind == "intel" and not nothing.levels:
         case.caveat = "approximately: percentages of MBA were not measured"
-    elif nothing.kind == "mpam" and case.facts.peak is None:
+    elif nothing.kind == "mpam" and case.platform.peak is None:
         case.caveat = "if the component's maximum is the capacity"
     lowest = nothing.least_for(ZERO)
     final: dict[int, FileSystem] = {}

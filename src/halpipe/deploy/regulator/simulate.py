@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from dataclasses import field, replace
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,17 +57,13 @@ class Design:
         return sha256("\n".join(parts).encode())
 
 
-@record
-class Player:
-    """A compiled bench: the command that runs it, in a folder that holds the files it reads."""
+Command = tuple[str, ...]
+"""What runs a compiled bench, in a folder that holds the files it reads."""
 
-    command: tuple[str, ...]
-    folder: str = ""
-    environment: Mapping[str, str] = field(default_factory=dict)
 
-    def run(self, folder: str, *arguments: str) -> None:
-        """Run the bench in `folder`; raise `HalpipeError` when it does not come to its end."""
-        _call([*self.command, *arguments], folder, RUN_SECONDS)
+def run_bench(command: Command, folder: str, *arguments: str) -> None:
+    """Run a bench in `folder`; raise `HalpipeError` when it does not come to its end."""
+    _call([*command, *arguments], folder, RUN_SECONDS)
 
 
 def _lacking(*tools: str) -> str:
@@ -79,20 +75,18 @@ class Verilator:
     """Compiles the design to a native program: millions of cycles a second, after a build of some seconds."""
 
     name = "verilator"
-    is_kept = True
-    """Whether what it builds is kept for the next check."""
 
     def missing(self) -> str:
         """Return why this engine cannot be used here, empty if it can."""
         return _lacking("verilator", "g++", "make")
 
-    def build(self, design: Design, folder: str) -> Player:
+    def build(self, design: Design, folder: str) -> Command:
         """Compile, or take what an earlier check compiled."""
         versions = [run([tool, "--version"]).stdout.partition("\n")[0] for tool in ("verilator", "g++")]
         digest = design.digest(self.name, *versions, *_FLAGS)
         kept = cache_folder(CACHE)
         if kept is not None and is_ours(kept / digest) and os.access(kept / digest, os.X_OK):
-            return Player((str(kept / digest),))
+            return (str(kept / digest),)
         names = [name for name in _write(folder, design.sources) if name != f"{_ICARUS_TOP}.v"]
         parameters = [f"-G{name}={value}" for name, value in design.parameters.items()]
         quiet = ["-Wno-fatal", "-Wno-lint", "-Wno-style", "--top-module", TOP, "--Mdir", "made", "-o", TOP]
@@ -100,26 +94,25 @@ class Verilator:
         program = Path(folder, "made", TOP)
         if kept is not None and keep(kept / digest, program.read_bytes(), executable=True):
             program = kept / digest
-        return Player((str(program),))
+        return (str(program),)
 
 
 class Icarus:
     """Interprets the design: starts at once, some ten thousand cycles a second."""
 
     name = "icarus"
-    is_kept = False
 
     def missing(self) -> str:
         """Return why this engine cannot be used here, empty if it can."""
         return _lacking("iverilog", "vvp")
 
-    def build(self, design: Design, folder: str) -> Player:
+    def build(self, design: Design, folder: str) -> Command:
         """Compile to the interpreter's form."""
         sources = [name for name in _write(folder, design.sources) if name.endswith(".v")]
         parameters = [f"-P{_ICARUS_TOP}.{name}={value}" for name, value in design.parameters.items()]
         command = ["iverilog", "-g2005-sv", "-s", _ICARUS_TOP, *parameters, "-o", "bench.vvp", *sources]
         _call(command, folder, BUILD_SECONDS)
-        return Player(("vvp", "-n", os.path.join(folder, "bench.vvp")))
+        return "vvp", "-n", os.path.join(folder, "bench.vvp")
 
 
 _ICARUS_TOP = "clocked"
@@ -227,7 +220,7 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
             yield Played(run, judge(played, run, play(loaded, played, player, run), bundle.at(FOLDER)))
 
 
-def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:
+def play(bundle: Bundle, tables: Tables, player: Command, run: Run) -> bytes:
     """Simulate one run in a folder of its own and return the trace."""
     with scratch_folder() as folder:
         place = Path(folder)
@@ -236,7 +229,7 @@ def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:
                 content = empty if run.traffic.by_software else bundle.files.get(name, b"")
                 (place / Path(name).name).write_bytes(content)
         (place / "script.txt").write_bytes(stimuli.format_script(run.script))
-        player.run(folder, *_arguments(tables, run))
+        run_bench(player, folder, *_arguments(tables, run))
         return (place / "trace.txt").read_bytes()
 
 

@@ -27,8 +27,8 @@ class RiscvDeployment:
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play every mode and every transition; see `halpipe.deploy.base.Deployment`."""
+        from halpipe.deploy.regulator import with_tables
         from halpipe.deploy.riscv.judge import check
-        from halpipe.deploy.riscv.run.regulators import with_tables
 
         engine = self._best(target) if options.engine == "auto" else options.engine
         if engine == "cosim":

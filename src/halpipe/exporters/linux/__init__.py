@@ -31,6 +31,7 @@ class LinuxOptions(ExportOptions):
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
       is read.
     - `busy`: versions without sources get a program that takes so many percent of their WCET; 0: they are errors.
+    - `regulator` is the platform of the regulators that the dispatcher starts and switches (empty: none).
     """
 
     cpus: Mapping[str, int] | None = option(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
@@ -43,6 +44,9 @@ class LinuxOptions(ExportOptions):
         "Percent of its WCET that a version without sources takes; 0: refuse.",
         whole(0, 100, "percentage"),
         metavar="PERCENT",
+    )
+    regulator: str = option(
+        "", "Regulators of the memory, YAML: the dispatcher drives them.", metavar="FILE", is_path=True
     )
 
 
@@ -69,7 +73,7 @@ class LinuxExporter(PlainExporter):
         },
         (
             "Jobs start at whole nanoseconds.",
-            "Bounds of access phases are not enforced; export the regulator format for that.",
+            "Bounds of access phases are enforced by regulators alone: --regulator, or the regulator format.",
             "The program of a gang runs on its first unit; the others are kept free for it.",
         ),
     )
@@ -89,14 +93,18 @@ class LinuxExporter(PlainExporter):
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> list[Diagnostic]:
-        """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
+        """Return what the target leaves open, and what the report of the regulators says."""
         from halpipe.exporters.common.selection import select
         from halpipe.exporters.linux.bundle import sentences
         from halpipe.exporters.linux.codes import UNREALISED
+        from halpipe.exporters.regulator.embedded import FOLDER
+        from halpipe.exporters.regulator.report import findings_of
 
         played, path = select(model, schedule, options.mode, self.name), about(model=model.name)
         found = sentences(model, played, specific(LinuxOptions, options))
-        return [UNREALISED(text, path=path, help=help) for text, help in found]
+        report = contents.get(f"{FOLDER}report.json")
+        regulated = [] if report is None else findings_of(report)
+        return [UNREALISED(text, path=path, help=help) for text, help in found] + regulated
 
 
 FORMAT = LinuxExporter()

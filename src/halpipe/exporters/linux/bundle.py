@@ -17,10 +17,13 @@ from halpipe.core.options import refuse_unused
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
-from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU, NOT_ALONE
+from halpipe.exporters.common.templates import environment
+from halpipe.exporters.linux.codes import BAD_TEXT, NO_START, NOT_A_CPU, NOT_ALONE
 from halpipe.exporters.linux.copies import copies_of
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
+from halpipe.exporters.regulator.embedded import FOLDER as REGULATORS
+from halpipe.exporters.regulator.embedded import embedded
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.models import AccessKind
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.linux import LinuxOptions
     from halpipe.exporters.linux.copies import Copy
     from halpipe.exporters.linux.tables import Tables
+    from halpipe.exporters.regulator.platform import Platform
     from halpipe.models import Schedule, Task, TaskModel, Version
 
 
@@ -108,6 +112,9 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     functions = {key: len(programs[number].entries) for key, number in numbers.items()}
     tables = tables_of(model, schedule, cpus, levels, numbers, functions, findings)
     copies = copies_of(model, schedule, programs, numbers, findings)
+    regulators, platform = embedded(model, schedule, options.regulator)
+    if platform is not None:
+        _check_start(platform, regulators, findings)
     findings.stop_on_errors()
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
     values: dict[str, Any] = {
@@ -118,14 +125,17 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
         "cpus": sorted({worker.cpu for worker in tables.workers}),
         "places": [(unit, cpus[unit]) for unit in cpus if unit in {worker.unit for worker in tables.workers}],
         "unrealised": [text for text, _ in sentences(model, schedule, options)],
+        "regulated": bool(regulators),
     }
     files = {
         **paired(model, schedule),
-        "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels, copies),
+        "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels, copies, bool(regulators)),
         **_rendered(values, programs),
         **tree.files,
+        **regulators,
     }
-    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in (*RUNTIME, *_PROGRAM)}
+    runtime = (*RUNTIME, *_PROGRAM, *(["regulator.c"] if regulators else []))
+    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in runtime}
     facts = {
         "model": model.name,
         "cpus": dict(cpus),
@@ -143,6 +153,7 @@ def rendered_tables(
     buffers: Mapping[str, int],
     levels: Mapping[str, int],
     copies: Sequence[Sequence[Copy]] = (),
+    regulated: bool = False,
 ) -> bytes:
     """Return the tables as C."""
     values = {
@@ -157,22 +168,29 @@ def rendered_tables(
         "parts": tables.parts,
         "modes": len(schedule.modes),
         "levels": max(levels.values(), default=0) + 1,
+        "regulated": regulated,
     }
     return filled("tables.c", values)
 
 
+def _check_start(platform: Platform, files: Mapping[str, bytes], findings: Findings) -> None:
+    """Report regulators that the dispatcher cannot start at an instant of its clock."""
+    text = path = help = ""
+    if platform.backend != "table":
+        text = f"{platform.backend} begins at no stated instant; the dispatcher starts the back-end table alone"
+        path, help = "platform backend", 'export the regulator format for it, or state "backend: table"'
+    elif not platform.settings["table"]["timebase"]:
+        text = "the rate of the time base that the unit counts is not stated"
+        path, help = "platform table", 'state "table: {timebase: 100MHz}", the rate of its input now'
+    elif b"#define BW_UNITS 0u" in files[f"{REGULATORS}table/bw_tables.h"]:
+        text, path, help = "none of its units uses the resource", "platform units", "omit --regulator"
+    if text:
+        findings.add(NO_START(text, at=platform.at, path=path, help=help))
+
+
 def filled(name: str, values: Mapping[str, Any], folder: Path = FOLDER / "templates") -> bytes:
     """Return a template with its values; only XML is escaped: names are checked before they get into C or CMake."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
-        undefined=jinja2.StrictUndefined,
-        autoescape=".xml" in name,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-    )
-    text: str = environment.get_template(name).render(**values)
+    text = environment(folder, autoescape=".xml" in name, lstrips=False).get_template(name).render(**values)
     return text.encode()
 
 
@@ -288,11 +306,10 @@ def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> It
     if any(version.accesses for version in versions.values()):
         held = any(unit.interrupts for unit in model.units)
         held = held or any(version.split.is_allowed for task in model.tasks for version in task.versions)
-        early = "" if held else ", and phases begin when the program comes to them"
-        yield (
-            f"bounds of access phases are not enforced{early}",
-            "export the regulator format (memguard or resctrl) to enforce bounds",
-        )
+        texts = [] if options.regulator else ["bounds of access phases are not enforced"]
+        texts += [] if held else ["phases begin when the program comes to them"]
+        if texts:
+            yield ", and ".join(texts), "state --regulator, or export the regulator format, to enforce bounds"
     if made_up := [f"{task}/{name}" for (task, name), version in versions.items() if version.source is None]:
         yield (
             f"programs that only take {options.busy} % of their WCET stand for: {few(made_up)}",

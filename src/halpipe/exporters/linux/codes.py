@@ -1,4 +1,4 @@
-"""The diagnostics of the Linux export: HAL0811 to HAL0815, HAL0818, HAL1303 and HAL1452."""
+"""Diagnostics of the Linux export."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -55,4 +55,10 @@ NO_COPIES = error(
     "The dispatcher copies the data of a job from buffers at its release and back at release + LET. So the data must "
     "be stated as transfers, a job starts in the cycle of its release, and the next job of the task is released when "
     "the data of the one before are written.",
+)
+NO_START = error(
+    "HAL1506",
+    "Dispatcher cannot start the regulators",
+    "The dispatcher loads, starts and switches regulators of the back-end table. It converts the first instant of the "
+    "cores to the time base of the unit, of which the platform file states the rate.",
 )

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
-KIND = "regulator"
-
 
 @record(kw_only=True)
 class RegulatorOptions(ExportOptions):
@@ -41,7 +39,7 @@ class RegulatorOptions(ExportOptions):
 class RegulatorExporter(PlainExporter):
     """Writes the budgets of every unit, direction and window for the regulators of a platform; see `write`."""
 
-    name = KIND
+    name = "regulator"
     summary = "memory-bandwidth regulators (folder): budgets per window for every mode and transition"
     help = "Write the budgets of memory-bandwidth regulators, window by window, for every mode and transition."
     extent = Extent(

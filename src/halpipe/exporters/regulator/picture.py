@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from functools import cache
 from importlib import resources
 from itertools import accumulate, groupby, pairwise
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK
+from halpipe.exporters.common.templates import environment
 from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
@@ -21,8 +21,6 @@ from halpipe.exporters.report.axis import ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    import jinja2
 
     from halpipe.exporters.regulator.frames import Frame
     from halpipe.exporters.report.axis import Tick
@@ -65,22 +63,13 @@ class Panel:
 
 
 @record
-class Area:
-    """A row as a closed path in a panel."""
-
-    name: str
-    fill: str
-    path: str
-
-
-@record
 class Drawing:
-    """A panel as the template needs it: `y` is its top."""
+    """A panel as the template needs it: `y` is its top; an area has a name, a fill and a closed path."""
 
     title: str
     note: str
     y: int
-    areas: tuple[Area, ...]
+    areas: tuple[tuple[str, str, str], ...]
     marks: tuple[Tick, ...]
 
 
@@ -122,7 +111,9 @@ def _svg(panels: Sequence[Panel], units: Sequence[str], title: str) -> str:
     order = [Row(unit, d) for unit in units for d in DIRECTIONS if Row(unit, d) in used]
     top = 62 + 18 * (-(-len(order) // 4))
     pitch = HEIGHT + 70
-    return _template().render(
+    templates = environment(resources.files(__package__), autoescape=True)
+    templates.filters["decimal"] = format_rational
+    return templates.get_template("bandwidth.svg.j2").render(
         title=title,
         legend=[(i % 4, i // 4, f"{row.unit} {row.direction}", colours[row]) for i, row in enumerate(order)],
         panels=[_draw(panel, order, colours, top + pitch * i) for i, panel in enumerate(panels)],
@@ -147,7 +138,7 @@ def _draw(panel: Panel, order: Sequence[Row], colours: dict[Row, str], y: int) -
         levels = [a + later - earlier for a, (earlier, later) in zip(below, pairwise(totals), strict=True)]
         if levels != below:
             path = _path(xs, _heights(edges, below, panel.full), _heights(edges, levels, panel.full))
-            areas.append(Area(f"{row.unit} {row.direction}", colours[row], path))
+            areas.append((f"{row.unit} {row.direction}", colours[row], path))
     note = f"each step is the mean of 1/{COLUMNS} of the time" if is_thinned else ""
     marks = tuple(ticks(Window(ZERO, panel.length)))
     return Drawing(panel.title, note, y, tuple(areas), marks)
@@ -175,15 +166,3 @@ def _path(xs: Sequence[int], low: Sequence[int], high: Sequence[int]) -> str:
 def _number(hundredths: int) -> str:
     whole, rest = divmod(hundredths, 100)
     return f"{whole}.{rest:02d}".rstrip("0").rstrip(".") if rest else str(whole)
-
-
-@cache
-def _template() -> jinja2.Template:
-    import jinja2
-
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["decimal"] = format_rational
-    source = resources.files(__package__).joinpath("bandwidth.svg.j2").read_text("utf-8")
-    return environment.from_string(source)

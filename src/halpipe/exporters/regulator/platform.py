@@ -15,6 +15,7 @@ from halpipe.core.quantities import (
     format_bandwidth,
     format_size,
     parse_bandwidth,
+    parse_frequency,
     parse_rational,
     parse_size,
     quoted,
@@ -57,8 +58,6 @@ _TOP = (
     "peak", "unspecified", "backend", "overshoot", "units", *BACKENDS,
 )  # fmt: skip
 _UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
-_FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
-_HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 
 
 @record
@@ -141,6 +140,15 @@ class Platform:
         """Whole bytes that memory surely serves in a window, the shorter where their cycles differ."""
         return self.capacity * self.cycles // self.clock
 
+    @property
+    def base(self) -> int:
+        """Address of the registers of the table-driven unit; 0 where a runtime leaves the regulators alone."""
+        return int(self.settings["table"]["base"] or "0", 16) if self.backend == "table" else 0
+
+    def lead(self, timebase: int) -> int:
+        """Return the ticks from START to the first table: a window and a cycle, rounded down."""
+        return int((self.window + self.cycle).in_unit("s") * timebase)
+
     def regulated(self, model: TaskModel) -> str:
         """Return the name of the resource of `model` that is regulated; raise `HalpipeError` if it is not clear."""
         names = [resource.name for resource in model.resources if resource.kind is not ResourceKind.LOCK]
@@ -189,7 +197,7 @@ class _Reader:
         top = self.top
         if not top.require("clock", "bus", "burst", "window", "guaranteed", "units"):
             return None
-        clock = top.value("clock", read_frequency, 0)
+        clock = top.value("clock", parse_frequency, 0)
         bus, burst = top.value("bus", _bus, 0), top.value("burst", _positive_size, 0)
         guaranteed = top.value("guaranteed", _positive_bandwidth, 0)
         capacity = top.value("capacity", _positive_bandwidth, guaranteed)
@@ -301,19 +309,6 @@ def free_help(what: str, taken: set[T], choices: Iterable[T]) -> str:
 # ---------------------------------------------------------------------------------------------- single values
 
 
-def read_frequency(text: str) -> int:
-    """Read ``250MHz`` into whole Hz; raise ``ValueError`` that says what is wrong."""
-    match = _FREQUENCY.fullmatch(text.strip())
-    if match is None:
-        raise ValueError(f"{quoted(text)} is not a frequency; write it as 250MHz or 533333333Hz")
-    hertz = Fraction(match[1]) * _HERTZ[match[2]]
-    if hertz.denominator != 1 or not hertz:
-        raise ValueError(f"{quoted(text)} is not a whole number of Hz above zero; round it down")
-    if hertz >= 2**32:
-        raise ValueError(f"{quoted(text)} does not fit into 32 bits; state at most 4.2GHz")
-    return hertz.numerator
-
-
 def _window(text: str, clock: int, least: int) -> Fraction:
     """Read cycles, or a duration, which need not be whole cycles; a cycle named instead is `least` or more."""
     if text.strip().isascii() and text.strip().isdigit():
@@ -412,7 +407,7 @@ def _reader(setting: Setting) -> Callable[[str], str]:
 
 _KINDS: Mapping[str, Callable[[str], str]] = {
     "address": _address,
-    "frequency": lambda text: f"{read_frequency(text)}Hz",
+    "frequency": lambda text: f"{parse_frequency(text)}Hz",
     "size": _size_text,
     "period": _period,
     "ratio": _ratio,

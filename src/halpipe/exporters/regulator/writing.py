@@ -13,6 +13,7 @@ from halpipe.core.diagnostics import HalpipeError, printable, sort_diagnostics
 from halpipe.core.files import sha256
 from halpipe.core.suggest import did_you_mean
 from halpipe.devices import DEVICES
+from halpipe.exporters.common.templates import environment
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator.codes import NOT_A_PLATFORM, UNKNOWN_BACKEND
 from halpipe.exporters.regulator.frames import MODE
@@ -40,7 +41,6 @@ class Backend(Protocol):
     """Writer for a kind of regulator. It decides nothing about budgets: it checks, reports and writes."""
 
     device: Device
-    summary: str
 
     @property
     def name(self) -> str:
@@ -107,18 +107,9 @@ def render(template: str, **values: Any) -> bytes:
 
 @cache
 def _environment() -> jinja2.Environment:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: resources.files(__package__).joinpath(name).read_text("utf-8")),
-        autoescape=False,  # C and shell; names are checked by the schema and by `comment`
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["comment"] = comment
-    return environment
+    found = environment(resources.files(__package__))
+    found.filters["comment"] = comment
+    return found
 
 
 def backend(name: str) -> Backend:

@@ -14,6 +14,7 @@ from halpipe.core.files import is_shaped, load_json, read_bytes
 from halpipe.core.quantities import format_rational
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.common.palette import FILLS, INK, tone
+from halpipe.exporters.common.templates import environment
 from halpipe.exporters.regulator.picture import draw_bounds
 from halpipe.exporters.report.axis import approximate, decimal, percent
 from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_latency, worst_reaction
@@ -122,27 +123,10 @@ def _listed(drawn: Row, table: Row, most: int) -> Row:
 
 @cache
 def _template() -> jinja2.Template:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_source),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["decimal"] = lambda value: decimal(value, 4)
-    environment.globals.update(
-        fills=FILLS,
-        ink=INK,
-        name_width=NAME_WIDTH,
-    )
-    return environment.get_template("report.html.j2")
-
-
-def _source(name: str) -> str:
-    return (resources.files("halpipe.exporters.report") / "templates" / name).read_text("utf-8")
+    found = environment(resources.files(__package__) / "templates", autoescape=True)
+    found.filters["decimal"] = lambda value: decimal(value, 4)
+    found.globals.update(fills=FILLS, ink=INK, name_width=NAME_WIDTH)
+    return found.get_template("report.html.j2")
 
 
 def _facts(model: TaskModel, schedule: Schedule) -> list[tuple[str, str]]:

@@ -117,13 +117,13 @@ class RiscvExporter(PlainExporter):
     ) -> Sequence[Diagnostic]:
         """Return what one member of a gang writes alone, and what the report of the regulators says."""
         from halpipe.core.diagnostics import Location, version_of
+        from halpipe.exporters.regulator.embedded import FOLDER
         from halpipe.exporters.regulator.report import findings_of
-        from halpipe.exporters.riscv.bundle import REGULATORS
         from halpipe.exporters.riscv.codes import REGULATORS_LEFT_ALONE
         from halpipe.exporters.riscv.phases import written_alone
 
         found = list(written_alone((version_of(t.name, v.name), v) for t in model.tasks for v in t.versions))
-        report = contents.get(f"{REGULATORS}report.json")
+        report = contents.get(f"{FOLDER}report.json")
         if report is None:
             return found
         if b"HP_REGULATORS" not in contents["runtime/platform.h"]:

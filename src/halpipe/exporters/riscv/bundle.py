@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.core.bundles import MODEL, SCHEDULE, seal
+from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, HalpipeError, version_of
-from halpipe.core.files import MANIFEST, load_json
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
 from halpipe.exporters.native import paired
-from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
-from halpipe.exporters.regulator.platform import read_platform
+from halpipe.exporters.regulator.embedded import FOLDER, embedded
 from halpipe.exporters.riscv.codes import LINK_FAILED
 from halpipe.exporters.riscv.copies import Copies, copies_of
 from halpipe.exporters.riscv.cores import (
@@ -43,8 +40,7 @@ from halpipe.exporters.riscv.target import target_json
 from halpipe.exporters.riscv.toolchain import Compile, Elf, Link, Workshop, find_toolchain, read_elf
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
+    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.drivers import Drivers
@@ -75,7 +71,8 @@ class Site:
     inputs: dict[str, bytes]
     calibrates: bool
     copies: Copies
-    regulators: Regulators
+    regulators: dict[str, bytes]
+    platform: Platform | None
 
 
 @record
@@ -100,9 +97,9 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     with scratch_folder() as folder:
         shop = Workshop(Path(folder), toolchain)
         stage(shop, tree)
-        if site.regulators.base:
+        if site.platform is not None and site.platform.base:
             for name in ("table/bw_tables.h", "table/linux/bw_unit.h"):
-                shop.write(f"runtime/{Path(name).name}", site.regulators.files[name])
+                shop.write(f"runtime/{Path(name).name}", site.regulators[f"{FOLDER}{name}"])
         slots = slots_of(schedule, site.cores, site.copies.tasks)
         shop.write("runtime/platform.h", render.platform(site, slots.count, len(schedule.modes)))
         needs = compile_parts(shop, site.parts, tree, render)
@@ -126,15 +123,14 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
         files |= ({DRIVERS: site.drivers.text} if site.drivers else {}) | site.inputs
     files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
-    own = (MANIFEST, MODEL, SCHEDULE)
-    files |= {f"{REGULATORS}{n}": data for n, data in site.regulators.files.items() if n not in own}
+    files |= site.regulators
     facts = {
         "model": model.name,
         "profile": profile.name,
         "toolchain": toolchain.title,
         "generator": f"halpipe {__version__}",
     }
-    return seal("riscv", files, facts | ({"regulator": site.regulators.backend} if site.regulators.files else {}))
+    return seal("riscv", files, facts | ({"regulator": site.platform.backend} if site.platform else {}))
 
 
 def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree, options: RiscvOptions) -> Site:
@@ -167,10 +163,10 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
     health = health_of(model, schedule)
-    regulators = _regulators(model, schedule, options.regulator, profile.timebase)
+    regulators, platform = embedded(model, schedule, options.regulator)
     return Site(
         profile, cores, channels, memory, clock, tuple(parts), health, drivers, sources, inputs, options.calibrate,
-        copies, regulators,
+        copies, regulators, platform,
     )  # fmt: skip
 
 
@@ -233,7 +229,7 @@ def _program(
     shop.write("runtime/tables.c", render.tables(name, site, plan, places))
     shop.write("link/bundle.ld", render.fill("bundle.ld", memory=site.memory))
     names = (*MANAGEMENT, *(CALIBRATION if site.calibrates else ()), "tables.c", "images.S")
-    names += ("regulator.c",) if site.regulators.base else ()
+    names += ("regulator.c",) if site.platform is not None and site.platform.base else ()
     objects = _compile_runtime(shop, names)
     _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, *drivers, MINIMAL.target))])
     return shop.read("build/bundle.elf")
@@ -280,30 +276,3 @@ def _flat(elf: bytes, base: int) -> bytes:
         content.extend(bytes(max(at + segment.size - len(content), 0)))
         content[at : at + segment.size] = elf[segment.offset : segment.offset + segment.size]
     return bytes(content)
-
-
-REGULATORS = "regulator/"
-
-
-@record
-class Regulators:
-    """Files of a bundle for regulators; and for the runtime their base, and the ticks from START to the first table.
-
-    The base is 0 where the platform states none or the device is another: the runtime leaves that alone.
-    """
-
-    files: Mapping[str, bytes]
-    backend: str = ""
-    base: int = 0
-    lead: int = 0
-
-
-def _regulators(model: TaskModel, schedule: Schedule, path: str, timebase: int) -> Regulators:
-    """Return what the regulators of a platform load; raise `HalpipeError` where their export refuses."""
-    if not path:
-        return Regulators({})
-    files = RegulatorExporter().write(model, schedule, RegulatorOptions(platform=path))
-    platform, backend = read_platform(path), load_json(files[MANIFEST])["backend"]
-    base = int(platform.settings["table"]["base"] or "0", 16) if backend == "table" else 0
-    lead = int(platform.window.in_unit("s") * timebase + Fraction(timebase, platform.clock))
-    return Regulators(files, backend, base, lead)

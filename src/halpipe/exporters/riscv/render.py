@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
+from halpipe.exporters.common.templates import environment
 from halpipe.exporters.riscv.cores import FAULT_RECORDS, LINE, TRACE_RECORDS
 from halpipe.exporters.riscv.phases import functions_of
 from halpipe.exporters.riscv.profile import MONITOR
@@ -99,15 +100,8 @@ class Renderer:
     environment: Any = field(init=False)
 
     def __post_init__(self) -> None:
-        import jinja2
-
-        self.environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(FOLDER),
-            undefined=jinja2.StrictUndefined,
-            autoescape=False,  # C, make and linker scripts: names are checked before they get here
-            keep_trailing_newline=True,
-        )
-        self.environment.trim_blocks = self.environment.lstrip_blocks = False
+        self.environment = environment(FOLDER, lstrips=False)
+        self.environment.trim_blocks = False
         self.environment.filters["hex"] = hex
         self.environment.globals["profile"] = self.profile
 
@@ -139,7 +133,7 @@ class Renderer:
             memory=site.memory,
             health=site.health,
             drivers=site.drivers.functions,
-            regulators=site.regulators,
+            regulators=site.platform,
             calibrate=site.calibrates,
             decision=DECISION,
             margin=margin(self.profile),

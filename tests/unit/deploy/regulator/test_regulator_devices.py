@@ -231,9 +231,9 @@ def test_the_register_file_is_that_of_the_documentation(managers, regions, guard
         assert {name: file.offset(name) for name in known} == known
         assert file.offset("read_period", 15) == 0x220
         assert file.offset("len_limit", 7) == 0x18
-        readable = {word.name for word in file.words.values() if word.is_readable}
+        readable = {word.name for word in file.words.values() if word.access != "wo"}
         assert {"guard", "rt_bypassed", "num_managers", "num_addr_regions", "read_budget_left"} <= readable
-        written = {word.name for word in file.words.values() if word.is_writable}
+        written = {word.name for word in file.words.values() if word.access != "ro"}
         assert readable & written == {"guard"}
 
 
@@ -264,7 +264,7 @@ def board(folder, exported, name, **changes):
     """An AXI-REALM of 8 managers and 2 regions, with its access kinds, after its set-up; returns what was loaded."""
     file = RegisterFile("axi_realm", 8, 2)
     folder.mkdir()
-    (folder / "wo").write_text("".join(f"{o:x}\n" for o, word in file.words.items() if not word.is_readable))
+    (folder / "wo").write_text("".join(f"{o:x}\n" for o, word in file.words.items() if word.access == "wo"))
     values = {"num_managers": 8, "num_addr_regions": 2, "data_width": 128, "period_width": 32, "budget_width": 32}
     for word in file.words.values():
         value = {"rt_bypassed": 0xF8, "read_period_left": 999, "write_period_left": 5}.get(word.name, 0)

@@ -9,7 +9,7 @@ import pytest
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.programs import NOT_STARTED
 from halpipe.deploy.regulator import codes, simulate
-from halpipe.deploy.regulator.simulate import Design, Icarus, Player, Verilator
+from halpipe.deploy.regulator.simulate import Design, Icarus, Verilator, run_bench
 
 
 def design(**changes):
@@ -86,18 +86,18 @@ def test_a_compiler_that_refuses_is_quoted(tools, tmp_path):
 
 def test_a_bench_that_crashes_is_reported(tools, tmp_path):
     tools("vvp", "os.abort()")
-    assert "vvp ended with -6" in failure(lambda: Player(("vvp",)).run(str(tmp_path)))
+    assert "vvp ended with -6" in failure(lambda: run_bench(("vvp",), str(tmp_path)))
 
 
 def test_a_bench_that_does_not_end_is_stopped(tools, tmp_path, monkeypatch):
     monkeypatch.setattr(simulate, "RUN_SECONDS", 0.2)
     tools("vvp", "import time; time.sleep(20)")
-    assert "took more than" in failure(lambda: Player(("vvp",)).run(str(tmp_path)))
+    assert "took more than" in failure(lambda: run_bench(("vvp",), str(tmp_path)))
 
 
 def test_a_program_that_is_not_there(tmp_path):
     with pytest.raises(HalpipeError) as failure:
-        Player((str(tmp_path / "none"),)).run(str(tmp_path))
+        run_bench((str(tmp_path / "none"),), str(tmp_path))
     (found,) = failure.value.diagnostics
     assert (found.code, found.message) == (NOT_STARTED.id, "none cannot be started: No such file or directory")
 
@@ -135,7 +135,7 @@ def test_the_same_design_is_compiled_once(builds, tmp_path):
     first, _ = builds(design())
     second, count = builds(design())
     assert (first, count) == (second, 1)
-    assert str(tmp_path / "cache") in first.command[0]
+    assert str(tmp_path / "cache") in first[0]
     assert not [p for p in (tmp_path / "cache" / "halpipe" / "regulator").iterdir() if p.name.startswith("tmp")]
 
 
@@ -162,7 +162,7 @@ def test_another_compiler_compiles_again(builds, tools):
 @pytest.mark.parametrize("mode", [0o722, 0o755 | 0o020])
 def test_what_others_could_have_put_into_the_cache_is_not_run(builds, mode):
     player, _ = builds(design())
-    os.chmod(player.command[0], mode)
+    os.chmod(player[0], mode)
     assert builds(design())[1] == 2
 
 
@@ -171,7 +171,7 @@ def test_a_cache_that_others_may_write_is_not_used(builds, tmp_path):
     folder.mkdir(parents=True)
     folder.chmod(0o777)
     player, _ = builds(design())
-    assert str(folder) not in player.command[0]
+    assert str(folder) not in player[0]
     assert list(folder.iterdir()) == []
 
 
@@ -183,4 +183,4 @@ def test_without_a_cache_it_is_compiled_each_time(builds, tmp_path):
 
 def test_what_is_kept_is_for_its_user_only(builds):
     player, _ = builds(design())
-    assert stat.S_IMODE(os.stat(player.command[0]).st_mode) == 0o700
+    assert stat.S_IMODE(os.stat(player[0]).st_mode) == 0o700

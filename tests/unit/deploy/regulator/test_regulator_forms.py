@@ -75,15 +75,12 @@ def test_the_header_names_its_schedule(files):
     assert finding.code == codes.OTHER_SCHEDULE.id
 
 
-def depth(entries):
-    def change(data):
-        data["platform"]["table_depth"] = entries
-
-    return change
+def with_depth(files, entries):
+    return files | {"platform.yaml": files["platform.yaml"] + b"table: {depth: %d}\n" % entries}
 
 
 def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
     used = max(files[name].count(b"\n") for name in IMAGES if ".tab." in name)
-    assert findings(bundles.changed(files, depth(used))) == []
-    (finding,) = findings(bundles.changed(files, depth(used - 1)))
+    assert findings(with_depth(files, used)) == []
+    (finding,) = findings(with_depth(files, used - 1))
     assert finding.code == codes.TOO_DEEP.id

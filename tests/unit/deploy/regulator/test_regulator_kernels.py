@@ -86,7 +86,7 @@ def test_ten_thousand_platforms_grant_what_the_kernel_makes_of_their_values(tmp_
         told |= dict.fromkeys(stated, "") if rng.random() < 0.3 and kernel.kind == "mpam" else stated
         platform = type("P", (), {"settings": {"resctrl": told}, "peak": peak})()
         facts = type("F", (), {"settings": {"resctrl": told}, "peak": peak, "capacity": peak})()
-        steps, files = Steps(platform), FileSystem(type("C", (), {"facts": facts})())
+        steps, files = Steps(platform), FileSystem(type("C", (), {"platform": facts})())
         accepted = [n for n in range(kernel.min, kernel.max + 1) if kernel.accepts(n) and (n or kernel.kind == "mpam")]
         enough = [n for n in accepted if given(kernel, n, peak) >= rate]
         if kernel.kind == "intel":
@@ -283,6 +283,6 @@ def test_ten_thousand_platforms_grant_what_memguard_counts(tmp_path):
             "F", (), {"settings": {"memguard": {**told, "period": f"{period}us"}}, "units": {"u": {"core": "0"}}}
         )
         facts.number = lambda self, *names: 1
-        module = Module(type("C", (), {"facts": facts(), "tables": tables})())
+        module = Module(type("C", (), {"platform": facts(), "tables": tables})())
         assert module.events(bounds[0] * guaranteed) == lines[0]
         assert module.rate(lines[0]) * period == lines[0] * line * 10**6

@@ -29,7 +29,6 @@ PLATFORM = Platform(
     guaranteed=Fraction(8 * 10**9),
     capacity=Fraction(8 * 10**9),
     unspecified="read",
-    table_depth=64,
 )
 """A window of 6 ns with 6 bursts of 8 B."""
 
@@ -169,7 +168,6 @@ def test_sample_bundle_by_hand():
         guaranteed=Fraction(8 * 10**8),
         capacity=Fraction(8 * 10**8),
         unspecified="read",
-        table_depth=64,
     )
     timeline = promise.mode_timeline(m, platform, s.mode("full"))
     rows = timeline.by_row()

@@ -54,7 +54,7 @@ def test_the_same_schedule_gives_the_same_bytes(tmp_path, name):
 @pytest.mark.parametrize("name", BACKENDS)
 def test_every_text_states_the_schedule(tmp_path, name):
     for file, content in files(tmp_path, name).items():
-        if file.endswith((".h", ".sh", ".txt")) and file != "linux/bw_unit.h":
+        if file.endswith((".h", ".sh", ".txt")) and not file.startswith("linux/"):
             assert DIGEST.encode() in content, file
 
 

@@ -32,7 +32,7 @@ def bundle(tmp_path_factory):
 @pytest.fixture(scope="module")
 def driver(bundle, tmp_path_factory):
     folder = tmp_path_factory.mktemp("driver")
-    for name in ("bw_regulator.c", "bw_tables.h", "bw_unit.h"):
+    for name in ("bw_regulator.c", "bw_tables.h", "bw_uio.h", "bw_unit.h"):
         (folder / name).write_bytes(next(data for path, data in bundle.items() if path.endswith(f"/{name}")))
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", "driver", "bw_regulator.c"]
     subprocess.run(command, cwd=folder, check=True)
@@ -189,7 +189,7 @@ def test_counters_are_what_compare_reads(bundle, driver, device, tables):
     assert header == "unit,direction,bytes,start_s,end_s"
     unit, direction, moved, start, end = first.split(",")
     assert (unit, direction, moved, Fraction(start)) == ("u1", "read", str(101 * 64), 0)
-    assert Fraction(end) * 10**9 == 6 * tables.window_ns
+    assert Fraction(end) * 10**9 == 6 * tables.platform.window_ns
     counted = compare_counters(bundles.target(bundle), text, "counters.csv", "full")
     assert ("HAL1065", 2) in {(found.code, found.at.line) for found in counted.diagnostics}
     assert not any(found.code == "HAL1065" and found.at.line != 2 for found in counted.diagnostics)
@@ -219,7 +219,7 @@ def test_manual_driver_bench_and_verilog_have_the_registers_of_the_description(b
         inner = ("LO", "HI", "WR", "RD", "START")  # of a header, and of an entry
         single = {name: fact for name, fact in registers.items() if fact[0] < 0x800 and name not in inner}
         assert {name: (int(at, 16), kind) for at, name, kind in rows} == single
-    source = (TABLE / "linux" / "bw_unit.h").read_text() + (TABLE / "linux" / "bw_regulator.c").read_text()
+    source = "".join((TABLE / "linux" / f"bw_{name}").read_text() for name in ("unit.h", "uio.h", "regulator.c"))
     for name, at in re.findall(r"(?:#define BW_|\b)([A-Z_]+) (?:= )?(0x[0-9a-f]{2})U?\b", source):
         assert int(at, 16) in {registers[name][0] for registers in (unit, windows) if name in registers}
     bench = {

@@ -10,7 +10,7 @@ from regulator_samples import PLATFORM, platform, platform_file
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator.codes import NO_RESOURCE, NOT_A_PLATFORM, NUMBERS_CONTRADICT, SHARED_MANAGER
-from halpipe.exporters.regulator.platform import read_frequency, read_platform
+from halpipe.exporters.regulator.platform import parse_frequency, read_platform
 from halpipe.models import Resource, ResourceKind
 from support import model, ms
 
@@ -111,10 +111,10 @@ def test_the_nearest_window_that_carries_a_burst_is_taken(tmp_path):
 
 
 def test_frequencies_are_exact():
-    assert read_frequency("533.333333MHz") == 533333333
+    assert parse_frequency("533.333333MHz") == 533333333
     for text in ("1.5Hz", "0MHz", "5GHz", "MHz", "1e6Hz", "250"):
         with pytest.raises(ValueError, match="; "):
-            read_frequency(text)
+            parse_frequency(text)
 
 
 def test_the_resource_may_be_left_to_a_model_that_has_one(tmp_path):

@@ -11,19 +11,15 @@ from math import ceil
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from halpipe.core.bundles import MODEL, SCHEDULE, Bundle
-from halpipe.core.diagnostics import about, sort_diagnostics
+from halpipe.core.diagnostics import about
 from halpipe.core.durations import Duration
-from halpipe.core.files import YamlMap
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.regulator import ARITHMETIC
-from halpipe.deploy.regulator import DEPLOYMENT as REGULATORS
+from halpipe.deploy.regulator import regulators_of
 from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
 from halpipe.deploy.regulator.codes import PLAYED_ELSEWHERE
 from halpipe.deploy.regulator.counters import Judge, Sample
-from halpipe.deploy.regulator.reading import TABLES, read_facts, read_tables
+from halpipe.deploy.regulator.reading import TABLES, read_tables
 from halpipe.deploy.riscv.board.bus import Opening
 from halpipe.models import AccessKind
 
@@ -31,25 +27,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic, Location
-    from halpipe.deploy.base import Checked, Target
+    from halpipe.deploy.base import Target
     from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.board.hart import Hart
     from halpipe.deploy.riscv.board.machine import Timing
     from halpipe.deploy.riscv.judge.check import Outcome
     from halpipe.deploy.riscv.target import Site
-
-FOLDER = "regulator/"
-
-
-def regulators_of(target: Target) -> Target | None:
-    """Return the regulators of a bundle as one of their own, with the same model and schedule; None if it has none."""
-    bundle = target.bundle
-    files = {name.removeprefix(FOLDER): data for name, data in bundle.files.items() if name.startswith(FOLDER)}
-    if not files:
-        return None
-    files |= {name: bundle.files[name] for name in (MODEL, SCHEDULE)}
-    return replace(target, bundle=Bundle(f"{bundle.path}/{FOLDER.rstrip('/')}", REGULATORS.name, YamlMap(0), files))
 
 
 def regulators_playing(target: Target, site: Site, rate: int) -> Regulators | None:
@@ -59,10 +43,7 @@ def regulators_playing(target: Target, site: Site, rate: int) -> Regulators | No
     """
     own = regulators_of(target)
     tables = read_tables(own.bundle) if own is not None else None
-    if own is None or tables is None or tables.backend in RATES:
-        return None
-    base = read_facts(own.bundle).settings["table"]["base"] if tables.backend == "table" else ""
-    return Regulators(tables, site, rate, int(base or "0", 16))
+    return None if tables is None or tables.backend in RATES else Regulators(tables, site, rate)
 
 
 class Regulators:
@@ -72,11 +53,12 @@ class Regulators:
     Others follow the runtime: with each of its tables begins their own, unless that of a switch is still in force.
     """
 
-    def __init__(self, tables: Tables, site: Site, rate: int, base: int = 0) -> None:
+    def __init__(self, tables: Tables, site: Site, rate: int) -> None:
         self.width = tables.platform.window_ns * rate / 10**9
         self.cycle = Fraction(rate, tables.platform.clock_hz)
         self._tables = tables.tables
-        self.base, self.units = base, len(tables.units)
+        base = tables.platform.settings["table"]["base"] if tables.backend == "table" else ""
+        self.base, self.units = int(base or "0", 16), len(tables.units)
         self._named = {table.name: table for table in tables.tables}
         self._channel = site.channels.get(tables.platform.resource)
         units = {unit.name: unit for unit in tables.units}
@@ -196,18 +178,6 @@ def _windows(table: Table, unit: str, direction: str, first: int) -> Iterator[tu
             yield window, budget
 
 
-def with_tables(target: Target, checked: Checked) -> Checked:
-    """Return the check of the programs with that of the tables, where the bundle has any."""
-    own = regulators_of(target)
-    if own is None:
-        return checked
-    tables = REGULATORS.check(own, CheckOptions(engine=ARITHMETIC))
-    lines = (*checked.lines, *(f"regulators: {line}" for line in tables.lines))
-    return replace(
-        checked, diagnostics=tuple(sort_diagnostics([*checked.diagnostics, *tables.diagnostics])), lines=lines
-    )
-
-
 @record
 class Held:
     """Transfers compared with the tables: findings, lines of the summary, and every memory phase as CSV."""
@@ -305,7 +275,7 @@ def _phases(tables: Tables, judge: Judge, outcome: Outcome) -> Iterator[_Phase]:
                 sample.start,
                 sample.end,
                 judge.promised(sample),
-                judge.granted(sample),
+                judge.limits(sample)[0],
                 used,
                 sum((outcome.run.length(transfer.held).fraction for transfer in transfers), Fraction(0)),
             )

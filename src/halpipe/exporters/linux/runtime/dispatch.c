@@ -55,7 +55,7 @@ static _Atomic int64_t requested, stepped;
 static atomic_uint steps;
 static _Atomic uint64_t in_cycle;
 static dispatch_switches switched = {.excess = INT64_MIN};
-static _Atomic uint64_t refused, left_out;
+static _Atomic uint64_t refused, left_out, astray;
 static int64_t origin, shift, simulated, simulated_origin;
 static pthread_t conductor, copier;
 static int (*hook)(const dispatch_job *job, int64_t at);
@@ -349,6 +349,11 @@ static int choose(int table, int64_t at) {
   const int mode = atomic_exchange(&wanted, -1);
   if (mode < 0 || mode >= plan.n_modes || mode == table) return table;
   const int next = plan.switches[table * plan.n_modes + mode];
+  if (next >= 0 && now_.is_regulated && !plan.regulators->request(table, mode, at)) {
+    int none = -1;
+    atomic_compare_exchange_strong(&wanted, &none, mode);   /* at the end of the next table, unless another is asked for */
+    return table;
+  }
   if (next < 0) atomic_fetch_add(&refused, 1);
   else measure(table, at, asked);
   return next < 0 ? table : next;
@@ -416,6 +421,7 @@ static void *conduct(void *unused) {
       sleep_until(at + shift - (now_.lead < length / 4 ? now_.lead : length / 4));
       check_clock();
       watch(time_now(), length);
+      if (now_.is_regulated && plan.regulators->differs(at)) atomic_fetch_add(&astray, 1);
       if (now_.pace) keep_pace(at, length);
     }
     if (atomic_load(&stopping) || (now_.cycles && cycle >= now_.cycles)) break;
@@ -558,6 +564,7 @@ int dispatch_start(const dispatch_options *options) {
   const int64_t ahead = middle(offset);
   if (now_.pace) simulated = now_.pace(), simulated_origin = (simulated / SECOND + 1) * SECOND;
   origin = now_.pace ? time_now() : now_.origin ? next_of_phase(now_.origin - ahead, time_now()) : ((time_now() + ahead) / SECOND + 2) * SECOND - ahead;
+  if (now_.is_regulated && (error = plan.regulators->start(now_.mode, origin))) return error;
   error = create(&conductor, conduct, NULL, "conductor", -1, now_.priority ? now_.priority + plan.levels : 0);
   if (!error) atexit(dispatch_left);
   return error ? dispatch_fail(error, "the conductor cannot be started", NULL) : 0;
@@ -644,5 +651,6 @@ dispatch_counts dispatch_total(void) {
   }
   all.lost_tables += atomic_load(&left_out);
   all.refused = atomic_load(&refused), all.copied = atomic_load(&n_copied), all.latest_copy = atomic_load(&latest_copy);
+  all.astray = atomic_load(&astray);
   return all;
 }

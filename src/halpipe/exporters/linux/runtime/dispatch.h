@@ -66,6 +66,13 @@ typedef struct {          /* a mode, or a table between two modes */
   int n_copies;
 } dispatch_table;
 
+typedef struct {          /* regulators of memory bandwidth, which play tables of their own beside those of the threads */
+  int (*load)(const char *device);
+  int (*start)(int mode, int64_t first);         /* with a mode at an instant; both: an errno, with the reason */
+  int (*request)(int from, int to, int64_t at);  /* of the table from an instant on; whether it is followed there */
+  int (*differs)(int64_t at);                    /* whether they play another table than that before an instant */
+} dispatch_regulators;
+
 typedef struct {
   const char *model;
   int64_t parts;
@@ -75,9 +82,11 @@ typedef struct {
   const dispatch_worker *workers;
   const dispatch_program *programs;
   const dispatch_buffer *buffers;
+  const dispatch_regulators *regulators;   /* NULL: none */
 } dispatch_plan;
 
 extern const dispatch_plan plan;
+extern const dispatch_regulators bw_regulators;
 
 enum { DISPATCH_BY_RULES = -1, DISPATCH_NOWHERE = -2 };
 enum { DISPATCH_LOG, DISPATCH_SKIP, DISPATCH_SWITCH };  /* a job whose slot is over before it starts */
@@ -88,6 +97,7 @@ enum { DISPATCH_FAULT = -1, DISPATCH_NO_DATA, DISPATCH_RAN };   /* results of a 
 
 typedef struct {
   int mode, priority, clock, policy, refuge;  /* clock: of the origin; refuge: the mode to go to after an overrun */
+  int is_regulated;                           /* the regulators of the plan were loaded, and take part */
   int may_unlock;                             /* go on with memory that is not locked, where a thread has no room else */
   int may_share;                              /* units that have one CPU: their jobs wait for each other */
   int64_t origin, spin, lead;                 /* ns; origin 0: the next whole second but one */
@@ -111,6 +121,7 @@ typedef struct {          /* counts of a thread, or the sums over all */
   int64_t over;                               /* ns since the end of the slot of the job that is stuck */
   uint64_t refused, copied;                   /* of all: requests without a table between the modes; copies of a LET */
   int64_t latest_copy;                        /* ns that one was late by */
+  uint64_t astray;                            /* tables with which the regulators played another one */
 } dispatch_counts;
 
 typedef struct {          /* the requests for modes that were taken */

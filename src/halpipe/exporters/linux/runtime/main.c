@@ -29,8 +29,8 @@ typedef struct {
 
 static struct {
   dispatch_options run;
-  const char *record, *control, *memory, *folder;
-  int degrade_fifo, degrade_memory, degrade_cpus;
+  const char *record, *control, *memory, *folder, *regulator;
+  int degrade_fifo, degrade_memory, degrade_cpus, degrade_regulator;
   double seconds;
   int64_t limit;
   timed_switch switches[MOST_SWITCHES];
@@ -59,7 +59,8 @@ static const char *usage =
   "                      as they were when it is set meanwhile, which is reported\n"
   "  --origin NS         the first instant on that clock\n"
   "  --cpus N,N,...      CPU of each unit, in the order of --list\n"
-  "  --degrade WHAT      go on without: fifo, memory, cpus or all\n"
+  "  --regulator FILE    UIO device of the regulators of this bundle (default /dev/uio0)\n"
+  "  --degrade WHAT      go on without: fifo, memory, cpus, regulator or all\n"
   "  --list              show modes and units\n"
   "exit status: 0 every job ran in its slot; 1 no start, no whole recording, or exit() of a program; 2 wrong options;\n"
   "  3 a fault was noticed: a job late, too long, skipped, failed, without end or data, a table lost, the clock set\n";
@@ -166,11 +167,12 @@ static void take_clock(const char *text) {
 
 static void take_degrade(const char *text) {
   const int all = strcmp(text, "all") == 0;
-  if (!all && strcmp(text, "fifo") && strcmp(text, "memory") && strcmp(text, "cpus"))
-    die(2, "--degrade is fifo, memory, cpus or all", text);
+  if (!all && strcmp(text, "fifo") && strcmp(text, "memory") && strcmp(text, "cpus") && strcmp(text, "regulator"))
+    die(2, "--degrade is fifo, memory, cpus, regulator or all", text);
   cfg.degrade_fifo |= all || strcmp(text, "fifo") == 0;
   cfg.degrade_memory |= all || strcmp(text, "memory") == 0;
   cfg.degrade_cpus |= all || strcmp(text, "cpus") == 0;
+  cfg.degrade_regulator |= all || strcmp(text, "regulator") == 0;
 }
 
 static void take_option(const char *name, char *value) {
@@ -190,6 +192,7 @@ static void take_option(const char *name, char *value) {
   else if (strcmp(name, "--clock") == 0) take_clock(value);
   else if (strcmp(name, "--origin") == 0) cfg.run.origin = number(value, 1, INT64_MAX / 2, name);
   else if (strcmp(name, "--cpus") == 0) take_cpus(value);
+  else if (strcmp(name, "--regulator") == 0) cfg.regulator = value;
   else if (strcmp(name, "--degrade") == 0) take_degrade(value);
   else die(2, "unknown option; see --help", name);
 }
@@ -255,6 +258,15 @@ static int lock_memory(void) {
   if (dispatch_lock() == 0) return 0;
   munlockall();
   return missing(cfg.degrade_memory, "no right to lock the memory (CAP_IPC_LOCK, or RLIMIT_MEMLOCK)", unlocked);
+}
+
+/* Without them, memory is not regulated: a run that is allowed that plays the tables all the same. */
+static int load_regulators(void) {
+  if (!plan.regulators && cfg.regulator) die(2, "this bundle has no regulators; export it with --regulator", NULL);
+  if (!plan.regulators) return 0;
+  cfg.run.is_regulated = plan.regulators->load(cfg.regulator ? cfg.regulator : "/dev/uio0") == 0;
+  return cfg.run.is_regulated ? 0 : missing(cfg.degrade_regulator, dispatch_reason,
+    "name the UIO device of the regulators with --regulator, or go on with --degrade regulator");
 }
 
 /* Threads take their stacks out of the memory that may be locked. */
@@ -380,6 +392,7 @@ int main(int argc, char **argv) {
 
   if (check_cpus() + check_priority()) return 1;
   if (dispatch_load(cfg.folder, cfg.memory)) die(1, dispatch_reason, NULL);
+  if (load_regulators()) return 1;
   if (lock_memory()) return 1;
   const int latency = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);   /* held open: idle states stay shallow */
   const int32_t none = 0;

@@ -269,7 +269,7 @@ int dispatch_status(void) {
   unsigned steps;
   dispatch_stepped(&steps);
   if (out.error || all.unrecorded || atomic_load(&unwritten)) return DISPATCH_INCOMPLETE;
-  const uint64_t faults = all.skipped + all.late_ends + all.overran + all.lost_tables + all.no_data + all.faults + steps;
+  const uint64_t faults = all.skipped + all.late_ends + all.overran + all.lost_tables + all.no_data + all.faults + all.astray + steps;
   return faults || all.is_running || all.is_stuck ? DISPATCH_FAULTS : DISPATCH_OK;
 }
 
@@ -284,7 +284,7 @@ static int tell(char *text, size_t size, uint64_t *told, uint64_t count, const c
 
 int dispatch_news(char *text, size_t size) {
   static struct {uint64_t stuck, overran, late, no_data, faults, unrecorded;} *seen;
-  static uint64_t steps_told, left_told, error_told;
+  static uint64_t steps_told, left_told, error_told, astray_told;
   if (!seen && !(seen = calloc((size_t)plan.n_workers, sizeof *seen))) return 0;
   for (int i = 0; i < plan.n_workers; i++) {
     const dispatch_counts c = dispatch_counted(i);
@@ -311,5 +311,6 @@ int dispatch_news(char *text, size_t size) {
   }
   const char *const away = dispatch_is_paced() ? "tables were left out: simulated time ran ahead" : "tables were left out: the machine was away";
   if (!left_told && tell(text, size, &left_told, dispatch_left_out(), "", away)) return 1;
+  if (!astray_told && tell(text, size, &astray_told, dispatch_total().astray, "", "the regulators do not play the table of the jobs, or have slipped by a window")) return 1;
   return !error_told && out.error && tell(text, size, &error_told, 1, "the recording ends: ", strerror(out.error));
 }

@@ -71,4 +71,7 @@ const dispatch_plan plan = {
   .n_tables = {{ tables | length }}, .n_modes = {{ modes }}, .n_workers = {{ workers | length }}, .n_programs = {{ programs | length }},
   .n_buffers = {{ buffers | length }}, .levels = {{ levels }},
   .tables = tables, .switches = switches, .workers = workers, .programs = programs, .buffers = buffers,
+{% if regulated %}
+  .regulators = &bw_regulators,
+{% endif %}
 };

@@ -46,7 +46,6 @@ class AxiRealm:
 
     device = DEVICES["axi-realm"]
     name = device.name
-    summary = "AXI-REALM: register writes for set-up and for every window"
 
     def overshoot(self, platform: Platform) -> int:
         """Return one burst: the bus is cut after the budget is spent."""
@@ -67,7 +66,7 @@ class AxiRealm:
         worst, where = _worst(tables)
         limit = int(tables.platform.settings[self.name]["writes-per-window"])
         regulated = {unit.manager for unit in tables.units}
-        free = [m for m in range(_managers(tables)) if m not in regulated]
+        free = [m for m in range(_map(tables).managers) if m not in regulated]
         return {
             "writes_per_window": worst,
             "worst_window": where,
@@ -95,16 +94,9 @@ class AxiRealm:
         return files
 
 
-def _managers(tables: Tables) -> int:
-    return int(tables.platform.settings[AxiRealm.name]["managers"])
-
-
-def _regions(tables: Tables) -> int:
-    return int(tables.platform.settings[AxiRealm.name]["regions"])
-
-
 def _map(tables: Tables) -> RegisterFile:
-    return RegisterFile(DEVICE, _managers(tables), _regions(tables))
+    settings = tables.platform.settings[AxiRealm.name]
+    return RegisterFile(DEVICE, int(settings["managers"]), int(settings["regions"]))
 
 
 def _built(tables: Tables) -> list[Check]:
@@ -115,8 +107,8 @@ def _built(tables: Tables) -> list[Check]:
     return [
         Check(registers.offset(name), ALL, least, most)
         for name, least, most in (
-            ("num_managers", _managers(tables), _managers(tables)),
-            ("num_addr_regions", _regions(tables), _regions(tables)),
+            ("num_managers", registers.managers, registers.managers),
+            ("num_addr_regions", registers.regions, registers.regions),
             ("data_width", 8 * p.bus, 8 * p.bus),
             ("period_width", (p.cycles - 1).bit_length(), ALL),
             ("budget_width", budget.bit_length(), ALL),
@@ -130,7 +122,7 @@ def _started(tables: Tables) -> list[Check]:
     mask = sum(1 << unit.manager for unit in tables.units)
     found.append(Check(registers.offset("rt_bypassed"), mask, 0, 0))
     for unit in tables.units:
-        field = unit.manager * _regions(tables)
+        field = unit.manager * registers.regions
         for d in DIRECTIONS:
             found.append(Check(registers.offset(f"{d}_period_left", field), ALL, 0, tables.platform.cycles - 1))
             budget = _default(tables, unit, d)
@@ -146,7 +138,8 @@ def _default(tables: Tables, unit: RegulatedUnit, direction: str) -> int:
 
 def _setup(tables: Tables) -> Iterator[Write]:
     """Yield the writes of the set-up: claim, burst length, regions, default budgets, and only then periods."""
-    p, registers, regions = tables.platform, _map(tables), _regions(tables)
+    p, registers = tables.platform, _map(tables)
+    regions = registers.regions
     beats = p.burst // p.bus - 1
     yield Write(START, registers.claim.offset, CLAIM)
     for word in registers.words_of("len_limit"):
@@ -177,11 +170,11 @@ def _bound(tables: Tables) -> list[Row]:
 
 def _programmed(tables: Tables, table: Table) -> dict[int, list[int]]:
     """Return for every budget register its bytes in every window; never 0."""
-    registers, regions, burst = _map(tables), _regions(tables), tables.platform.burst
+    registers, burst = _map(tables), tables.platform.burst
     rows = set(_bound(tables))
     bound = ((unit, d) for unit in tables.units for d in DIRECTIONS if Row(unit.name, d) in rows)
     return {
-        registers.offset(f"{d}_budget", unit.manager * regions): [
+        registers.offset(f"{d}_budget", unit.manager * registers.regions): [
             max(n, AxiRealm.device.least) * burst for n in table.row(Row(unit.name, d))
         ]
         for unit, d in bound
@@ -212,7 +205,7 @@ def _worst(tables: Tables) -> tuple[int, str]:
 
 
 def _check_managers(tables: Tables) -> list[Diagnostic]:
-    managers = _managers(tables)
+    managers = _map(tables).managers
     return [
         DOES_NOT_FIT(
             f"manager {unit.manager} does not exist; the register file has {managers}",

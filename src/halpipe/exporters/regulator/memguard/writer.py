@@ -49,7 +49,6 @@ class MemGuard:
 
     device = DEVICES["memguard"]
     name = device.name
-    summary = "MemGuard: a script for every mode with the events per period of every core"
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0; what passes until the interrupt is taken is for the platform to state."""

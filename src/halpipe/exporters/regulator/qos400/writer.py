@@ -13,13 +13,13 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
-from halpipe.core.records import record
+from halpipe.core.quantities import parse_frequency
 from halpipe.core.suggest import did_you_mean
 from halpipe.devices import DEVICES
 from halpipe.devices.registers import port_registers
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import DIRECTIONS, read_frequency
+from halpipe.exporters.regulator.platform import DIRECTIONS
 from halpipe.exporters.regulator.rates import (
     Segment,
     check_owners,
@@ -42,16 +42,11 @@ if TYPE_CHECKING:
 
 STEPS = 4096
 ENABLE_RATES = 0x3
-DESCRIPTION = port_registers("qos400")
-PORTS = DESCRIPTION.ports
+PORTS, REGISTERS = port_registers("qos400")
 
 
-@record
-class Setting:
-    """Settings at `at_ns` of a table: steps for every port and direction, in the order of the units."""
-
-    at_ns: Fraction
-    steps: dict[Row, int]
+Setting = tuple[Fraction, dict[Row, int]]
+"""Nanosecond of a table, and the steps for every port and direction from there on, in the order of the units."""
 
 
 class Qos400:
@@ -59,7 +54,6 @@ class Qos400:
 
     device = DEVICES["qos400"]
     name = device.name
-    summary = "ZynqMP QoS-400, held against nothing real: register writes for EL3 firmware"
 
     def overshoot(self, platform: Platform) -> int:
         """Return the burstiness: what a full token bucket lets pass at once."""
@@ -90,29 +84,28 @@ class Qos400:
         for stem, table, several in zip(stems, tables.tables, settings, strict=True):
             title = f"QoS-400 rates of {table.frame.path}"
             steps = _read_back(
-                list(_writes(tables, [settings[t.index][-1].steps for t in predecessors(tables, table)], several))
+                list(_writes(tables, [settings[t.index][-1][1] for t in predecessors(tables, table)], several))
             )
             files[f"{stem}.txt"] = script(tables, digest, title, meaning, steps)
         return {**files, "load.sh": render("load.sh.j2", base="0x0", digest=digest)}
 
 
-def _is_phased(tables: Tables) -> bool:
-    return tables.platform.settings[Qos400.name]["granularity"] == "phase"
-
-
 def _step(platform: Platform) -> Fraction:
     """Return the bytes per second of one step of a rate."""
-    return Fraction(platform.burst * read_frequency(platform.settings[Qos400.name]["clock"]), STEPS)
+    return Fraction(platform.burst * parse_frequency(platform.settings[Qos400.name]["clock"]), STEPS)
+
+
+def _segments(tables: Tables, table: Table) -> list[Segment]:
+    is_phased = tables.platform.settings[Qos400.name]["granularity"] == "phase"
+    return segments(table.frame) if is_phased else [Segment(0, peaks(table.frame))]
 
 
 def _settings(tables: Tables, table: Table) -> list[Setting]:
-    whole = [Segment(0, peaks(table.frame))]
-    several = segments(table.frame) if _is_phased(tables) else whole
     found: list[Setting] = []
-    for segment in several:
+    for segment in _segments(tables, table):
         steps = _steps(tables, segment.bounds)
-        if not found or found[-1].steps != steps:  # other bounds may be the same steps
-            found.append(Setting(tables.grid.ns(segment.begin), steps))
+        if not found or found[-1][1] != steps:  # other bounds may be the same steps
+            found.append((tables.grid.ns(segment.begin), steps))
     return found
 
 
@@ -128,12 +121,12 @@ def _steps(tables: Tables, bounds: dict[Row, Fraction]) -> dict[Row, int]:
 
 def _writes(tables: Tables, before: list[dict[Row, int]], several: list[Setting]) -> Iterator[Write]:
     """Yield the writes of each setting of a table: those that fall come first; later settings write what changes."""
-    for setting in several:
-        at = int(setting.at_ns) or START
-        for row, steps in falls_first(before, setting.steps):
+    for instant, setting in several:
+        at = int(instant) or START
+        for row, steps in falls_first(before, setting):
             if at == START or steps != before[0][row]:
                 yield _write(tables, at, row.unit, f"{row.direction}_rate", steps)
-        before = [setting.steps]
+        before = [setting]
 
 
 def _check_ports(tables: Tables) -> Iterator[Diagnostic]:
@@ -151,8 +144,7 @@ def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
     """Return rates that no register holds, and settings whose rates exceed the capacity together; each once."""
     found: dict[str, Diagnostic] = {}
     step, path = _step(tables.platform), table.frame.path
-    several = segments(table.frame) if _is_phased(tables) else [Segment(0, peaks(table.frame))]
-    for segment in several:
+    for segment in _segments(tables, table):
         steps = _steps(tables, segment.bounds)
         names = {row: f"{row.unit} {row.direction}" for row in steps}
         promised = {names[row]: rate_of(tables, segment.bounds.get(row, Fraction(0))) for row in steps}
@@ -166,7 +158,8 @@ def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
                 found[where] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=where, help=help)
         given = {names[row]: count * step for row, count in steps.items()}
         by_phase = (sum(_steps(tables, s.bounds).values()) * step for s in segments(table.frame))
-        can_help = not _is_phased(tables) and max(by_phase, default=0) <= limit_of(tables)
+        is_phased = tables.platform.settings[Qos400.name]["granularity"] == "phase"
+        can_help = not is_phased and max(by_phase, default=0) <= limit_of(tables)
         fault = over_limit(tables, table, given, promised, _OTHERWISE[not can_help])
         if fault:
             found.setdefault("sum", fault[0])
@@ -191,8 +184,8 @@ def _init(tables: Tables) -> Iterator[Write]:
 
 def _write(tables: Tables, at: int, unit: str, register: str, value: int) -> Write:
     """Return the write of a value into a register of a unit's port."""
-    found = DESCRIPTION.registers[register]
-    return Write(at, PORTS[tables.platform.units[unit].port] + found.offset, found.encode(value))
+    found = REGISTERS[register]
+    return Write(at, PORTS[tables.platform.units[unit].port] + found.offset, value << found.shift)
 
 
 def _read_back(writes: list[Write]) -> list[Write | Check]:

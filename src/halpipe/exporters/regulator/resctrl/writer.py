@@ -110,7 +110,6 @@ class Resctrl:
 
     device = DEVICES["resctrl"]
     name = device.name
-    summary = "Linux resctrl: a script for every mode with the bandwidth share of every unit's group"
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0; resctrl knows no windows."""
@@ -143,11 +142,8 @@ class Resctrl:
         own, others = int(settings["domain"]), [int(domain) for domain in settings["others"].split()]
         domains = sorted([own, *others])
 
-        def line(value: int) -> str:
-            return "MB:" + ";".join(f"{d}={value if d == own else steps.values[0]}" for d in domains)
-
-        def shown(value: int) -> str:
-            return "MB:" + ";".join(f"{d}={steps.shown(value if d == own else steps.values[0])}" for d in domains)
+        def line(value: int, rest: int) -> str:
+            return "MB:" + ";".join(f"{d}={value if d == own else rest}" for d in domains)
 
         values = {
             "platform": tables.platform,
@@ -161,7 +157,9 @@ class Resctrl:
         files = {}
         for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
             before = [_values(tables, t) for t in predecessors(tables, table)]
-            lines = [(group, line(n), shown(n)) for group, n in falls_first(before, _values(tables, table))]
+            least, shown = steps.values[0], steps.shown
+            written = falls_first(before, _values(tables, table))
+            lines = [(group, line(n, least), line(shown(n), shown(least))) for group, n in written]
             files[f"{stem}.sh"] = render("resctrl/table.sh.j2", table=table, lines=lines, **values)
         return files
 

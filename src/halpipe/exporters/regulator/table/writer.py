@@ -34,7 +34,6 @@ class TableUnit:
 
     device = DEVICES["table"]
     name = device.name
-    summary = "generic table-driven regulator: memory images, C header, Verilog and registers"
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0: see the class."""

@@ -30,15 +30,5 @@ void regulators_start(uint32_t mode, uint64_t instant) {
 }
 
 void regulators_request(uint32_t from, uint32_t to) {
-    uint32_t request = to; /* modes come first, in the same order */
-#if BW_SWITCHES > 0
-    for (uint32_t i = 0U; i < BW_SWITCHES; i++) {
-        if ((bw_switches[i].from == from) && (bw_switches[i].to == to)) {
-            request = bw_switches[i].request;
-        }
-    }
-#else
-    (void)from;
-#endif
-    bw_put(0U, BW_REQ_TABLE, request);
+    bw_put(0U, BW_REQ_TABLE, bw_request_of(from, to));
 }

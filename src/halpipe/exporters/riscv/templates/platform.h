@@ -37,9 +37,9 @@
 #define HP_CALIBRATE
 #define CALIBRATE_TURNS 5000
 {%- endif %}
-{%- if regulators.base %}
+{%- if regulators and regulators.base %}
 #define HP_REGULATORS {{ regulators.base | hex }}UL
-#define HP_REGULATORS_LEAD {{ regulators.lead }}U /* ticks from START to the first table: a window and a cycle */
+#define HP_REGULATORS_LEAD {{ regulators.lead(profile.timebase) }}U /* ticks from START to the first table: a window and a cycle */
 {%- endif %}
 #define HP_CONTROL {{ memory.control | hex }}UL
 #define HP_BUFFERS {{ memory.buffers_base | hex }}UL

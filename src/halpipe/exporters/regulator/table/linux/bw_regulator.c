@@ -9,47 +9,20 @@
  * the windows in which they moved. */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
-#include <fcntl.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #include <time.h>
-#include <unistd.h>
 
-enum { UNIT = 1 << 20, INTERFACE = 4, RUNNING = 1 << 8, PENDING = 1 << 9, MINE = 2, BUFFER = 0x38, RD_BYTES = 0x28, WR_BYTES = 0x2c };
+#include "bw_uio.h"
 
-static volatile uint32_t *device;
-
-static uint32_t bw_get(uint32_t block, uint32_t at) { return device[(block * UNIT + at) / 4]; }
-static void bw_put(uint32_t block, uint32_t at, uint32_t value) { device[(block * UNIT + at) / 4] = value; }
-
-#include "bw_unit.h"
+enum { RUNNING = 1 << 8, PENDING = 1 << 9, RD_BYTES = 0x28, WR_BYTES = 0x2c };
 
 static int fail(const char *text)
 {
   fprintf(stderr, "bw_regulator: %s\n", text);
   return 1;
-}
-
-/* Returns 0, or 1 with a message where the device is none of ours or too small. */
-static int refuse(void)
-{
-  uint32_t params = bw_get(0, BW_PARAMS), banks = (params >> 16 & 0xf) == 2 ? 2 : 1, beat = 0;
-  while (1u << beat < BW_BUS_BYTES) beat++;
-  if (bw_get(0, BW_ID) != BW_HBWF) return fail("there is no regulator at this address");
-  if (params >> 24 != INTERFACE) return fail("the regulator has another version of its registers");
-  if ((params & 0xff) < BW_UNITS) return fail("the regulator has fewer units than the tables");
-  if ((params >> 8 & 0xff) != beat) return fail("the regulator is built for another width of the bus");
-  if (bw_get(0, BUFFER) && bw_get(0, BUFFER) << beat < BW_BURST_BYTES) return fail("the write buffers are shorter than the longest burst");
-  for (uint32_t n = 0; n < BW_UNITS; n++) {
-    uint32_t built = bw_get(n + 1, BW_PARAMS), tables = built >> 16 & 0xff;
-    if (bw_get(n + 1, BW_ID) != 0x48425754u || built >> 24 != INTERFACE) return fail("a unit does not answer as one");
-    if ((built & 0xffff) / banks < bw_units[n].entries + 1) return fail("a unit has too few table entries");
-    if ((tables ? tables : 256) / banks < BW_TABLES) return fail("a unit has too few tables");
-  }
-  return 0;
 }
 
 /* Returns the tables of a bank of a unit: half of all where there are two banks. */
@@ -64,8 +37,8 @@ static uint32_t played(void) { return (bw_get(1, BW_STATUS) & 0xff) / bank_table
 
 static int take(void)
 {
-  bw_put(0, BW_LOCK, 1);
-  return (bw_get(0, BW_PARAMS) >> 20 & 0xf) > 1 && !(bw_get(0, BW_LOCK) & MINE) ? fail("the other port writes tables; try again") : 0;
+  const char *reason = bw_take();
+  return reason ? fail(reason) : 0;
 }
 
 static int control(uint32_t value)
@@ -76,25 +49,20 @@ static int control(uint32_t value)
   return 0;
 }
 
-static int has_windows(void)
-{
-  return bw_get(0, BW_CYCLES) == BW_WINDOW_CYCLES && bw_get(0, BW_EXTRA) == BW_WINDOW_EXTRA && bw_get(0, BW_OF) == BW_WINDOW_OF && bw_get(0, BW_LONGEST) == BW_BURST_BYTES;
-}
-
 static int load(void)
 {
   if (bw_get(0, BW_CTRL) & BW_GO) return fail("tables are being played; stop first, or replace them");
   if (take()) return 1;
   bw_load();
   bw_put(0, BW_LOCK, 0);
-  return has_windows() ? 0 : fail("the device did not take the windows");
+  return bw_has_windows() ? 0 : fail("the device did not take the windows");
 }
 
 static int replace(uint32_t number)
 {
   uint32_t bank = 1 - played();
   if ((bw_get(0, BW_PARAMS) >> 16 & 0xf) != 2) return fail("the regulator has one bank of tables; stop, and load");
-  if (!has_windows()) return fail("these tables have other windows; stop, and load");
+  if (!bw_has_windows()) return fail("these tables have other windows; stop, and load");
   if (take()) return 1;
   for (uint32_t n = 0; n < BW_UNITS; n++) {
     uint32_t now = bw_get(n + 1, BW_STATUS);
@@ -172,12 +140,6 @@ static int command(const char *verb, const char *value)
 int main(int count, char **words)
 {
   if (count < 3) return command("", NULL);
-  int file = open(words[1], O_RDWR | O_SYNC);
-  void *memory = file < 0 ? MAP_FAILED : mmap(NULL, (BW_UNITS + 1) * UNIT, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
-  if (memory == MAP_FAILED) {
-    perror(words[1]);
-    return 1;
-  }
-  device = memory;
-  return refuse() || command(words[2], count > 3 ? words[3] : NULL);
+  const char *reason = bw_open(words[1]);
+  return reason ? fail(reason) : command(words[2], count > 3 ? words[3] : NULL);
 }

@@ -19,6 +19,9 @@
 #define BW_START_LO 0x2cU
 #define BW_START_HI 0x30U
 #define BW_LOCK 0x34U
+#define BW_BUFFER 0x38U
+#define BW_NOW_LO 0x3cU
+#define BW_NOW_HI 0x40U
 #define BW_HBWF 0x48425746U
 #define BW_GO 1U
 #define BW_ARM 2U
@@ -53,6 +56,21 @@ static inline void bw_load(void) {
         bw_put(n + 1U, BW_DEF_WR, bw_units[n].def_wr);
         bw_load_unit(n, 0U, 0U);
     }
+}
+
+/* Returns the table that leads from a mode to another one: that of a switch, or the mode's own. */
+static inline uint32_t bw_request_of(uint32_t from, uint32_t to) {
+    uint32_t request = to; /* modes come first, in the same order */
+#if BW_SWITCHES > 0
+    for (uint32_t i = 0U; i < BW_SWITCHES; i++) {
+        if ((bw_switches[i].from == from) && (bw_switches[i].to == to)) {
+            request = bw_switches[i].request;
+        }
+    }
+#else
+    (void)from;
+#endif
+    return request;
 }
 
 /* Begins with the table requested at an instant of the time base, after a window without budgets. */

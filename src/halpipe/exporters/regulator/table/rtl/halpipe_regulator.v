@@ -14,6 +14,8 @@
 //   0x034 LOCK         rw  bit 0: 1 takes it for the port that writes, 0 gives it back; bit 1, by port 0: takes it from another.
 //                          Reads: bit 0 held, bit 1 held by the port that reads, bit 8 its holder
 //   0x038 BUFFER       ro  beats of the write buffers, which a longer write does not pass; 0: none
+//   0x03c NOW_LO       ro  `now`: read NOW_HI before and after it, and again where they differ
+//   0x040 NOW_HI       ro
 //   0x01c REQ_TABLE    wo  table[7:0]: the request of every unit, in the same cycle
 // Modes are switched here and not unit by unit: a table that ended between two writes would leave the units in two modes.
 // Blocks of several memories are switched in one cycle by one request: link_o of one block leads to link_i of all others, and
@@ -118,6 +120,8 @@ module halpipe_regulator #(
     20'h00030: word = start[63:32];
     20'h00034: word = {23'd0, holder, 6'd0, mine, locked};
     20'h00038: word = BUFFER;
+    20'h0003c: word = now[31:0];
+    20'h00040: word = now[63:32];
     default:   word = 32'd0;
   endcase
   assign data[0] = word;
