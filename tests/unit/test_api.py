@@ -238,7 +238,7 @@ def test_a_schedule_draws_its_jobs():
     jobs = [(job.start, job.end) for job in plan.modes[0].jobs]
     assert drawn == sorted(tuple(float(time.in_unit("ms")) for time in span) for span in jobs)
     assert axes.get_xlim() == (0, 20)
-    with pytest.raises(KeyError, match='there are "'):
+    with pytest.raises(KeyError, match="there are default"):
         plan.plot("zz")
 
 
