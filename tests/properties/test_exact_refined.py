@@ -6,6 +6,7 @@ from fractions import Fraction
 from itertools import product
 
 import pytest
+import split_systems
 
 from halpipe.core.durations import milliseconds as ms
 from halpipe.models import (
@@ -30,7 +31,7 @@ from halpipe.models import (
     Version,
 )
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.exact import Answer, Effort, solve_exact
+from halpipe.pipeline.solve.exact import Answer, Effort, solve_exact, unknown_to_exact
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
 
@@ -153,6 +154,18 @@ def test_the_exact_engine_is_right_about_every_small_system():
     verdicts = compare(1, 24)
     assert verdicts["feasible"] > 5
     assert verdicts["infeasible"] > 2
+
+
+def test_the_exact_engine_denies_no_schedule_of_systems_with_interrupts_and_preemptive_jobs():
+    found = Counter()
+    for seed in range(60):
+        system, _ = split_systems.valid_system(random.Random(seed))
+        if any(unknown_to_exact(system, expand(system, system.modes[0]))):
+            continue
+        answer = solve_exact(system, system.modes[0], Effort(work=5)).status
+        assert answer is not Answer.INFEASIBLE, system
+        found[str(answer)] += 1
+    assert found["feasible"] > 20
 
 
 @pytest.mark.slow  # the first test has the same subject

@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.models import WHOLE, Binding, Interrupt, Split
+from halpipe.models import Binding, Interrupt
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
@@ -322,11 +322,43 @@ def interrupted(system, *names, wcet="1ms"):
     return replace(system, units=units)
 
 
-def spread(split=WHOLE, binding=Binding.JOB):
-    tasks = [task("a", "8ms", version("v", "2ms", "u1 u2")), task("b", "8ms", version("v", "1ms", "u2"))]
-    cut = replace(tasks[0].versions[0], split=split)
-    tasks[0] = replace(tasks[0], binding=binding, versions=(cut,))
-    system = model(*tasks, units="u1 u2")
+@pytest.mark.parametrize(("second", "expected"), [("3ms", True), ("3.001ms", False)])
+def test_interrupts_lengthen_jobs(second, expected):
+    """Each job of 3 ms takes 4 ms, that of a constraint from its end, too."""
+    system = model(
+        task("a", "8ms", version("v", "3ms")), task("b", "8ms", version("v", second, "u1", after("a", 0, 0, "end")))
+    )
+    assert holds(system)
+    assert holds(interrupted(system, "u1")) is expected
+
+
+def test_the_length_is_that_of_the_unit():
+    """The job of 7 ms fits beside the other one only where no interrupt comes."""
+    tasks = task("a", "8ms", version("v", "7ms", "u1 u2")), task("b", "8ms", version("v", "3ms", "u1 u2"))
+    result = solve_exact(interrupted(model(*tasks, units="u1 u2"), "u1", wcet="2ms"), model(*tasks).modes[0])
+    assert {(job.task, job.units) for job in result.jobs} == {("a", ("u2",)), ("b", ("u1",))}
+
+
+def test_a_unit_on_which_a_job_would_be_late_leaves_the_others():
+    """A job of 3 ms takes 4 ms beside the interrupt."""
+    system = model(task("a", "8ms", version("v", "3ms", "u2 u1"), deadline="3ms"), units="u1 u2")
+    assert holds(interrupted(system, "u1"))
+    assert not holds(interrupted(system, "u1", "u2"))
+
+
+def test_what_no_interrupt_leaves_time_for_is_not_placed():
+    system = interrupted(model(task("a", "20ms", version("v", "1ms"))), "u1", wcet="10ms")
+    assert answer(system) is Answer.INFEASIBLE
+
+
+def spread(gang=1, anchor="start", binding=Binding.JOB):
+    last = replace(after("a", 0, 8, anchor), point=ms("1ms") if anchor == "point" else None)
+    tasks = [
+        task("a", "8ms", version("v", "2ms", "u1 u2", gang=gang)),
+        task("b", "8ms", version("v", "1ms", "u2", last)),
+    ]
+    tasks[0] = replace(tasks[0], binding=binding)
+    system = interrupted(model(*tasks, units="u1 u2"), "u1")
     runs = system.modes[0].runs
     return replace(system, modes=(replace(system.modes[0], name="n1", runs=runs), replace(system.modes[0], runs=runs)))
 
@@ -334,8 +366,8 @@ def spread(split=WHOLE, binding=Binding.JOB):
 @pytest.mark.parametrize(
     ("system", "element"),
     [
-        (interrupted(spread(), "u1"), 'interrupts of unit "u1"'),
-        (spread(Split(points=(ms("1ms"),))), 'preemption of task "a"'),
+        (spread(gang=2), 'gang of task "a" over units with different interrupts'),
+        (spread(anchor="point"), 'point of task "a", which lies elsewhere with the interrupts of each unit'),
         (spread(binding=Binding.SYSTEM), 'binding of task "a" to the units of another mode'),
     ],
 )

@@ -84,8 +84,8 @@ EXACT_TICK = error(
 EXACT_ELEMENT = error(
     "HAL0425",
     "Exact engine does not know an element of the model",
-    "It places jobs in one piece, undisturbed. It does not know preemptive jobs, interrupts of units, and units that "
-    "an earlier mode chose for a task. The annealer does.",
+    "It places jobs in one piece. It does not know units that an earlier mode chose for a task, gangs over units with "
+    "different interrupts, and points of tasks that interrupts move by the unit. The annealer does.",
 )
 EXACT_KEEPS_NOTHING = error(
     "HAL0429",

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.core.records import record
-from halpipe.models import Binding, ModeSchedule, Schedule, Status
+from halpipe.models import Anchor, Binding, ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.codes import EXACT_ELEMENT, EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
+from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
+from halpipe.pipeline.solve.exactlengths import inflated, kinds_of, services_of
 from halpipe.pipeline.solve.exactunits import is_bound_by_choice
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.solver import solver_library
@@ -89,17 +90,14 @@ PLAIN = Effort()
 def solve_exact(model: TaskModel, mode: Mode, effort: Effort = PLAIN) -> ExactResult:
     """Decide whether `mode` of a validated model has a valid schedule.
 
-    Raise `HalpipeError` where OR-Tools is not installed, where the mode is too large or states what the engine does not
-    know, or where verify refuses the schedule found (a bug).
+    Preemptive jobs are placed in one piece; that there is none without preemption proves nothing.
+    Raise `HalpipeError` where OR-Tools is not installed, where the mode is too large, or where verify refuses the
+    schedule found (a bug).
     """
     expansion = expand(model, mode)
-    path, help = about(mode=mode.name), "use --engine anneal"
-    unknown = [
-        EXACT_ELEMENT(f"does not know: {what}", at=at, path=path, help=help) for what, at in _unknown(model, expansion)
-    ]
-    if unknown:
-        raise HalpipeError(*unknown)
-    result = solve_expansion(model, expansion, effort)
+    result = solve_expansion(model, inflated(model, expansion), effort)
+    if result.status is Answer.INFEASIBLE and is_preemptive(expansion):
+        return ExactResult(Answer.UNKNOWN)
     if result.status is Answer.FEASIBLE:
         _check(model, expansion, result.jobs)
     return result
@@ -190,14 +188,21 @@ def run(program: Program, effort: Effort) -> tuple[Any, str, bool]:
     return solver, solver.status_name(status), is_stopped
 
 
-def _unknown(model: TaskModel, expansion: Expansion) -> Iterator[tuple[str, Location]]:
+def is_preemptive(expansion: Expansion) -> bool:
+    """Return whether some jobs of a mode may be preempted."""
+    return any(version.split.is_allowed for active in expansion.tasks for version in active.versions)
+
+
+def unknown_to_exact(model: TaskModel, expansion: Expansion) -> Iterator[tuple[str, Location]]:
     """Yield what the model states of a mode, and where, that the exact engine cannot place jobs by."""
-    for unit in model.units:
-        if unit.interrupts:
-            yield f'interrupts of unit "{unit.name}"', unit.at
+    units = {unit.name: unit for unit in model.units}
     for active in expansion.tasks:
-        if any(version.split.is_allowed for version in active.versions):
-            yield f'preemption of task "{active.name}"', active.task.at
+        if any(version.gang > 1 and len(kinds_of(version, units)) > 1 for version in active.versions):
+            yield f'gang of task "{active.name}" over units with different interrupts', active.task.at
+        for row in (row for version in active.versions for row in version.precedences):
+            before = expansion.by_name.get(row.task)
+            if row.anchor is Anchor.POINT and before is not None and len(services_of(before, units)) > 1:
+                yield f'point of task "{row.task}", which lies elsewhere with the interrupts of each unit', row.at
         modes = sum(run.task == active.name for mode in model.modes for run in mode.runs)
         if modes > 1 and active.task.binding is Binding.SYSTEM and is_bound_by_choice(active):
             yield f'binding of task "{active.name}" to the units of another mode', active.task.at

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.core.records import record
 from halpipe.pipeline.solve.codes import (
+    EXACT_ELEMENT,
     EXACT_INFEASIBLE,
     EXACT_TICK,
     EXACT_TOO_LARGE,
     INTERRUPTED,
     NOT_FOUND,
 )
-from halpipe.pipeline.solve.exact import Answer, Effort, is_small, solve_exact
+from halpipe.pipeline.solve.exact import Answer, Effort, is_preemptive, is_small, solve_exact, unknown_to_exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -90,6 +91,10 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
     """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
     mode = expansion.mode
     path = about(mode=mode.name)
+    unknown = list(unknown_to_exact(model, expansion))
+    if unknown:
+        help = "use --engine anneal"
+        raise HalpipeError(*(EXACT_ELEMENT(f"does not know: {t}", at=at, path=path, help=help) for t, at in unknown))
     if tick is not None:
         raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="omit --tick"))
     result = solve_exact(model, mode, effort)
@@ -102,6 +107,8 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
         text, help = "the exact engine was stopped; it has no placement to save", "run it again, or use --engine anneal"
         raise HalpipeError(INTERRUPTED(text, at=mode.at, path=path, help=help), exit=Exit.INTERRUPTED)
     text = "the exact engine found no schedule within its effort, and no proof that there is none"
+    if is_preemptive(expansion):
+        text = "the exact engine found no schedule without preemption"
     raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
 
 
