@@ -341,8 +341,8 @@ def test_more_parts_than_are_allowed_are_refused_as_they_are_made(monkeypatch):
     assert refused(owner) == [codes.TOO_MANY_PARTS.id]
 
 
-def test_the_exact_engine_refuses_preemptive_jobs():
-    assert refused(short_beside_long(3, 6), engine="exact") == [codes.EXACT_ELEMENT.id]
+def test_the_exact_engine_places_preemptive_jobs_in_one_piece_and_proves_nothing_without_preemption():
+    assert refused(short_beside_long(3, 6), engine="exact") == [codes.NOT_FOUND.id]
 
 
 def test_the_grid_of_regulators_is_for_whole_jobs():
