@@ -106,7 +106,7 @@ SYSTEMS ?= 100000
 VOLUMES = $(addprefix tests/properties/test_,least_remedies.py split_exhaustive.py search_verify.py kernel_cost.py)
 # The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
 # Then valid systems through every verb: 100 000 take about an hour of the processor. Then slow tests of the search with
-# five times as many systems.
+# five times as many systems, and reports at all sizes of a window.
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
 	cd tests && ../$(BIN)/python kills.py 2000
@@ -114,6 +114,7 @@ endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python every_verb.py $(SYSTEMS)
 	HALPIPE_VOLUME=5 $(BIN)/pytest $(VOLUMES)
 	HALPIPE_VOLUME=5 $(BIN)/pytest tests/rtl/test_regulator_rtl.py -k "fault or refuted"
+	HALPIPE_VOLUME=5 $(BIN)/pytest tests/workbench/test_looks.py
 
 lock: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/newest
