@@ -213,7 +213,7 @@ def test_no_text_of_a_report_leaves_its_box_and_no_lane_is_blank(browser, pages,
             assert overhang(browser) <= 0, (width, height)
             narrowest = "return Math.min(...[...document.querySelectorAll('.track')].map(bar => bar.clientWidth))"
             assert browser.execute_script(narrowest) >= 50, (width, height)
-            if WIDE and media == "screen":  # printing paints the canvas at another size; lanes on paper are not looked at
+            if WIDE and media == "screen":  # printing paints the canvas at another size
                 assert browser.execute_async_script(BLANK) == [], (width, height)
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
