@@ -277,10 +277,10 @@ def test_the_age_of_data_is_a_chain_from_each_sender(tmp_path):
 # ------------------------------------------------------------------------------------------ distances and orders
 
 
-def distance(low, high, source="Begin", target="Start"):
+def distance(low, high, source="Begin", target="Start", name="O"):
     ends = [ref("SOURCE-REF", f"/Timing/X/{source}"), ref("TARGET-REF", f"/Timing/X/{target}")]
     limits = [cse("MINIMUM", low)] if low else []
-    return named("OFFSET-TIMING-CONSTRAINT", "O", *ends, *limits, *([cse("MAXIMUM", high)] if high else []))
+    return named("OFFSET-TIMING-CONSTRAINT", name, *ends, *limits, *([cse("MAXIMUM", high)] if high else []))
 
 
 @pytest.mark.parametrize(
@@ -302,14 +302,23 @@ def test_an_offset_constraint_is_a_window(tmp_path, source, low, high, window):
     assert precedence.task == "Pump/First"
 
 
+@pytest.mark.parametrize(("low", "high", "warnings"), [(1_000, 3_000, 1), (0, 3_000, 0)])
+def test_a_least_distance_to_an_activation_is_reported(tmp_path, low, high, warnings):
+    """A job starts at its release at the earliest, so that its start keeps a distance that its release may not."""
+    activated = observed("Released", "Pump/Second", "ACTIVATED")
+    imported = pump(tmp_path, extension([BEGIN, activated], distance(low, high, target="Released")))
+    assert len(found(imported, codes.TIMING_PART_LOST)) == warnings
+
+
 def test_an_offset_to_the_end_of_a_runnable_is_lost_and_said_so(tmp_path):
     imported = pump(tmp_path, extension([BEGIN, LAST], distance(0, 5_000, target="Last")))
     assert found(imported, codes.TIMING_LOST)
     assert orders(imported) == set()
 
 
-def eoc(*elements):
-    return extension([], named("EXECUTION-ORDER-CONSTRAINT", "O", el("ORDERED-ELEMENTS", *elements)))
+def eoc(*elements, events=(), also=()):
+    constraint = named("EXECUTION-ORDER-CONSTRAINT", "O", el("ORDERED-ELEMENTS", *elements))
+    return extension(list(events), constraint, *also)
 
 
 def entity(name, path, *after, prototype=""):
@@ -322,6 +331,22 @@ def entity(name, path, *after, prototype=""):
         ref("EXECUTABLE-REF", f"/T/{owner}/B/{runnable_name}"),
         el("DIRECT-SUCCESSOR-REFS", *(ref("DIRECT-SUCCESSOR-REF", f"/Timing/X/O/{n}") for n in after)),
     )
+
+
+@pytest.mark.parametrize(
+    ("source", "windows"),
+    [
+        ("Started", [("1ms", "3ms", Anchor.START), ("0ms", "10ms", Anchor.END)]),
+        ("End", [("1ms", "3ms", Anchor.END)]),
+    ],
+)
+def test_an_order_holds_beside_a_window_that_does_not_demand_it(tmp_path, source, windows):
+    """Second may start 1 ms after the start of First only where First has ended by then."""
+    order = [entity("f", "Pump/First", "s"), entity("s", "Pump/Second")]
+    started = observed("Started", "Pump/First", "STARTED")
+    content = eoc(*order, events=(started, END, START), also=[distance(1_000, 3_000, source, name="D")])
+    precedences = pump(tmp_path, content).model.task("Pump/Second").versions[0].precedences
+    assert [(str(p.min), str(p.max), p.anchor) for p in precedences] == windows
 
 
 def nest(name, inner, *after):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.arxml.software import Layout
     from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel
 
-_WEAKER = ("a window after any job", "an order")
+_WEAKER = ("written as a window after any job", "left out")
 DEMANDS = "Requirements"
 _EVENT = "TD-EVENT-SWC-INTERNAL-BEHAVIOR"
 _CHAIN = "TIMING-DESCRIPTION-EVENT-CHAIN"
@@ -157,9 +157,7 @@ def unstated(model: TaskModel) -> list[Diagnostic]:
     for task in model.tasks:
         for precedence in common_windows(task):
             if precedence.anchor is Anchor.POINT or precedence.match is Match.CYCLE:
-                message = (
-                    f"is to run {precedence.words}, which is written as {_WEAKER[precedence.anchor is Anchor.POINT]}"
-                )
+                message = f"is to run {precedence.words}, which is {_WEAKER[precedence.anchor is Anchor.POINT]}"
                 help = "import the file as it was written, so that the native model counts"
                 found.append(WEAKER_WINDOW(message, path=about(task=task.name), help=help))
     return found
@@ -226,12 +224,12 @@ def _window(demands: etree._Element, task: Task, precedence: Precedence, known: 
 
 
 def _order(demands: etree._Element, model: TaskModel, known: Descriptions) -> None:
-    """Append one order of all tasks that precede others."""
+    """Append one order of all tasks that end before others start; windows between other instants state no order."""
     after: dict[str, list[str]] = {}
     for task in model.tasks:
         for precedence in common_windows(task):
-            followers = after.setdefault(precedence.task, [])
-            if task.name not in followers:
+            is_order = (precedence.anchor, precedence.to) == (Anchor.END, Anchor.START) and precedence.min >= ZERO
+            if is_order and task.name not in (followers := after.setdefault(precedence.task, [])):
                 followers.append(task.name)
     if not after:
         return

@@ -308,7 +308,7 @@ TIMING_PART_LOST = warning(
     "HAL0559",
     "Part of a timing constraint was left out",
     "Least and nominal latencies have no counterpart, slack is at most a period, the jitter of a call within the jobs "
-    "of an OsTask bounds their start alone, and conditions are not evaluated.",
+    "of an OsTask and a least distance to an activation bound starts alone, and conditions are not evaluated.",
 )
 BAD_TIME = warning(
     "HAL0560",

@@ -91,11 +91,14 @@ def _synchronised(
 
 
 def _joined(alike: list[Edge]) -> Iterator[Edge]:
-    """Yield every window between two tasks, or the strongest order if no window is stated; others are noted in it."""
-    windows = [edge for edge in alike if edge.spacing] or alike[:1]
-    also = tuple(dict.fromkeys(edge.cause for edge in alike if edge not in windows))
-    yield replace(windows[0], also=also)
-    yield from windows[1:]
+    """Yield every window between two tasks, and the strongest order unless a window demands it; others are noted."""
+    stated = [edge for edge in alike if edge.spacing]
+    orders = [edge for edge in alike if edge.spacing is None]
+    is_demanded = any(edge.spacing.is_order for edge in stated if edge.spacing)
+    kept = stated if is_demanded else [*stated, *orders[:1]]
+    also = tuple(dict.fromkeys(edge.cause for edge in orders if edge not in kept))
+    yield replace(kept[0], also=also)
+    yield from kept[1:]
 
 
 # ------------------------------------------------------------------------------------------------- sources

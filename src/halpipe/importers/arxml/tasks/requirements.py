@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
@@ -50,6 +51,11 @@ class Spacing:
     cause: Place
     to: Anchor = Anchor.START
     match: Match = Match.WINDOW
+
+    @property
+    def is_order(self) -> bool:
+        """Whether `second` starts after the end of `first`, as an execution order demands."""
+        return (self.anchor, self.to) == (Anchor.END, Anchor.START) and (self.low or ZERO) >= ZERO
 
 
 @dataclass(slots=True)
@@ -319,6 +325,13 @@ class _Finder:
                 self._lost(distance.place, f'"{source.draft.name}" is activated more often than its source is called')
             else:
                 inner += [event.draft for event in (source, target) if len(event.anchors) > 1]
+                if distance.minimum and target.observable.what == "activated":
+                    distance.place.report(
+                        self._findings,
+                        codes.TIMING_PART_LOST,
+                        f'its least distance to the activation of "{target.draft.name}" bounds the start alone',
+                        help="name the start (STARTED) if it is meant, or state offsets that keep the distance",
+                    )
                 has_release = source.observable.what == "activated" and source.draft.period is not None
                 begins = (Anchor.RELEASE,) if has_release else source.anchors
                 most = [] if distance.maximum is None else [(begins[0], target.anchors[-1])]
