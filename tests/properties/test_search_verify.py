@@ -187,7 +187,7 @@ def test_a_search_that_is_stopped_returns_every_job(seed, count):
         assert scheduled.moves == count + 1
         assert [moves for _, moves, _, _ in calls][: count + 1] == list(range(1, count + 2))
     else:
-        assert len(calls) <= count + 1  # the last one only tells how it ended
+        assert len(calls) <= count + 2  # after the stop, one call tells how it ended: valid when completed
         assert is_valid(scheduled.schedule)
     check(system, scheduled.schedule)
 

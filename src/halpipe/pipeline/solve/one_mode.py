@@ -340,10 +340,12 @@ class _WholeJobs(_Search):
         if self.may_ask and not is_installed() and outcome.cost:
             help = "pip install ortools"
             notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
-        self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
+        goes_on = self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
         if outcome.cost:
             table = self.report(outcome.jobs, Status.NOT_FOUND)
             return Found(table, notes, outcome.moves, outcome.stopped)
+        if self.widens and not goes_on:
+            return Found(self.report(outcome.jobs, Status.VALID), notes, outcome.moves, unimproved=True)
         if self.widens:
             return self._wider(outcome.jobs, notes, ANNEAL, outcome.moves)
         is_cut = outcome.unimproved
