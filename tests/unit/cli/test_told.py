@@ -235,5 +235,6 @@ def test_changes_of_a_project_are_shown_as_lines_or_as_their_file(changes, form,
 def test_without_a_terminal_charts_have_a_width_of_their_own(monkeypatch):
     asked = []
     size = SimpleNamespace(columns=77)
-    monkeypatch.setattr(show.shutil, "get_terminal_size", lambda otherwise: asked.append(otherwise) or size)
+    asks = SimpleNamespace(get_terminal_size=lambda otherwise: asked.append(otherwise) or size)
+    monkeypatch.setattr(show, "shutil", asks)  # the reports of pytest ask for the size, too
     assert (show._width(), asked[0][0]) == (77, 100)
