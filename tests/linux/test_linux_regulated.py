@@ -142,13 +142,10 @@ def test_a_check_of_the_bundle_checks_the_tables_too(tmp_path):
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("timebase: 100MHz, ", ""), ("table: ", "backend: axi-realm\ntable: "), ("u1", "other")],
+    [("timebase: 100MHz, ", ""), ("table: ", "backend: axi-realm\ntable: ")],
 )
 def test_regulators_that_the_dispatcher_cannot_start_are_refused(tmp_path, old, new):
     (tmp_path / "platform.yaml").write_text(PLATFORM.replace(old, new))
     owner, tables = regulated()
-    if new == "other":
-        owner = two_modes()[0]
-        owner = replace(owner, resources=(Resource(name="memory"),))
     found = refused(tmp_path, owner, tables, regulator=str(tmp_path / "platform.yaml"), busy=1)
     assert found == [NO_START.id]

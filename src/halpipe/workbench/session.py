@@ -117,14 +117,14 @@ class Session:
 
     @property
     def state(self) -> State:
-        """The state with its verified schedule, or with the reasons against one."""
-        if not self.shown.solved:
-            self.shown = self._solved(self.shown, self.past[-1].schedule)
+        """The state with its verified schedule, or with the reasons against one; see `settle`."""
+        self.settle()
         return self.shown
 
     def settle(self) -> None:
-        """Find the schedule near the last one for the edit that is drawn."""
-        _ = self.state
+        """Find the schedule near the last one for an edit that is drawn and not solved yet."""
+        if not self.shown.solved:
+            self.shown = self._solved(self.shown, self.past[-1].schedule)
 
     # ---- what a person does
 

@@ -22,7 +22,6 @@ from halpipe.exporters.linux.codes import BAD_TEXT, NO_START, NOT_A_CPU, NOT_ALO
 from halpipe.exporters.linux.copies import copies_of
 from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
-from halpipe.exporters.regulator.embedded import FOLDER as REGULATORS
 from halpipe.exporters.regulator.embedded import embedded
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
@@ -114,7 +113,7 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     copies = copies_of(model, schedule, programs, numbers, findings)
     regulators, platform = embedded(model, schedule, options.regulator)
     if platform is not None:
-        _check_start(platform, regulators, findings)
+        _check_start(platform, findings)
     findings.stop_on_errors()
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
     values: dict[str, Any] = {
@@ -173,7 +172,7 @@ def rendered_tables(
     return filled("tables.c", values)
 
 
-def _check_start(platform: Platform, files: Mapping[str, bytes], findings: Findings) -> None:
+def _check_start(platform: Platform, findings: Findings) -> None:
     """Report regulators that the dispatcher cannot start at an instant of its clock."""
     text = path = help = ""
     if platform.backend != "table":
@@ -182,8 +181,6 @@ def _check_start(platform: Platform, files: Mapping[str, bytes], findings: Findi
     elif not platform.settings["table"]["timebase"]:
         text = "the rate of the time base that the unit counts is not stated"
         path, help = "platform table", 'state "table: {timebase: 100MHz}", the rate of its input now'
-    elif b"#define BW_UNITS 0u" in files[f"{REGULATORS}table/bw_tables.h"]:
-        text, path, help = "none of its units uses the resource", "platform units", "omit --regulator"
     if text:
         findings.add(NO_START(text, at=platform.at, path=path, help=help))
 

@@ -83,6 +83,11 @@ UNKNOWN_UNIT = warning(
     "Platform names a unit that the model lacks",
     "Platform files may be shared by several models, so this is no error, but it may be a slip of the pen.",
 )
+NO_UNIT = error(
+    "HAL1508",
+    "Platform regulates no unit of the model",
+    "Regulators limit the accesses of units. Without one there is nothing to load.",
+)
 BINDS_BOTH = warning(
     "HAL0832",
     "AXI-REALM keeps a promise only in part",

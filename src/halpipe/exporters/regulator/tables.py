@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.quantities import format_bandwidth, format_size
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import did_you_mean, few
 from halpipe.exporters.regulator.codes import (
     ABOVE_RESOURCE,
     DOES_NOT_FIT,
     NO_MANAGER,
+    NO_UNIT,
     OVER_CAPACITY,
     OVERSHOOT_TOO_LOW,
     UNKNOWN_UNIT,
@@ -235,6 +236,9 @@ class TableBuilder:
                 help = f'add "{name}: {{manager: {free}}}" to the units of the platform'
                 self.findings.add(NO_MANAGER(message, at=platform.at, path=about(unit=name), help=help))
         known = [name for name in names if name in platform.units]
+        if not known:
+            message, path = f'platform "{platform.name}" has no unit of model "{self.model.name}"', "platform units"
+            self.findings.add(NO_UNIT(message, at=platform.at, path=path, help=f"add {few(names)} to its units"))
         overshoot = self._overshoot()
         rows = [Row(name, direction) for name in known for direction in DIRECTIONS]
         active = {row for row in rows if self._is_reserved(row, used)}

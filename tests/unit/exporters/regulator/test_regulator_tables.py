@@ -82,6 +82,15 @@ def test_a_unit_that_the_model_lacks_is_only_a_warning(tmp_path):
     assert [unit.name for unit in tables.units] == ["u1"]
 
 
+def test_a_platform_without_a_unit_of_the_model_regulates_nothing(tmp_path):
+    t = task("t", 10, version("v", 4, "u8"))
+    system = model(t, units="u8", resources="mem")
+    *others, found = refusal(tmp_path, system, one_mode(system, 10, job(system, "t", 0, 0, "u8")))
+    assert (found.code, found.path) == (codes.NO_UNIT.id, "platform units")
+    assert "u8" in found.help
+    assert {d.code for d in others} == {codes.UNKNOWN_UNIT.id}
+
+
 # ------------------------------------------------------------------------------------------------ windows
 
 
