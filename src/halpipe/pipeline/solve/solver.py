@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec
-from types import SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 from halpipe.pipeline.solve.workers import once
@@ -17,8 +17,8 @@ def solver_library() -> Any:
     spec = find_spec("ortools.sat.python.cp_model")
     if "pandas" not in sys.modules and spec is not None and spec.loader is not None:
         module = module_from_spec(spec)
-        types: Any = SimpleNamespace(Index=None, Series=None, DataFrame=None)
-        sys.modules["pandas"] = types
+        sys.modules["pandas"] = stand_in = ModuleType("pandas")
+        vars(stand_in).update({name: type(name, (), {}) for name in ("Index", "Series", "DataFrame")})
         try:
             spec.loader.exec_module(module)
         except (AttributeError, ImportError, TypeError):  # another version, which does more with pandas
