@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.durations import ZERO
 from halpipe.models import Job, ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand, natural_tick
-from halpipe.pipeline.solve.exactunits import alike
 from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
+from halpipe.pipeline.solve.lanes import interchangeable_units
 from halpipe.pipeline.verify import verify
 
 if TYPE_CHECKING:
     from halpipe.models import TaskModel, Version
     from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.solve.lanes import UnitGroups
 
 MISSING = "not installed: pip install pyjobshop"
 OTHER_RULES = "has rules that it does not know"
@@ -32,7 +33,7 @@ def solve(model: TaskModel, seconds: int, workers: int) -> dict[str, Any]:
     if find_spec("pyjobshop") is None:
         return {"answer": "none", "reason": MISSING}
     expansion = expand(model, model.modes[0])
-    groups = alike(expansion, [unit.name for unit in model.units])
+    groups = interchangeable_units(expansion, model.units, grouped=True)
     if not _is_expressible(model, expansion, groups):
         return {"answer": "none", "reason": OTHER_RULES}
     begin = perf_counter_ns()
@@ -48,7 +49,7 @@ def solve(model: TaskModel, seconds: int, workers: int) -> dict[str, Any]:
     return {"answer": "feasible" if is_valid else "invalid", "ns": taken}
 
 
-def _is_expressible(model: TaskModel, expansion: Expansion, groups: list[list[str]]) -> bool:
+def _is_expressible(model: TaskModel, expansion: Expansion, groups: UnitGroups) -> bool:
     """Tell whether every job is whole, alone, and free to go anywhere, and whether its versions take one group each."""
     group_of = {name: number for number, names in enumerate(groups) for name in names}
     return not model.chains and all(
@@ -66,9 +67,7 @@ def _is_expressible(model: TaskModel, expansion: Expansion, groups: list[list[st
     )
 
 
-def _solve(
-    model: TaskModel, expansion: Expansion, groups: list[list[str]], seconds: int, workers: int
-) -> list[Job] | None:
+def _solve(model: TaskModel, expansion: Expansion, groups: UnitGroups, seconds: int, workers: int) -> list[Job] | None:
     import pyjobshop
 
     tick = natural_tick(expansion)

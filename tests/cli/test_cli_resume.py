@@ -174,11 +174,11 @@ def test_a_checkpoint_larger_than_an_input_is_claimed_and_read(tmp_path, monkeyp
     """What a search has written may be larger than any input; neither the next run nor --resume stops because of it."""
     path, arrays = str(tmp_path / "s.resume"), {"a/start": array("q", range(1000))}
     keeper = Checkpoint(path, "same", lambda: 0)
-    keeper.note("a", {"start": arrays["a/start"]})
+    keeper.stage("a").note({"start": arrays["a/start"]})
     keeper.write()
     monkeypatch.setattr("halpipe.core.files.reading.MAX_INPUT_BYTES", 1000)
     assert os.path.getsize(path) > 1000
     later = Checkpoint(path, "same", lambda: 0)
     later.claim()
     later.load()
-    assert later.noted("a") == {"start": arrays["a/start"]}
+    assert later.stage("a").noted() == {"start": arrays["a/start"]}

@@ -321,7 +321,7 @@ def tasks_that_are_put_back(count):
     )
     tried = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_moved", lambda *_: {str(number): 1 for number in range(count)})
+        patch.setattr(module, "_moved_tasks", lambda *_: {str(number): 1 for number in range(count)})
         patch.setattr(module, "_without", lambda earlier, names: names)
         patch.setattr(module, "_better", lambda earlier, found, kept, solve: tried.append(kept) or found)
         source(*[fake(schedule=None)] * source.__code__.co_argcount)
@@ -539,16 +539,8 @@ def quanta_of_the_exact_engine(count):
 
 
 @lowered("pipeline.solve.lanes:MAX_QUANTA", 3, "capped")
-def quanta_of_a_lane(count):
-    lanes = named("pipeline.solve.lanes:Lanes")
-    [found] = lanes._resource_quanta(fake(_of_resource=["r"]), expansion_of(count))
-    return "" if found == count else "capped"
-
-
-@lowered("pipeline.solve.edf.works:MAX_QUANTA", 3, "capped")
-def quanta_of_preemptive_jobs(count):
-    builder = fake(resource_index={"r": 0}, expansion=expansion_of(count))
-    [found] = named("pipeline.solve.edf.works:_Builder")._capacity(builder)
+def quanta_of_a_resource(count):
+    [found] = named("pipeline.solve.lanes:quanta_of")(expansion_of(count), ["r"]).values()
     return "" if found == count else "capped"
 
 

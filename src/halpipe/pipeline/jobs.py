@@ -7,7 +7,7 @@ precedence constraint by which a job of another task names it, counted over the 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
@@ -17,10 +17,10 @@ from halpipe.core.records import record
 from halpipe.models import Anchor, Match, ResourceKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
+    from halpipe.models import Interrupt, Mode, Precedence, Task, TaskModel, Version
 
 
 @record
@@ -61,6 +61,11 @@ class ActiveTask:
     def name(self) -> str:
         """The task's name."""
         return self.task.name
+
+    def with_windows(self, keeps: Callable[[Precedence], bool]) -> ActiveTask:
+        """Return the task with those of its precedence constraints that are to be kept."""
+        versions = (replace(v, precedences=tuple(filter(keeps, v.precedences))) for v in self.versions)
+        return replace(self, versions=tuple(versions))
 
 
 @dataclass(frozen=True)

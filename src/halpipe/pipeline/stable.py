@@ -20,7 +20,7 @@ from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.shipped import overlaps, staying
-from halpipe.pipeline.solve.exact_goals import is_same, place
+from halpipe.pipeline.solve.exact_goals import is_same
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -74,8 +74,8 @@ def schedule_near(
         return _attempt(_near(options, earlier, kept, budget), solve)
 
     def is_least(found: Scheduled) -> bool:
-        moved = moved_by_mode(earlier, found.schedule)
-        return all(count <= fewest.get(mode, 0) for mode, count in moved.items())
+        moved = moved_jobs(earlier, found.schedule)
+        return all(len(jobs) <= fewest.get(mode, 0) for mode, jobs in moved.items())
 
     found: Scheduled | None = None
     for free in _covers(earlier, held, conflicts.values()):
@@ -199,7 +199,7 @@ def _fewest(
 
     least: dict[str, int] = {}
     better = []
-    for mode, moved in zip(found.schedule.modes, moved_by_mode(earlier, found.schedule).values(), strict=True):
+    for mode, moved in zip(found.schedule.modes, moved_jobs(earlier, found.schedule).values(), strict=True):
         answer = Fewest()
         if moved:
             expansion = expand(model, model.mode(mode.name))
@@ -221,17 +221,18 @@ def _jobs_of(schedule: Schedule | None, mode: str) -> dict[tuple[str, int], Job]
     return {(job.task, job.index): job for each in tables for job in each.jobs}
 
 
-def moved_by_mode(earlier: Schedule, found: Schedule) -> dict[str, int]:
-    """Return how many jobs of each mode are not where they were."""
-    counts = {}
+def moved_jobs(earlier: Schedule, found: Schedule) -> dict[str, list[Job]]:
+    """Return the jobs of each mode that are not where they were."""
+    moved = {}
     for mode in found.modes:
         before = _jobs_of(earlier, mode.name)
-        counts[mode.name] = sum(not is_same(job, before) for job in mode.jobs)
-    return counts
+        moved[mode.name] = [job for job in mode.jobs if not is_same(job, before)]
+    return moved
 
 
-def _count(earlier: Schedule, found: Schedule) -> int:
-    return sum(moved_by_mode(earlier, found).values())
+def _moved_tasks(earlier: Schedule, found: Schedule) -> Counter[str]:
+    """Return how many jobs of each task are not where they were, of tasks of which any is."""
+    return Counter(job.task for jobs in moved_jobs(earlier, found).values() for job in jobs)
 
 
 def _near(options: SearchOptions, earlier: Schedule, kept: Schedule, budget: int = BUDGET) -> SearchOptions:
@@ -248,9 +249,9 @@ def _put_back(earlier: Schedule, found: Scheduled, attempt: Callable[[Schedule],
 
     One after the other stays where it was, those with the most jobs first, while the others that have moved are free.
     """
-    counts = _moved(earlier, found.schedule)
+    counts = _moved_tasks(earlier, found.schedule)
     for name in sorted(counts, key=lambda name: (-counts[name], name))[:MOST_PUT_BACK]:
-        moved = _moved(earlier, found.schedule).keys()
+        moved = _moved_tasks(earlier, found.schedule).keys()
         if name in moved:
             found = _better(earlier, found, _without(earlier, moved - {name}), attempt)
     return found
@@ -265,14 +266,8 @@ def _better(
 
 
 def _is_nearer(earlier: Schedule, other: Scheduled, found: Scheduled) -> bool:
-    return other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule)
-
-
-def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
-    """Return how many jobs of each task are not what they were, of tasks of which any is."""
-    before = {(mode.name, job.task, job.index): place(job) for mode in earlier.modes for job in mode.jobs}
-    jobs = ((mode.name, job) for mode in found.modes for job in mode.jobs)
-    return dict(Counter(job.task for mode, job in jobs if before.get((mode, job.task, job.index)) != place(job)))
+    counts = (_moved_tasks(earlier, each.schedule).total() for each in (other, found))
+    return other.is_complete and next(counts) < next(counts)
 
 
 def _in_the_way(model: TaskModel, best: Schedule, free: frozenset[str]) -> frozenset[str]:
@@ -364,9 +359,7 @@ def _told(
 ) -> list[Diagnostic]:
     """List for each mode how many jobs stay, which tasks have others and why, and whether fewer could move."""
     notes = []
-    for mode in found.modes:
-        before = _jobs_of(earlier, mode.name)
-        moved = [job for job in mode.jobs if not is_same(job, before)]
+    for mode, moved in zip(found.modes, moved_jobs(earlier, found).values(), strict=True):
         names = sorted({job.task for job in moved}, key=lambda name: (name not in changed, name))
         reasons = [f"{name} ({changed.get(name, 'makes room')})" for name in names]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""

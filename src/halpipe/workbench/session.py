@@ -16,7 +16,7 @@ from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.pipeline.stable import moved_by_mode
+from halpipe.pipeline.stable import moved_jobs
 from halpipe.workbench.edits import BAD_EDIT, edited
 from halpipe.workbench.journal import Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
@@ -384,4 +384,4 @@ def _answered(before: Schedule | None, after: Schedule | None, seconds: float) -
     if before is None or after is None:
         return Answered(seconds=seconds)
     jobs = sum(len(mode.jobs) for mode in after.modes)
-    return Answered(jobs - sum(moved_by_mode(before, after).values()), jobs, seconds)
+    return Answered(jobs - sum(map(len, moved_jobs(before, after).values())), jobs, seconds)

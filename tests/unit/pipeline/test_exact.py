@@ -140,7 +140,7 @@ def test_the_number_of_workers_changes_nothing(work):
 def test_units_are_dealt_when_all_starts_are_known(monkeypatch):
     """Both forms find a schedule, which verify accepts; where dealing fails, the other form answers."""
     system = linked()
-    assert forms_of(expand(system, system.modes[0]), [unit.name for unit in system.units]) == [Groups, Units, Line]
+    assert forms_of(expand(system, system.modes[0]), system.units) == [Groups, Units, Line]
     by_groups = solve_exact(system, system.modes[0]).jobs
     monkeypatch.setattr(exactunits.Groups, "deal", lambda self, solver: None)
     by_units = solve_exact(system, system.modes[0]).jobs

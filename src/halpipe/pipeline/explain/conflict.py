@@ -107,16 +107,11 @@ def _tasks(kept: Kept) -> Iterable[Change]:
 
 def _without_task(name: str) -> Change:
     def change(kept: Kept) -> Kept:
-        tasks = tuple(_forget(active, name) for active in kept.tasks if active.name != name)
+        others = (active for active in kept.tasks if active.name != name)
+        tasks = tuple(active.with_windows(lambda row: row.task != name) for active in others)
         return replace(kept, tasks=_demanded(tasks), chains=tuple(c for c in kept.chains if name not in c.tasks))
 
     return change
-
-
-def _forget(active: ActiveTask, name: str) -> ActiveTask:
-    """Take the constraints on a task away from another one."""
-    versions = tuple(replace(v, precedences=tuple(p for p in v.precedences if p.task != name)) for v in active.versions)
-    return replace(active, versions=versions)
 
 
 def _demanded(tasks: tuple[ActiveTask, ...]) -> tuple[ActiveTask, ...]:
@@ -166,29 +161,28 @@ def _without_chain(name: str) -> Change:
     return lambda kept: replace(kept, chains=tuple(c for c in kept.chains if c.name != name))
 
 
+def _each(change: Callable[[ActiveTask], ActiveTask], name: str | None = None) -> Change:
+    """Change the task of a name, or all tasks."""
+    return lambda kept: replace(
+        kept, tasks=tuple(change(active) if name in (None, active.name) else active for active in kept.tasks)
+    )
+
+
 def _without(name: str, stated: str) -> Change:
     changes: dict[str, Any] = {stated: None}
-
-    def free(active: ActiveTask) -> ActiveTask:
-        return replace(active, task=replace(active.task, **changes)) if active.name == name else active
-
-    return lambda kept: replace(kept, tasks=tuple(map(free, kept.tasks)))
+    return _each(lambda active: replace(active, task=replace(active.task, **changes)), name)
 
 
 def _without_window(name: str, other: str) -> Change:
-    return lambda kept: replace(
-        kept, tasks=tuple(_forget(active, other) if active.name == name else active for active in kept.tasks)
-    )
+    return _each(lambda active: active.with_windows(lambda row: row.task != other), name)
 
 
 def _without_resource(name: str) -> Change:
     def free(active: ActiveTask) -> ActiveTask:
-        versions = tuple(
-            replace(v, accesses=tuple(a for a in v.accesses if a.resource != name)) for v in active.versions
-        )
-        return replace(active, versions=versions)
+        versions = (replace(v, accesses=tuple(a for a in v.accesses if a.resource != name)) for v in active.versions)
+        return replace(active, versions=tuple(versions))
 
-    return lambda kept: replace(kept, tasks=tuple(map(free, kept.tasks)))
+    return _each(free)
 
 
 # ------------------------------------------------------------------------------------------------ text

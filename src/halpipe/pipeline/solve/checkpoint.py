@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files import read_own, refuse_foreign, remove_output, write_outputs
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -64,12 +65,12 @@ class Checkpoint:
     def __init__(self, path: str, identity: str, now: Callable[[], float]) -> None:
         self._path = path
         self._identity = identity
-        self._now = now
-        self._began = self._last = now()
-        self._kept_at: dict[str, float] = {}
-        self._written = False
-        self._arrays: dict[str, Ints] = {}
-        self._lock = Lock()
+        self.now = now
+        self.began = self._last = now()
+        self.kept_at: dict[str, float] = {}
+        self.is_written = False
+        self.arrays: dict[str, Ints] = {}
+        self.lock = Lock()
 
     def claim(self) -> None:
         """Stop if a file of the user's has the name of the checkpoint, which is removed in the end."""
@@ -80,69 +81,86 @@ class Checkpoint:
         try:
             identity, found = _unpacked(read_own(self._path, most=None))  # of any size: it has to be read again
         except (ValueError, OSError, KeyError, EOFError, NotImplementedError):
-            raise self._refusal("is damaged") from None
+            raise self.refusal("is damaged") from None
         if identity != self._identity:
-            raise self._refusal("belongs to another model or other options")
-        self._arrays, self._written = found, True
+            raise self.refusal("belongs to another model or other options")
+        self.arrays, self.is_written = found, True
 
-    def restore(self, key: str, state: State) -> None:
-        """Fill a fresh state with what was saved for it, if anything was."""
-        for name in SAVED:
-            kept = getattr(state, name)
-            saved = self._arrays.get(f"{key}/{name}")
-            if saved is None:
-                return
-            if len(saved) != len(kept):
-                raise self._refusal("does not fit the model")
-            kept[:] = saved
-
-    def keep(self, key: str, state: State, *, now: bool) -> None:
-        """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""
-        with self._lock:
-            moment = self._now()
-            is_due = moment - self._kept_at.get(key, self._began) >= SECONDS
-            if not is_due and not (now and self._written):
-                return
-            for name in SAVED:
-                self._arrays[f"{key}/{name}"] = getattr(state, name)[:]
-            self._kept_at[key] = moment
-            self._write_if_due(moment)
-
-    def note(self, key: str, facts: Mapping[str, Ints]) -> None:
-        """Save the outcome of what was kept under `key`, in place of its state."""
-        with self._lock:
-            for name in SAVED:
-                self._arrays.pop(f"{key}/{name}", None)
-            for name, values in facts.items():
-                self._arrays[f"{key}/{NOTED}/{name}"] = values[:]
-            self._write_if_due(self._now())
-
-    def noted(self, key: str) -> dict[str, Ints] | None:
-        """Return such an outcome; None where there is none."""
-        prefix = f"{key}/{NOTED}/"
-        with self._lock:
-            found = {name: values for name, values in self._arrays.items() if name.startswith(prefix)}
-        return {name.removeprefix(prefix): values for name, values in found.items()} or None
+    def stage(self, key: str) -> Kept:
+        """Return the part that has one search."""
+        return Kept(self, key)
 
     def write(self) -> None:
         """Write all that is known."""
-        with self._lock:
+        with self.lock:
             self._write()
 
-    def _write_if_due(self, moment: float) -> None:
+    def write_if_due(self, moment: float) -> None:
+        """Write, with the lock held, what was changed since the last time, if that was long ago."""
         if moment - self._last >= SECONDS:
             self._write()
 
     def _write(self) -> None:
-        write_outputs({self._path: _packed(self._identity, self._arrays)})
-        self._last, self._written = self._now(), True
+        write_outputs({self._path: _packed(self._identity, self.arrays)})
+        self._last, self.is_written = self.now(), True
 
     def remove(self) -> None:
         """Remove the file: the search is over."""
         remove_output(self._path)
 
-    def _refusal(self, what: str) -> HalpipeError:
+    def refusal(self, what: str) -> HalpipeError:
+        """Return the error of a file that does not belong to this run."""
         return HalpipeError(NO_CHECKPOINT(what, at=Location(self._path), help="search again without --resume"))
+
+
+@record
+class Kept:
+    """The part of a checkpoint that has one search, or one stage of it."""
+
+    whole: Checkpoint
+    key: str
+
+    def stage(self, name: str) -> Kept:
+        """Return the part of one stage of the search."""
+        return Kept(self.whole, f"{self.key}/{name}")
+
+    def restore(self, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        for name in SAVED:
+            kept = getattr(state, name)
+            saved = self.whole.arrays.get(f"{self.key}/{name}")
+            if saved is None:
+                return
+            if len(saved) != len(kept):
+                raise self.whole.refusal("does not fit the model")
+            kept[:] = saved
+
+    def keep(self, state: State, *, now: bool) -> None:
+        """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""
+        whole = self.whole
+        with whole.lock:
+            moment = whole.now()
+            is_due = moment - whole.kept_at.get(self.key, whole.began) >= SECONDS
+            if not is_due and not (now and whole.is_written):
+                return
+            whole.arrays.update({f"{self.key}/{name}": getattr(state, name)[:] for name in SAVED})
+            whole.kept_at[self.key] = moment
+            whole.write_if_due(moment)
+
+    def note(self, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of a finished stage in place of its state."""
+        with self.whole.lock:
+            for name in SAVED:
+                self.whole.arrays.pop(f"{self.key}/{name}", None)
+            self.whole.arrays.update({f"{self.key}/{NOTED}/{name}": values[:] for name, values in facts.items()})
+            self.whole.write_if_due(self.whole.now())
+
+    def noted(self) -> dict[str, Ints] | None:
+        """Return the outcome of a stage that was finished before; None where there is none."""
+        prefix = f"{self.key}/{NOTED}/"
+        with self.whole.lock:
+            found = {name: values for name, values in self.whole.arrays.items() if name.startswith(prefix)}
+        return {name.removeprefix(prefix): values for name, values in found.items()} or None
 
 
 def _packed(identity: str, arrays: Mapping[str, Ints]) -> bytes:

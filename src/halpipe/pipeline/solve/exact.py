@@ -18,7 +18,7 @@ from halpipe.models import Anchor, Binding, ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
 from halpipe.pipeline.solve.exactlengths import inflated, kinds_of, services_of
-from halpipe.pipeline.solve.exactunits import is_bound_by_choice
+from halpipe.pipeline.solve.lanes import is_bound
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.solver import solver_library
 from halpipe.pipeline.solve.workers import Workers, watched
@@ -125,7 +125,7 @@ def solve_expansion(
     from halpipe.pipeline.solve.exactunits import forms_of
 
     counted = model.chains if chains is None else chains
-    forms = forms_of(expansion, [unit.name for unit in model.units])
+    forms = forms_of(expansion, model.units)
     programs = (build(expansion, model, counted, form) for form in forms)
     racing = [next(programs)]
     workers, left, turn = Workers(effort.workers), math.inf if effort.work is None else effort.work, 0
@@ -204,7 +204,7 @@ def unknown_to_exact(model: TaskModel, expansion: Expansion) -> Iterator[tuple[s
             if row.anchor is Anchor.POINT and before is not None and len(services_of(before, units)) > 1:
                 yield f'point of task "{row.task}", which lies elsewhere with the interrupts of each unit', row.at
         modes = sum(run.task == active.name for mode in model.modes for run in mode.runs)
-        if modes > 1 and active.task.binding is Binding.SYSTEM and is_bound_by_choice(active):
+        if modes > 1 and active.task.binding is Binding.SYSTEM and is_bound(active):
             yield f'binding of task "{active.name}" to the units of another mode', active.task.at
 
 

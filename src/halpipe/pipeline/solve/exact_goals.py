@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from halpipe.models import Chain, Job, TaskModel
-    from halpipe.pipeline.jobs import ActiveTask
     from halpipe.pipeline.solve.exactmodel import JobVars, Program
 
     Jobs = Mapping[tuple[str, int], Job]
@@ -121,15 +120,9 @@ def _sum(least: dict[Chain, Fraction]) -> Fraction:
 
 def _part(expansion: Expansion, names: Collection[str]) -> Expansion:
     """Leave out all other tasks, and what the windows say of them: whatever then is best, it is no worse."""
-    tasks = tuple(_without_others(active, names) for active in expansion.tasks if active.name in names)
+    own = (active for active in expansion.tasks if active.name in names)
+    tasks = tuple(active.with_windows(lambda row: row.task in names) for active in own)
     return Expansion(expansion.mode, expansion.hyperperiod, tasks)
-
-
-def _without_others(active: ActiveTask, names: Collection[str]) -> ActiveTask:
-    versions = tuple(
-        replace(v, precedences=tuple(row for row in v.precedences if row.task in names)) for v in active.versions
-    )
-    return replace(active, versions=versions)
 
 
 def _solve(
@@ -146,7 +139,7 @@ def _solve(
     from halpipe.pipeline.solve.exactmodel import build
     from halpipe.pipeline.solve.exactunits import forms_of
 
-    form: Any = next(iter(forms_of(expansion, [unit.name for unit in model.units])))
+    form: Any = next(iter(forms_of(expansion, model.units)))
     if any(active.demands for active in expansion.tasks) and not jobs:
         return Shortest(Fraction(0))
     program = build(expansion, model, chains, form)

@@ -20,7 +20,7 @@ from halpipe.pipeline.solve.solver import solver_library
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.models import Chain, Precedence, TaskModel, Version
+    from halpipe.models import Chain, Precedence, TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.exactunits import Form
 
@@ -83,7 +83,7 @@ def build(
     try:
         program.state_jobs()
         program.state_demands()
-        program.state_units([unit.name for unit in model.units])
+        program.state_units(model.units)
         program.state_resources()
         program.state_precedence()
         for chain in chains:
@@ -293,7 +293,7 @@ class Program:
 
     # ---- unit, exclusive
 
-    def state_units(self, units: list[str]) -> None:
+    def state_units(self, units: Sequence[Unit]) -> None:
         """Say on which units jobs run, in the form of this program."""
         self.placement = self.form(self, units)
         self.placement.state()

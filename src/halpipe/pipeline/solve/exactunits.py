@@ -15,15 +15,16 @@ from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
-from halpipe.models import Binding
 from halpipe.pipeline.solve.kernel.assign_units import Arc, assign_units
+from halpipe.pipeline.solve.lanes import interchangeable_units, is_bound
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from halpipe.models import Version
+    from halpipe.models import Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.exactmodel import JobVars, Program
+    from halpipe.pipeline.solve.lanes import UnitGroups
 
 AssignedUnits = dict[tuple[str, int], tuple[str, ...]]
 """The units of every job, by task and index."""
@@ -39,9 +40,9 @@ class Form(ABC):
     names_matter = False
     """Whether units that are treated alike, and turns of the whole schedule, are not the same."""
 
-    def __init__(self, program: Program, units: list[str]) -> None:
+    def __init__(self, program: Program, units: Sequence[Unit]) -> None:
         self.program = program
-        self.groups = alike(program.expansion, units)
+        self.groups = interchangeable_units(program.expansion, units, grouped=True)
 
     @abstractmethod
     def state(self) -> None:
@@ -62,43 +63,17 @@ class Form(ABC):
         return self.program.ticks(version.wcet or ZERO)
 
 
-def alike(expansion: Expansion, units: list[str]) -> list[list[str]]:
-    """Return the units in groups that every version treats alike; those that none may use are left out."""
-    users: dict[str, list[int]] = {name: [] for name in units}
-    versions = (version for active in expansion.tasks for version in active.versions)
-    for number, version in enumerate(versions):
-        for name in users.keys() & version.units:
-            users[name].append(number)
-    members: dict[tuple[int, ...], list[str]] = {}
-    for name, numbers in users.items():
-        if numbers:
-            members.setdefault(tuple(numbers), []).append(name)
-    return list(members.values())
-
-
-def forms_of(expansion: Expansion, units: list[str]) -> list[type[Form]]:
+def forms_of(expansion: Expansion, units: Sequence[Unit]) -> list[type[Form]]:
     """Return the forms in which a mode may be stated, the most promising first."""
-    groups = alike(expansion, units)
+    groups = interchangeable_units(expansion, units, grouped=True)
     versions = (version for active in expansion.tasks for version in active.versions)
-    has_choice = any(map(is_bound_by_choice, expansion.tasks))
+    has_choice = any(map(is_bound, expansion.tasks))
     if has_choice or any(len(_splits(version, groups)) > MAX_SPLITS for version in versions):
         return [Units]
     return [Groups, Units, Line] if any(len(group) > 1 for group in groups) else [Units, Line]
 
 
-def on_unit_of(active: ActiveTask) -> list[str]:
-    """Return the units that any version of a task may use."""
-    return list(dict.fromkeys(name for version in active.versions for name in version.units))
-
-
-def is_bound_by_choice(active: ActiveTask) -> bool:
-    """Return whether all jobs of a task keep to one unit set of several."""
-    sets = {frozenset(version.units) for version in active.versions}
-    is_single = len(sets) == 1 and all(len(set(v.units)) == v.gang for v in active.versions)
-    return active.task.binding is not Binding.JOB and not is_single
-
-
-def _splits(version: Version, groups: list[list[str]]) -> list[Counter[int]]:
+def _splits(version: Version, groups: UnitGroups) -> list[Counter[int]]:
     """Return how many units of each group a job may take: one group, or all splits of a gang (too many: some)."""
     allowed = frozenset(version.units)
     sizes = {number: len(group) for number, group in enumerate(groups) if group[0] in allowed}
@@ -202,14 +177,15 @@ class Units(Form):
         for name, intervals in on_unit.items():
             program.cp.add_no_overlap(intervals)
             state_load(program, loads[name], program.total)
-        for active in filter(is_bound_by_choice, program.expansion.tasks):
+        for active in filter(is_bound, program.expansion.tasks):
             self._state_binding(active)
         self._state_group_loads()
 
     def _state_binding(self, active: ActiveTask) -> None:
         """Let all jobs of a task take the same units."""
         program = self.program
-        units = {name: program.literal() for name in on_unit_of(active)}
+        names = dict.fromkeys(name for version in active.versions for name in version.units)
+        units = {name: program.literal() for name in names}
         for job, name, literal in self.units:
             if job.active is active:
                 program.cp.add(units[name] >= literal)
@@ -259,7 +235,7 @@ class _FirstUse:
     The first job takes the first units of a group, and every later one at most as many further as its gang needs.
     """
 
-    def __init__(self, groups: list[list[str]]) -> None:
+    def __init__(self, groups: UnitGroups) -> None:
         self._place = {name: (number, at) for number, group in enumerate(groups) for at, name in enumerate(group)}
         self._seen = [0] * len(groups)
 

@@ -15,11 +15,12 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
+from halpipe.models import Binding
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.models import Unit, Version
@@ -43,7 +44,10 @@ weights the search, at one temperature for all, settles the units first and then
 """
 
 
-def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: bool) -> tuple[tuple[str, ...], ...]:
+UnitGroups = tuple[tuple[str, ...], ...]
+
+
+def interchangeable_units(expansion: Expansion, units: Iterable[Unit], *, grouped: bool) -> UnitGroups:
     """Group units that every version treats alike and that serve the same interrupts; or each stands alone."""
     member_of: dict[str, list[int]] = {unit.name: [] for unit in units}
     service = {unit.name: tuple((i.distance, i.wcet) for i in unit.interrupts) for unit in units}
@@ -56,6 +60,22 @@ def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: 
         if members:
             groups.setdefault((tuple(members), service[name]) if grouped else name, []).append(name)
     return tuple(tuple(names) for names in groups.values())
+
+
+def is_bound(active: ActiveTask) -> bool:
+    """Return whether the jobs of a task have to choose one unit set together."""
+    has_choice = any(len(set(v.units)) > v.gang for v in active.versions)
+    has_choice = has_choice or len({frozenset(version.units) for version in active.versions}) > 1
+    return active.task.binding is not Binding.JOB and has_choice
+
+
+def quanta_of(expansion: Expansion, resources: Iterable[str]) -> dict[str, int]:
+    """Return in how many equal parts each resource is shared, so that all bounds are whole; at most `MAX_QUANTA`."""
+    denominators = dict.fromkeys(resources, 1)
+    for version in (version for active in expansion.tasks for version in active.versions):
+        for access in version.accesses:
+            denominators[access.resource] = math.lcm(denominators[access.resource], access.bound.denominator)
+    return {name: min(denominator, MAX_QUANTA) for name, denominator in denominators.items()}
 
 
 Pins = Mapping[int, frozenset[str]]
@@ -75,13 +95,13 @@ class Lanes:
         pinned: Mapping[str, Pins],
     ) -> None:
         self.tick = tick or natural_tick(expansion)
-        self.groups = interchangeable_units(expansion, units, grouped)
+        self.groups = interchangeable_units(expansion, units, grouped=grouped)
         self.services = {unit.name: service_of({unit.name: unit}, [unit.name]) for unit in units}
         self._units = {unit.name: unit for unit in units}
         self._is_interrupted = any(unit.interrupts for unit in units)
         self._group_of = {name: index for index, names in enumerate(self.groups) for name in names}
         self._of_resource = {name: len(self.groups) + index for index, name in enumerate(resources)}
-        self._quanta = self._resource_quanta(expansion)
+        self._quanta = list(quanta_of(expansion, resources).values())
         self._pinned = pinned
         self._expansion = expansion
         self._known_times: dict[tuple[str, str, Service[Duration]], tuple[int, int]] = {}
@@ -110,15 +130,6 @@ class Lanes:
         """The cost of one tick times one quantum of excess on each lane."""
         weight = self.unit_weight
         return [weight] * len(self.groups) + [RESOURCE_WEIGHT * weight // q for q in self._quanta]
-
-    def _resource_quanta(self, expansion: Expansion) -> list[int]:
-        denominators: dict[str, int] = dict.fromkeys(self._of_resource, 1)
-        for active in expansion.tasks:
-            for version in active.versions:
-                for access in version.accesses:
-                    known = denominators[access.resource]
-                    denominators[access.resource] = math.lcm(known, access.bound.denominator)
-        return [q if q <= MAX_QUANTA else MAX_QUANTA for q in denominators.values()]
 
     def service(self, choice: Choice) -> Service[Duration]:
         """Return the interrupts of the units of a choice, of which those of one group are alike."""

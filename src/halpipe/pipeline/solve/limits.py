@@ -31,28 +31,13 @@ LARGEST = 2**62
 
 
 def stated_problem(
-    model: TaskModel,
-    expansion: Expansion,
-    tick: Duration | None,
-    *,
-    grouped: bool = True,
-    every_chain: bool = False,
-    pinned: Mapping[str, Pins],
+    model: TaskModel, expansion: Expansion, tick: Duration | None, *, pinned: Mapping[str, Pins], **form: bool
 ) -> Problem:
     """Build the arrays of a mode, refusing what does not fit them; see `build_problem`."""
     check_tick(expansion, tick)
     resources = [resource.name for resource in model.resources]
     try:
-        problem = build_problem(
-            expansion,
-            model.units,
-            resources,
-            model.chains,
-            tick=tick,
-            grouped=grouped,
-            every_chain=every_chain,
-            pinned=pinned,
-        )
+        problem = build_problem(expansion, model.units, resources, model.chains, tick=tick, pinned=pinned, **form)
     except OverflowError:
         raise HalpipeError(too_large(expansion, tick or natural_tick(expansion))) from None
     first = problem.arrays.task_option

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.solve.checkpoint import Kept
     from halpipe.pipeline.solve.kernel.search import Outcome, Search
-    from halpipe.pipeline.solve.kernel.slices import Kept
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.optimise import Polish, Reached
@@ -157,11 +157,9 @@ class _Search:
 
     @property
     def kept(self) -> Kept | None:
-        """The name under which a checkpoint has this search."""
-        from halpipe.pipeline.solve.kernel.slices import Kept
-
+        """The part of a checkpoint that has this search."""
         keeper = self.options.keeper
-        return None if keeper is None else Kept(keeper, f"{self.options.attempt}/{self.number}{self.part}")
+        return None if keeper is None else keeper.stage(f"{self.options.attempt}/{self.number}{self.part}")
 
     def finished(self, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool) -> Finished:
         """Return valid jobs with what they reach of the objectives, or better ones; see `optimise.finish`."""
@@ -293,16 +291,8 @@ class _WholeJobs(_Search):
         """The mode in arrays; jobs that have shipped stay on their units, so that no group of units is one lane."""
         return self._stated(self.tick, grouped=not self.shipped)
 
-    def _stated(
-        self,
-        tick: Duration | None,
-        *,
-        grouped: bool = True,
-        every_chain: bool = False,
-        expansion: Expansion | None = None,
-    ) -> Problem:
-        pinned, expansion = self.pinned | self.settled, expansion or self.expansion
-        return stated_problem(self.model, expansion, tick, grouped=grouped, every_chain=every_chain, pinned=pinned)
+    def _stated(self, tick: Duration | None, expansion: Expansion | None = None, **form: bool) -> Problem:
+        return stated_problem(self.model, expansion or self.expansion, tick, pinned=self.pinned | self.settled, **form)
 
     @cached_property
     def settled(self) -> dict[str, Pins]:
@@ -378,7 +368,7 @@ class _WholeJobs(_Search):
 
         def begin(margin: Fraction, number: int, kept: Kept | None) -> Search:
             def stated(*, grouped: bool) -> Problem:
-                plain = self._stated(tick, grouped=grouped and not self.shipped, expansion=expansion)
+                plain = self._stated(tick, expansion, grouped=grouped and not self.shipped)
                 return reserved(plain, margin, plain.arrays)
 
             separate = partial(stated, grouped=False)

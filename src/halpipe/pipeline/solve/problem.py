@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
-from halpipe.models import Anchor, Binding, Edge, Match
+from halpipe.models import Anchor, Edge, Match
 from halpipe.pipeline.jobs import Expansion, demand_ranges
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.solve.construction import construction_order
-from halpipe.pipeline.solve.integers import Table, ints
-from halpipe.pipeline.solve.lanes import Lanes
+from halpipe.pipeline.solve.integers import Row, Table, ints
+from halpipe.pipeline.solve.lanes import Lanes, is_bound
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -166,34 +166,15 @@ def build_problem(
     """
     counted = [c for c in chains if every_chain or (c.max_latency, c.max_reaction, c.max_age) != (None,) * 3]
     grouped = grouped and not any(map(is_bound, expansion.tasks))
-    return _Builder(expansion, units, resources, counted, tick, grouped, pinned or {}).build()
-
-
-def is_bound(active: ActiveTask) -> bool:
-    """Return whether the jobs of a task have to choose one unit set together."""
-    has_choice = any(len(set(v.units)) > v.gang for v in active.versions) or len({*map(_units, active.versions)}) > 1
-    return active.task.binding is not Binding.JOB and has_choice
-
-
-def _units(version: Version) -> frozenset[str]:
-    return frozenset(version.units)
+    return _Builder(expansion, Lanes(expansion, units, resources, tick, grouped, pinned or {}), counted).build()
 
 
 class _Builder:
     """Fills the arrays, one method per family of columns."""
 
-    def __init__(
-        self,
-        expansion: Expansion,
-        units: Sequence[Unit],
-        resources: Sequence[str],
-        chains: Iterable[Chain],
-        tick: Duration | None,
-        grouped: bool,
-        pinned: Mapping[str, Pins],
-    ) -> None:
+    def __init__(self, expansion: Expansion, lanes: Lanes, chains: Iterable[Chain]) -> None:
         self.expansion = expansion
-        self.lanes = Lanes(expansion, units, resources, tick, grouped, pinned)
+        self.lanes = lanes
         self.hyperperiod = self.lanes.ticks(expansion.hyperperiod)
         self.task_index = {active.name: index for index, active in enumerate(expansion.tasks)}
         self.chains = [chain for chain in chains if all(name in self.task_index for name in chain.tasks)]
@@ -230,10 +211,8 @@ class _Builder:
     # ---- options, and room for them
 
     def _options(self) -> Columns:
-        wcet, late, present, sets, task_sets, task_option = [], [], [], [], [], [0]
-        recencies: list[_EndsLate] = []
-        rects: list[list[Rect]] = []
-        rows: list[list[tuple[int, ...]]] = []
+        made: list[tuple[Option, int, int, int, int, _EndsLate, list[Rect], list[Row]]] = []
+        task_sets, task_option = [], [0]
         for active in self.expansion.tasks:
             numbers: dict[Choice, int] = {}
             chooses_once = is_bound(active)
@@ -251,27 +230,17 @@ class _Builder:
                     length, slip, claims, recency = known[service]
                     if slip < 0 or length > self.hyperperiod:
                         continue
-                    self.options.append(Option(version, choice))
-                    recencies.append(recency)
-                    rects.append([(group, 0, length, count) for group, count in choice] + claims)
-                    rows.append(constraints)
-                    wcet.append(length)
-                    late.append(slip)
-                    present.append(1)
-                    sets.append(numbers.setdefault(choice, len(numbers)) if chooses_once else ANY_SET)
+                    number = numbers.setdefault(choice, len(numbers)) if chooses_once else ANY_SET
+                    rects = [(group, 0, length, count) for group, count in choice] + claims
+                    made.append((Option(version, choice), length, slip, 1, number, recency, rects, constraints))
             task_sets.append(max(1, len(numbers)))
             if active.name in self._uncertain:
-                self.options.append(Option(None, ()))
-                recencies.append((ZERO, ZERO))
-                rects.append([])
-                rows.append([])
-                wcet.append(0)
-                late.append(0)
-                present.append(0)
-                sets.append(ANY_SET)
-            task_option.append(len(wcet))
+                made.append((Option(None, ()), 0, 0, 0, ANY_SET, (ZERO, ZERO), [], []))
+            task_option.append(len(made))
+        columns = zip(*made, strict=True) if made else [()] * 8
+        self.options, wcet, late, present, sets, recencies, claimed, rows = map(list, columns)
         ranks = {key: number for number, key in enumerate(sorted(set(recencies), reverse=True))}
-        rect_first, rect = _table(rects, 4)
+        rect_first, rect = _table(claimed, 4)
         row_first, row = _table(rows, 7)
         return {
             "task_option": ints(task_option),
@@ -330,11 +299,8 @@ class _Builder:
             active = self.expansion.tasks[task]
             own = self.options[first[task] : first[task + 1]]
             times = [reserved_length(point, self.lanes.service(option.groups)) for option in own]
-            yield from self._padded([self.lanes.ticks_up(time) for time in times], self._count(active))
-
-    @staticmethod
-    def _padded(times: list[int], count: int) -> list[int]:
-        return times[:count] + [0] * (count - len(times))
+            count = self._count(active)
+            yield from [*map(self.lanes.ticks_up, times), *[0] * count][:count]
 
     def _rounds_up(self, task: int) -> bool:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
@@ -345,18 +311,12 @@ class _Builder:
         """Names of the tasks on demand with jobs that depend on choices, and of those on demand of these."""
         found: set[str] = set()
         ranges = {active.name: demand_ranges(active.versions) for active in self.expansion.tasks}
-        for active in sorted(self.expansion.tasks, key=lambda active: self._depth[active.name]):
-            demanders = {demand.task for demand in active.demands}
-            counts = (ranges[name][active.name] for name in demanders)
-            if not found.isdisjoint(demanders) or any(least != most for least, most in counts):
-                found.add(active.name)
-        return found
-
-    @cached_property
-    def _depth(self) -> dict[str, int]:
-        """Place of each task behind those that demand it."""
         demanders = {active.name: {demand.task for demand in active.demands} for active in self.expansion.tasks}
-        return {name: place for place, name in enumerate(TopologicalSorter(demanders).static_order())}
+        for name in TopologicalSorter(demanders).static_order():
+            counts = (ranges[other][name] for other in demanders[name])
+            if not found.isdisjoint(demanders[name]) or any(least != most for least, most in counts):
+                found.add(name)
+        return found
 
     def _lane_room(self, lanes: int, option: Columns) -> Columns:
         """Size every lane's profile: each rectangle that may land there adds at most three breakpoints."""

@@ -219,15 +219,13 @@ def _across(
         longer = grown(model, schedule, task, version, tick * growth)
         return next((f"{d.path}: {d.message}" for d in verify(*longer) if d.is_error), "")
 
-    good, bad = 0, limit.growth
+    bad = limit.growth
     if room is not None and room < limit.growth:
         bad = room + 1
     elif not fault(limit.growth):
         return limit
-    while bad - good > 1:
-        middle = (good + bad) // 2
-        good, bad = (good, middle) if fault(middle) else (middle, bad)
-    return Limit(good, fault(bad))
+    good = bisect_left(range(1, bad), True, key=lambda growth: bool(fault(growth)))
+    return Limit(good, fault(good + 1))
 
 
 # ------------------------------------------------------------------------------------------------ search
@@ -470,10 +468,4 @@ class FixedStarts:
             latency = None if members is None else measure(members, self._circle)
             return latency is not None and latency <= limit
 
-        if keeps(cap):
-            return cap
-        good, bad = 0, cap
-        while bad - good > 1:
-            middle = (good + bad) // 2
-            good, bad = (middle, bad) if keeps(middle) else (good, middle)
-        return good
+        return cap if keeps(cap) else bisect_left(range(1, cap), True, key=lambda growth: not keeps(growth))

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.models import Job, TaskModel
+    from halpipe.pipeline.solve.checkpoint import Kept
     from halpipe.pipeline.solve.edf.trials import Latency, Ticks
     from halpipe.pipeline.solve.edf.works import Mode, Way
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.kernel.slices import Kept
     from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.optimise import Polish
 

@@ -12,6 +12,7 @@ from halpipe.core.records import record
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.parts import Service, interrupt_load, pieces, reserved_length, service_of
 from halpipe.pipeline.solve.edf.fixed import Fixed
+from halpipe.pipeline.solve.lanes import quanta_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -26,9 +27,6 @@ MAX_UNIT_SETS = 256
 
 ANY_NUMBER = 10**9
 """Stands for no limit of gaps."""
-
-MAX_QUANTA = 10**6
-"""Bounds with a common denominator beyond this are rounded up to this grid, which is safe."""
 
 
 @record
@@ -143,7 +141,7 @@ class _Builder:
         self.unit_index = {name: number for number, name in enumerate(self.units)}
         self.resource_index = {resource.name: number for number, resource in enumerate(model.resources)}
         self.task_index = {active.name: number for number, active in enumerate(expansion.tasks)}
-        self.capacity = self._capacity()
+        self.capacity = quanta_of(expansion, (resource.name for resource in model.resources))
 
     def down(self, time: Duration) -> int:
         return time // self.tick
@@ -160,17 +158,8 @@ class _Builder:
             platform=self.model.units,
             services=tuple(service_of(self.units, [name]) for name in self.units),
             works=tuple(map(self._work, self.expansion.tasks)),
-            capacity=self.capacity,
+            capacity=tuple(self.capacity.values()),
         )
-
-    def _capacity(self) -> tuple[int, ...]:
-        denominators = [1] * len(self.resource_index)
-        for active in self.expansion.tasks:
-            for version in active.versions:
-                for access in version.accesses:
-                    number = self.resource_index[access.resource]
-                    denominators[number] = math.lcm(denominators[number], access.bound.denominator)
-        return tuple(min(denominator, MAX_QUANTA) for denominator in denominators)
 
     def _work(self, active: ActiveTask) -> Work:
         task = active.task
@@ -239,13 +228,12 @@ class _Builder:
     def _phases(self, version: Version, bounds: Sequence[Duration], ends: Sequence[int]) -> Iterable[Phase]:
         """Yield the phases in grid time: inside a piece, they count from where the piece begins on the grid."""
         for access in itertools.chain.from_iterable(self._within_pieces(a, bounds) for a in version.accesses):
-            number = self.resource_index[access.resource]
-            height = math.ceil(access.bound * self.capacity[number])
+            height = math.ceil(access.bound * self.capacity[access.resource])
             piece = next(n for n in range(len(ends)) if access.end <= bounds[n + 1])
             start = ends[piece - 1] if piece else 0
             begin, end = start + self.down(access.start - bounds[piece]), start + self.up(access.end - bounds[piece])
             if height:
-                yield Phase(number, begin, max(end, begin + 1), height)
+                yield Phase(self.resource_index[access.resource], begin, max(end, begin + 1), height)
 
     def _within_pieces(self, access: Access, bounds: Sequence[Duration]) -> Iterable[Access]:
         """Cut an access to a lock at the split points; what holds it in the gaps is seen by the cost of a table."""

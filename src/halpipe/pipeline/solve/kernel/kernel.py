@@ -169,16 +169,6 @@ def total_cost(arrays: Arrays, state: State) -> int:
     return ask("total_cost", arrays, state)
 
 
-def worst_reaction(arrays: Arrays, state: State, chain: int) -> int:
-    """Return the worst reaction time, in the best placement, of a chain by number, or NEVER."""
-    return ask("worst_reaction", arrays, state, chain)
-
-
-def worst_age(arrays: Arrays, state: State, chain: int) -> int:
-    """Return the worst data age, in the best placement, of a chain by number, or NEVER."""
-    return ask("worst_age", arrays, state, chain)
-
-
 SOURCES = Path(__file__).parent / "native"
 
 COUNTED = {

@@ -29,10 +29,9 @@ from halpipe.pipeline.solve.kernel.kernel import (
     MOVES,
     NEVER,
     State,
+    bound,
     load,
     new_state,
-    worst_age,
-    worst_reaction,
 )
 from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.kernel.widen import following, margins, reserved
@@ -42,8 +41,9 @@ from halpipe.pipeline.solve.problem import NO_TICK
 if TYPE_CHECKING:
     from halpipe.models import Job
     from halpipe.pipeline.measure.objectives import Judge, Worth
+    from halpipe.pipeline.solve.checkpoint import Kept
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
+    from halpipe.pipeline.solve.kernel.slices import OnSlice
     from halpipe.pipeline.solve.optimise import Polish
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
@@ -326,12 +326,10 @@ def _traded(
 
 
 def _latencies(best: _Best) -> list[list[int]]:
-    """Return reaction time and data age of every chain, in ticks."""
+    """Return the worst reaction time and data age of every chain in the best placement, in ticks, or NEVER."""
     arrays, state = best.arrays, best.state
-    return [
-        [measure(arrays, state, chain) for measure in (worst_reaction, worst_age)]
-        for chain in range(len(arrays.chain_limit))
-    ]
+    measures = [bound(name, arrays, state) for name in ("worst_reaction", "worst_age")]
+    return [[measure(chain) for measure in measures] for chain in range(len(arrays.chain_limit))]
 
 
 def _limits(latencies: list[list[int]]) -> Table:

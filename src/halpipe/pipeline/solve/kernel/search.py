@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from halpipe.models import Job
-    from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
+    from halpipe.pipeline.solve.checkpoint import Kept
+    from halpipe.pipeline.solve.kernel.slices import OnSlice
     from halpipe.pipeline.solve.optimise import Polish
     from halpipe.pipeline.solve.problem import Problem
 

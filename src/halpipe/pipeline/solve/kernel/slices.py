@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.kernel import BEST, FROZEN, INSERTED, MOVES, State, anneal, gumbel_table, total_cost
 
 if TYPE_CHECKING:
-    from halpipe.pipeline.solve.checkpoint import Checkpoint
-    from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.checkpoint import Kept
     from halpipe.pipeline.solve.problem import Arrays
 
 
@@ -22,34 +20,6 @@ FIRST_STAGE = "groups"
 
 OnSlice = Callable[[int, int], bool]
 """Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
-
-
-@record
-class Kept:
-    """A checkpoint and the name under which it has one search."""
-
-    keeper: Checkpoint
-    key: str
-
-    def stage(self, name: str) -> Kept:
-        """Return the same for one stage of the search."""
-        return Kept(self.keeper, f"{self.key}/{name}")
-
-    def restore(self, state: State) -> None:
-        """Fill a fresh state with what was saved for it, if anything was."""
-        self.keeper.restore(self.key, state)
-
-    def keep(self, state: State, *, now: bool) -> None:
-        """Save a state: at once, or when it is time."""
-        self.keeper.keep(self.key, state, now=now)
-
-    def note(self, facts: Mapping[str, Ints]) -> None:
-        """Save the outcome of a finished stage in place of its state."""
-        self.keeper.note(self.key, facts)
-
-    def noted(self) -> Mapping[str, Ints] | None:
-        """Return the outcome of this stage if it was finished before."""
-        return self.keeper.noted(self.key)
 
 
 def run(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:

@@ -26,15 +26,15 @@ from halpipe.pipeline.solve.kernel.kernel import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Job
+    from halpipe.models import Job, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.assign_units import Units
-    from halpipe.pipeline.solve.lanes import Pins
-    from halpipe.pipeline.solve.problem import Option, Problem
+    from halpipe.pipeline.solve.lanes import Choice, Pins
+    from halpipe.pipeline.solve.problem import Problem
 
 
 @record
@@ -108,29 +108,20 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
     The problem has one lane per unit. A task stays only if all its jobs are shipped with a version and units that
     it still has. An empty `state` is given and filled.
     """
-    arrays = problem.arrays
-    put, group_of = bound("put", arrays, state), {names[0]: group for group, names in enumerate(problem.groups)}
-    kept, changed = [], []
+    arrays, put, groups = problem.arrays, bound("put", problem.arrays, state), _group_of(problem)
+    kept: list[int] = []
+    changed = []
     for number, active in enumerate(problem.expansion.tasks):
         jobs = [shipped[active.name, index] for index in range(active.jobs) if (active.name, index) in shipped]
         if not jobs:
             continue
-        numbers = _numbers(problem, number)
-        options = [option for job in jobs if (option := _option(problem, numbers, group_of, job)) is not None]
-        if len(options) < active.jobs or not _is_at_releases(problem, active, jobs):
+        if len(jobs) < active.jobs or not _take_over(problem, state, number, jobs, groups):
             changed.append(active.name)
             continue
-        first = arrays.task_job[number]
-        cycle = arrays.task_period[number] if arrays.task_cyclic[number] else 0
-        base = jobs[0].start // problem.tick
-        half = arrays.hyperperiod // 2
-        for place, (job, option) in enumerate(zip(jobs, options, strict=True)):
-            start = job.start // problem.tick
-            drift = (start - place * cycle - base + half) % arrays.hyperperiod - half
-            state.start[first + place], state.option[first + place] = start, option
-            state.phase[first + place] = base + drift
-            put(first + place)
-        kept += sorted({arrays.job_entry[first + place] for place in range(active.jobs)})
+        places = range(arrays.task_job[number], arrays.task_job[number + 1])
+        for place in places:
+            put(place)
+        kept += sorted({arrays.job_entry[place] for place in places})
     for entry in kept:
         state.hint[entry] = FROZEN_HINT
     frozen = set(kept)
@@ -151,67 +142,57 @@ def _is_at_releases(problem: Problem, active: ActiveTask, jobs: Iterable[Job]) -
     return len({(job.start - period * job.index) % problem.expansion.hyperperiod for job in jobs}) == 1
 
 
-_Choice = tuple[str, tuple[tuple[int, int], ...]]
-
-
-def _numbers(problem: Problem, task: int) -> dict[_Choice, int]:
-    """Return the options of a task by their version and groups of units; the first of several."""
-    found: dict[_Choice, int] = {}
-    arrays = problem.arrays
-    for number in range(arrays.task_option[task], arrays.task_option[task + 1]):
-        option: Option = problem.options[number]
-        if option.version is not None:
-            found.setdefault((option.version.name, option.groups), number)
-    return found
-
-
-def _option(problem: Problem, numbers: Mapping[_Choice, int], group_of: Mapping[str, int], job: Job) -> int | None:
-    """Return the option that puts a job's version on its units; None if the task no longer has it.
-
-    Nor does a job have one that starts outside of the hyperperiod, as in a schedule that was not verified.
-    """
-    if not 0 <= job.start // problem.tick < int(problem.arrays.hyperperiod):
-        return None
-    if not all(name in group_of for name in job.units):
-        return None
-    return numbers.get((job.version, tuple(sorted((group_of[name], 1) for name in job.units))))
-
-
 def taken_over(problem: Problem, jobs: Iterable[Job], seed: int) -> tuple[State, Units] | None:
     """Return the placement of all jobs of a mode, whose starts are whole ticks of the problem, and their units.
 
     None where the kernel has no option for one of them (of large gangs, not every set of groups is tried), or does not
     find that the placement is valid.
     """
-    arrays, state, units = (
-        problem.arrays,
-        new_state(problem.arrays, seed, problem.mean_wcet),
-        dict[int, tuple[str, ...]](),
-    )
+    state, groups = new_state(problem.arrays, seed, problem.mean_wcet), _group_of(problem)
     known = {(job.task, job.index): job for job in jobs}
-    group_of = {name: group for group, names in enumerate(problem.groups) for name in names}
+    units: Units = {}
     for number, active in enumerate(problem.expansion.tasks):
-        options = range(arrays.task_option[number], arrays.task_option[number + 1])
-        of_option = {_name(problem.options[option]): option for option in options}
-        first = arrays.task_job[number]
         mates = [known.get((active.name, index)) for index in range(active.jobs)]
-        if not _is_at_releases(problem, active, [job for job in mates if job is not None]):
+        if not _take_over(problem, state, number, mates, groups):
             return None
-        for place, job in enumerate(mates, first):
-            used = () if job is None else tuple(sorted(Counter(group_of[name] for name in job.units).items()))
-            option = of_option.get((None if job is None else job.version, used))
-            if option is None:
-                return None
-            state.option[place] = option
-            state.start[place] = 0 if job is None else job.start // problem.tick
-            if job is not None:
-                units[place] = job.units
-        _set_phases(problem, state, number, active.jobs)
-    return (state, units) if load(arrays, state) == 0 else None
+        places = enumerate(mates, problem.arrays.task_job[number])
+        units |= {place: job.units for place, job in places if job is not None}
+    return (state, units) if load(problem.arrays, state) == 0 else None
 
 
-def _name(option: Option) -> tuple[str | None, tuple[tuple[int, int], ...]]:
-    return (None if option.version is None else option.version.name, option.groups)
+def _group_of(problem: Problem) -> dict[str, int]:
+    """Return the number of the group of every unit."""
+    return {name: group for group, names in enumerate(problem.groups) for name in names}
+
+
+def _take_over(
+    problem: Problem, state: State, task: int, jobs: Sequence[Job | None], groups: Mapping[str, int]
+) -> bool:
+    """Set option, start and phase of all jobs of a task, of which None do not run; False where that is not possible.
+
+    It is not where the task has no such option, and for a job that starts outside of the hyperperiod, as in a schedule
+    that was not verified.
+    """
+    arrays, active = problem.arrays, problem.expansion.tasks[task]
+    numbers = range(arrays.task_option[task], arrays.task_option[task + 1])
+    known = {_choice(problem.options[number].version, problem.options[number].groups): number for number in numbers}
+    starts = [0 if job is None else job.start // problem.tick for job in jobs]
+    options = []
+    for job in jobs:
+        taken = Counter(groups.get(name, -1) for name in job.units) if job is not None else {}
+        options.append(known.get((None if job is None else job.version, tuple(sorted(taken.items())))))
+    found = [option for option in options if option is not None]
+    is_inside = all(0 <= start < arrays.hyperperiod for start in starts)
+    if len(found) < len(options) or not is_inside or not _is_at_releases(problem, active, filter(None, jobs)):
+        return False
+    places = slice(arrays.task_job[task], arrays.task_job[task + 1])
+    state.option[places], state.start[places] = ints(found), ints(starts)
+    _set_phases(problem, state, task, active.jobs)
+    return True
+
+
+def _choice(version: Version | None, groups: Choice) -> tuple[str | None, Choice]:
+    return (None if version is None else version.name, groups)
 
 
 def _set_phases(problem: Problem, state: State, task: int, count: int) -> None:

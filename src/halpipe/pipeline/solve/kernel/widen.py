@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
     from halpipe.models import Job
+    from halpipe.pipeline.solve.checkpoint import Kept
     from halpipe.pipeline.solve.kernel.search import Search
-    from halpipe.pipeline.solve.kernel.slices import Kept, OnSlice
+    from halpipe.pipeline.solve.kernel.slices import OnSlice
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
 STEP, FIRST = Fraction(1, 64), Fraction(1, 8)
