@@ -538,6 +538,53 @@ def quanta_of_the_exact_engine(count):
     return ""
 
 
+@lowered("pipeline.solve.exactmodel:MAX_PARTS", 3, "TooLarge", solver_library=MagicMock())
+def parts_of_the_exact_engine(count):
+    module = import_module("halpipe.pipeline.solve.exactmodel")
+    program = module.Program(MagicMock(hyperperiod=Duration(1)), MagicMock(), Duration(1))
+    try:
+        for _ in range(count):
+            program.spend()
+    except module.TooLarge:
+        return "TooLarge"
+    return ""
+
+
+@lowered("pipeline.solve.one_mode:MOST_PARTS", 3, "coarser", Placement=MagicMock(), natural_tick=lambda _: Duration(12))
+def parts_of_a_tick_for_margins(count):
+    """The bound of a margin in so many parts is met; of more, the grid has no more than the limit."""
+    mode, ticks = MagicMock(tick=None, options=fake(spare=1), expansion=fake(tasks=[1], job_count=1)), []
+    mode._stated.side_effect = lambda tick, **_: ticks.append(tick) or fake(arrays=None)
+    bounds = {"largest_margin": lambda _: Fraction(1, count), "least_margin": lambda _: Fraction(0)}
+    kernel = {"reserved": MagicMock(), "widened": lambda begin, *_: begin(Fraction(1), 0, None)}
+    search = patched("pipeline.solve.kernel.search", Search=MagicMock())
+    with patched("pipeline.solve.one_mode", **bounds), patched("pipeline.solve.kernel.widen", **kernel), search:
+        named("pipeline.solve.one_mode:_WholeJobs")._wider(mode, (), [], "", 0)
+    return "" if ticks == [Duration(12) / count] else "coarser"
+
+
+@lowered("deploy.riscv.board.block_hook:MAX_WATCHED", 3, "fewer")
+def addresses_at_which_a_core_stops(count):
+    hart = fake(_page=fake(watched=[0] * count))
+    named("deploy.riscv.board.hart:Hart").watch(hart, range(count))
+    return "" if hart._page.watching == count else "fewer"
+
+
+@lowered("pipeline.generate.tiling:_MOST_OF_A_KIND", 1, "fewer")
+def bands_of_one_kind(count):
+    """As many triples leave no column empty either."""
+    structures = named("pipeline.generate.tiling:_structures").__wrapped__((0, 6, 0), alone=False)
+    return "" if (0, 0, 0, count, 0, 0) in structures else "fewer"
+
+
+@lowered("workbench.picture:MOST", 3, "fewer", formats=lambda _: (), scene=lambda *_, **__: {})
+def deviations_that_the_page_lists(count):
+    state = MagicMock(findings=[])
+    session = MagicMock(shown=state, answered=MagicMock(seconds=None), past=(), future=())
+    session.beside.return_value = fake(name="b", found=[*range(count)])
+    return "" if len(named("workbench.picture:picture")(session)["beside"]["found"]) == count else "fewer"
+
+
 @lowered("pipeline.solve.lanes:MAX_QUANTA", 3, "capped")
 def quanta_of_a_resource(count):
     [found] = named("pipeline.solve.lanes:quanta_of")(expansion_of(count), ["r"]).values()

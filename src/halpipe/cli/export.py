@@ -36,7 +36,7 @@ def export_files(exporter: Exporter, model: str, schedule: str, target: str, opt
     exported = export_with_remarks(exporter.name, system, tables, options)
     remarks = _with_folders(exported.remarks, [model, schedule, *_paths(options)])
     write_export(replace(exported, remarks=tuple(remarks)), target)
-    if exporter.shown and not output.is_quiet():
+    if exporter.shown and not output.Settings.quiet:
         output.text(exported.contents[exporter.shown].decode().rstrip())
     return Exit.OK
 

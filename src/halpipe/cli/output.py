@@ -139,11 +139,6 @@ def is_brief() -> bool:
     return is_text() and not Settings.verbose
 
 
-def is_quiet() -> bool:
-    """Return whether only errors are to be shown."""
-    return Settings.quiet
-
-
 def say(text: str) -> None:
     """Tell the user something in one line that is not the result."""
     write_remark(printable(text) + "\n")

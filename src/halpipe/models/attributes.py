@@ -21,6 +21,7 @@ from halpipe.core.quantities import (
     format_size,
     parse_bandwidth,
     parse_rational,
+    parse_signed,
     parse_size,
 )
 from halpipe.core.records import record
@@ -54,14 +55,8 @@ def _items(text: str) -> tuple[str, ...]:
     return tuple(_ITEM.findall(text))
 
 
-@lru_cache(maxsize=4096)
-def _number(text: str) -> Fraction:
-    """Read an exact number, which may carry a minus sign."""
-    stripped = text.strip()
-    return -parse_rational(stripped[1:]) if stripped.startswith("-") else parse_rational(text)
-
-
 _duration = lru_cache(maxsize=4096)(Duration.parse)  # a model states few distinct durations many times
+_number = lru_cache(maxsize=4096)(parse_signed)
 
 NAME = Codec("name", str)
 TEXT = Codec("xs:string", str)

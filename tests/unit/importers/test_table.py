@@ -251,3 +251,38 @@ def test_without_openpyxl_csv_is_offered(read, monkeypatch):
 def test_the_template_schedules(read):
     texts = {name.removesuffix(".csv"): text for name, text in first_table().items()}
     assert not [one for one in read(strict=True, **texts).diagnostics if one.is_error]
+
+
+@pytest.mark.parametrize(("above", "codes_found"), [(19, []), (20, ["HAL1483", "HAL1480"])])
+def test_titles_may_stand_above_the_heads_up_to_a_limit(read, above, codes_found):
+    text = "".join(f"title {number}\n" for number in range(above)) + TASKS
+    if not codes_found:
+        assert task(read(tasks=text)).name == "a"
+        return
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=text)
+    assert sorted(found.code for found in failure.value.diagnostics) == sorted(codes_found)
+
+
+def test_a_sheet_without_a_known_table_is_reported_at_its_first_row(read):
+    found = read(tasks=TASKS, other="\n\ncolour,size\nred,3\n")
+    assert [(d.code, d.at.line) for d in found.diagnostics] == [("HAL1483", 3)]
+
+
+def test_a_row_may_end_before_the_column_of_names(read):
+    """Such a row names nothing; the names of the others are known."""
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks="wcet,task\n1ms,a\n2ms\n")
+    assert [found.at.line for found in failure.value.diagnostics] == [3]
+
+
+def test_a_sheet_called_after_a_table_needs_only_its_first_column(read):
+    """The heads alone would not tell what it is; the missing column is reported."""
+    with pytest.raises(HalpipeError, match="tasks"):
+        read(tasks=TASKS, chains="chain,colour\nc,red\n")
+
+
+def test_a_wrong_item_of_a_list_is_reported_in_its_row(read):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=TASKS, chains='chain,tasks\n\nc,"a -> b?"\n')
+    assert [found.at.line for found in failure.value.diagnostics] == [3]

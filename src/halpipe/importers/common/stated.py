@@ -10,7 +10,8 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.durations import ZERO, Duration
+from halpipe.core.durations import Duration
+from halpipe.core.options import positive_duration
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, whole
 from halpipe.core.settings import Words
 from halpipe.models.attributes import (
@@ -63,14 +64,6 @@ def word(text: str) -> str:
     return text
 
 
-def positive(text: str) -> Duration:
-    """Read a duration above zero."""
-    duration = Duration.parse(text)
-    if duration == ZERO:
-        raise ValueError(f"{text} is not above zero; write a positive duration")
-    return duration
-
-
 def share(text: str) -> Fraction:
     """Read a number in [0, 1]."""
     number = parse_rational(text)
@@ -110,7 +103,7 @@ _READERS: dict[Codec, Callable[[str], Any]] = {
     TOKEN: word,
     TEXTS: word,
     DURATION: Duration.parse,
-    POSITIVE: positive,
+    POSITIVE: positive_duration,
     SHARE: share,
     BOUND: bound,
     GANG: count,

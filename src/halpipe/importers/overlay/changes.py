@@ -10,20 +10,21 @@ from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
+from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.codes import (
-    DOES_NOT_FIT,
+    MATCHES_NOTHING,
     NAMES_DROPPED,
     OVERRIDDEN,
     REMOVED,
     REPLACED,
     UNKNOWN_NAME,
 )
+from halpipe.importers.overlay.entries import expand
 from halpipe.models import Access, Interrupt, Precedence, Source, Split
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
-    from halpipe.core.diagnostics import Code
     from halpipe.core.settings import Stated
     from halpipe.importers.common.base import Coverage
 
@@ -78,34 +79,22 @@ class Changes:
     def overridden(self, path: str, what: str, old: object, new: object, at: Location) -> None:
         """Report that the overlay replaces a value of the source, unless both say the same."""
         if bare(old) != bare(new):
-            self.note(OVERRIDDEN, f"{what}: {show(new)} replaces {show(old)} of the source", at, path)
+            self.findings.report(OVERRIDDEN, f"{what}: {show(new)} replaces {show(old)} of the source", at, path)
 
     def replaced(self, what: str, old: Iterable[str], at: Location) -> None:
         """Report that the overlay replaces imported elements."""
-        self.note(REPLACED, f"the overlay's replace those of the source: {show(tuple(old))}", at, what)
+        self.findings.report(REPLACED, f"the overlay's replace those of the source: {show(tuple(old))}", at, what)
 
     def removed(self, message: str, at: Location, path: str) -> None:
         """Report that an imported element went because something it refers to went."""
-        self.note(REMOVED, message, at, path)
-
-    def note(self, code: Code, message: str, at: Location, path: str) -> None:
-        """Collect a note."""
-        self.findings.add(code(message, at=at, path=path))
-
-    def fault(self, code: Code, message: str, at: Location, path: str, help: str) -> None:
-        """Collect an error or a warning."""
-        self.findings.add(code(message, at=at, path=path, help=help))
-
-    def does_not_fit(self, message: str, at: Location, path: str, help: str) -> None:
-        """Report values that contradict each other."""
-        self.fault(DOES_NOT_FIT, message, at, path, help)
+        self.findings.report(REMOVED, message, at, path)
 
     def unknown(self, kind: str, name: str, known: Iterable[str], at: Location, path: str, otherwise: str) -> None:
         """Report a reference to nothing, once per place."""
         if (at, name) not in self._reported:
             self._reported.add((at, name))
             help = self.suggest(name, known, otherwise)
-            self.fault(UNKNOWN_NAME, f'there is no {kind} "{name}"', at, path, help)
+            self.findings.report(UNKNOWN_NAME, f'there is no {kind} "{name}"', at, path, help)
 
     def knows_task(self, name: str, at: Location, path: str) -> bool:
         """Return whether the model has the task; report where it does not."""
@@ -115,10 +104,20 @@ class Changes:
             if (at, name) not in self._reported:
                 self._reported.add((at, name))
                 help = "remove it here, or do not drop it"
-                self.fault(NAMES_DROPPED, f'task "{name}" is dropped by the overlay', at, path, help)
+                self.findings.report(NAMES_DROPPED, f'task "{name}" is dropped by the overlay', at, path, help)
         else:
             self.unknown("task", name, sorted(self.tasks), at, path, "the source has no task that resembles it")
         return False
+
+    def matching_units(self, pattern: str, units: Collection[str], at: Location, path: str) -> list[str]:
+        """Return the units that a name or a glob matches; report one that matches none."""
+        matching = expand(pattern, units)
+        otherwise = f"the units are: {show(tuple(units))}"
+        if not matching and is_glob(pattern):
+            self.findings.report(MATCHES_NOTHING, f'units "{pattern}" match no unit', at, path, otherwise)
+        elif not matching:
+            self.unknown("unit", pattern, units, at, path, otherwise)
+        return matching
 
     def suggest(self, name: str, known: Iterable[str], otherwise: str) -> str:
         """Return the nearest known names as a question, within a budget of comparisons."""

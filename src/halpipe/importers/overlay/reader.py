@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
+from halpipe.core.options import positive_duration
 from halpipe.core.settings import BAD_VALUE, Fields, Stated
-from halpipe.importers.common.stated import complete_attributes, is_glob, keys_of, positive, stated_attributes, word
+from halpipe.importers.common.stated import complete_attributes, is_glob, keys_of, stated_attributes, word
 from halpipe.importers.common.stated import name as name_text
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
 from halpipe.importers.overlay.entries import (
@@ -53,7 +54,7 @@ def pattern(text: str) -> str:
 
 def splitting(text: str) -> Duration | str:
     """Read a split point, or where else jobs may be split: ``anywhere`` or ``none``."""
-    return text if text in ("anywhere", "none") else positive(text)
+    return text if text in ("anywhere", "none") else positive_duration(text)
 
 
 T = TypeVar("T")
@@ -151,9 +152,14 @@ def _overlay(top: Fields) -> Overlay:
     )
 
 
-def _origin(f: Fields, path: str, at: Location | None = None) -> Origin:
-    at = at or f.at()
-    return Origin(at.file, at.line, str(path))
+def _origin(f: Fields, path: str) -> Origin:
+    return Origin(f.at().file, f.at().line, str(path))
+
+
+def _made(f: Fields, kind: type[T], path_of: Callable[[dict[str, Any]], str]) -> T | None:
+    """Return the element of a kind that a mapping states; None where it is not complete."""
+    stated, make = complete_attributes(f, kind), cast("Callable[..., T]", kind)
+    return None if stated is None else make(**stated, origin=_origin(f, path_of(stated)), at=f.at())
 
 
 # -------------------------------------------------------------------------------------- platform and sources
@@ -195,10 +201,7 @@ def _unit(f: Fields) -> Unit | None:
 
 
 def _interrupt(f: Fields) -> Interrupt | None:
-    found = complete_attributes(f, Interrupt)
-    if found is None:
-        return None
-    return Interrupt(**found, origin=_origin(f, about(interrupt=found["name"])), at=f.at())
+    return _made(f, Interrupt, lambda stated: about(interrupt=stated["name"]))
 
 
 def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
@@ -210,16 +213,12 @@ def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
 
 
 def _resource(f: Fields) -> Resource | None:
-    found = stated_attributes(f, Resource)
-    if "name" not in found:
-        return None
-    path = about("platform", resource=found["name"].value)
-    return Resource(**{field: one.value for field, one in found.items()}, origin=_origin(f, path), at=f.at())
+    return _made(f, Resource, lambda stated: about("platform", resource=stated["name"]))
 
 
 def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
     for pattern, f, at in top.entries("sources", ("period",), "source"):
-        period = f.get("period", positive) if f.require("period") else None
+        period = f.get("period", positive_duration) if f.require("period") else None
         if period is not None:
             yield Stated(pattern, at), period.value
 
@@ -230,7 +229,7 @@ def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
 def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
     path = f'task "{pattern}" version'
     versions = {
-        name: Stated(_version(v, name), v_at)
+        name: Stated(_version(v), v_at)
         for name, v, v_at in f.entries("versions", _VERSION, path)
         if _is_name(name, f, v_at)
     }
@@ -239,7 +238,7 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
         at=at,
         stated=stated_attributes(f, Task, "name"),
         drop=f.flag("drop"),
-        common=_version(f, ""),
+        common=_version(f),
         versions=versions,
     )
 
@@ -269,7 +268,7 @@ def _split(f: Fields) -> Stated[Split] | None:
     return Stated(Split(points=points, anywhere=stated.value == ("anywhere",)), stated.at)
 
 
-def _version(f: Fields, name: str) -> VersionEntry:
+def _version(f: Fields) -> VersionEntry:
     """Read what a version states; a task's entry may state the same for all its versions."""
     accesses = tuple(_access(a) for a in f.items("access", _ACCESS, f"{f.path} access"))
     windows = tuple(_window(w) for w in f.items("precedence", tuple(_WINDOW.values()), f"{f.path} precedence"))
@@ -359,34 +358,29 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
 def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
     found: dict[tuple[str, str], Transition] = {}
     for f in top.items("transitions", keys_of(Transition), "transition"):
-        stated = complete_attributes(f, Transition)
-        if stated is None:
+        made = _made(f, Transition, lambda stated: about(transition=(stated["source"], stated["target"])))
+        if made is None:
             continue
-        source, target = stated["source"], stated["target"]
-        path = about(transition=(source, target))
-        if source == target:
+        path = about(transition=(made.source, made.target))
+        if made.source == made.target:
             f.complain(BAD_VALUE, f"{path} leads nowhere", "to", help="name two different modes")
-            continue
-        transition = Transition(**stated, origin=_origin(f, path), at=f.at())
-        _keep_once(found, (source, target), transition, f, path)
+        else:
+            _keep_once(found, (made.source, made.target), made, f, path)
     return found
 
 
 def _chains(top: Fields) -> dict[str, Chain]:
     found: dict[str, Chain] = {}
     for f in top.items("chains", keys_of(Chain), "chain"):
-        stated = complete_attributes(f, Chain)
-        if stated is not None:
-            path = about(chain=stated["name"])
-            chain = Chain(**stated, origin=_origin(f, path), at=f.at())
-            _keep_once(found, chain.name, chain, f, path)
+        made = _made(f, Chain, lambda stated: about(chain=stated["name"]))
+        if made is not None:
+            _keep_once(found, made.name, made, f, about(chain=made.name))
     return found
 
 
-def _rules(top: Fields) -> Iterable[HealthRule]:
+def _rules(top: Fields) -> Iterator[HealthRule]:
     """Read ``{task, on, count, cycles, action, mode}``: what the target does after overruns or faults of a task."""
     for f in top.items("health", keys_of(HealthRule), "health rule"):
-        stated = complete_attributes(f, HealthRule)
-        if stated is not None:
-            origin = _origin(f, about(health_rule_of_task=stated["task"]))
-            yield HealthRule(**stated, origin=origin, at=f.at())
+        made = _made(f, HealthRule, lambda stated: about(health_rule_of_task=stated["task"]))
+        if made is not None:
+            yield made

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import NOWHERE, about
-from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.changes import Ranks, show
-from halpipe.importers.overlay.codes import MATCHES_NOTHING, MOVED_INSIDE
-from halpipe.importers.overlay.entries import EVERYTHING, expand
+from halpipe.importers.overlay.codes import DOES_NOT_FIT, MOVED_INSIDE
+from halpipe.importers.overlay.entries import EVERYTHING
 from halpipe.models import WHOLE, Origin, Split, Task, Version
 from halpipe.models.attributes import attributes
 
@@ -127,17 +127,9 @@ class TaskMerger:
         """Return the platform's units that the names and globs mean; report, once, those that mean none."""
         if stated in self._unit_sets:
             return self._unit_sets[stated]
-        found: dict[str, None] = {}
-        for pattern in stated.value:
-            matching = expand(pattern, self.units) if is_glob(pattern) else [u for u in (pattern,) if u in self.units]
-            found.update(dict.fromkeys(matching))
-            otherwise = f"the units are: {show(self.units)}"
-            if not matching and is_glob(pattern):
-                self.changes.fault(MATCHES_NOTHING, f'units "{pattern}" match no unit', stated.at, path, otherwise)
-            elif not matching:
-                self.changes.unknown("unit", pattern, self.units, stated.at, path, otherwise)
-        self._unit_sets[stated] = tuple(found)
-        return tuple(found)
+        matching = (self.changes.matching_units(pattern, self.units, stated.at, path) for pattern in stated.value)
+        self._unit_sets[stated] = tuple(dict.fromkeys(chain.from_iterable(matching)))
+        return self._unit_sets[stated]
 
     # ----------------------------------------------------------------------------------------- precedence
 
@@ -166,12 +158,15 @@ class TaskMerger:
         valid = []
         for p in stated.value:
             if p.task == task:
-                self.changes.does_not_fit("the task cannot precede itself", p.at, path, "name another task")
+                self._refuse("the task cannot precede itself", p.at, path, "name another task")
             elif self.changes.knows_task(p.task, p.at, path):
                 valid.append(p)
         return tuple(valid)
 
     # --------------------------------------------------------------------------------------------- checks
+
+    def _refuse(self, message: str, at: Location, path: str, help: str) -> None:
+        self.changes.findings.report(DOES_NOT_FIT, message, at, path, help)
 
     def _check_fit(self, path: str, base: Version, version: Version, entries: Ranks[VersionEntry]) -> None:
         stated = entries.firm(lambda v: v.stated.get("wcet")) or entries.default(lambda v: v.stated.get("wcet"))
@@ -182,16 +177,16 @@ class TaskMerger:
             if changed and version.wcet is not None and access.end > version.wcet:
                 message = f"an access phase ends at {access.end}, the WCET is {version.wcet}"
                 at = access.at if access.at.file or stated is None else stated.at
-                self.changes.does_not_fit(message, at, path, "end the phase earlier, or raise the WCET")
+                self._refuse(message, at, path, "end the phase earlier, or raise the WCET")
         beyond = [p for p in version.split.points if version.wcet is not None and p >= version.wcet]
         if beyond and (version.wcet, version.split.points) != (base.wcet, base.split.points):
             message = f"the split point {beyond[0]} is not below the WCET {version.wcet}"
             help = "state the split points of the new WCET, or split: none"
             at = next((found.at for found in (version, points, stated) if found is not None and found.at.file), NOWHERE)
-            self.changes.does_not_fit(message, at, path, help)
+            self._refuse(message, at, path, help)
         if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
             message = f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
-            self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")
+            self._refuse(message, version.at, path, "name more units, or make the gang smaller")
 
     def _check_inside(
         self, path: str, task: Task, base: Version, version: Version, entries: Ranks[VersionEntry]
@@ -205,12 +200,12 @@ class TaskMerger:
         if stated is not None and base.wcet is not None and version.wcet != base.wcet and inside:
             message = f"the WCET is {version.wcet}, not {base.wcet}, but {' and '.join(inside)} stay where they were"
             help = "state the accesses and the split of the new WCET, or the windows after the task"
-            self.changes.fault(MOVED_INSIDE, message, stated.at, path, help)
+            self.changes.findings.report(MOVED_INSIDE, message, stated.at, path, help)
         resources = sorted({access.resource for other in task.versions for access in other.accesses})
         states = entries.firm(lambda v: v.accesses) or entries.default(lambda v: v.accesses)
         if base not in task.versions and resources and states is None:
             message = f"has no access phases, but the source has some of the task, on {show(tuple(resources))}"
-            self.changes.fault(MOVED_INSIDE, message, version.at, path, "state its access, [] if it has none")
+            self.changes.findings.report(MOVED_INSIDE, message, version.at, path, "state its access, [] if it has none")
 
     def _check_resource(self, path: str, access: Access) -> None:
         if access.resource not in self.resources:

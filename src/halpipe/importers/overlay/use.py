@@ -55,15 +55,7 @@ def with_interrupts(units: tuple[Unit, ...], overlay: Overlay, changes: Changes)
     for entry in overlay.interrupts:
         added = entry.interrupt
         for pattern in entry.units.value:
-            matching = expand(pattern, served)
-            if not matching and is_glob(pattern):
-                help = f"the units are: {show(tuple(served))}"
-                message = f'units "{pattern}" match no unit'
-                changes.fault(MATCHES_NOTHING, message, entry.units.at, about(interrupt=added.name), help)
-            elif not matching:
-                otherwise = f"the units are: {show(tuple(served))}"
-                changes.unknown("unit", pattern, served, entry.units.at, about(interrupt=added.name), otherwise)
-            for unit in matching:
+            for unit in changes.matching_units(pattern, served, entry.units.at, about(interrupt=added.name)):
                 old = served[unit].get(added.name)
                 if old is not None:
                     path = about(unit=unit, interrupt=added.name)
@@ -160,7 +152,7 @@ def _mode(entry: ModeEntry, tasks: Mapping[str, Task], changes: Changes) -> Mode
         if stated.value not in matched:
             message = f'versions of "{stated.value}": no such task in this mode'
             help = changes.suggest(stated.value, chosen, "name a task that the mode runs")
-            changes.fault(MATCHES_NOTHING, message, stated.at, path, help)
+            changes.findings.report(MATCHES_NOTHING, message, stated.at, path, help)
     runs = (_run(tasks[name], chosen[name], versions, path, changes) for name in tasks if name in chosen)
     origin = Origin(entry.at.file, entry.at.line, str(path))
     return Mode(name=entry.name, **entry.stated, runs=tuple(runs), origin=origin, at=entry.at)
@@ -184,7 +176,7 @@ def _report_glob(pattern: str, stated: Stated[str], path: str, changes: Changes)
     only_dropped = bool(expand(pattern, changes.dropped))
     code, what = (NAMES_DROPPED, "only dropped tasks") if only_dropped else (MATCHES_NOTHING, "no task")
     help = changes.suggest(pattern, sorted(changes.tasks), "correct the glob, or remove it")
-    changes.fault(code, f'tasks "{pattern}" match {what}', stated.at, path, help)
+    changes.findings.report(code, f'tasks "{pattern}" match {what}', stated.at, path, help)
 
 
 def _run(
@@ -401,4 +393,4 @@ def _report(
     for pattern, at in entries:
         if pattern not in matched:
             help = changes.suggest(pattern, known, "remove the entry, or correct its name")
-            changes.fault(MATCHES_NOTHING, f'"{pattern}" matches no {kind}', at, section, help)
+            changes.findings.report(MATCHES_NOTHING, f'"{pattern}" matches no {kind}', at, section, help)
