@@ -30,7 +30,11 @@ EQUIVALENT = {
     ("tables.py", "count = max(counts, default=1)"): "of nothing, 1 is as far below each limit as 0",
     ("bundle.py", "cpus.setdefault(unit.name, 1)"): "only where the export has been refused",
     ("bundle.py", "sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 1))"): "a transfer has at least one byte",
+    ("__init__.py", "RARELY = (100001, 50, 100)"): BUDGET,
+    ("__init__.py", "RARELY = (100000, 51, 100)"): BUDGET,
     ("__init__.py", "RARELY = (100000, 50, 101)"): BUDGET,
+    ("serve.py", "listening.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 2)"): "whatever is not 0 switches it on",
+    ("serve.py", "PARTING_SECONDS = 3"): BUDGET,
     ("formats.py", "_HEAD = 4097"): BUDGET,
     ("fleet.py", "text = json.dumps({MARK: dict(sorted(self._rows.items()))}, indent=2) + '\\n'"): "the layout of a file that halpipe alone reads",
     (

@@ -63,6 +63,7 @@ ROOMS = {
             "unit/cli/* cli/test_cli_verbs* cli/test_cli_mistakes* cli/test_cli_help* cli/test_cli_whatif* "
             "cli/test_cli_explain* cli/test_cli_fleet* cli/test_cli_generate* cli/test_cli_completion* "
             "cli/test_cli_golden* cli/test_cli_ros* cli/test_cli_arxml* cli/test_cli_verify* cli/test_cli_regulator* "
+            "cli/test_cli_new* cli/test_cli_serve* "
             "unit/test_docs_generated*"
         ),
     ),

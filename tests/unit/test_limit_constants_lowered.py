@@ -554,7 +554,7 @@ def parts_of_the_exact_engine(count):
 def parts_of_a_tick_for_margins(count):
     """The bound of a margin in so many parts is met; of more, the grid has no more than the limit."""
     mode, ticks = MagicMock(tick=None, options=fake(spare=1), expansion=fake(tasks=[1], job_count=1)), []
-    mode._stated.side_effect = lambda tick, **_: ticks.append(tick) or fake(arrays=None)
+    mode._stated.side_effect = lambda tick, *_, **__: ticks.append(tick) or fake(arrays=None)
     bounds = {"largest_margin": lambda _: Fraction(1, count), "least_margin": lambda _: Fraction(0)}
     kernel = {"reserved": MagicMock(), "widened": lambda begin, *_: begin(Fraction(1), 0, None)}
     search = patched("pipeline.solve.kernel.search", Search=MagicMock())

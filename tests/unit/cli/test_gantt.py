@@ -49,3 +49,10 @@ def test_tasks_have_letters_of_their_own_until_there_are_too_many():
     letters = letters_of((table,), ())
     assert len(set(letters.values())) == len(LETTERS) == 62
     assert letters["t0"] == letters["t62"] == "A"
+
+
+def test_lines_of_units_begin_below_each_other():
+    letters = {"a": "A"}
+    lines = gantt((job("a", 0, 5, "c1"), job("a", 0, 5, "gpu-large")), ms(10), letters, 60, wraps=True)
+    assert {line.index("A") for line in lines[1:]} == {len("gpu-large") + 2}
+    assert lines[0].index("0") == len("gpu-large") + 2

@@ -1,0 +1,207 @@
+"""Defaults of commands, and details of what they show: each where the smallest change of the code would show."""
+
+import contextlib
+import io
+import sys
+from types import SimpleNamespace
+
+import pytest
+import typer
+from typer.main import get_command
+
+import halpipe.cli
+from halpipe.cli import app, deploy, output, schedule, searching, serve, tools
+from halpipe.core.diagnostics import Exit
+
+
+@pytest.fixture(autouse=True)
+def brief():
+    output.choose(None, quiet=False, verbose=False)
+    yield
+    output.choose(None, quiet=False, verbose=False)
+
+
+def commands(group, path=()):
+    for name, command in group.commands.items():
+        yield (*path, name), command
+        if hasattr(command, "commands"):
+            yield from commands(command, (*path, name))
+
+
+NUMBERS = {"serve --port": 0, "selftest --mutants": 300, "selftest --seed": 1, "generate --seed": 1}
+
+
+def test_a_switch_is_off_and_a_number_what_the_manual_says():
+    """The options of formats and verbs are stated with their defaults; those of commands alone are here."""
+    found, on = {}, set()
+    for path, command in commands(get_command(app.build(app.VERBS))):
+        for each in command.params:
+            name = f"{' '.join(path)} --{each.name}"
+            if getattr(each, "is_flag", False) and each.default is True:
+                on.add(name)
+            if type(each.default) is int:
+                found[name] = each.default
+    assert on == {"explain --exact", "explain --remedies"}  # which have a --no-...
+    assert found == NUMBERS
+
+
+def test_the_command_line_is_what_stands_after_the_program(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["halpipe", "--version"])
+    monkeypatch.setattr("gc.set_threshold", lambda *_: None)
+    monkeypatch.setattr(output, "prepare", lambda: None)
+    assert halpipe.cli._run() == 0
+    assert capsys.readouterr().out.startswith("halpipe ")
+
+
+def test_counts_of_several_models_are_aligned_on_the_right(capsys):
+    from halpipe.flow.fleet import Outcome, Solved
+
+    run = schedule._Run(None, SimpleNamespace(pressed=False), 2)
+    run.solved = {"0": Solved(Outcome.VALID, b"s", 3, 4), "1": Solved(Outcome.VALID, b"s", 10_000, 20_000)}
+    run.show([SimpleNamespace(target=f"{n}", source=f"{n}.xml") for n in range(2)])
+    head, first, second = capsys.readouterr().out.splitlines()
+    assert first == "0.xml  valid        3      4"
+    assert [len(line) for line in (head, first)] == [len(second)] * 2
+
+
+# ------------------------------------------------------------------------------------------------ selftest
+
+
+def outcome(**members):
+    stated = {"valid": 1, "broken": 2, "differing": (), "unseen": (), "alone": {}}
+    return SimpleNamespace(**stated | members)
+
+
+@pytest.mark.parametrize(
+    ("members", "code"),
+    [({}, Exit.OK), ({"differing": ("a",)}, Exit.FINDINGS), ({"unseen": ("r",), "alone": {"r": 0}}, Exit.FINDINGS)],
+)
+def test_what_checkers_disagree_on_or_do_not_see_is_a_finding(monkeypatch, capsys, members, code):
+    monkeypatch.setattr("halpipe.selftest.run", lambda *_: outcome(**members))
+    assert tools.selftest() == code
+    assert "the tests failed" not in capsys.readouterr().out
+
+
+def test_so_many_disagreements_are_listed(monkeypatch, capsys):
+    monkeypatch.setattr("halpipe.selftest.run", lambda *_: outcome(differing=[f"case {n}" for n in range(30)]))
+    tools.selftest()
+    assert capsys.readouterr().out.count("case ") == 20
+
+
+def test_results_of_tests_are_for_the_evidence(monkeypatch):
+    monkeypatch.setattr("halpipe.selftest.run", lambda *_: outcome())
+    with pytest.raises(typer.BadParameter, match="add --evidence"):
+        tools.selftest(results=["r.xml"])
+
+
+# ------------------------------------------------------------------------------------------------ searches
+
+
+@contextlib.contextmanager
+def searched(monkeypatch, **members):
+    """Let a search find this at once."""
+    from halpipe.pipeline import checked
+
+    stated = {"diagnostics": [], "reached": [], "moves": 1, "unimproved": False, "is_complete": True}
+    table = SimpleNamespace(modes=[], transitions=[])
+    found = SimpleNamespace(schedule=table, **stated | members)
+    monkeypatch.setattr(checked, "schedule_model", lambda *_: found)
+    monkeypatch.setattr("halpipe.exporters.native.format_schedule", lambda _: b"s")
+    monkeypatch.setattr(searching, "write_output", lambda *_: None)
+    monkeypatch.setattr(searching, "replace", lambda options, **_: options)
+    yield SimpleNamespace(time_limit=None)
+
+
+@pytest.mark.parametrize("is_kept", [False, True])
+def test_a_search_that_is_complete_leaves_its_checkpoint_behind(monkeypatch, is_kept):
+    done = []
+    kept = SimpleNamespace(claim=lambda: done.append("claimed"), remove=lambda: done.append("removed"))
+    monkeypatch.setattr(searching, "_checkpoint", lambda *_: kept if is_kept else None)
+    with searched(monkeypatch) as options:
+        assert searching.find_schedule(None, options, "s.xml") == Exit.OK
+    assert done == ["claimed", "removed"] * is_kept
+
+
+def test_how_many_jobs_stay_is_said_once(monkeypatch, capsys):
+    """The note is shown with all diagnostics under --verbose, and by itself otherwise; other notes are not."""
+    notes = [SimpleNamespace(code=code, path="mode a", message=code, is_error=False) for code in ("HAL0414", "HAL0802")]
+    monkeypatch.setattr(searching, "_checkpoint", lambda *_: None)
+    monkeypatch.setattr(output, "report", lambda _: None)
+    for verbose in (False, True):
+        output.choose(None, quiet=False, verbose=verbose)
+        with searched(monkeypatch, diagnostics=notes) as options:
+            searching.find_schedule(None, options, "s.xml")
+        said = capsys.readouterr().err
+        assert ("mode a: HAL0414" in said) != verbose
+        assert "HAL0802" not in said
+
+
+def test_progress_is_that_of_a_mode_or_of_the_switches(monkeypatch):
+    from halpipe.pipeline.solve.one_mode import CONSTRUCTING
+    from halpipe.pipeline.solve.schedule import SWITCHES, UNBOUNDED
+
+    bars, made = {}, []
+
+    class Bars:
+        def __init__(self, *_, **stated):
+            made.append(stated["transient"])
+            self.start = self.stop = lambda: None
+
+        def add_task(self, what, total, state):
+            bars[what] = [total, state]
+            return what
+
+        def update(self, what, completed, state):
+            bars[what] = [bars[what][0], completed, state]
+
+    monkeypatch.setattr("rich.progress.Progress", Bars)
+    monkeypatch.setattr(output, "is_terminal", lambda _: True)
+    with searching.Watch() as watch:
+        assert watch.on_progress("a", 3, 10, CONSTRUCTING)
+        assert watch.on_progress(SWITCHES, 1, 2, 0)
+        watch.on_progress("b", 4, UNBOUNDED, 7)
+        watch.on_better("c", "margin 5 %")
+        watch.on_progress("c", 4, 9, 7)
+    assert bars == {
+        "mode a": [10, 3, "constructing"],
+        SWITCHES: [2, 1, "1 of 2 mode pairs"],
+        "mode b": [None, 4, "4 moves, best cost 7"],
+        "mode c": [9, 4, "margin 5 %"],
+    }
+    assert made == [True]  # nothing of it is left on the terminal
+
+
+# ------------------------------------------------------------------------------------------------ others
+
+
+@pytest.mark.parametrize(
+    ("codes", "text"),
+    [(["HAL0864", "HAL0864", "HAL0800"], "longer phases now: 2 versions"), (["HAL0800"], "all phases are long enough")],
+)
+def test_what_was_prepared_counts_longer_phases(codes, text):
+    found = [SimpleNamespace(code=code) for code in codes]
+    assert deploy._what(SimpleNamespace(diagnostics=found)) == text
+
+
+def test_the_server_searches_beside_the_page(monkeypatch, capsys):
+    """The search ends with the server, so that Ctrl-C needs not wait for it."""
+    uvicorn = pytest.importorskip("uvicorn", reason="the extra [serve]")
+    threads, opened = [], []
+    session = SimpleNamespace(begin=lambda: None)
+    monkeypatch.setattr("halpipe.workbench.session.Session", lambda model, workers: session)
+    monkeypatch.setattr("halpipe.workbench.server.application", lambda *_: None)
+    monkeypatch.setattr("threading.Thread", lambda **stated: threads.append(stated) or SimpleNamespace(start=list))
+    monkeypatch.setattr(uvicorn.Server, "run", lambda *_, **__: None)
+    monkeypatch.setattr(serve, "_open", lambda address, folder: opened.append(address))
+    monkeypatch.setattr(serve, "_end_when_the_terminal_closes", lambda: None)
+    for browser in (False, True):
+        assert serve.serve._run("m.xml", 0, browser, 1) == Exit.OK
+    assert [each["daemon"] for each in threads] == [True, True]
+    assert opened == capsys.readouterr().out.splitlines()[1:]
+
+
+def test_a_closed_stream_is_no_terminal():
+    stream = io.StringIO()
+    stream.close()
+    assert not output.is_terminal(stream)
+    assert not output.is_terminal(None)
