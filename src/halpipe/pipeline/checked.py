@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.optimise import Reached
     from halpipe.pipeline.solve.quantise import BurstGrid
     from halpipe.pipeline.solve.schedule import OnProgress, Scheduled, SearchOptions
-    from halpipe.pipeline.solve.workers import Workers
     from halpipe.pipeline.transitions.tables import Switched
 
 INVALID_SOLUTION = error(
@@ -172,7 +171,7 @@ def _with_switches(
         moves += scheduled.moves
         if len(scheduled.schedule.modes) < 2:  # then there is no switch
             return replace(scheduled, moves=moves), True
-        switched = _switched(model, scheduled, options.workers, on_progress, doubtful)
+        switched = _switched(model, scheduled, options, on_progress, doubtful)
         doubtful = switched.failed
         scheduled = replace(
             scheduled,
@@ -200,7 +199,7 @@ def _improved_where_switched(
         modes = (*kept.schedule.modes[:number], mode, *kept.schedule.modes[number + 1 :])
         other = replace(kept, schedule=kept.schedule.alone(modes))
         if not any(found.is_error for found in verify_schedule(model.alone(*(m.name for m in modes)), other.schedule)):
-            tables = _switched(model, other, options.workers, on_progress, None).tables
+            tables = _switched(model, other, options, on_progress, None).tables
             if len(tables) >= len(kept.schedule.transitions):
                 kept = replace(other, schedule=replace(other.schedule, transitions=tables))
                 continue
@@ -263,7 +262,7 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
 def _switched(
     model: TaskModel,
     scheduled: Scheduled,
-    workers: Workers,
+    options: SearchOptions,
     on_progress: OnProgress,
     doubtful: tuple[tuple[str, str], ...] | None,
 ) -> Switched:
@@ -277,7 +276,8 @@ def _switched(
     def go_on(done: int, total: int) -> bool:
         return on_progress(SWITCHES, done, total, 0) or scheduled.unimproved
 
-    return switch_tables(model, scheduled.schedule, _is_sound_switch, go_on, workers, doubtful)
+    settled = () if options.settled is None else options.settled.transitions
+    return switch_tables(model, scheduled.schedule, _is_sound_switch, go_on, options.workers, doubtful, settled)
 
 
 def _is_sound_switch(model: TaskModel, schedule: Schedule, table: TransitionTable) -> bool:

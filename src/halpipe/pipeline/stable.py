@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about, note
 from halpipe.core.durations import ZERO
-from halpipe.models import Status
+from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.shipped import overlaps, staying
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import Job, Schedule, Task, TaskModel, Unit
+    from halpipe.models import Job, Mode, Schedule, Task, TaskModel, Unit
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 NEAR = note(
@@ -93,6 +93,36 @@ def schedule_near(
         if not is_least(found):
             found = _put_back(earlier, found, attempt)
     return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
+
+
+def settled(before: TaskModel, model: TaskModel, schedule: Schedule, changed: Collection[str]) -> Schedule:
+    """Return the tables of a schedule of `before` for which nothing that they depend on differs in `model`.
+
+    Modes named as `changed` differ. A task without migration has one place in all its modes: they differ together.
+    """
+    known = {mode.name: mode for mode in before.modes}
+    reached = {
+        mode.name
+        for mode in model.modes
+        if mode.name in changed or mode.name not in known or _seen(before, known[mode.name]) != _seen(model, mode)
+    }
+    fixed = {task.name for task in model.tasks if task.binding is Binding.SYSTEM}
+    tasks = {mode.name: {run.task for run in mode.runs} & fixed for mode in model.modes}
+    while more := {n for n in tasks if n not in reached and any(tasks[n] & tasks[other] for other in reached)}:
+        reached |= more
+    tables = schedule.transitions if before.transitions == model.transitions else ()
+    return schedule.alone(
+        tuple(mode for mode in schedule.modes if mode.name in tasks and mode.name not in reached),
+        tuple(table for table in tables if not reached & {table.source, table.target}),
+    )
+
+
+def _seen(model: TaskModel, mode: Mode) -> TaskModel:
+    """Return what a mode depends on: its tasks and chains, and the platform."""
+    names = {run.task for run in mode.runs}
+    tasks = tuple(task for task in model.tasks if task.name in names)
+    chains = tuple(chain for chain in model.chains if names.issuperset(chain.tasks))
+    return replace(model.alone(mode.name), tasks=tasks, chains=chains)
 
 
 def _is_exact(model: TaskModel, options: SearchOptions, found: Scheduled) -> bool:

@@ -16,7 +16,7 @@ from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.pipeline.stable import moved_jobs
+from halpipe.pipeline.stable import moved_jobs, settled
 from halpipe.workbench.edits import BAD_EDIT, edited
 from halpipe.workbench.journal import Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
@@ -124,7 +124,7 @@ class Session:
     def settle(self) -> None:
         """Find the schedule near the last one for an edit that is drawn and not solved yet."""
         if not self.shown.solved:
-            self.shown = self._solved(self.shown, self.past[-1].schedule)
+            self.shown = self._solved(self.shown, self.past[-1])
 
     # ---- what a person does
 
@@ -316,15 +316,21 @@ class Session:
             held.append(replace(pin, index=job.index, start=start))
         return held
 
-    def _solved(self, state: State, before: Schedule | None) -> State:
+    def _solved(self, state: State, shown: State | None) -> State:
         """Return the state with a verified schedule, or with the reasons of a refusal and the schedule before."""
         began = time.monotonic()
         self._cancelled = False
-        schedule, findings = before, []
+        schedule = before = None if shown is None else shown.schedule
+        findings = []
         options = SearchOptions(budget=BUDGET, workers=self._workers, near=before, shipped=self._pinned(state, before))
         try:
             model = self._as_read(state.model)
-            scheduled = schedule_model(model, options, self._on_progress)
+            kept = _settled(shown, state, model)
+            scheduled = schedule_model(model, replace(options, settled=kept), self._on_progress)
+            if (
+                kept and before and len(scheduled.schedule.transitions) < len(before.transitions)
+            ):  # other modes may help
+                scheduled = schedule_model(model, options, self._on_progress)
             if scheduled.is_complete:
                 schedule = scheduled.schedule
             else:
@@ -369,6 +375,14 @@ def _drawn(before: State, wanted: State) -> Schedule | None:
         pins = _pins(wanted, mode)
         modes.append(replace(mode, jobs=tuple(drawn(job, pins.get((job.task, job.index))) for job in mode.jobs)))
     return replace(before.schedule, modes=tuple(modes))
+
+
+def _settled(before: State | None, wanted: State, model: TaskModel) -> Schedule | None:
+    """Return the tables that the last step does not reach."""
+    if before is None or before.schedule is None or not before.is_valid:
+        return None
+    moved = {pin.mode for pin in {*before.pins} ^ {*wanted.pins}}
+    return settled(before.model, model, before.schedule, moved)
 
 
 def _pins(state: State, mode: ModeSchedule) -> dict[tuple[str, int], Pin]:

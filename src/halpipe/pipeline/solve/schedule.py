@@ -68,6 +68,7 @@ class SearchOptions:
     - `effort` bounds the exact engine, in its own deterministic seconds; None leaves its end to who follows progress.
     - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can. One that it should be
       `like` is tried first.
+    - Tables of modes and switches that are `settled` stay as they are: nothing that they depend on has changed.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - Objectives to `optimise` come one before the other, none worse than at first. A cost F of at most `target` is the
       end of it. Without any, the first schedule stays; where None are stated, its margin is raised with little effort,
@@ -135,6 +136,7 @@ class SearchOptions:
         takes=(Schedule,),
     )
     like: Schedule | None = None
+    settled: Schedule | None = None
     grid: BurstGrid | None = option(
         None,
         "Regulator platform: starts and bounds that it can serve exactly.",
@@ -233,8 +235,10 @@ class _Modes:
 
         What a mode starts from is the same as if the modes were searched in order, so the result is, too.
         """
-        found: dict[int, Found] = {}
-        waiting = list(range(len(self.expansions)))
+        settled = {} if self.options.settled is None else {table.name: table for table in self.options.settled.modes}
+        names = [expansion.mode.name for expansion in self.expansions]
+        found = {number: Found(settled[name], []) for number, name in enumerate(names) if name in settled}
+        waiting = [number for number in range(len(names)) if number not in found]
         while waiting and not any(each.stopped for each in found.values()):
             starts = {number: start for number in waiting if (start := self._start(number, found)) is not None}
             ready = list(starts.items()) if self.options.engine != EXACT else list(starts.items())[:1]

@@ -96,15 +96,18 @@ def switch_tables(
     go_on: GoOn = lambda done, total: True,
     workers: Workers | None = None,
     doubtful: tuple[tuple[str, str], ...] | None = None,
+    settled: tuple[TransitionTable, ...] = (),
 ) -> Switched:
-    """Find a table for every allowed pair of scheduled modes; `check` has the last word on each.
+    """Find a table for every allowed pair of scheduled modes but the `settled`; `check` has the last word on each.
 
     If `doubtful` pairs are given, tables for some pairs only are of no use: these are tried first, and the first pair
     without a table ends the search, with no tables at all.
     """
     pairs = _pairs(model, schedule, check)
-    order = sorted(range(len(pairs)), key=lambda number: pairs[number].name not in (doubtful or ()))
-    found: dict[int, TransitionTable | Blocked] = {}
+    kept = {(table.source, table.target): table for table in settled}
+    found: dict[int, TransitionTable | Blocked] = {n: kept[p.name] for n, p in enumerate(pairs) if p.name in kept}
+    order = [number for number in range(len(pairs)) if number not in found]
+    order.sort(key=lambda number: pairs[number].name not in (doubtful or ()))
     is_stopped = False
     for number, result in zip(order, _results([pairs[n] for n in order], go_on, workers or Workers()), strict=False):
         if result is None:

@@ -159,8 +159,9 @@ def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
             continue
         paths = _Path(chain, line, lambda first, last: first < switch.length and last >= 0)
         before, after = (_turns(table, chain) for table in (switch.source, switch.target))
-        first = [p for p in (*switch.before(before), *switch.jobs) if p.job.task == chain.tasks[0]]
-        last = [p for p in (*switch.jobs, *switch.after(after)) if p.job.task == chain.tasks[-1]]
+        head, tail = chain.tasks[0], chain.tasks[-1]
+        first = [*switch.before(before, head), *(p for p in switch.jobs if p.job.task == head)]
+        last = [*(p for p in switch.jobs if p.job.task == tail), *switch.after(after, tail)]
         yield from _too_long(switch, chain, _worst_figures(paths, first, last, limits(chain)), " across the switch")
 
 

@@ -331,10 +331,11 @@ class Switch:
         """The place of the table in the schedule file."""
         return self.table.at
 
-    def before(self, turns: int) -> list[Placed]:
-        """Return the jobs of the last `turns` cycles of mode n, in order of cycle."""
+    def before(self, turns: int, task: str | None = None) -> list[Placed]:
+        """Return the jobs of the last `turns` cycles of mode n, in order of cycle; those of one `task`, if given."""
         period, where = self.source.period, f' of mode "{self.source.name}"'
-        return [p.moved(q * period, where) for q in range(-turns, 0) for p in self.source.jobs]
+        jobs = self.source.jobs if task is None else self.source.by_task.get(task, [])
+        return [p.moved(q * period, where) for q in range(-turns, 0) for p in jobs]
 
     def in_progress(self) -> list[Placed]:
         """Return the jobs of the last cycle of mode n that end after the switch.
@@ -344,10 +345,11 @@ class Switch:
         period, where = self.source.period, f' of mode "{self.source.name}"'
         return [p.moved(-period, where) for p in self.source.jobs if p.end > period]
 
-    def after(self, turns: int) -> list[Placed]:
-        """Return the jobs of the first `turns` cycles of mode m, in order of cycle."""
+    def after(self, turns: int, task: str | None = None) -> list[Placed]:
+        """Return the jobs of the first `turns` cycles of mode m, in order of cycle; those of one `task`, if given."""
         period, where = self.target.period, f' of mode "{self.target.name}"'
-        return [p.moved(self.length + q * period, where) for q in range(turns) for p in self.target.jobs]
+        jobs = self.target.jobs if task is None else self.target.by_task.get(task, [])
+        return [p.moved(self.length + q * period, where) for q in range(turns) for p in jobs]
 
     def meeting(self) -> list[Placed]:
         """Return the jobs of the line that can meet jobs of another part of it.
