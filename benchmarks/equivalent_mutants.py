@@ -54,6 +54,8 @@ EQUIVALENT = {
     ("hyperperiod.py", "while hyperperiod // (unit / 10) <= MAX_TICKS // 1000:"): CHOICE,
     ("hyperperiod.py", "return 1 + max(0, min(gaps, default=1))"): MODEL,
     ("hyperperiod.py", "if period > base:"): "the period itself is the nearest either way",
+    ("size.py", "largest = max((1 - margin for margin in margins if margin is not None), default=Fraction(0))"): CHOICE,
+    ("sensitivity.py", "return max(rooms)"): "a room beyond the true one is only searched longer",
     ("structure.py", "for name in repeated(run.versions) if len(run.versions) >= 1 else ():"): "one version is not repeated",
     ("accesses.py", "is_served = bool(version.units) or serving.issuperset(version.units)"): "by the longer way, with the same result",
     (

@@ -109,7 +109,10 @@ ROOMS = {
         "unit/pipeline/test_cost* unit/pipeline/test_latency* unit/pipeline/test_metrics* unit/pipeline/test_circle*",
     ),
     "transitions": ("pipeline/transitions", "unit/pipeline/test_transitions*"),
-    "whatif": ("pipeline/whatif", "unit/pipeline/test_whatif_*"),
+    "whatif": (
+        "pipeline/whatif",
+        "unit/pipeline/test_whatif_* cli/test_cli_whatif* properties/test_whatif_* properties/test_growth_*",
+    ),
     "solve": ("pipeline/solve", "unit/pipeline/test_*"),
 }
 """The folder of each room in the package, and its tests."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from dataclasses import field, fields, replace
+from dataclasses import fields, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,7 +83,7 @@ class Solved:
     jobs: int = 0
     moves: int = 0
     diagnostics: tuple[Diagnostic, ...] = ()
-    remarks: tuple[str, ...] = field(default=())
+    remarks: tuple[str, ...] = ()
 
 
 def plain_options(options: SearchOptions) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def solve(variant: Variant, go_on: Callable[..., bool], is_interrupted: Callable
     lacks = any(found.is_error for found in scheduled.diagnostics)
     return Solved(
         Outcome.INCOMPLETE if lacks else Outcome.VALID,
-        content.encode() if isinstance(content, str) else content,
+        content,
         sum(len(mode.jobs) for mode in scheduled.schedule.modes),
         scheduled.moves,
         scheduled.diagnostics,

@@ -8,7 +8,7 @@ from halpipe.models import Interrupt, Part, Split
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
 from halpipe.pipeline.whatif.trial import Search
-from support import after, chain, job, model, ms, schedule, task, version
+from support import after, chain, job, mode, model, ms, schedule, task, version
 
 
 def rows(system, plan, *tasks):
@@ -93,6 +93,25 @@ def test_a_version_without_jobs_and_tasks_by_name():
     found = rows(system, plan, "a")
     assert list(found) == [("a", "v"), ("a", "w")]
     assert found["a", "w"].growth is None
+
+
+def test_the_mode_that_leaves_least_counts_and_is_named():
+    a, b = task("a", 10, version("v", 2)), task("b", 10, version("v", 1))
+    system = model(a, b, modes=[mode("one", [a, b]), mode("two", [a])])
+    one = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"), mode_name="one")
+    two = schedule(system, 10, job(system, "a", 0, 0, "u1"), mode_name="two")
+    for modes in ((one, two), (two, one)):
+        plan = replace(one, modes=tuple(each for part in modes for each in part.modes))
+        assert growth(system, plan) == (ms(3), 'mode "one": unit "u1": "b" job 0 starts at 5ms')
+
+
+def test_a_window_from_a_while_after_the_end():
+    """Neither job of the other version ends in the window, which is as wide as its limits are apart."""
+    either = task("a", 10, version("v", 2), version("w", 2, "u2"))
+    follower = task("b", 20, version("v", 1, "u3", after("a", 3, 9, "end")))
+    system = model(either, follower, units="u1 u2 u3")
+    jobs = job(system, "a", 0, 0, "u1"), job(system, "a", 1, 13, "u2", "w"), job(system, "b", 0, 8, "u3")
+    assert growth(system, schedule(system, 20, *jobs)) == (ms(3), 'window of "b" job 0: [3ms, 9ms] from the end')
 
 
 # ------------------------------------------------------------------------------------------------ search

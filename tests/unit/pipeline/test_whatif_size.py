@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -12,13 +13,22 @@ from halpipe.models import Interrupt, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif import codes
-from halpipe.pipeline.whatif.size import ask, complaint, fewest_units, largest_factor, lowest_bandwidth, of_modes
+from halpipe.pipeline.whatif.size import (
+    _most_at_once,
+    ask,
+    complaint,
+    fewest_units,
+    largest_factor,
+    lowest_bandwidth,
+    of_modes,
+)
 from halpipe.pipeline.whatif.trial import (
     Bracket,
     Search,
     bracket,
     first_that,
     proofs,
+    time_limit,
     with_bandwidth,
     with_factor,
     with_units,
@@ -113,6 +123,35 @@ def test_switches_count_where_they_are_asked_for():
     answer = ask(question, strict)
     assert answer.found != 1
     assert 1 in answer.failed
+
+
+@pytest.mark.parametrize(
+    ("gang", "units", "reason", "left"),
+    [(1, "c2", "needs 1 unit and has 0", "u"), (2, "c1 c2", "needs 2 units and has 1", "c1")],
+)
+def test_a_version_without_its_units_says_how_many_and_stays_well_formed(gang, units, reason, left):
+    a = task("a", 10, version("v", 6, units, gang=gang))
+    system = typed(model(a, task("b", 10, version("v", 1, "u")), units="u c1 c2"), core="c1 c2")
+    changed = with_units(system, "core", 1)
+    [lost] = changed.lost
+    assert reason in lost.message
+    own = changed.model.task("a").versions[0]
+    assert (own.units, own.gang) == ((left,), 1)
+
+
+@pytest.mark.parametrize(("stated", "limit"), [({}, 15), ({"deadline": ms(8)}, 3), ({"deadline": ms(2)}, 0)])
+def test_a_task_that_polls_has_the_time_that_the_deadline_leaves_after_a_period(stated, limit):
+    polls = replace(task("a", 5, version()), distance=ms(20), **stated)
+    assert time_limit(polls) == ms(limit)
+
+
+def test_a_job_that_polls_may_have_begun_a_period_before():
+    """So one more of its jobs may need a unit at one instant."""
+    counts = {}
+    for distance in (None, ms(20)):
+        active = SimpleNamespace(task=replace(task("a", 5, version()), distance=distance, deadline=ms(8)))
+        counts[distance] = _most_at_once(SimpleNamespace(most_jobs={"a": 9}, tasks={"a": active}), lambda _: 1)
+    assert counts == {None: 2, ms(20): 2}
 
 
 # ------------------------------------------------------------------------------------------------ bandwidth, factor

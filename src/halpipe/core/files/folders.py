@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files.protection import refuse_inputs
-from halpipe.core.files.reading import read_own
-from halpipe.core.files.writing import cannot_write, sweep, sync_directory, temporary_beside
+from halpipe.core.files.reading import raise_it, read_own
+from halpipe.core.files.writing import cannot_write, remove_output, sweep, sync_directory, temporary_beside
 from halpipe.core.files.yaml import load_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
 FOREIGN_FOLDER = error(
     "HAL0004",
@@ -140,7 +140,7 @@ def _strangers(folder: str) -> list[str]:
     listed = _listed(folder)
     rooms = {str(parent) for name in listed for parent in PurePosixPath(name).parents}
     found = []
-    for inside, folders, names in os.walk(folder, onerror=_raise):
+    for inside, folders, names in os.walk(folder, onerror=raise_it):
         relative = PurePosixPath(os.path.relpath(inside, folder).replace(os.sep, "/"))
         links = [name for name in folders if os.path.islink(os.path.join(inside, name))]
         found += [str(relative / name) for name in (*names, *links) if str(relative / name) not in listed]
@@ -148,10 +148,6 @@ def _strangers(folder: str) -> list[str]:
         found += [f"{relative / name}/" for name in foreign]
         folders[:] = [name for name in folders if name not in links and name not in foreign]
     return sorted(found)
-
-
-def _raise(failure: OSError) -> None:
-    raise failure
 
 
 def _remove_listed(folder: str) -> None:
@@ -164,18 +160,18 @@ def _remove_listed(folder: str) -> None:
         for name in names:
             path = os.path.join(inside, name)
             if os.path.relpath(path, folder).replace(os.sep, "/") in listed:
-                _discard(os.unlink, path)
+                remove_output(path)
         if inside != folder and not os.listdir(inside):
-            _discard(os.rmdir, inside)
+            _remove_empty(inside)
     if os.listdir(folder) in ([], [MANIFEST]):
-        _discard(os.unlink, os.path.join(folder, MANIFEST))
-        _discard(os.rmdir, folder)
+        remove_output(os.path.join(folder, MANIFEST))
+        _remove_empty(folder)
 
 
-def _discard(remove: Callable[[str], None], path: str) -> None:
-    """Remove what is replaced already; if the system does not let us, the next run does it."""
+def _remove_empty(folder: str) -> None:
+    """Remove a folder that is replaced already; if the system does not let us, the next run does it."""
     with contextlib.suppress(OSError):
-        remove(path)
+        os.rmdir(folder)
 
 
 def _stage_directory(target: str, contents: Mapping[str, bytes]) -> str:

@@ -190,6 +190,11 @@ def find_inputs(paths: Iterable[str], suffixes: tuple[str, ...]) -> Iterator[str
             yield path
 
 
+def raise_it(failure: OSError) -> None:
+    """Let a walk through folders fail where one cannot be read, which it would else leave out."""
+    raise failure
+
+
 def reason(failure: Exception) -> str:
     """Return in the system's words why it refused."""
     return (failure.strerror if isinstance(failure, OSError) else None) or str(failure)

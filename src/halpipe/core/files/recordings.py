@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, Location
-from halpipe.core.files.reading import CANNOT_READ, reason, refuse_more_than
+from halpipe.core.files.reading import CANNOT_READ, raise_it, reason, refuse_more_than
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,11 +35,7 @@ def folders_with(root: str, name: str) -> list[str]:
 
 
 def _walk(root: str) -> Iterator[tuple[str, list[str], list[str]]]:
-    return os.walk(root, onerror=_raise) if os.path.isdir(root) else iter(())
-
-
-def _raise(failure: OSError) -> None:
-    raise failure
+    return os.walk(root, onerror=raise_it) if os.path.isdir(root) else iter(())
 
 
 def plain_files(folder: str) -> list[str]:

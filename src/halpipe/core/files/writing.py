@@ -71,8 +71,7 @@ def write_outputs(contents: Mapping[str, bytes]) -> None:
         raise cannot_write(target, failure) from None
     finally:
         for temporary, _ in staged:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+            remove_output(temporary)
 
 
 def cannot_write(target: str, failure: Exception) -> HalpipeError:
@@ -108,8 +107,7 @@ def _stage(target: str, content: bytes) -> tuple[str, str]:
                 os.chmod(temporary, mode)
             os.fsync(stream.fileno())
     except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
+        remove_output(temporary)
         raise
     return temporary, target
 
@@ -124,9 +122,8 @@ def sweep(directory: str, base: str) -> None:
                 left = os.path.join(directory, entry)
                 if os.path.isdir(left):
                     shutil.rmtree(left, ignore_errors=True)
-                    continue
-                with contextlib.suppress(OSError):
-                    os.unlink(left)
+                else:
+                    remove_output(left)
 
 
 def temporary_beside(target: str) -> str:

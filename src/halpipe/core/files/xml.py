@@ -99,19 +99,11 @@ class LargeXmlParser:
     def _new_parser(self) -> etree.XMLPullParser:
         from lxml import etree
 
-        return etree.XMLPullParser(
-            events=("end",),
-            tag=self._tags,
-            remove_blank_text=True,
-            remove_comments=True,
-            remove_pis=True,
-            resolve_entities=False,
-            no_network=True,
-            load_dtd=False,
-            huge_tree=False,
-        )
+        return etree.XMLPullParser(events=("end",), tag=self._tags, remove_blank_text=True, **_HARDENED)
 
 
+_HARDENED: dict[str, Any] = {"resolve_entities": False, "no_network": True, "load_dtd": False}
+_HARDENED |= {"remove_comments": True, "remove_pis": True}
 _CHUNK_BYTES = 2**18  # of which the first has the whole prolog
 _LONG_TEXT = re.compile("Text node too long|huge text node|Buffer size limit|too big found")
 _PLAIN_ENCODING = re.compile(
@@ -123,15 +115,7 @@ _MAX_XML_DEPTH = 256
 def _xml_parser(*, huge: bool) -> etree.XMLParser:
     from lxml import etree
 
-    return etree.XMLParser(
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        dtd_validation=False,
-        remove_comments=True,
-        remove_pis=True,
-        huge_tree=huge,
-    )
+    return etree.XMLParser(huge_tree=huge, **_HARDENED)
 
 
 def _parse_long_texts(data: bytes, name: str) -> etree._Element:

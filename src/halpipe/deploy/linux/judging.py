@@ -113,8 +113,7 @@ def judge(model: TaskModel, schedule: Schedule, recording: Sequence[Execution], 
     """Judge a recording; without `is_timed`, only whether every job ran once and in the order of its unit."""
     # A table or job whose instant is no whole number of nanoseconds begins at the nanosecond before it.
     instants = [mode.hyperperiod for mode in schedule.modes] + [table.length for table in schedule.transitions]
-    instants += [job.start for mode in schedule.modes for job in mode.jobs]
-    instants += [job.start for table in schedule.transitions for job in table.jobs]
+    instants += [job.start for job in schedule.all_jobs()]
     whole = all(instant.fraction.denominator == 1 for instant in instants)
     options = CompareOptions(origin=ZERO, tolerance=ZERO if whole else Duration(2))
     trace = Trace(name="", executions=tuple(recording))

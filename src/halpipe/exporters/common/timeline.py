@@ -8,13 +8,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import defaultdict
 from fractions import Fraction
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.models import Anchor
-from halpipe.pipeline.parts import parts_of, phase_instants, service_of
+from halpipe.pipeline.parts import latest_phase, parts_of, phase_instants, service_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -106,16 +105,10 @@ def versions_of(model: TaskModel) -> dict[tuple[str, str], Version]:
 def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> list[Duration]:
     """Return the delay of each job after its release, s + j * D modulo t_P (MODEL 3).
 
-    The phase s is the offset of the task, or the one that delays jobs least: without an offset the instants
-    theta - j * D lie on an arc of the hyperperiod that begins behind the widest gap between them.
+    The phase s is the offset of the task, or the one that delays jobs least.
     """
     latest = [(job.start - period * job.index) % hyperperiod for job in jobs]
-    if task.offset is not None:
-        phase = task.offset % period
-    else:
-        places = sorted(set(latest))
-        gaps = [(place - before) % hyperperiod for before, place in pairwise([places[-1], *places])]
-        phase = places[gaps.index(max(gaps))]
+    phase = latest_phase(sorted(latest), hyperperiod) if task.offset is None else task.offset % period
     return [(place - phase) % hyperperiod for place in latest]
 
 
