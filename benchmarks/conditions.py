@@ -65,7 +65,7 @@ class Fault:
     def __init__(self, path: Path, kind: str, node: ast.AST, tree: ast.Module) -> None:
         self.path, self.line = path, getattr(node, "lineno", None) or node.target.lineno
         statement = _statement(tree, node)
-        is_switched = kind in ("never", "always")
+        is_switched = kind in ("never", "always") and isinstance(node, ast.If)
         original = path.read_text().splitlines()[self.line - 1].strip()
         self.changed = path.name, f"{kind}: {original}" if is_switched else ast.unparse(statement).splitlines()[0]
         self.place = f"{path.name}:{self.line} [{kind}]  {self.changed[1][:170]}"
@@ -119,7 +119,9 @@ def _kinds(node: ast.AST) -> list[str]:
         return [f"{what} {n}" for what in ("limit", "tick") for n in limits]
     if isinstance(node, ast.BoolOp):
         return [f"without {n}" for n in range(len(node.values))]
-    if isinstance(node, ast.If) and not (isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"):
+    if isinstance(node, ast.If | ast.IfExp) and not (
+        isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    ):
         return ["never", "always"]
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in (*QUANTIFIERS, *EXTREMES):
         return ["first"] if len(node.args) == 1 or node.func.id in EXTREMES else []

@@ -14,6 +14,7 @@ from halpipe.pipeline.verify.tables import Rule
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from fractions import Fraction
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Task
@@ -110,11 +111,12 @@ class _Releases:
             return
         count = table.period // active.period
         self.jobs = [p for p in table.by_task.get(name, ()) if 0 <= p.job.index < count]
-        deadline = active.task.deadline
+        deadline = active.task.distance if active.task.deadline is None else active.task.deadline
         self.deadline = active.period if deadline is None else table.clock.ticks(deadline)
         if active.let is not None:
             self.deadline = active.let if active.task.distance is not None else min(self.deadline, active.let)
-        self.slack = floor(active.task.slack * active.period)
+        self._exact = active.task.slack * active.period
+        self.slack = floor(self._exact)
         if self.jobs:
             self.phase = self._phase(active.period)
 
@@ -127,7 +129,7 @@ class _Releases:
         if offset is not None:
             return self._table.clock.ticks(offset) % period
         latest = self._latest_releases(period)
-        rooms = [self.slack if p.span is None else min(self.slack, self._room(p.span)) for p in self.jobs]
+        rooms = [min(self.slack, floor(self._room(p.span))) for p in self.jobs]
         if latest.count(latest[0]) == len(latest):
             return latest[0]
         tried = sorted(set(latest))
@@ -136,10 +138,9 @@ class _Releases:
         scores = zip(by_slack, by_both, (-s for s in tried), strict=True)
         return -max(scores)[2]
 
-    def _room(self, span: int) -> int:
-        """Return how late a job may start for its deadline, which of a task that serves arrivals is another rule's."""
-        is_counted = self._active.task.distance is None or self._active.let is not None
-        return self.deadline - span if is_counted else self.slack
+    def _room(self, span: int | None) -> int | Fraction:
+        """Return how late a job may start for its deadline: of a task that serves arrivals, not less than its slack."""
+        return self._exact if span is None else self.deadline - span
 
     def is_in_first(self) -> bool:
         """Tell whether some phase in [0, D) suits all jobs; of a task with a LET, the latest that suits them is taken.
@@ -151,10 +152,8 @@ class _Releases:
             return True
         if self._active.let is not None:
             return False
-        exact = self._active.task.slack * period  # not rounded to ticks
-        is_polled = self._active.task.distance is not None  # then another rule bounds the delay
-        rooms = ((delay, exact if is_polled or p.span is None else self._room(p.span)) for p, delay in self.delays())
-        return all(self.phase - period + delay < min(exact, room) for delay, room in rooms)
+        rooms = ((delay, self._room(placed.span)) for placed, delay in self.delays())
+        return all(self.phase - period + delay < min(self._exact, room) for delay, room in rooms)
 
     def _suits(self, tried: Sequence[int], latest: Sequence[int], rooms: Sequence[int]) -> list[int]:
         """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it.
