@@ -310,18 +310,21 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_bytes():
 
 
 class Keeper:
-    """Keeps in memory what a checkpoint keeps in its file."""
+    """Keeps in memory what a checkpoint keeps in its file, of one search."""
 
     def __init__(self):
         self.facts = {}
         self.notes = 0
 
-    def note(self, key, facts):
-        self.notes += 1
-        self.facts[key] = {name: values[:] for name, values in facts.items()}
+    def stage(self, _):
+        return self
 
-    def noted(self, key):
-        return self.facts.get(key)
+    def note(self, facts):
+        self.notes += 1
+        self.facts = {name: values[:] for name, values in facts.items()}
+
+    def noted(self):
+        return self.facts
 
 
 def test_what_is_near_is_searched_for_where_it_cannot_stay():

@@ -16,6 +16,7 @@ from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.facts import Witness
+from halpipe.pipeline.solve.construction import Groups
 from halpipe.pipeline.validate.context import place, quoted
 
 if TYPE_CHECKING:
@@ -157,24 +158,16 @@ def _width(bound: Bound) -> tuple[int, str, str]:
 
 
 class _Forest:
-    """Trees of bounds; every node knows its parent and the bound between them."""
+    """Trees of bounds between their nodes."""
 
     def __init__(self, facts: ModeFacts) -> None:
         self._near: dict[str, list[tuple[str, Bound]]] = {name: [] for name in (*facts.tasks, ORIGIN)}
-        self.tree: dict[str, str] = {name: name for name in self._near}
-
-    def root(self, name: str) -> str:
-        """Return the representative of the tree that `name` is in."""
-        while self.tree[name] != name:
-            self.tree[name] = name = self.tree[self.tree[name]]
-        return name
+        self.trees = Groups[str]()
 
     def add(self, bound: Bound) -> bool:
         """Join two trees; return False where the bound lies within one."""
-        later, earlier = self.root(bound.later), self.root(bound.earlier)
-        if later == earlier:
+        if not self.trees.join(bound.earlier, bound.later):
             return False
-        self.tree[later] = earlier
         self._near[bound.later].append((bound.earlier, bound))
         self._near[bound.earlier].append((bound.later, bound))
         return True
@@ -204,7 +197,7 @@ def _apart(facts: ModeFacts, forest: _Forest) -> Iterator[Bound]:
     for task in facts.tasks.values():
         if task.period and task.core > 0:
             for unit in task.sure_units():
-                by_unit.setdefault((forest.root(task.name), unit), []).append(task)
+                by_unit.setdefault((forest.trees.root(task.name), unit), []).append(task)
     left = MAX_PAIRS
     for (_, unit), tasks in sorted(by_unit.items(), key=lambda item: item[0]):
         for place_of, first in enumerate(tasks):

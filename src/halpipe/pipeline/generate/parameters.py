@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration, least_common_multiple, milliseconds
@@ -13,7 +13,7 @@ from halpipe.core.quantities import parse_share, whole
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 TICK = Duration(1000)
 """The grid of all generated times (D): one microsecond."""
@@ -153,62 +153,25 @@ class Experiment:
     paper_seconds: tuple[int, int]
 
 
-def _experiments() -> tuple[Experiment, ...]:
-    """Table III. Of ranges that the paper gives by their ends, the steps in between are ours (D)."""
-    platforms = list(itertools.product((2, 3), (Fraction(3, 5), Fraction(7, 10))))
-    tenth = Fraction(1, 10)
-    return (
-        Experiment(
-            1,
-            "tasks",
-            tuple(
-                SetParameters(tasks=tasks, unit_types=types, utilisation=share, multi_version=tenth)
-                for tasks in (60, 80, 100, 120)
-                for types, share in platforms
-            ),
-            (460, 6816),
-        ),
-        Experiment(
-            2,
-            "multi_version",
-            tuple(
-                SetParameters(multi_version=Fraction(percent, 100), unit_types=types, utilisation=share)
-                for percent in (0, 10, 25, 50)
-                for types, share in platforms
-            ),
-            (500, 700),
-        ),
-        Experiment(
-            3,
-            "precedence",
-            tuple(
-                SetParameters(precedence=Fraction(percent, 100), unit_types=types, utilisation=share)
-                for percent in (0, 20, 40, 60)
-                for types, share in platforms
-            ),
-            (470, 630),
-        ),
-        Experiment(
-            4,
-            "resources",
-            tuple(
-                SetParameters(
-                    tasks=112,
-                    units=8,
-                    unit_types=1,
-                    access_windows=windows,
-                    resources=resources,
-                    utilisation=Fraction(7, 10),
-                )
-                for resources in (1, 2, 3, 4)
-                for windows in (2, 18, 34, 50)
-            ),
-            (240, 400),
-        ),
-    )
+def _experiment(number: int, varies: str, values: Sequence[Any], paper_seconds: tuple[int, int]) -> Experiment:
+    """Vary one row of Table III on its platforms. Of ranges that the paper gives by their ends, steps are ours (D)."""
+    platforms = itertools.product((2, 3), (Fraction(3, 5), Fraction(7, 10)))
+    rows: list[dict[str, Any]] = [{"unit_types": types, "utilisation": share} for types, share in platforms]
+    if varies == "tasks":
+        rows = [{**row, "multi_version": Fraction(1, 10)} for row in rows]
+    if varies == "resources":
+        row = {"tasks": 112, "units": 8, "unit_types": 1, "utilisation": Fraction(7, 10)}
+        rows = [{**row, "access_windows": windows} for windows in (2, 18, 34, 50)]
+    cells = tuple(SetParameters(**{**row, varies: value}) for value in values for row in rows)
+    return Experiment(number, varies, cells, paper_seconds)
 
 
-TABLE_III = _experiments()
+TABLE_III = (
+    _experiment(1, "tasks", (60, 80, 100, 120), (460, 6816)),
+    _experiment(2, "multi_version", [Fraction(percent, 100) for percent in (0, 10, 25, 50)], (500, 700)),
+    _experiment(3, "precedence", [Fraction(percent, 100) for percent in (0, 20, 40, 60)], (470, 630)),
+    _experiment(4, "resources", (1, 2, 3, 4), (240, 400)),
+)
 """The parameter grids of Table III; all on 6 units but the last, which has 8."""
 
 

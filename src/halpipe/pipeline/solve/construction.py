@@ -7,7 +7,7 @@ are placed first, it finds none, and the search has to move all of them again.
 from __future__ import annotations
 
 from heapq import heappop, heappush
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -36,17 +36,34 @@ def construction_order(loads: Sequence[int], links: Sequence[Mapping[int, int]])
 
 def _component_loads(loads: Sequence[int], links: Sequence[Mapping[int, int]]) -> list[int]:
     """Return for each task the load of all tasks that it is linked with, directly or through others, and its own."""
-    weights = [-1] * len(loads)
-    for root in range(len(loads)):
-        if weights[root] >= 0:
-            continue
-        component = {root}
-        open_tasks = [root]
-        while open_tasks:
-            fresh = links[open_tasks.pop()].keys() - component
-            component |= fresh
-            open_tasks += fresh
-        whole = sum(loads[task] for task in component)
-        for task in component:
-            weights[task] = whole
-    return weights
+    groups, totals = Groups[int](), dict[int, int]()
+    for task, others in enumerate(links):
+        for other in others:
+            groups.join(task, other)
+    roots = list(map(groups.root, range(len(loads))))
+    for root, load in zip(roots, loads, strict=True):
+        totals[root] = totals.get(root, 0) + load
+    return [totals[root] for root in roots]
+
+
+_Member = TypeVar("_Member")
+
+
+class Groups(Generic[_Member]):
+    """Groups of members, which are joined pair by pair."""
+
+    def __init__(self) -> None:
+        self._parent: dict[_Member, _Member] = {}
+
+    def root(self, member: _Member) -> _Member:
+        """Return the member that stands for a group."""
+        while (parent := self._parent.get(member, member)) != member:
+            self._parent[member] = self._parent.get(parent, parent)
+            member = parent
+        return member
+
+    def join(self, one: _Member, other: _Member) -> bool:
+        """Make one group of those of two members; return whether they were two."""
+        one, other = self.root(one), self.root(other)
+        self._parent[other] = one
+        return one != other

@@ -15,6 +15,7 @@ from halpipe.core.diagnostics import about
 from halpipe.models import Status
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
+from halpipe.pipeline.solve.construction import Groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -36,7 +37,7 @@ MOST_NAMED = 8
 
 def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion]:
     """Return the groups of a mode as modes of their own, by their first tasks."""
-    groups = _Groups()
+    groups = Groups[str]()
     owner: dict[tuple[str, str], str] = {}
     for active in expansion.tasks:
         for shared in _shared(active):
@@ -56,24 +57,6 @@ def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion
         mode = replace(expansion.mode, runs=tuple(runs[active.name] for active in tasks))
         found.append(replace(expansion, mode=mode, tasks=tuple(tasks)))
     return found
-
-
-class _Groups:
-    """Groups of names, which are joined pair by pair."""
-
-    def __init__(self) -> None:
-        self._parent: dict[str, str] = {}
-
-    def root(self, name: str) -> str:
-        """Return the name that stands for a group."""
-        while (parent := self._parent.get(name, name)) != name:
-            self._parent[name] = self._parent.get(parent, parent)
-            name = parent
-        return name
-
-    def join(self, one: str, other: str) -> None:
-        """Make one group of those of two names."""
-        self._parent[self.root(other)] = self.root(one)
 
 
 def _shared(active: ActiveTask) -> Iterator[tuple[str, str]]:

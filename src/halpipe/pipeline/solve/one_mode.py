@@ -238,7 +238,7 @@ class _SplitJobs(_Search):
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.edf.fixed import fix
-        from halpipe.pipeline.solve.edf.search import search
+        from halpipe.pipeline.solve.edf.search import Search
         from halpipe.pipeline.solve.edf.trials import Effort
         from halpipe.pipeline.solve.edf.works import works_of
 
@@ -255,7 +255,7 @@ class _SplitJobs(_Search):
             max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count) if options.is_open else budget,
             lambda placed, excess: self.on_progress(self.name, placed, budget, excess),
         )
-        found = search(mode, self.model, self.seed, self.pinned, effort, self.polish, self.kept)
+        found = Search(mode, self.model, self.seed, self.pinned, effort, self.polish, self.kept).run()
         self.on_progress(self.name, found.placed, budget, found.excess)
         notes = self.changed(changed, "number of jobs, version, units or parts")
         table = self.report(found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)

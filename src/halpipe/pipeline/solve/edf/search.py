@@ -16,11 +16,11 @@ from halpipe.pipeline.solve.edf.trials import Effort, Trials, Try, followed
 from halpipe.pipeline.solve.integers import Draws, ints
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.solve.checkpoint import Kept
-    from halpipe.pipeline.solve.edf.trials import Latency, Ticks
+    from halpipe.pipeline.solve.edf.trials import Ticks
     from halpipe.pipeline.solve.edf.works import Mode, Way
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.lanes import Pins
@@ -88,82 +88,6 @@ STEPS = 50
 JUDGING = 16
 """To judge a table takes about as long as to try so many."""
 
-
-class Climb:
-    """Goes from one table of a mode to the next."""
-
-    def __init__(
-        self, trials: Trials, moves: Moves, memory: Memory, polish: Polish, allowed: Sequence[tuple[Way, ...]]
-    ) -> None:
-        """Get ready; `allowed` are the ways that each task may take."""
-        self.trials = trials
-        self.moves = moves
-        self.memory = memory
-        self.polish = polish
-        self.allowed = allowed
-        self.weights = polish.judge.chain_weights
-
-    def climbed(self, best: Try, state: State | None) -> Try:
-        """Return the best table that is found from a valid one on, or from where an earlier run stood."""
-        trials, polish, judge = self.trials, self.polish, self.polish.judge
-        first = best if state is None else trials.evaluate(state.first[0])
-        bar = judge.worth(trials.jobs(first))
-        polish.first[:] = [bar]
-        nearer = trials.evaluate(together(trials.mode, first.plan, self.allowed, trials.model.chains))
-        beside = None if nearer.excess else judge.better(trials.jobs(nearer), bar, bar)
-        if beside is not None:
-            bar = beside if judge.keeps(bar, beside) else bar
-            best = nearer if state is None else best
-            polish.on_better(beside)
-        began = trials.placed if state is None else state.began
-        trials.placed = trials.placed if state is None else state.placed
-        jobs = trials.jobs(best)
-        worth = judge.worth(jobs)
-        while trials.placed < began + trials.effort.polish and not trials.stopped and not polish.is_enough(jobs):
-            plans = best.plan, best.plan, (first.plan,)
-            self.memory.keep(State(trials.placed, self.moves.draws.state, *plans, began))
-            moved = self._beside(best)
-            if moved is best:
-                continue
-            trials.placed += JUDGING * len(moved.table)
-            better = judge.better(moved_jobs := trials.jobs(moved), bar, worth)
-            if better is not None:
-                best, worth, jobs = moved, better, moved_jobs
-                polish.on_better(worth)
-        return best
-
-    def _beside(self, best: Try) -> Try:
-        """Return a valid table beside the best one; where chains come first, one to which many steps lead."""
-        if self.weights and self.polish.judge.is_led_by_chains:
-            return self._walked(best)
-        return self._varied(best) or best
-
-    def _walked(self, best: Try) -> Try:
-        """Go to tables whose chains are no longer, all together."""
-        current, least = best, self._sum(self.trials.latencies(best))
-        for _ in range(STEPS):
-            moved = self._varied(current)
-            if moved is not None:
-                total = self._sum(self.trials.latencies(moved))
-                if total <= least:
-                    current, least = moved, total
-            if self.trials.stopped:
-                break
-        return current
-
-    def _sum(self, latencies: Iterable[Latency]) -> Ticks:
-        return sum(weight * sum(both) for weight, both in zip(self.weights, latencies, strict=True))
-
-    def _varied(self, current: Try) -> Try | None:
-        """Try a plan beside that of a table; return None if no valid table comes of it."""
-        plan: Plan = self.moves.varied(current.plan)
-        if plan == current.plan or not fits(self.trials.mode, plan):
-            self.trials.placed += 1
-            return None
-        moved = self.trials.evaluate(plan)
-        return None if moved.excess else moved
-
-
 TRIES = 20
 """Draws of a plan that differs and overloads no unit, before any is taken."""
 
@@ -182,57 +106,46 @@ class Found:
     unimproved: bool
 
 
-def search(
-    mode: Mode,
-    model: TaskModel,
-    seed: int,
-    pinned: Mapping[str, Pins],
-    effort: Effort,
-    polish: Polish | None = None,
-    kept: Kept | None = None,
-) -> Found:
-    """Look for a valid table of `mode`; `pinned` tasks stay on their units; with `polish` it continues to better ones.
+class Search:
+    """Search for a valid table of a mode, and with `polish` for better ones.
 
-    The search continues from what is `kept` of an earlier run.
+    `pinned` tasks stay on their units. The search continues from what is `kept` of an earlier run.
     """
-    return _Search(mode, model, Draws(seed), effort, pinned, polish, kept).run()
 
-
-class _Search:
     def __init__(
         self,
         mode: Mode,
         model: TaskModel,
-        draws: Draws,
-        effort: Effort,
+        seed: int,
         pinned: Mapping[str, Pins],
-        polish: Polish | None,
-        kept: Kept | None,
+        effort: Effort,
+        polish: Polish | None = None,
+        kept: Kept | None = None,
     ) -> None:
         self.mode = mode
         self.trials = Trials(mode, model, effort)
-        self.draws = draws
         self.polish = polish
         self.allowed = allowed_ways(mode, pinned)
-        self.moves = Moves(mode, self.allowed, model.chains, draws)
+        self.moves = Moves(mode, self.allowed, model.chains, Draws(seed))
         self.memory = Memory(kept, self.allowed)
 
     def run(self) -> Found:
+        """Search for a valid table, then for better ones."""
         trials, state = self.trials, self.memory.recalled()
         if state is None:
             best = current = self._nearer(self._settle(first_plan(self.mode, self.allowed)))
         else:
             best, current = trials.evaluate(state.best), trials.evaluate(state.current)
-            trials.placed, self.draws = state.placed, Draws(state.draws)
-            self.moves.draws = self.draws
+            trials.placed, self.moves.draws = state.placed, Draws(state.draws)
         if state is None or not state.first:
             best = self._found(best, current)
         unimproved = False
         if not best.excess and self.polish is not None and not trials.stopped and self.moves.free:
-            climb = Climb(trials, self.moves, self.memory, self.polish, self.allowed)
-            best = climb.climbed(best, state if state is not None and state.first else None)
+            best = self._climbed(self.polish, best, state if state is not None and state.first else None)
             unimproved, trials.stopped = trials.stopped, False
         return Found(trials.jobs(best), best.excess, trials.placed, trials.stopped, unimproved)
+
+    # ---- a valid table
 
     def _nearer(self, best: Try) -> Try:
         """Put the successive tasks of chains that are too long on one unit."""
@@ -244,20 +157,18 @@ class _Search:
 
     def _found(self, best: Try, current: Try) -> Try:
         """Repair plans until one leads to a valid table, or the budget is spent."""
-        trials = self.trials
+        trials, draws = self.trials, self.moves.draws
         while best.excess and self.moves.free and trials.placed < trials.effort.budget and not trials.stopped:
-            self.memory.keep(State(trials.placed, self.draws.state, current.plan, best.plan))
+            self.memory.keep(State(trials.placed, draws.state, current.plan, best.plan))
             moved = trials.evaluate(self._repaired(current))
-            if moved.excess <= current.excess or not self.draws.below(50):
+            if moved.excess <= current.excess or not draws.below(50):
                 current = moved
             if current.excess < best.excess:
                 best = current
         return best
 
     def _repaired(self, current: Try) -> Plan:
-        if not current.slow:
-            return self.moves.repaired(current.plan, current.late)
-        for _ in range(TRIES):
+        for _ in range(TRIES if current.slow else 0):
             varied = self.moves.varied(current.plan, current.slow)
             if varied != current.plan and fits(self.mode, varied):
                 return varied
@@ -277,3 +188,60 @@ class _Search:
                 break
             best = tried
         return best
+
+    # ---- better tables
+
+    def _climbed(self, polish: Polish, best: Try, state: State | None) -> Try:
+        """Return the best table that is found from a valid one on, or from where an earlier run stood."""
+        trials, judge = self.trials, polish.judge
+        first = best if state is None else trials.evaluate(state.first[0])
+        bar = judge.worth(trials.jobs(first))
+        polish.first[:] = [bar]
+        nearer = trials.evaluate(together(trials.mode, first.plan, self.allowed, trials.model.chains))
+        beside = None if nearer.excess else judge.better(trials.jobs(nearer), bar, bar)
+        if beside is not None:
+            bar = beside if judge.keeps(bar, beside) else bar
+            best = nearer if state is None else best
+            polish.on_better(beside)
+        began = trials.placed if state is None else state.began
+        trials.placed = trials.placed if state is None else state.placed
+        # Where chains come first, many steps lead to a table that is judged.
+        beside_it = self._walked if judge.chain_weights and judge.is_led_by_chains else self._varied
+        jobs = trials.jobs(best)
+        worth = judge.worth(jobs)
+        while trials.placed < began + trials.effort.polish and not trials.stopped and not polish.is_enough(jobs):
+            self.memory.keep(State(trials.placed, self.moves.draws.state, best.plan, best.plan, (first.plan,), began))
+            moved = beside_it(best)
+            if moved is None or moved is best:
+                continue
+            trials.placed += JUDGING * len(moved.table)
+            better = judge.better(moved_jobs := trials.jobs(moved), bar, worth)
+            if better is not None:
+                best, worth, jobs = moved, better, moved_jobs
+                polish.on_better(worth)
+        return best
+
+    def _walked(self, best: Try) -> Try:
+        """Go to tables whose chains are no longer, all together."""
+        current, least = best, self._sum(best)
+        for _ in range(STEPS):
+            moved = self._varied(current)
+            if moved is not None and (total := self._sum(moved)) <= least:
+                current, least = moved, total
+            if self.trials.stopped:
+                break
+        return current
+
+    def _sum(self, found: Try) -> Ticks:
+        """Return the weighted sum of the latencies of a table."""
+        weights = self.polish.judge.chain_weights if self.polish is not None else ()
+        return sum(w * sum(both) for w, both in zip(weights, self.trials.latencies(found), strict=True))
+
+    def _varied(self, current: Try) -> Try | None:
+        """Try a plan beside that of a table; return None if no valid table comes of it."""
+        plan: Plan = self.moves.varied(current.plan)
+        if plan == current.plan or not fits(self.mode, plan):
+            self.trials.placed += 1
+            return None
+        moved = self.trials.evaluate(plan)
+        return None if moved.excess else moved

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
@@ -114,8 +115,7 @@ class Search:
         return Outcome(jobs, state.register[BEST], moves, stopped, self._changed, unimproved)
 
     def _named(self, problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
-        renamed = units if self._is_fixed else rename_units(problem, units, self._earlier)
-        return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
+        return _named(None if self._is_fixed else self._earlier, problem, state, units)
 
 
 def improved(
@@ -137,12 +137,14 @@ def improved(
     if taken is None:
         return None
 
-    def named(problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
-        renamed = rename_units(problem, units, earlier)
-        return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
-
-    better = improve(problem, *taken, polish, on_slice, named, kept)
+    better = improve(problem, *taken, polish, on_slice, partial(_named, earlier), kept)
     return Outcome(better.best.jobs, 0, better.moves, stopped=False, unimproved=better.stopped)
+
+
+def _named(earlier: Earlier | None, problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
+    """Return the jobs of the best placement, on units of the same names as earlier where that is given."""
+    renamed = units if earlier is None else rename_units(problem, units, earlier)
+    return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
 
 
 def _is_constructed(problem: Problem) -> bool:

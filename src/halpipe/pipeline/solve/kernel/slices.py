@@ -28,22 +28,16 @@ def run(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept
     if register[FROZEN] == len(arrays.entry_offset):
         register[BEST] = total_cost(arrays, state)
         return False
-    stopped = _advance(arrays, state, budget, on_slice, kept)
-    if kept is not None:
-        kept.keep(state, now=True)
-    return stopped
-
-
-def _advance(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None) -> bool:
-    noise, register = gumbel_table(), state.register
+    noise, is_stopped = gumbel_table(), False
     size = max(1, SLICE_WORK * len(arrays.entry_offset) // (20 * max(1, len(arrays.job_task))))
-    while register[MOVES] < budget:
+    while register[MOVES] < budget and not is_stopped:
         cost = anneal(arrays, state, noise, min(size, budget - register[MOVES]))
         is_whole = register[INSERTED] == len(arrays.entry_offset)
         if is_whole and cost == 0:
-            return False
-        if not on_slice(register[MOVES], register[BEST] if is_whole else -1):
-            return True
+            break
+        is_stopped = not on_slice(register[MOVES], register[BEST] if is_whole else -1)
         if kept is not None:
             kept.keep(state, now=False)
-    return False
+    if kept is not None:
+        kept.keep(state, now=True)
+    return is_stopped
