@@ -56,6 +56,9 @@ EQUIVALENT = {
     ("hyperperiod.py", "if period > base:"): "the period itself is the nearest either way",
     ("size.py", "largest = max((1 - margin for margin in margins if margin is not None), default=Fraction(0))"): CHOICE,
     ("sensitivity.py", "return max(rooms)"): "a room beyond the true one is only searched longer",
+    ("matching.py", "left[due] = -2"): "only whether it is negative counts",
+    ("matching.py", "of, place = (np.where(place == _NO_JOB, -2, line[at]), np.where(is_exact, place, near))"): "only whether it is negative counts",
+    ("matching.py", "most = min(max(1, len(known) // 101), _MOST_STRAYS) if len(known) >= _FEW else 0"): CHOICE,
     ("structure.py", "for name in repeated(run.versions) if len(run.versions) >= 1 else ():"): "one version is not repeated",
     ("accesses.py", "is_served = bool(version.units) or serving.issuperset(version.units)"): "by the longer way, with the same result",
     (

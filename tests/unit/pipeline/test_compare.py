@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from split_helpers import parted
 
-from halpipe.core.diagnostics import HalpipeError, Severity
+from halpipe.core.diagnostics import HalpipeError, Location, Severity
 from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Schedule
 from halpipe.models.modes import UNKNOWN_MODE
@@ -132,6 +132,26 @@ def test_a_job_with_gaps_that_runs_in_one_piece_fits_one_of_its_parts(start, end
     told = [each.message for each in found.diagnostics if each.code == codes.OUTSIDE_PARTS.id]
     assert len(told) == (outside is not None)
     assert all(str(outside) in message for message in told)
+
+
+@pytest.mark.parametrize("origin", [0, 7])
+def test_stretches_are_judged_from_the_zero_of_the_schedule(origin):
+    plan = replace(PLAN, modes=(table("t", 20, parted("a", 0, "c1", (0, 3, 0, 3), (5, 9, 3, 7))),), transitions=())
+    spans = ((ms(origin), ms(origin + 3)), (ms(origin + 6), ms(origin + 10)))
+    begin, end = spans[0][0], spans[1][1]
+    seen = Execution(task="a", units=("c1",), start=begin, end=end, busy=ms(7), table="t", cycle=0, stretches=spans)
+    found = compare(plan, Trace(name="", executions=(seen,)), CompareOptions(origin=ms(origin)))
+    [message] = [each.message for each in found.diagnostics if each.code == codes.OUTSIDE_PARTS.id]
+    assert "1ms" in message
+
+
+def test_starts_of_a_task_are_the_nearest_ones_in_any_cycle():
+    """Three jobs of a task, unevenly apart: each is matched with its own, also round the end of the cycle."""
+    three = table("t", 20, job("a", 0, 0, 1), job("a", 1, 3, 4), job("a", 2, 12, 13))
+    seen = [replace(execution, units=()) for execution in play([("t", three)] * 3, stated=False)]
+    plan = Schedule(model="m", model_sha256="", modes=(three,))
+    answer = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
+    assert answer.diagnostics == ()
 
 
 def test_a_job_that_ends_early_is_welcome():
@@ -259,6 +279,33 @@ def test_a_task_that_is_not_scheduled():
     (unknown,) = deviations([*play(), stranger], origin=ZERO)
     assert unknown.code == codes.UNKNOWN_TASK.id
     assert 'did you mean "a"' in unknown.help
+
+
+def test_what_is_not_scheduled_is_reported_where_it_is_first():
+    """Of a task at its first execution in the trace, of a table at the first one that names it."""
+    stranger = Execution(task="aa", units=("c1",), start=ms(8), end=ms(9), table="race", cycle=0)
+    placed = [replace(e, at=Location("t.csv", line)) for line, e in enumerate(play(), 1)]
+    twice = [replace(stranger, start=ms(8 + n), end=ms(9 + n), at=Location("t.csv", 90 + n)) for n in (0, 1)]
+    (unknown,) = deviations([*placed, *twice], origin=ZERO)
+    assert (unknown.at.line, "ran 2 times" in unknown.message) == (90, True)
+    seen = [replace(e, table="pit") if e.table == "slow" else e for e in placed]
+    [table] = [d for d in deviations(seen, origin=ZERO) if d.code == codes.UNKNOWN_TABLE.id]
+    assert table.at.line == 1 + next(place for place, e in enumerate(seen) if e.table == "pit")
+
+
+def test_a_wrong_sequence_says_how_many_cycles_lie_between():
+    pieces = [("race", RACE), ("race", RACE), ("slow", SLOW)]
+    [wrong] = [d for d in deviations(play(pieces), origin=ZERO) if d.code == codes.WRONG_SEQUENCE.id]
+    assert wrong.message.startswith('cycle 2 is "slow", 1 after "race" in cycle 1')
+
+
+def test_cycles_before_the_first_that_ran_are_counted_from_zero():
+    """Where the mode is known in which the run began, its silent cycles have the numbers from 0 on."""
+    late = [replace(e, start=e.start + ms(40), end=e.end + ms(40), cycle=e.cycle + 2) for e in play([("race", RACE)])]
+    trace = Trace(name="", executions=tuple(late))
+    answer = compare(PLAN, trace, CompareOptions(origin=ZERO), scope=Scope(is_whole=True))
+    gone = [d.message for d in answer.diagnostics if d.code == codes.MISSING_JOB.id]
+    assert {message.partition("(cycle ")[2][0] for message in gone} == {"0"}
 
 
 def test_a_table_that_is_not_scheduled():

@@ -76,7 +76,7 @@ class Judge:
         self.prefix = prefix
         self.scope = scope
         self.counts: Counter[Kind] = Counter()
-        self.by_line: Column = np.zeros(0, dtype=np.int64)
+        self.by_line: Column
         self._often: Counter[tuple[str, Path]] = Counter()
         self._worst: dict[tuple[str, Path], tuple[Instant, int, Code, str, Location, str]] = {}
         """By code and path the amount, the rank from 0 down, and what is reported."""

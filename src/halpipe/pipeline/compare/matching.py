@@ -132,7 +132,7 @@ class Matching:
         slot = np.array(lines.slot)[line[due]]
         lead = slot + np.array([each.together[0] for _, each in self.jobs], dtype=np.int64)[job]
         is_single = np.array([len(each.together) == 1 for _, each in self.jobs], dtype=bool)[job]
-        is_alone = (np.bincount(lead, minlength=1)[lead] == 1) & (is_exact[due] | is_single)
+        is_alone = (np.bincount(lead)[lead] == 1) & (is_exact[due] | is_single)
         del job, lead
         slot += place[due]
         self.slots[slot[is_alone]] = rows[due[is_alone]]

@@ -216,7 +216,7 @@ def largest_factor(model: TaskModel, step: Fraction = STEP) -> Question:
         at=at,
         relaxed=at,
         ignored=WINDOWS,
-        likely=min(hardest - 1, max(0, hardest - math.floor(largest / step))),
+        likely=max(0, hardest - math.floor(largest / step)),
     )
 
 
