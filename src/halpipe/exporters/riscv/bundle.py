@@ -179,13 +179,10 @@ def stage(shop: Workshop, tree: SourceTree) -> None:
             shop.write(f"runtime/{file.name}", file.read_bytes())
 
 
-def _object(name: str) -> str:
-    return f"build/runtime/{name.rpartition('.')[0] if not name.endswith('.S') else name[:-2] + '_S'}.o"
-
-
 def _compile_runtime(shop: Workshop, names: tuple[str, ...]) -> tuple[str, ...]:
     """Compile files of the runtime; return their objects."""
-    steps = [Compile(f"runtime/{name}", _object(name)) for name in names]
+    stems = [name.removesuffix(".c").replace(".S", "_S") for name in names]
+    steps = [Compile(f"runtime/{n}", f"build/runtime/{stem}.o") for n, stem in zip(names, stems, strict=True)]
     compile_runtime(shop, steps)
     return tuple(step.target for step in steps)
 
@@ -259,13 +256,10 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
 def _built(shop: Workshop) -> dict[str, bytes]:
     """Return what the program was made of: sources, scripts and images."""
     kept = {step.source for step in shop.compiles} | {step.script for step in shop.links}
-    kept |= {f"runtime/{path.name}" for path in (shop.folder / "runtime").glob("*.h")} | set(_task_sources(shop))
+    own = [*(shop.folder / "runtime").glob("*.h"), *(shop.folder / "src").rglob("*")]
+    kept |= {path.relative_to(shop.folder).as_posix() for path in own if path.is_file()}
     files = {name: shop.read(name) for name in sorted(kept)}
     return files | {step.target.removeprefix("build/"): shop.read(step.target) for step in shop.links[:-1]}
-
-
-def _task_sources(shop: Workshop) -> list[str]:
-    return [p.relative_to(shop.folder).as_posix() for p in sorted((shop.folder / "src").rglob("*")) if p.is_file()]
 
 
 def _flat(elf: bytes, base: int) -> bytes:

@@ -24,7 +24,7 @@ from halpipe.exporters.riscv.toolchain import Compile, read_elf
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.sources import SourceTree
@@ -177,17 +177,12 @@ def check_drivers(drivers: Drivers, parts: Sequence[Part], sizes: dict[str, int]
             message = f"asks for a mode, and has {sizes[driver.buffer]} bytes"
             help = f"make its transfers {WORD}B: a uint64_t, the number of the mode counted from 1, or 0 for none"
             findings.add(BAD_DRIVERS(message, at=driver.at, path=path, help=help))
-        elif not any(_is_called(driver, parts)):
+        elif not any(Drivers((driver,)).of(p.task, access) for p in parts for access in p.version.accesses):
             verb = "reads" if is_input else "writes"
             who = f'task "{driver.task}"' if driver.task else "no task"
             what = f"{who} never {verb} it" if driver.task else f"{who} {verb} it"
             help = f"a driver of {'inputs' if is_input else 'outputs'} is called in {driver.kind} phases of its buffer"
             findings.add(IDLE_DRIVER(f"{what}, so its driver is never called", at=driver.at, path=path, help=help))
-
-
-def _is_called(driver: Driver, parts: Iterable[Part]) -> Iterable[bool]:
-    one = Drivers((driver,))
-    return (bool(one.of(part.task, access)) for part in parts for access in part.version.accesses)
 
 
 INPUTS = "inputs/"

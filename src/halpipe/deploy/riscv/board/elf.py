@@ -1,4 +1,4 @@
-"""As much of ELF as is needed to load programs for RISC-V: segments and symbols.
+"""As much of ELF as is needed to load programs for RISC-V, and to write one: segments and symbols.
 
 Read here and not by a library, because programs are input: every offset is checked, and what is wrong has a message.
 """
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _LOADED = 1
 _EXECUTABLE = 1
-_SYMBOLS = 2
+_SYMBOLS, _NAMES = 2, 3
 _RISCV = 243
 _HEADER = struct.Struct("<16sHHIQQQIHHHHHH")
 _SEGMENT = struct.Struct("<IIQQQQQQ")
@@ -82,6 +82,26 @@ def offset_of(data: bytes, source: int, size: int) -> int | None:
         if kind == _LOADED and at <= source and source + size <= at + stored:
             return int(offset + source - at)
     return None
+
+
+def write_program(parts: Mapping[int, bytes], entry: int, symbols: Mapping[str, int]) -> bytes:
+    """Return an ELF file that loads each part to its address, with global symbols at addresses."""
+    names = b"\0.strtab\0.symtab\0" + b"".join(name.encode() + b"\0" for name in symbols)
+    table = bytes(_SYMBOL.size) + b"".join(
+        _SYMBOL.pack(names.index(b"\0%s\0" % name.encode()) + 1, 0x10, 0, 0xFFF1, at, 0) for name, at in symbols.items()
+    )
+    front = _HEADER.size + _SEGMENT.size * len(parts)
+    segments, body = b"", b""
+    for at, data in parts.items():
+        segments += _SEGMENT.pack(_LOADED, 7, front + len(body), at, at, len(data), len(data), 1)
+        body += data
+    place = front + len(body)
+    sections = bytes(_SECTION.size) + _SECTION.pack(1, _NAMES, 0, 0, place, len(names), 0, 0, 1, 0)
+    sections += _SECTION.pack(9, _SYMBOLS, 0, 0, place + len(names), len(table), 1, 1, 1, _SYMBOL.size)
+    places = entry, _HEADER.size, place + len(names) + len(table)
+    sizes = 0, _HEADER.size, _SEGMENT.size, len(parts), _SECTION.size, 3, 1
+    head = _HEADER.pack(b"\x7fELF\2\1\1", 2, _RISCV, 1, *places, *sizes)
+    return head + segments + body + names + table + sections
 
 
 def _symbols(data: bytes, sections: int, count: int) -> dict[str, tuple[int, int]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, sort_diagnostics
@@ -25,13 +27,13 @@ from halpipe.deploy.riscv.judge.truth import tells_the_truth
 from halpipe.deploy.riscv.run.cosimulation import MEASURING, CoSimulation, load_program, plan, read_images
 from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
-from halpipe.deploy.riscv.run.injection import SPACE, Injection, Kind, Saboteur, delays
+from halpipe.deploy.riscv.run.injection import CODES, SPACE, Injection, Kind, Saboteur, assign, delays
 from halpipe.deploy.riscv.run.regulators import hold_transfers
 from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
 from halpipe.deploy.riscv.target import read_site
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import CheckOptions, Target
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedJob
     from halpipe.deploy.riscv.target import Site
+
+    Make = Callable[[Site, Sequence[PlannedJob], Sequence[Injection]], Saboteur]
 
 CYCLES = 2
 """Hyperperiods of every mode, unless told otherwise: the second has what wraps round the end of the first."""
@@ -181,35 +185,34 @@ def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
 def foul_findings(target: Target, outcomes: Sequence[Outcome], options: CheckOptions) -> Iterator[Diagnostic]:
     """Yield where jobs depend on former contents of scratchpads: a second run of every tour with new versions."""
     known: set[tuple[str, str]] = set()
+    foul = partial(Rubbish, read_images(target.bundle, read_site(target.bundle)).values())
     for tour, plain in zip(tours(target.schedule, cycles_of(target, options)), outcomes, strict=False):
         versions = {(job.task, job.version) for table in plain.tables for job in table.jobs}
         if versions - known:
             known |= versions
-            yield from leftovers(plain.jobs, simulate(target, tour, execution=options.execution, is_foul=True).jobs)
+            yield from leftovers(plain.jobs, simulate(target, tour, execution=options.execution, make=foul).jobs)
 
 
 def margin_lines(target: Target) -> Iterator[str]:
     """Yield up to how many cycles an instruction may take, in tenths, found by halving: each is a run of its own."""
-    tour = tours(target.schedule, CYCLES)[0]
-    good, bad = 10, 10 * MOST_CYCLES + 1
-    broken: list[Diagnostic] = []
-    while bad - good > 1:
-        middle = (good + bad) // 2
-        found = [d for d in simulate(target, tour, cpi=Fraction(middle, 10)).findings if d.is_error]
-        if found:
-            bad, broken = middle, found
-        else:
-            good = middle
+    tour, most = tours(target.schedule, CYCLES)[0], 10 * MOST_CYCLES
+
+    @cache
+    def broken(tenths: int) -> list[Diagnostic]:
+        return [d for d in simulate(target, tour, cpi=Fraction(tenths, 10)).findings if d.is_error]
+
+    bad = bisect_left(range(most + 1), True, 11, key=lambda tenths: bool(broken(tenths)))
+    good = bad - 1
     yield f"works up to {good // 10}.{good % 10} cycles an instruction, management core included"
-    if broken:
-        first = broken[0]
+    if bad <= most:
+        first = broken(bad)[0]
         yield f"with {bad // 10}.{bad % 10}: {first.code} {first.path}: {first.message}"
 
 
 def inject(target: Target, outcomes: Sequence[Outcome], *, everything: bool) -> Injected:
     """Let jobs fail in every way, in the first mode with jobs, or in `everything`: all modes and transitions."""
     site = outcomes[0].run.site
-    kinds = containment.kinds_for(site)
+    kinds = [*CODES, *([Kind.LATE_DMA, Kind.DMA_ERROR] if site.dma.kind == "pdma" else [])]
     tables = sum(len(outcome.tables) for outcome in outcomes)
     price = sum(outcome.run.instructions for outcome in outcomes) // tables + 1
     whole = 2 * len(kinds)
@@ -269,13 +272,16 @@ def try_rule(target: Target, trial: Trial, found: Injected) -> None:
     found.take(outcome)
 
 
-def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found: Injected) -> None:
+def sabotage(
+    target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found: Injected, make: Make = Saboteur
+) -> None:
     """Play one tour in which jobs fail, and add what differs from what has to follow."""
     site = read_site(target.bundle)
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
     jobs = plan(target, site, expected)
-    injections = containment.injections_for(jobs, kinds, site, tolerance_of(site), tour.tables - 1, turn)
-    outcome = simulate(target, tour, injections=injections)
+    late = math.ceil(tolerance_of(site) / site.tick)
+    injections = assign([job for job in jobs if job.table.cycle < tour.tables - 1], kinds, site, late, turn)
+    outcome = simulate(target, tour, injections=injections, make=make)
     found.add(injections, jobs)
     found.take(outcome)
 
@@ -289,15 +295,15 @@ def simulate(
     cpi: Fraction | int | None = None,
     injections: Sequence[Injection] = (),
     course: Course | None = None,
-    is_foul: bool = False,
     samples: int = 0,
     hears: bool = False,
+    make: Make | None = None,
 ) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
 
-    Without a course, no health rule follows from injections. In a foul run, jobs find other bytes wherever nothing was
-    put for them. Recorded inputs are played, or only so many `samples`. If tasks may ask for modes (`hears`), the
-    plan follows from what they ask for.
+    Without a course, no health rule follows from injections, which a saboteur carries out, or what is in its place.
+    Recorded inputs are played, or only so many `samples`. If tasks may ask for modes (`hears`), the plan follows from
+    what they ask for.
     """
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
@@ -307,8 +313,7 @@ def simulate(
     if hears:
         expected = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
     jobs = plan(target, site, expected)
-    images = read_images(target.bundle, site).values()
-    saboteur = Rubbish(site, images) if is_foul else Saboteur(site, jobs, injections) if injections else None
+    make = make or (Saboteur if injections else None)
     inputs = {name: each[: samples or len(each)] for name, each in recorded_inputs(target.bundle, site).items()}
     simulation = CoSimulation(
         target,
@@ -320,7 +325,7 @@ def simulate(
         execution=execution,
         bandwidth=bandwidth,
         cpi=cpi,
-        saboteur=saboteur,
+        saboteur=make(site, jobs, injections) if make else None,
         health=course is not None or not injections,
         hears=hears,
     )

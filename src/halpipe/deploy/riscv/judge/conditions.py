@@ -13,7 +13,7 @@ from halpipe.deploy.riscv.run.recording import Word
 from halpipe.deploy.riscv.run.sequence import DECISION
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -130,25 +130,20 @@ def starts_afresh(run: Run) -> Iterator[Diagnostic]:
         yield codes.WRONG_CALL(message, path="the management core", help=REPORT)
 
 
-def calls_drivers(
-    run: Run, jobs: Sequence[PlannedJob], tolerance: Duration, excused: Collection[tuple[int, int]] = ()
-) -> Iterator[Diagnostic]:
-    """Yield where drivers were not called as planned, or otherwise; the same of other cycles is only counted.
-
-    The jobs (cycle and row) that are `excused` need not call theirs.
-    """
+def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> Iterator[Diagnostic]:
+    """Yield where drivers were not called as planned, or otherwise; the same of other cycles is only counted."""
     late = int(tolerance / run.site.tick)
     left: dict[tuple[str, int, int], list[int]] = defaultdict(list)
     for call in run.recorder.calls:
         left[call.function, call.data, call.size].append(tick_of(run, call.now))
     lacking: dict[tuple[Path, str], list[PlannedCall]] = defaultdict(list)
-    for job in sorted(jobs, key=lambda job: (job.table.cycle, job.row) in excused):
+    for job in jobs:
         for planned in job.calls:
             seen = left[planned.driver.function, planned.data, planned.size]
             tick = next((tick for tick in seen if planned.begin <= tick <= planned.begin + late), None)
             if tick is not None:
                 seen.remove(tick)
-            elif (job.table.cycle, job.row) not in excused:
+            else:
                 lacking[job.path, planned.what].append(planned)
     for (path, what), calls in lacking.items():
         more = f", and likewise {len(calls) - 1} times" if calls[1:] else ""

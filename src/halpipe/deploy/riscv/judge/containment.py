@@ -12,7 +12,7 @@ from halpipe.core.diagnostics import Findings, about
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import tick_of
-from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, assign, consequence, victim
+from halpipe.deploy.riscv.run.injection import Injection, Kind, consequence, victim
 from halpipe.deploy.riscv.run.recording import Flag, meaning
 from halpipe.deploy.riscv.run.recording import Kind as Recorded
 from halpipe.deploy.riscv.run.sequence import Request, Tour, Wish, played_tables
@@ -39,11 +39,10 @@ PREFIX = "after faults were put into jobs: "
 
 @dataclass(slots=True)
 class Injected:
-    """Injected faults: count of each kind, and the jobs or images (`what`) that they befall."""
+    """Injected faults: count of each kind, and the jobs that they befall."""
 
-    what: str = "jobs"
     kinds: Counter[Kind] = field(default_factory=Counter)
-    places: set[object] = field(default_factory=set)
+    places: set[str] = field(default_factory=set)
     trials: int = 0
     delays: int = 0
     held: int = 0
@@ -66,7 +65,7 @@ class Injected:
         """Yield the lines of the summary."""
         if self.kinds:
             kinds = len(self.kinds)
-            yield f"injected: {self.kinds.total()} faults of {kinds} kinds into {len(self.places)} {self.what}"
+            yield f"injected: {self.kinds.total()} faults of {kinds} kinds into {len(self.places)} jobs"
             if not any(found.is_error for found in self.findings):
                 yield "each was stopped in its time and recorded; nothing else changed"
         if self.delays and not any(found.is_error for found in self.findings):
@@ -78,11 +77,6 @@ class Injected:
 def places(jobs: Sequence[PlannedJob]) -> dict[tuple[int, int], PlannedJob]:
     """Return jobs by the number of their table in the run, and their row in it."""
     return {(job.table.cycle, job.row): job for job in jobs}
-
-
-def kinds_for(site: Site) -> tuple[Kind, ...]:
-    """Return what can go wrong on a target; without a DMA engine, its faults cannot."""
-    return tuple(kind for kind in Kind if kind is not Kind.HELD) if site.dma.kind == "pdma" else CODES
 
 
 def sweeps(schedule: Schedule) -> list[Tour]:
@@ -97,14 +91,6 @@ def switches(schedule: Schedule) -> list[Tour]:
         for t in schedule.transitions
         if t.jobs
     ]
-
-
-def injections_for(
-    jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, tolerance: Duration, last: int, turn: int
-) -> list[Injection]:
-    """Return what to inject into a run whose last table is number `last` and stays as it is."""
-    late = math.ceil(tolerance / site.tick)
-    return assign([job for job in jobs if job.table.cycle < last], kinds, site, late, turn)
 
 
 def planned(jobs: Sequence[PlannedJob], injections: Sequence[Injection]) -> list[PlannedJob]:
@@ -311,12 +297,9 @@ def _rivals(several: Sequence[Trial], rules: Sequence[HealthRule]) -> Iterator[T
         switch = own.action is its.action is HealthAction.SWITCH
         if switch and own.mode != its.mode and own.task != its.task and one.mode == other.mode:
             last = max(one.cycles + other.cycles)
-            first, second = (replace(t, cycles=_until(last, t.cycles), tables=last + 5) for t in (one, other))
+            ends = (tuple(cycle + last - max(t.cycles) for cycle in t.cycles) for t in (one, other))
+            first, second = (replace(t, cycles=e, tables=last + 5) for t, e in zip((one, other), ends, strict=True))
             yield replace(first, beside=second)
-
-
-def _until(last: int, cycles: Sequence[int]) -> tuple[int, ...]:
-    return tuple(cycle + last - max(cycles) for cycle in cycles)
 
 
 def _trials_of(target: Target, number: int, rule: HealthRule) -> Iterator[Trial]:

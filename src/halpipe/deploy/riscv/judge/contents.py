@@ -51,18 +51,13 @@ def contradictions(
         yield from _monitor(bundle, program, unit.hart)
 
 
-def is_known_profile(name: str) -> bool:
-    """Whether a profile comes with halpipe."""
-    return name in {path.stem for path in PROFILES.glob("*.yaml")}
-
-
 # ------------------------------------------------------------------------------------------------ the machine
 
 
 def machine_faults(bundle: Bundle, site: Site) -> Iterator[Diagnostic]:
     """Compare target.json with the profile that it names; a user's own profile travels with the bundle."""
     name, at = site.profile, bundle.at("target.json")
-    known = is_known_profile(name)
+    known = name in {path.stem for path in PROFILES.glob("*.yaml")}
     if not known and OWN_PROFILE not in bundle.files:
         message = f'its profile "{name}" does not come with halpipe, and the bundle does not have it'
         yield FOREIGN_MACHINE(message, at=at, help=AGAIN)

@@ -198,7 +198,8 @@ def measured(run: Run, tables: Tables, played: Sequence[Played]) -> Dispatch:
     starts = [int(table.start / site.tick) for table in played]
     others = sorted(_unrecorded(site, tables, played, starts))
     # Who waits for a late transfer looks again and again, between the operations of others.
-    polling = {woken for entry, (_, woken) in zip(records, seen, strict=True) if _is_held(entry)}
+    held = (entry.kind == Kind.COPY and bool(entry.flags & Flag.LATE) for entry in records)
+    polling = {woken for is_held, (_, woken) in zip(held, seen, strict=True) if is_held}
     worst, at = Fraction(0), 0
     since = first = extra = 0
     is_waiting = False
@@ -227,10 +228,6 @@ def due_of(tables: Tables, record: Record, starts: Sequence[int] | Mapping[int, 
         raise LookupError("a record names no operation of its job")
     operation = tables.operations(record.program)[record.operation]
     return starts[record.cycle] + tables.releases(record.table)[record.release][0] + operation.at, operation.order
-
-
-def _is_held(record: Record) -> bool:
-    return record.kind == Kind.COPY and bool(record.flags & Flag.LATE)
 
 
 def waits(tables: Tables, record: Record, due: int) -> bool:

@@ -13,7 +13,7 @@ from halpipe.deploy.riscv.run.injection import Saboteur
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.board.machine import Budget
     from halpipe.deploy.riscv.judge.comparison import Seen
     from halpipe.deploy.riscv.run.drivers import Board
-    from halpipe.deploy.riscv.run.expectation import Image
+    from halpipe.deploy.riscv.run.expectation import Image, PlannedJob
+    from halpipe.deploy.riscv.run.injection import Injection
     from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.target import Site
 
@@ -32,8 +33,10 @@ _OTHER = bytes(1 + 37 * i % 251 for i in range(251))
 class Rubbish(Saboteur):
     """Overwrites the data scratchpad of a job that begins, but for what was loaded, read or cleared for it."""
 
-    def __init__(self, site: Site, images: Collection[Image]) -> None:
-        super().__init__(site, (), ())
+    def __init__(
+        self, images: Collection[Image], site: Site, jobs: Sequence[PlannedJob], injections: Sequence[Injection]
+    ) -> None:
+        super().__init__(site, jobs, injections)
         self._images = images
 
     def code(self, execution: Execution) -> bytes:

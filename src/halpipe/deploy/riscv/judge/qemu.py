@@ -1,4 +1,4 @@
-"""The check of a bundle with QEMU: runs, faults put into programs, and what is judged."""
+"""Check of a bundle with QEMU: the runs, and the comparison of their records with the schedule."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import shutil
 import struct
 from collections import Counter
 from fractions import Fraction
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,34 +15,30 @@ from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.board.elf import offset_of
 from halpipe.deploy.riscv.board.machine import RUBBISH
 from halpipe.deploy.riscv.judge import conditions
 from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tolerance_of
 from halpipe.deploy.riscv.judge.comparison import Comparison
-from halpipe.deploy.riscv.judge.containment import FROM_RUNTIME, Injected, planned, prefixed
 from halpipe.deploy.riscv.judge.records import observations, strangers
 from halpipe.deploy.riscv.judge.tables import tables_of
-from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, Run, TableSeen, plan, read_images, silent
+from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, Run, TableSeen, read_images, silent
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.expectation import Expectation
-from halpipe.deploy.riscv.run.injection import CODES, Injection, Kind, code_of
 from halpipe.deploy.riscv.run.observation import Observations, Outcome
 from halpipe.deploy.riscv.run.recording import Dump, Flag, Word, read_recording
 from halpipe.deploy.riscv.run.recording import Kind as Recorded
 from halpipe.deploy.riscv.run.sequence import Request, Tour, played_tables
 from halpipe.deploy.riscv.target import read_site
-from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Code, Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import CheckOptions, Target
     from halpipe.deploy.riscv.judge.comparison import Seen
     from halpipe.deploy.riscv.judge.tables import Tables
-    from halpipe.deploy.riscv.run.expectation import Image, PlannedExecution, PlannedJob
+    from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob
     from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.run.recording import Memory
     from halpipe.deploy.riscv.run.sequence import Played
@@ -83,14 +78,9 @@ def play(
     request: int,
     tables: int,
     inputs: Mapping[str, Sequence[bytes]],
-    *,
-    health: bool = True,
 ) -> Run:
-    """Run QEMU once, with main memory in a file and the first recorded inputs.
-
-    Without `health` no rule follows from jobs that fail.
-    """
-    words = [MAGIC, tables, _MODELLED, first, 0, _BY_SEMIHOSTING, max(site.timebase // 1000, 1), not health, request]
+    """Run QEMU once, with main memory in a file and the first recorded inputs."""
+    words = [MAGIC, tables, _MODELLED, first, 0, _BY_SEMIHOSTING, max(site.timebase // 1000, 1), 0, request]
     with scratch_folder() as folder:
         place = Path(folder)
         place.joinpath(PROGRAM).write_bytes(program)
@@ -181,15 +171,11 @@ class OneClock(Comparison):
     """Comparison of a run in which every instruction of any core advances the one clock of all.
 
     So a core may begin late because others compute at that time. Their computing is recorded, too, and excuses exactly
-    as much lateness as it covers: `delayed` counts such starts. The jobs (cycle and row) that are `starved` are not
-    judged, for others take all of the clock meanwhile. State of cores and ends of transfers are not recorded.
+    as much lateness as it covers: `delayed` counts such starts. State of cores and ends of transfers are not recorded.
     """
 
-    def __init__(
-        self, run: Run, jobs: Sequence[PlannedJob], tolerance: Duration, starved: Collection[tuple[int, int]] = ()
-    ) -> None:
+    def __init__(self, run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> None:
         self.delayed = 0
-        self._starved = starved
         super().__init__(run, jobs, tolerance)
 
     def _excused(self, hart: int, begin: int, end: int) -> int:
@@ -219,147 +205,25 @@ class OneClock(Comparison):
         help = "use --engine cosim, which gives each core a clock of its own"
         self._report(codes.ENGINE_UNFIT, seen.planned, message, help)
 
-    def _judge_failure(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
-        if execution.outcome not in planned.ends:
-            super()._judge_failure(seen, planned, execution)
-
     def _judge_call(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
         """Judge nothing: arguments, stack and registers are not recorded."""
 
     def _judge_phases(self, seen: Seen) -> None:
         """Judge nothing: transfers begin late where others compute."""
 
-    def _report(self, code: Code, job: PlannedJob | None, message: str, help: str, unit: str = "") -> None:
-        if job is None or (job.table.cycle, job.row) not in self._starved:
-            super()._report(code, job, message, help, unit)
-
 
 def judge(
-    run: Run,
-    tables: Tables,
-    expected: Sequence[Played],
-    jobs: Sequence[PlannedJob],
-    starved: Collection[tuple[int, int]] = (),
+    run: Run, tables: Tables, expected: Sequence[Played], jobs: Sequence[PlannedJob]
 ) -> tuple[list[Diagnostic], int]:
     """Compare a run with its plan; return the deviations, and how many starts others delayed."""
     site = run.site
     run.recorder = observations(run.recording, tables)
     findings = [*conditions.is_over(run), *strangers(run, tables), *conditions.plays(run, expected, ZERO)]
-    compared = OneClock(run, jobs, tolerance_of(site), starved)
+    compared = OneClock(run, jobs, tolerance_of(site))
     findings += compared.findings.items
     longest = max((table.length for table in expected), default=ZERO)  # calls are late where others compute
-    findings += conditions.calls_drivers(run, jobs, longest, starved)
+    findings += conditions.calls_drivers(run, jobs, longest)
     return findings, compared.delayed
-
-
-MOST = 60
-"""Runs at most; each takes a few tenths of a second."""
-
-Key = tuple[str, str, str]
-"""An image: task, version and unit."""
-
-
-def inject_faults(target: Target, site: Site, emulator: str, *, everything: bool) -> Injected:
-    """Let every second image fail, in each way in turn; in the first mode with jobs, or in all modes."""
-    found, missed = Injected("images"), 0
-    modes = [i for i, mode in enumerate(target.schedule.modes) if mode.jobs]
-    half = [2 * i + i % 2 for i in range(len(CODES))]  # every kind, in the one half of the images or the other
-    turns = range(2 * len(CODES)) if everything else half
-    runs = [(mode, turn) for turn in turns for mode in (modes if everything else modes[:1])]
-    played = runs[:MOST]
-    images = read_images(target.bundle, site)
-    for mode, turn in played:
-        missed += _run(target, site, emulator, images, mode, turn, found)
-        if any(each.is_error for each in found.findings):
-            return found
-    missed += len(runs) - len(played)
-    if missed:
-        message = f"{missed} faults were not injected: their functions are too short, or there would be more runs"
-        found.findings.append(codes.NOT_INJECTED(message, help="--engine cosim injects them"))
-    return found
-
-
-def _run(
-    target: Target,
-    site: Site,
-    emulator: str,
-    images: Mapping[Key, Image],
-    mode: int,
-    turn: int,
-    found: Injected,
-) -> int:
-    """Play a mode with a fault in every second image, add what differs, and return how many faults did not fit."""
-    name = target.schedule.modes[mode].name
-    tables = played_tables(target.schedule, name, (), CYCLES, site.tick)
-    jobs = plan(target, site, tables)
-    program = bytearray(silent(target))
-    failing: dict[Key, Kind] = {}
-    missed = 0
-    keys = sorted({(job.job.task, job.job.version, job.job.units[-1]) for job in jobs if job.executions})
-    for i, key in enumerate(keys):
-        kind = CODES[(i // 2 + turn // 2) % len(CODES)]
-        if (i + turn) % 2 == 0:
-            if _patch(program, site, images[key], kind):
-                failing[key] = kind
-            else:
-                missed += 1
-    if not failing:
-        return missed
-    found.kinds += Counter(failing.values())
-    found.places |= set(failing)
-    inputs = recorded_inputs(target.bundle, site)
-    played = play(bytes(program), site, emulator, mode, 0, CYCLES, inputs, health=False)
-    kinds = [(failing.get((job.job.task, job.job.version, job.job.units[-1])), job) for job in jobs]
-    injections = [Injection(kind, job.table.cycle, job.row) for kind, job in kinds if kind is not None]
-    failed = planned(jobs, injections)
-    findings, _ = judge(played, tables_of(target, site), tables, failed, _starved(failed))
-    findings += _unwritten(site, jobs, failed, played)
-    told = {(d.code, d.path) for d in found.findings}
-    found.findings += [d for d in prefixed(findings) if (d.code, d.path) not in told]
-    return missed
-
-
-def _patch(program: bytearray, site: Site, image: Image, kind: Kind) -> bool:
-    """Put a fault in the place of a function, where it is stored; return whether it fits there."""
-    unit = site.unit_of(image.hart)
-    entry = image.site.entries[0]
-    segment = next((s for s in image.program.segments if s.target <= entry < s.target + len(s.data)), None)
-    code = code_of(kind, site, unit)
-    if segment is None or not code:
-        return False
-    if kind is Kind.SPIN:
-        code = code[-8:-4] + (0xFFDFF06F).to_bytes(4, "little")  # a nop, and back to it
-    room = segment.target + len(segment.data) - entry
-    at = offset_of(bytes(program), segment.source + entry - segment.target, len(code))
-    if len(code) > room or at is None:
-        return False
-    program[at : at + len(code)] = code
-    return True
-
-
-def _starved(jobs: Sequence[PlannedJob]) -> set[tuple[int, int]]:
-    """Return the jobs beside which another one spins until its time is over: there is one clock, and it takes it."""
-    spinning = [(e, job) for job in jobs for e in job.executions if e.ends == frozenset({Outcome.OVERRUN})]
-    return {
-        (job.table.cycle, job.row)
-        for job in jobs
-        for execution, other in spinning
-        if other is not job and execution.begin <= job.end and job.begin <= execution.end
-    }
-
-
-def _unwritten(
-    site: Site, jobs: Sequence[PlannedJob], failed: Sequence[PlannedJob], played: Run
-) -> Iterator[Diagnostic]:
-    """Yield the buffers that hold something although all jobs that write into them failed."""
-    written, sound = (
-        {t.what for job in each for t in job.transfers if t.kind is AccessKind.WRITE} for each in (jobs, failed)
-    )
-    for name, area in site.buffers.items():
-        what = f'buffer "{name}"'
-        if what in written - sound and any(played.memory.read(area.base, area.size)):
-            message = "holds something, though every job that writes it failed"
-            yield codes.NOT_CONTAINED(message, path=what, help=FROM_RUNTIME)
 
 
 def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
@@ -370,7 +234,6 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     findings = Findings()
     findings.extend(static_findings(target))
     counts: Counter[str] = Counter()
-    is_compared = find_spec("unicorn") is not None
     for leg in legs(target, options.cycles or CYCLES):
         index = {mode.name: i for i, mode in enumerate(target.schedule.modes)}
         request = index[leg.requests[0].mode] + 1 if leg.requests else 0
@@ -385,15 +248,11 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
         counts += Counter(runs=1, tables=len(tables), jobs=len(jobs), delayed=delayed)
         if played.exhausted:
             break
-        if is_compared and not findings.has_errors:
+        if not findings.has_errors:
             differing = [*_data(target, leg, played)]
             findings.extend(differing)
             counts["compared"] += not differing
-    lines = [*_lines(target, site, counts, is_compared=is_compared)]
-    if not findings.has_errors and options.inject != "none":
-        injected = inject_faults(target, site, emulator, everything=options.inject == "all")
-        findings.extend(injected.findings)
-        lines += injected.lines()
+    lines = [*_lines(target, site, counts)]
     help = "use --engine cosim for execution times and transfers"
     findings.add(
         codes.NOT_JUDGED(
@@ -405,19 +264,17 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     return Checked(diagnostics=tuple(sort_diagnostics(findings.items)), lines=tuple(lines))
 
 
-def _lines(target: Target, site: Site, counts: Counter[str], *, is_compared: bool) -> Iterator[str]:
+def _lines(target: Target, site: Site, counts: Counter[str]) -> Iterator[str]:
     plural = "s" if counts["runs"] > 1 else ""
     played = f"{counts['tables']} tables and {counts['jobs']} jobs in {counts['runs']} run{plural}"
     yield f"QEMU, {target.bundle.path}: {played}"
     yield f"starts may be late by {tolerance_of(site)}, the time that the management core has for its operations"
     if counts["delayed"]:
         yield f"{counts['delayed']} starts were later than that by no more than other cores computed on the one clock"
-    if is_compared and counts["compared"] < counts["runs"]:
+    if counts["compared"] < counts["runs"]:
         yield f"buffers were compared with those of the co-simulation after {counts['compared']} runs"
-    elif is_compared:
-        yield "all buffers hold at the end what they hold in the co-simulation"
     else:
-        yield "data was not checked: the package unicorn, which would compute it, is not installed"
+        yield "all buffers hold at the end what they hold in the co-simulation"
 
 
 def legs(target: Target, cycles: int) -> list[Tour]:

@@ -68,7 +68,8 @@ def _executions(run: Run, recorded: Sequence[Execution]) -> Iterator[Diagnostic]
     yield from _differing(
         "executions", *([(e.hart, e.function, str(e.outcome)) for e in each] for each in (seen, recorded))
     )
-    returned = [sorted(_returned(each), key=lambda e: (e.hart, e.begin)) for each in (seen, recorded)]
+    ended = [[e for e in each if e.outcome is Outcome.RETURNED] for each in (seen, recorded)]
+    returned = [sorted(each, key=lambda e: (e.hart, e.begin)) for each in ended]
     for one, other in zip(*returned, strict=False):
         low, high = tick_of(run, one.begin), tick_of(run, one.entered)
         first, last = tick_of(run, one.left), tick_of(run, one.end)
@@ -76,10 +77,6 @@ def _executions(run: Run, recorded: Sequence[Execution]) -> Iterator[Diagnostic]
             where = f"it records an execution at tick {other.begin} to {other.left}"
             yield _differs(f"{where} where {low} to {first} was seen")
             return
-
-
-def _returned(executions: Sequence[Execution]) -> list[Execution]:
-    return [e for e in executions if e.outcome is Outcome.RETURNED]
 
 
 def _differing(what: str, seen: Sequence[object], recorded: Sequence[object]) -> Iterator[Diagnostic]:

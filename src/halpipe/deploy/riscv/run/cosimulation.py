@@ -168,7 +168,7 @@ class CoSimulation:
                 self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget, others=self._beside
             )
         except ModuleNotFoundError:
-            help = "pip install ziglang pyelftools unicorn, or choose --engine qemu"
+            help = "pip install ziglang pyelftools unicorn"
             raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
         self._recorder.attach(self._machine)
         self._attend(hears=hears)
@@ -179,6 +179,7 @@ class CoSimulation:
         if saboteur is not None:
             saboteur.memory = self._machine.memory
             self._recorder.begins = self._sabotage
+            self._recorder.ends = saboteur.ended
             self._machine.fate = saboteur.fate
         self._memory = self._machine.memory
         self._zero: int | None = None

@@ -218,6 +218,9 @@ class Saboteur:
                 return code_of(kind, self._site, self._site.unit_of(hart))
         return b""
 
+    def ended(self, execution: Execution) -> None:
+        """Look at the end of an execution, which is before anything else happens to its scratchpads."""
+
     def fate(self, transfer: Transfer) -> tuple[int, bool] | None:
         """Return when a transfer that begins ends, and whether it fails; None if nothing befalls it."""
         tick = (transfer.begin - self.zero) // self.tick

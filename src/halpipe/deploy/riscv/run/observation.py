@@ -113,6 +113,7 @@ class Recorder(Observations):
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None
         self.after_write: Callable[[str, int], None] = lambda buffer, now: None
         self.begins: Callable[[Execution], None] = lambda execution: None
+        self.ends: Callable[[Execution], None] = lambda execution: None
         self.drives: Callable[[Call], None] = lambda call: None
         self._site = site
         self._told = told
@@ -204,6 +205,7 @@ class Recorder(Observations):
             execution.end = now
             execution.left = execution.left or now
             execution.status = self.machine.memory.word(self._site.unit_of(hart).mailbox + _STATUS)
+            self.ends(execution)
             self._watch(hart)
 
     def trapped(self, hart: int, cause: int, pc: int, value: int, now: int) -> None:
