@@ -1,9 +1,11 @@
-"""Rows for sets that others have published: found by a plain first fit, found by halpipe, and their own figure.
+"""Rows for sets that others have published: found by first fit, by CP-SAT and by halpipe, and their own figure.
 
     python benchmarks/published.py pscp DIR/set3/*.dat --seconds 60
     python benchmarks/published.py cc DIR/set1/*.dat --jitter 5        average maximum utilisation, in steps of 1 %
     python benchmarks/published.py ems DIR/ems_case_study.dat
     python benchmarks/published.py tsn TOPOLOGY.csv STREAMS.csv
+
+With --exact-seconds, CP-SAT alone gets each system in all forms of the exact engine.
 
 The data are not part of the project. `search_benchmark/published.py` states what is read of them. Each search has a
 process and a limit of its own. Its time is that of the whole command, from the model file on.
@@ -27,14 +29,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-def searched(system: System, seconds: float) -> tuple[bool, float]:
+def searched(system: System, seconds: float, *options: str) -> tuple[bool, float]:
     """Return whether `halpipe schedule` finds a schedule, and the processor time of the command."""
     import resource
 
     with TemporaryDirectory() as folder:
         model = Path(folder, "model.xml")
         model.write_bytes(format_model(system.model()))
-        words = ["schedule", str(model), "-o", str(Path(folder, "s.xml")), "--time-limit", f"{seconds:g}s", "-q"]
+        words = [
+            "schedule",
+            str(model),
+            "-o",
+            str(Path(folder, "s.xml")),
+            "--time-limit",
+            f"{seconds:g}s",
+            "-q",
+            *options,
+        ]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         code = subprocess.run([sys.executable, "-m", "halpipe", *words], capture_output=True, check=False).returncode
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -47,10 +58,21 @@ def fitted(system: System, _: float) -> tuple[bool, float]:
     return first_fit(system) is not None, time.process_time() - begin
 
 
-def found(name: str, systems: list[System], seconds: float) -> None:
-    """Print how many systems each finds; the plain first fit has no way without waiting."""
-    for who, search in (("first fit", fitted), ("halpipe", searched))[name == "tsn" :]:
-        results = [search(system, seconds) for system in systems]
+def exactly(system: System, seconds: float) -> tuple[bool, float]:
+    """Return whether CP-SAT alone finds a schedule, and the processor time of the command."""
+    return searched(system, seconds, "--engine", "exact")
+
+
+def found(name: str, systems: list[System], seconds: float, exact_seconds: float) -> None:
+    """Print how many systems each finds."""
+    for who, search, limit in (
+        ("first fit", fitted, 0),
+        ("CP-SAT", exactly, exact_seconds),
+        ("halpipe", searched, seconds),
+    ):
+        if search is exactly and not exact_seconds:
+            continue
+        results = [search(system, limit) for system in systems]
         times = [spent for _, spent in results]
         number = sum(is_found for is_found, _ in results)
         print(f"{name}: {who} {number} of {len(results)}, median {statistics.median(times):.2f} s, at most "
@@ -74,6 +96,7 @@ def main() -> None:
     parser.add_argument("row", choices=sorted(PUBLISHED))
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--seconds", type=float, default=60, help="limit of each search")
+    parser.add_argument("--exact-seconds", type=float, default=0, help="limit of CP-SAT for each system; 0: not run")
     parser.add_argument("--jitter", type=int, default=5, help="start jitter as a part of the period; 0 for none")
     parser.add_argument("--cores", type=int, default=3)
     parser.add_argument("--least", type=int, default=40, help="percent at which the steps begin")
@@ -81,15 +104,21 @@ def main() -> None:
     chosen = parser.parse_args()
     texts = [path.read_text(encoding="utf-8") for path in chosen.files]
     if chosen.row == "pscp":
-        found("pscp", [control(text) for text in texts], chosen.seconds)
+        found("pscp", [control(text) for text in texts], chosen.seconds, chosen.exact_seconds)
     elif chosen.row == "tsn":
-        found("tsn", [streams(*texts)], chosen.seconds)
+        found("tsn", [streams(*texts)], chosen.seconds, chosen.exact_seconds)
     elif chosen.row == "ems":
-        found("ems", [co_scheduled(text, chosen.cores, 0) for text in texts], chosen.seconds)
+        found("ems", [co_scheduled(text, chosen.cores, 0) for text in texts], chosen.seconds, chosen.exact_seconds)
     else:
         systems = [co_scheduled(text, chosen.cores, chosen.jitter) for text in texts]
-        for who, search in (("first fit", fitted), ("halpipe", searched)):
-            most = [greatest(each, search, chosen.seconds, chosen.least, chosen.step) for each in systems]
+        for who, search, limit in (
+            ("first fit", fitted, 1),
+            ("CP-SAT", exactly, chosen.exact_seconds),
+            ("halpipe", searched, chosen.seconds),
+        ):
+            if not limit:
+                continue
+            most = [greatest(each, search, limit, chosen.least, chosen.step) for each in systems]
             print(f"cc: {who} {statistics.mean(most):.1f} %, {most}", flush=True)
         print(f"cc: published {PUBLISHED['cc']}")
 

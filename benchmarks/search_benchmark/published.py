@@ -252,29 +252,40 @@ def _way(source: int, target: int, links: Sequence[tuple[int, int]]) -> list[tup
 def first_fit(system: System) -> list[int] | None:
     """Return a start for the first job of every activity; None if one of them finds no room.
 
-    Periods that divide others come first, of these the longest, and tasks of chains after their predecessors. All jobs
-    are strictly periodic, although jitter may be allowed. Nothing is placed twice.
+    Periods that divide others come first, of these the longest, and tasks of chains after their predecessors; what
+    does not wait is placed with the first of its chain. All jobs are strictly periodic, although jitter may be allowed.
+    Nothing is placed twice.
     """
-    starts: list[int] = [0] * len(system.activities)
+    starts: dict[int, int] = {}
     begins: list[int] = [0] * len(system.activities)
     busy: dict[str, list[tuple[int, int]]] = {each.unit: [] for each in system.activities}
     whole = math.lcm(*(each.period for each in system.activities))
+    follower = {each.before[0]: n for n, each in enumerate(system.activities) if each.lag is not None and each.before}
     for number in _order(system):
-        each = system.activities[number]
-        earliest = max((starts[b] + system.activities[b].wcet + (each.lag or 0) for b in each.before), default=0)
-        start = _first_phase(busy[each.unit], each, earliest, whole)
-        if start is None or (each.lag is not None and start != earliest):
+        if number in starts:
+            continue
+        first = system.activities[number]
+        row, offset = [(number, 0)], 0
+        while row[-1][0] in follower:
+            here, following = system.activities[row[-1][0]], follower[row[-1][0]]
+            offset += here.wcet + (system.activities[following].lag or 0)
+            row.append((following, offset))
+        earliest = max((starts[b] + system.activities[b].wcet for b in first.before), default=0)
+        start = _first_phase(system, busy, row, earliest, whole)
+        if start is None:
             return None
-        starts[number] = start
-        begins[number] = min((begins[other] for other in each.before), default=start)
-        if system.limit and each.before and start + each.wcet - begins[number] > system.limit * each.period:
-            return None
-        for turn in range(whole // each.period):
-            at = (start + turn * each.period) % whole
-            insort(busy[each.unit], (at, min(whole, at + each.wcet)))
-            if at + each.wcet > whole:
-                insort(busy[each.unit], (0, at + each.wcet - whole))
-    return starts
+        for member, later in row:
+            each, at_first = system.activities[member], start + later
+            starts[member] = at_first
+            begins[member] = min((begins[other] for other in each.before), default=at_first)
+            if system.limit and each.before and at_first + each.wcet - begins[member] > system.limit * each.period:
+                return None
+            for turn in range(whole // each.period):
+                at = (at_first + turn * each.period) % whole
+                insort(busy[each.unit], (at, min(whole, at + each.wcet)))
+                if at + each.wcet > whole:
+                    insort(busy[each.unit], (0, at + each.wcet - whole))
+    return [starts[number] for number in range(len(starts))]
 
 
 def _order(system: System) -> Iterator[int]:
@@ -295,14 +306,26 @@ def _order(system: System) -> Iterator[int]:
         graph.done(number)
 
 
-def _first_phase(busy: Sequence[tuple[int, int]], each: Activity, earliest: int, whole: int) -> int | None:
-    """Return the first start from `earliest` on, within a period, at which all jobs find the unit free."""
+def _first_phase(
+    system: System,
+    busy: Mapping[str, Sequence[tuple[int, int]]],
+    row: Sequence[tuple[int, int]],
+    earliest: int,
+    whole: int,
+) -> int | None:
+    """Return the first start from `earliest` on, within a period, at which all jobs of a row find their units free.
+
+    A row lists activities that start so long after the first of them.
+    """
     start = earliest
-    while start < earliest + each.period:
+    while start < earliest + system.activities[row[0][0]].period:
         moved = start
-        for turn in range(whole // each.period):
-            at = (moved + turn * each.period) % whole
-            moved += _blocked(busy, at, each.wcet, whole)
+        for number, later in row:
+            each = system.activities[number]
+            for turn in range(whole // each.period):
+                at = (moved + later + turn * each.period) % whole
+                passes = system.is_closed and at + each.wcet > whole
+                moved += whole - at if passes else _blocked(busy[each.unit], at, each.wcet, whole)
         if moved == start:
             return start
         start = moved

@@ -4,8 +4,13 @@ from fractions import Fraction
 
 import pytest
 
+from halpipe.core.durations import Duration
+from halpipe.models import Job, Schedule, Status
 from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.verify import verify
 from search_benchmark.published import Activity, System, co_scheduled, control, first_fit, scaled, streams
 
 CONTROL = """nApps = 2
@@ -95,6 +100,30 @@ def test_the_first_fit_overlaps_nowhere_and_keeps_the_limit(limit):
     ]
     assert len(busy) == len(set(busy))
     assert all(starts[b] + system.activities[b].wcet <= starts[n] for n, own in enumerate(before) for b in own)
+
+
+def test_the_first_fit_of_streams_waits_nowhere_and_verifies():
+    """Two streams meet on their second link, so that the later one starts later on its first; a third passes no end."""
+    table = STREAMS + "1,3,[2],100,400000,1,1\n2,0,[2],100,200000,1,1\n"
+    system = streams(TOPOLOGY + '"(3, 1)",8,1,2000,0\n', table)
+    starts = first_fit(system)
+    assert starts is not None
+    model = system.model()
+    jobs = [
+        Job(
+            task=each.name,
+            index=index,
+            start=Duration(start) + each.period * index,
+            end=Duration(start) + each.period * index + each.versions[0].wcet,
+            version="v",
+            units=each.versions[0].units,
+        )
+        for start, each in zip(starts, model.tasks, strict=True)
+        for index in range(400000 // each.period.ns)
+    ]
+    tables = (mode_report(model, expand(model, model.modes[0]), jobs, Status.VALID),)
+    assert [d for d in verify(model, Schedule(model=model.name, model_sha256="", modes=tables)) if d.is_error] == []
+    assert starts[2] > 0
 
 
 def test_a_model_of_a_reader_has_a_schedule_where_the_first_fit_has_one():
