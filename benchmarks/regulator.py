@@ -28,9 +28,8 @@ import regulator_systems as systems
 from halpipe.core.diagnostics import HalpipeError, render_text
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT
-from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
-from halpipe.deploy.regulator.simulate import Icarus, choose_engine, design_of, play
+from halpipe.deploy.regulator.simulate import Icarus, choose_engine, design_of, judge, play
 from halpipe.deploy.regulator.stimuli import TRAFFIC, plan
 from regulator_proof import missing
 

@@ -91,7 +91,7 @@ def _page(title: str, *paragraphs: str) -> str:
 
 def amalthea_page() -> str:
     """Which kinds and features of AMALTHEA are read, and which are harmless, by the lists of the importer."""
-    from halpipe.importers.amalthea.account import HARMLESS, READ, UNREACHED
+    from halpipe.importers.amalthea.build import HARMLESS, READ, UNREACHED
 
     read = [f"| {_ticked(kinds)} | {_ticked(features)} |" for kinds, features in READ.items()]
     harmless = [f"| {reason} | {_ticked(words)} |" for reason, words in HARMLESS.items()]

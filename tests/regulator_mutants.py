@@ -4,9 +4,8 @@ import tempfile
 
 import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
-from halpipe.deploy.regulator.simulate import design_of, play
+from halpipe.deploy.regulator.simulate import design_of, judge, play
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, plan
 from one_fault import with_fault
 from regulator_proof import ProofError, prove

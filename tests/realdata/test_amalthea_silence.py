@@ -14,7 +14,7 @@ from amalthea_metamodel import Additions, Metamodel
 from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.exporters.native.model import format_model
 from halpipe.importers.amalthea import FORMAT
-from halpipe.importers.amalthea.account import RULES
+from halpipe.importers.amalthea.build import RULES
 from halpipe.importers.common.base import ImportOptions
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "amalthea"

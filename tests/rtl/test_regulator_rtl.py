@@ -22,9 +22,17 @@ import regulator_bundles as bundles
 import regulator_mutants as mutants
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes, stimuli
-from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
-from halpipe.deploy.regulator.simulate import CYCLES, STEPPED_CYCLES, Icarus, Verilator, design_of, play, simulate
+from halpipe.deploy.regulator.simulate import (
+    CYCLES,
+    STEPPED_CYCLES,
+    Icarus,
+    Verilator,
+    design_of,
+    judge,
+    play,
+    simulate,
+)
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, Traffic, plan, unit_address
 from one_fault import with_fault
 from profiles import volume

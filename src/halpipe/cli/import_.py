@@ -61,7 +61,7 @@ def _read(importer: Importer, paths: list[str], options: Values, target: str, re
     from halpipe.core.files import refuse_inputs, refuse_name, write_output
     from halpipe.exporters.native import format_model
     from halpipe.flow.formats import import_model
-    from halpipe.importers.common.coverage import format_account
+    from halpipe.importers.common.base import format_account
 
     with _progress() as on_progress:
         imported = import_model(importer.name, paths, importer.options(**options, on_progress=on_progress))

@@ -17,8 +17,7 @@ from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.exporters.report.chains import path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
 from halpipe.exporters.report.page import build_account
-from halpipe.importers.common.base import Coverage, Imported
-from halpipe.importers.common.coverage import format_account
+from halpipe.importers.common.base import Coverage, Imported, format_account
 from halpipe.models import Anchor, Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure import latency

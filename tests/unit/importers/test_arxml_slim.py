@@ -23,7 +23,7 @@ from arxml_case import (
 
 from halpipe.core.files import BROKEN_XML, HAS_DOCTYPE, xml
 from halpipe.importers.arxml.files import sniff
-from halpipe.importers.common.coverage import format_account
+from halpipe.importers.common.base import format_account
 
 PUMP = component(
     "Pump",

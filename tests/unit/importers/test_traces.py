@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.importers.traces import codes, json_events, read, read_traces
+from halpipe.importers.traces import codes, read, read_traces
 from halpipe.importers.traces.read import parse_traces
+from halpipe.importers.traces.slices import events as events_of
 
 
 def executions(text, file="t"):
@@ -336,7 +337,7 @@ def test_a_list_of_events_may_lack_its_last_bracket(begin):
 def test_a_document_is_read_in_pieces_of_any_size(size):
     text = '{"a": [1, {"b": "]"}], "n": 12, "traceEvents": ' + LIST + ', 3, {"ph": "C"}], "z": 1.5e1} \n'
     pieces = (text[at : at + size] for at in range(0, len(text), size))
-    found = list(json_events.events(pieces, "t", Findings()))
+    found = list(events_of(pieces, "t", Findings()))
     assert [(line, event["ph"]) for line, event in found] == [(1, "X"), (2, "X"), (2, "C")]
 
 
@@ -357,7 +358,7 @@ def test_a_document_that_is_no_json_is_refused_with_its_line(text, line):
 
 
 def test_an_event_is_bounded(monkeypatch):
-    monkeypatch.setattr(json_events, "LARGEST_VALUE", 100)
+    monkeypatch.setattr("halpipe.importers.traces.slices.LARGEST_VALUE", 100)
     monkeypatch.setattr(read, "_CHUNK", 10)
     within = '[{"ph":"X","name":"a","ts":1,"dur":2,"args":{"text":"' + "x" * 30 + '"}}]'
     assert len(executions(within)) == 1

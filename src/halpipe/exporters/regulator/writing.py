@@ -1,4 +1,4 @@
-"""Writing for a device: the export as a whole, protocol and choice of writers, names in C and files, and templates."""
+"""Writing for a device: the export, protocol and choice of writers, names, templates, and scripts of registers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import HalpipeError, printable, sort_diagnostics
 from halpipe.core.files import sha256
+from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.devices import DEVICES
 from halpipe.exporters.common.templates import environment
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
     from halpipe.models import Schedule, TaskModel
-
 
 K = TypeVar("K")
 
@@ -150,3 +150,38 @@ def export_tables(model: TaskModel, schedule: Schedule, options: RegulatorOption
     }
     facts = {"backend": writer.name, "platform": platform.name, "model": model.name}
     return seal("regulator", files, facts)
+
+
+START = -1
+ALL = 0xFFFFFFFF
+
+
+@record
+class Write:
+    """A register write; `at` is the window or the nanosecond of it, `START` before the table begins."""
+
+    at: int
+    offset: int
+    value: int
+
+    def __str__(self) -> str:
+        return f"WRITE({self.at}, {self.offset:#05x}, {self.value:#010x})"
+
+
+@record
+class Check:
+    """A register that is read: its bits in `mask` are from `least` to `most`."""
+
+    offset: int
+    mask: int
+    least: int
+    most: int
+
+    def __str__(self) -> str:
+        return f"READ({self.offset:#05x}, {self.mask:#010x}, {self.least:#010x}, {self.most:#010x})"
+
+
+def script(tables: Tables, digest: str, title: str, meaning: str, steps: Iterable[Write | Check]) -> bytes:
+    """Return a script; its comments state what it is for."""
+    origin = f"model {comment(tables.model)}, platform {comment(tables.platform.name)}; schedule {digest}"
+    return "\n".join([f"// {comment(title)}, {origin}", f"// {meaning}", *map(str, steps), ""]).encode()

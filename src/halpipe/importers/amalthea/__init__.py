@@ -2,7 +2,7 @@
 
 The steps, each in its own module: `documents` reads files; `xmi` makes one forest of items, in which references can be
 followed; `modes`, `hardware`, `mapping` and `graph` read items; `stimuli` and `parts` make drafts of tasks; `timing`
-and `chains` read constraints; `versions`, `tasks` and `build` make the task model; `account` counts every element.
+and `chains` read constraints; `versions`, `tasks` and `build` make the task model; `build` accounts for every element.
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.core.diagnostics import NOWHERE, Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.core.durations import Duration, milliseconds
@@ -14,7 +15,7 @@ from halpipe.core.records import record
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.core.extent import Extent
     from halpipe.models import TaskModel
 
@@ -200,3 +201,31 @@ class Importer(Protocol):
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read `paths` into one model; raise `HalpipeError` when nothing usable is in them."""
         ...
+
+
+VERSION = 1
+
+
+def format_account(imported: Imported) -> bytes:
+    """Return the coverage report as JSON; the same sources give the same bytes."""
+    coverage = imported.coverage
+    account = {
+        "halpipe-import-report": VERSION,
+        "model": imported.model.name,
+        "elements": [
+            {"kind": kind, "read": read, "mapped": mapped, "ignored": ignored}
+            for kind, read, mapped, ignored in coverage.rows()
+        ],
+        "ignored": [
+            {"kind": e.kind, "name": e.name, "reason": e.reason, **_place(e.at)} for e in coverage.ignored_elements
+        ],
+        "dropped": [{"kind": kind, "count": count} for kind, count in sorted(coverage.dropped_counts.items())],
+        "defaults": [
+            {"element": d.element, "what": d.what, "value": d.value, **_place(d.at)} for d in coverage.defaulted_values
+        ],
+    }
+    return (json.dumps(account, indent=1, ensure_ascii=True) + "\n").encode()
+
+
+def _place(at: Location) -> dict[str, Any]:
+    return {"file": at.file, "line": at.line}

@@ -3,7 +3,7 @@
 The steps, each in its own module: `sniff` tells files apart; `caret`, `dot`, `design` with `structure`, `traced` and
 `rosbag` read them into the common `graph`; `coverage` leaves out what is no application; `activation` gives callbacks
 their periods; `dataflow` cuts loops and derives precedence and chains; `build` makes the task model; `calibrate` fills
-in WCETs. `executors` reads back what the exporter of the same name wrote.
+in WCETs. `build` also reads back the executor configurations that halpipe wrote.
 """
 
 from __future__ import annotations

@@ -1,4 +1,11 @@
-"""From files to the task model: the order of the import's steps, and the tasks themselves."""
+"""From files to the task model: the order of the import's steps, the tasks, and callback groups as resources.
+
+The callbacks of a mutually exclusive group share data without locks. A resource that each of their tasks needs wholly,
+for its whole WCET, keeps them apart on any units, just as the group does. That takes the WCETs, which an overlay may
+state, so it is done once the overlay is on the model. Tasks that all have one and the same unit are apart without it.
+A single-threaded executor is not modelled: it is how ROS assigns cores, which the schedule takes over. An executor
+configuration of halpipe holds the native model; its executors, groups and timers repeat what the schedule says.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +13,13 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, named, sort_diagnostics
 from halpipe.core.durations import ZERO
+from halpipe.core.embedding import joined
 from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
 from halpipe.importers.common.base import Coverage, Imported
+from halpipe.importers.native import parse_model
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate, settled
 from halpipe.importers.ros.calibrate import calibrate
@@ -19,25 +28,185 @@ from halpipe.importers.ros.coverage import Account, prune
 from halpipe.importers.ros.dataflow import Edge, chains_of, order_by_data, report_unknown_publishers
 from halpipe.importers.ros.design import ModeGraph, ModeModel, merge_modes, read_design
 from halpipe.importers.ros.dot import read_dot
-from halpipe.importers.ros.exclusion import Exclusion, default_groups
-from halpipe.importers.ros.executors import read_executors
-from halpipe.importers.ros.graph import Names, clean, task_names
+from halpipe.importers.ros.graph import Group, Kind, Names, clean, task_names
 from halpipe.importers.ros.options import RESOURCES
 from halpipe.importers.ros.rosbag import read_bag
-from halpipe.importers.ros.sniff import FileKind, find
+from halpipe.importers.ros.sniff import EXECUTORS_KEY, FileKind, find
 from halpipe.importers.ros.traced import confront, graph_of
+from halpipe.importers.ros.yaml_reader import Reader
 from halpipe.importers.traces.ros2 import read_ros_trace
-from halpipe.models import Anchor, Mode, Origin, Precedence, Run, Task, TaskModel, Unit, Version
+from halpipe.models import Access, Anchor, Mode, Origin, Precedence, Resource, Run, Task, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.files import YamlMap
     from halpipe.importers.ros.activation import Activations
     from halpipe.importers.ros.dataflow import DataFlow
-    from halpipe.importers.ros.graph import Callback, Group
+    from halpipe.importers.ros.graph import Callback, RosGraph
     from halpipe.importers.ros.options import RosImportOptions
     from halpipe.importers.ros.sniff import Inputs
+
+_EXECUTORS_VERSION = "2"
+_MODEL = "model-xml"
+_TOP = (EXECUTORS_KEY, "model", "model-sha256", "scheduling", "modes", "not-realised", _MODEL)
+
+
+def read_executors(document: YamlMap, file: str, findings: Findings, coverage: Coverage) -> TaskModel:
+    """Return the model of a recognised document; raise `HalpipeError` for another version, and what is no model."""
+    help = "export the schedule again"
+    reader = Reader(file, findings, help)
+    reader.check_keys(document, "file", _TOP)
+    text, version = document.get(_MODEL), document.get(EXECUTORS_KEY)
+    if version != _EXECUTORS_VERSION or not isinstance(text, str):
+        what = f'version "{version}" of the format is not {_EXECUTORS_VERSION}, which this halpipe reads'
+        what, key = ("holds no native model", _MODEL) if version == _EXECUTORS_VERSION else (what, EXECUTORS_KEY)
+        raise HalpipeError(codes.MALFORMED(what, at=Location(file, document.line_of(key)), path="file", help=help))
+    model = parse_model(joined([text], document.line_of(_MODEL) + 1), file)
+    for kind in ("unit", "resource", "task", "chain", "mode", "transition"):
+        coverage.mapped(kind, len(getattr(model, f"{kind}s")))
+    for mode in reader.entries(document, "modes", "file"):
+        for executor in reader.entries(mode, "executors", "mode"):
+            name = f"{mode.get('name')} {executor.get('name')}"
+            coverage.ignored("executor", name, "is what the schedule says, not the model", reader.at(executor))
+    return model
+
+
+CALLBACK_GROUP = "callback_group"
+DEFAULT_GROUP = "default_callback_group"
+"""The group that rclcpp puts callbacks into for which no other is stated; it is mutually exclusive."""
+
+_CORES = "the schedule assigns the cores, not an executor"
+_GIVEN_UP = "its tasks may overlap on different units"
+_NO_PAIR = "no two of its callbacks that exclude each other are tasks"
+
+
+def default_groups(graph: RosGraph, coverage: Coverage) -> list[Group]:
+    """Return the default groups of nodes: of the callbacks that are in no stated one."""
+    grouped = {name for group in graph.groups if group.kind == CALLBACK_GROUP for name in group.callbacks}
+    loose: dict[str, list[str]] = {}
+    for callback in graph.callbacks:
+        if callback.name not in grouped and callback.kind not in (Kind.NODE, Kind.SERVICE):
+            loose.setdefault(callback.node, []).append(callback.name)
+    places = {node.name: node.at for node in graph.nodes}
+    found = []
+    for node, callbacks in loose.items():
+        if len(callbacks) > 1 and node in places:
+            coverage.defaulted(node, "callback group", "mutually exclusive, as rclcpp's default", places[node])
+            name = f"{node}/{DEFAULT_GROUP}"
+            found.append(
+                Group(kind=DEFAULT_GROUP, name=name, exclusive=True, callbacks=tuple(callbacks), at=places[node])
+            )
+    return found
+
+
+@record
+class Exclusion:
+    """The groups of an import and the task of each callback; `as_resources`: whether tasks are to be kept apart."""
+
+    groups: Sequence[Group]
+    tasks_of: Mapping[str, str]
+    as_resources: bool
+    coverage: Coverage
+
+    def complete(self, model: TaskModel) -> tuple[TaskModel, tuple[Diagnostic, ...]]:
+        """Return `model` with a resource for each exclusive group; account for all groups, warn where one is lost."""
+        findings = Findings()
+        tasks = {task.name: task for task in model.tasks}
+        names = Names(findings, {resource.name for resource in model.resources})
+        resources: list[Resource] = []
+        lost: list[tuple[Group, list[str]]] = []
+        executors = []
+        done: set[tuple[str, frozenset[str]]] = set()
+        for group in self.groups:
+            members = self._members(group, model)
+            again = (group.name, frozenset(members)) in done
+            done.add((group.name, frozenset(members)))
+            if not group.exclusive or (len(members) < 2 and not any(_meets_itself(tasks[name]) for name in members)):
+                self._ignored(group, _NO_PAIR)
+            elif group.kind == "executor":
+                executors.append(group)
+                self._ignored(group, _CORES)
+            elif again:
+                self._mapped(group)
+            elif self.as_resources and all(_can_hold(tasks[name]) for name in members):
+                name = names.unique(group.name, f'callback group "{group.name}"', group.at)
+                resources.append(Resource(name=name, origin=Origin(group.at.file, group.at.line, group.name)))
+                tasks |= {member: _holding(tasks[member], name) for member in members}
+                self._mapped(group)
+            elif _one_unit(tasks[name] for name in members):
+                self._mapped(group)
+            else:
+                lost.append((group, members))
+                self._ignored(group, _GIVEN_UP)
+        findings.extend(self._reports(lost, executors, tasks))
+        model = replace(model, resources=(*model.resources, *resources), tasks=tuple(tasks.values()))
+        return model, tuple(dict.fromkeys(findings.items))
+
+    def _members(self, group: Group, model: TaskModel) -> list[str]:
+        """Return the tasks of a group, also those that stand for a callback in one mode only."""
+        named = {self.tasks_of[name] for name in group.callbacks if name in self.tasks_of}
+        named |= {f"{name}@{mode.name}" for name in named for mode in model.modes}
+        return [task.name for task in model.tasks if task.name in named]
+
+    def _mapped(self, group: Group) -> None:
+        if group.kind != DEFAULT_GROUP:
+            self.coverage.mapped(group.kind)
+
+    def _ignored(self, group: Group, reason: str) -> None:
+        if group.kind != DEFAULT_GROUP:
+            self.coverage.ignored(group.kind, group.name, reason, group.at)
+
+    def _reports(
+        self, lost: Sequence[tuple[Group, list[str]]], executors: Sequence[Group], tasks: Mapping[str, Task]
+    ) -> Iterable[Diagnostic]:
+        if lost:
+            group, members = lost[0]
+            unable = [name for name in members if not _can_hold(tasks[name])]
+            text = (
+                f"callbacks of {len(lost)} mutually exclusive callback groups may overlap: "
+                f"{few([group.name for group, _ in lost])}"
+            )
+            help = "omit --groups ignored, or give the tasks of a group one and the same unit"
+            if self.as_resources:
+                text += (
+                    f"; for the first, {few(unable)} cannot hold it to their ends, for want of a WCET or being split"
+                )
+                help = "state their WCETs in an overlay or with --calibrate, or give them one and the same unit"
+            yield codes.EXCLUSION(text, at=group.at, path=named("callback group", group.name), help=help)
+        if executors:
+            what = counted(len(executors), "single-threaded executor")
+            text = f"not represented: {what}, whose callbacks may run in parallel"
+            help = "in the overlay, give the tasks of an executor one and the same unit if they share data across nodes"
+            yield codes.EXCLUSION(text, at=executors[0].at, help=help, severity=Severity.NOTE)
+
+
+def _can_hold(task: Task) -> bool:
+    """Return whether a resource can be held from start to end: WCETs are known, and no job is split."""
+    return all(version.wcet and not version.split.is_allowed for version in task.versions)
+
+
+def _meets_itself(task: Task) -> bool:
+    """Return whether a job may still run when the next one of its task starts."""
+    return task.period is not None and task.deadline is not None and task.deadline > task.period
+
+
+def _one_unit(tasks: Iterable[Task]) -> bool:
+    """Return whether only one unit is left for all versions of all tasks."""
+    units = {version.units for task in tasks for version in task.versions}
+    return len(units) == 1 and len(next(iter(units))) == 1
+
+
+def _holding(task: Task, resource: str) -> Task:
+    """Return the task with the whole of `resource` needed from the start of each job to its WCET."""
+    versions = []
+    for version in task.versions:
+        assert version.wcet is not None
+        whole = Access(resource=resource, start=ZERO, end=version.wcet)
+        versions.append(replace(version, accesses=(*version.accesses, whole)))
+    return replace(task, versions=tuple(versions))
+
 
 UNIT = "core0"
 VERSION = "default"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, Severity
 from halpipe.core.files import YamlMap, find_inputs, parse_yaml, read_bytes
 from halpipe.core.records import record
-from halpipe.importers.ros import codes, executors
+from halpipe.importers.ros import codes
 from halpipe.importers.ros.structure import FORMAT_KEY
 from halpipe.importers.traces.ctf import folders
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _SUFFIXES = (".yaml", ".yml", ".dot", ".gv")
 _DOT_START = re.compile(rb"\xef\xbb\xbf|\s+|//[^\n]*|#[^\n]*|/\*.*?\*/", re.DOTALL)
 _DOT_WORD = re.compile(rb"(strict|graph|digraph)\b(?!\s*:)", re.IGNORECASE)
+EXECUTORS_KEY = "halpipe-executors"
+"""First key of an executor configuration as halpipe writes it."""
 _PATH_KEYS = ("named_paths", "path_name_aliases")
 _OTHER_FORMATS = {
     "launch": "a launch file",
@@ -131,7 +133,7 @@ def recognise(name: str, data: bytes) -> Input:
         return Input(name, FileKind.BAG, document)
     if FORMAT_KEY in document:
         return Input(name, FileKind.DESIGN, document)
-    if executors.KEY in document:
+    if EXECUTORS_KEY in document:
         return Input(name, FileKind.EXECUTORS, document)
     if "nodes" in document and ("executors" in document or any(key in document for key in _PATH_KEYS)):
         return Input(name, FileKind.CARET, document)

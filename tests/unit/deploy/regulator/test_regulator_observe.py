@@ -7,8 +7,8 @@ import pytest
 import regulator_bundles as bundles
 from halpipe.core.diagnostics import Location
 from halpipe.deploy.regulator import codes
-from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.simulate import judge
 from halpipe.deploy.regulator.stimuli import Expected, Run, Traffic
 
 AT = Location("cfg/table")

@@ -10,7 +10,7 @@ from lxml import etree
 from halpipe.core.diagnostics import Exit, Severity
 from halpipe.exporters.native.model import format_model
 from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.amalthea.account import HARMLESS, READ, RULES, UNREACHED
+from halpipe.importers.amalthea.build import HARMLESS, READ, RULES, UNREACHED
 from halpipe.importers.common.base import ImportOptions
 
 XSI = "{http://www.w3.org/2001/XMLSchema-instance}type"

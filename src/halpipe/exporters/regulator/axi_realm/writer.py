@@ -22,8 +22,7 @@ from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, SHORT_BURSTS, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS
-from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, script
-from halpipe.exporters.regulator.writing import file_names, render
+from halpipe.exporters.regulator.writing import ALL, START, Check, Write, file_names, render, script
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -30,8 +30,17 @@ from halpipe.exporters.regulator.rates import (
     rate_text,
     segments,
 )
-from halpipe.exporters.regulator.scripts import ALL, START, Check, Write, script
-from halpipe.exporters.regulator.writing import falls_first, file_names, predecessors, render
+from halpipe.exporters.regulator.writing import (
+    ALL,
+    START,
+    Check,
+    Write,
+    falls_first,
+    file_names,
+    predecessors,
+    render,
+    script,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
