@@ -269,7 +269,7 @@ def pairs_on_a_unit(count):
     for number in range(2 * count):  # a pair on each unit
         units = [f"u{number // 2}"]
         tasks[str(number)] = fake(name=str(number), core=1, period=10, late=0, sure_units=lambda units=units: units)
-    found = named("pipeline.explain.windows:_apart")(fake(tasks=tasks), fake(root=lambda name: ""))
+    found = named("pipeline.explain.windows:_apart")(fake(tasks=tasks), fake(trees=fake(root=lambda name: "")))
     return "" if len(list(found)) == count else "fewer"
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from enum import Enum
 
 _ITEM = re.compile(r"[^ \t\r\n]+")
-_KEY = "attribute"
+_KEY, _HELD = "attribute", "held"
 
 
 @record(eq=False)
@@ -83,11 +83,14 @@ NAMES = Codec("names", _items, " ".join, (), is_list=True)
 TEXTS = Codec("texts", _items, " ".join, (), is_list=True)
 
 
+def _dashed(kind: type) -> str:
+    return re.sub("(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+
+
 @cache
 def word(kind: type[Enum]) -> Codec:
     """Return the codec of an enumeration, whose simple type has its name."""
-    schema = re.sub("(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
-    return Codec(schema, lambda text: kind(text.strip()), str, next(iter(kind)), kind)
+    return Codec(_dashed(kind), lambda text: kind(text.strip()), str, next(iter(kind)), kind)
 
 
 @record
@@ -121,6 +124,30 @@ def attribute(
 ) -> Any:
     """Return the metadata of a field: what it is, and, for the reader of a schema, what it means."""
     return {_KEY: (codec, meaning, name, element, always, common, required)}
+
+
+@record
+class Child:
+    """Elements within those of a class: `field` in Python, `tag` in files, there in a `section` if that is given."""
+
+    field: str
+    tag: str
+    kind: type
+    section: str
+    is_single: bool
+
+
+def held(kind: type, tag: str = "", *, section: str = "") -> Any:
+    """Return the metadata of a field of other elements; their tag is the name of the class, if no other is stated."""
+    return {_HELD: (tag or _dashed(kind), kind, section)}
+
+
+@cache
+def children(kind: type) -> tuple[Child, ...]:
+    """Return which elements those of a class have within them, in the order of its fields."""
+    stated: list[tuple[Field[Any], tuple[str, type, str]]]
+    stated = [(each, each.metadata[_HELD]) for each in fields(kind) if _HELD in each.metadata]
+    return tuple(Child(each.name, *where, each.default is None) for each, where in stated)
 
 
 def codec_of(field: Field[Any]) -> Codec | None:

@@ -9,7 +9,20 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, named, word
+from halpipe.models.attributes import (
+    DIGEST,
+    DURATION,
+    INDEX,
+    NAME,
+    NAMES,
+    NUMBER,
+    TEXT,
+    TIMES,
+    attribute,
+    held,
+    named,
+    word,
+)
 from halpipe.models.words import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
@@ -58,7 +71,7 @@ class Job:
     )
     version: str = field(metadata=attribute(NAME))
     units: tuple[str, ...] = field(metadata=attribute(NAMES, "As many as the gang size."))
-    parts: tuple[Part, ...] = ()
+    parts: tuple[Part, ...] = field(default=(), metadata=held(Part))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     def occupations(self) -> tuple[tuple[Duration, Duration], ...]:
@@ -132,11 +145,11 @@ class ModeSchedule:
     margin_bound: Fraction | None = field(
         default=None, metadata=attribute(NUMBER, "No valid schedule has a larger margin.", name="margin-bound")
     )
-    jobs: tuple[Job, ...]
-    cost: CostTerms | None = None
-    unit_loads: tuple[UnitLoad, ...] = ()
-    resource_loads: tuple[ResourceLoad, ...] = ()
-    chains: tuple[ChainLatency, ...] = ()
+    jobs: tuple[Job, ...] = field(metadata=held(Job))
+    cost: CostTerms | None = field(default=None, metadata=held(CostTerms, "cost"))
+    unit_loads: tuple[UnitLoad, ...] = field(default=(), metadata=held(UnitLoad))
+    resource_loads: tuple[ResourceLoad, ...] = field(default=(), metadata=held(ResourceLoad))
+    chains: tuple[ChainLatency, ...] = field(default=(), metadata=held(ChainLatency, "chain"))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     @property
@@ -167,7 +180,7 @@ class TransitionTable:
         metadata=attribute(DURATION, "From a request to the first instant of the new mode.")
     )
     status: Status = field(metadata=attribute(word(Status)))
-    jobs: tuple[Job, ...] = ()
+    jobs: tuple[Job, ...] = field(default=(), metadata=held(Job))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     @property
@@ -211,9 +224,9 @@ class Schedule:
     solver: str = field(default="", metadata=attribute(TEXT))
     seed: int | None = field(default=None, metadata=attribute(INDEX))
     tick: Duration | None = field(default=None, metadata=attribute(DURATION))
-    modes: tuple[ModeSchedule, ...] = ()
-    transitions: tuple[TransitionTable, ...] = ()
-    reactions: tuple[Reaction, ...] = ()
+    modes: tuple[ModeSchedule, ...] = field(default=(), metadata=held(ModeSchedule, "mode"))
+    transitions: tuple[TransitionTable, ...] = field(default=(), metadata=held(TransitionTable, "transition"))
+    reactions: tuple[Reaction, ...] = field(default=(), metadata=held(Reaction))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     def all_jobs(self) -> list[Job]:

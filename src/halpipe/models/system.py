@@ -31,6 +31,7 @@ from halpipe.models.attributes import (
     TOKEN,
     WEIGHT,
     attribute,
+    held,
     named,
     word,
 )
@@ -104,7 +105,7 @@ class Interrupt(Element):
     name: str = field(metadata=attribute(NAME))
     distance: Time = field(metadata=attribute(POSITIVE, "The least time between two of them."))
     wcet: Time = field(metadata=attribute(POSITIVE, "The longest time that one takes."))
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -114,8 +115,8 @@ class Unit(Element):
 
     name: str = field(metadata=attribute(NAME))
     type: str = field(default="", metadata=attribute(NAME, "Such as the kind of core; not interpreted."))
-    interrupts: Items[Interrupt] = field(default=())
-    origin: Origin | None = None
+    interrupts: Items[Interrupt] = field(default=(), metadata=held(Interrupt))
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -131,7 +132,7 @@ class Resource(Element):
         default=ResourceKind.MEMORY,
         metadata=attribute(word(ResourceKind), "A lock is held by one job at a time, gaps included."),
     )
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -158,7 +159,7 @@ class Access(Element):
         default=Fraction(1), metadata=attribute(BOUND, "The share of the resource: above 0, at most 1.", always=True)
     )
     kind: OptionalChoice[AccessKind] = field(default=None, metadata=attribute(word(AccessKind)))
-    transfers: Items[Transfer] = field(default=())
+    transfers: Items[Transfer] = field(default=(), metadata=held(Transfer))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -191,7 +192,7 @@ class Precedence(Element):
     )
     min: Time = field(default=ZERO, metadata=attribute(DURATION, always=True))
     max: Time = field(metadata=attribute(DURATION))
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     @property
@@ -285,11 +286,11 @@ class Version(Element):
         ),
     )
     gang: int = field(default=1, metadata=attribute(GANG, "How many of them a job takes together.", element="units"))
-    accesses: Items[Access] = field(default=())
-    precedences: Items[Precedence] = field(default=())
-    source: Source | None = None
+    accesses: Items[Access] = field(default=(), metadata=held(Access))
+    precedences: Items[Precedence] = field(default=(), metadata=held(Precedence))
+    source: Source | None = field(default=None, metadata=held(Source))
     split: Split = WHOLE
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -342,8 +343,8 @@ class Task(Element):
             common=True,
         ),
     )
-    versions: Items[Version] = field(default=())
-    origin: Origin | None = None
+    versions: Items[Version] = field(default=(), metadata=held(Version))
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     def version(self, name: str) -> Version:
@@ -387,7 +388,7 @@ class Chain(Element):
         default=Fraction(1),
         metadata=attribute(WEIGHT, "What its latencies count beside those of others."),
     )
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -409,8 +410,8 @@ class Mode(Element):
         default=Edge.OPEN,
         metadata=attribute(word(Edge), "Closed: no job and no access is in progress where the table begins again."),
     )
-    runs: Items[Run]
-    origin: Origin | None = None
+    runs: Items[Run] = field(metadata=held(Run))
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -423,7 +424,7 @@ class Transition(Element):
     max_length: OptionalTime = field(
         default=None, metadata=attribute(DURATION, "Of the table between the two modes. Absent: any.")
     )
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -457,7 +458,7 @@ class HealthRule(Element):
         ),
     )
     mode: str = field(default="", metadata=attribute(NAME, "Where a switch leads; required there, and only there."))
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -469,14 +470,14 @@ class TaskModel(Element):
     """
 
     name: str = field(metadata=attribute(NAME))
-    units: Items[Unit] = field(default=())
-    resources: Items[Resource] = field(default=())
-    tasks: Items[Task] = field(default=())
-    chains: Items[Chain] = field(default=())
-    modes: Items[Mode] = field(default=())
-    transitions: Items[Transition] = field(default=())
-    health: Items[HealthRule] = field(default=())
-    origin: Origin | None = None
+    units: Items[Unit] = field(default=(), metadata=held(Unit, section="platform"))
+    resources: Items[Resource] = field(default=(), metadata=held(Resource, section="platform"))
+    tasks: Items[Task] = field(default=(), metadata=held(Task, section="tasks"))
+    chains: Items[Chain] = field(default=(), metadata=held(Chain, section="chains"))
+    modes: Items[Mode] = field(default=(), metadata=held(Mode, section="modes"))
+    transitions: Items[Transition] = field(default=(), metadata=held(Transition, section="transitions"))
+    health: Items[HealthRule] = field(default=(), metadata=held(HealthRule, "rule", section="health"))
+    origin: Origin | None = field(default=None, metadata=held(Origin))
     digest: str = field(default="", init=False, compare=False, repr=False)
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from lxml import etree
 
 from halpipe.core.diagnostics import HalpipeError, error
-from halpipe.models.attributes import attributes, texts
+from halpipe.models.attributes import attributes, children, texts
 from halpipe.schemas import check, namespace
 
 if TYPE_CHECKING:
@@ -36,9 +36,21 @@ def add(parent: etree._Element, tag: str, attributes: Mapping[str, str] | None =
     return etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag, _legal(attributes or {}))
 
 
-def add_element(parent: etree._Element, tag: str, value: Any) -> etree._Element:
-    """Append an element of the model or schedule as a child with its attributes."""
-    return add(parent, tag, attributes_of(value))
+class Writer:
+    """Writes elements of the model or schedule, each with its attributes and all that it has within it."""
+
+    def attributes(self, value: Any) -> dict[str, str]:
+        """Return the attributes of an element."""
+        return attributes_of(value)
+
+    def element(self, parent: etree._Element, tag: str, value: Any) -> etree._Element:
+        """Append an element as a child."""
+        element, kind = add(parent, tag, self.attributes(value)), cast("type", type(value))
+        for one in children(kind):
+            held = getattr(value, one.field)
+            for each in (() if held is None else (held,)) if one.is_single else held:
+                self.element(element, one.tag, each)
+        return element
 
 
 def attributes_of(value: Any, element: str = "") -> dict[str, str]:

@@ -1,12 +1,14 @@
-"""Typed access of both native readers to the attributes of a schema-valid element, with findings."""
+"""Elements of both native formats, read by the tables of `halpipe.models.attributes` from schema-valid XML."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings, Location, error
-from halpipe.models.attributes import attributes_by_name
+from halpipe.core.records import unchecked
+from halpipe.models.attributes import attributes_by_name, children
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
@@ -14,10 +16,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.models.attributes import Codec
-
-Children: TypeAlias = "dict[str, list[etree._Element]]"  # noqa: SLF001 - lxml's only name for it
-"""The children of an element by their names."""
+    from halpipe.models.attributes import Child, Codec
 
 BAD_VALUE = error(
     "HAL0103",
@@ -27,24 +26,44 @@ BAD_VALUE = error(
 
 
 class Binder:
-    """Reads attributes of the elements of one file and collects what cannot be read."""
+    """Reads the elements of one file and collects what cannot be read."""
 
     def __init__(self, file: str, namespace: str) -> None:
         self.file = file
         self.findings = Findings()
-        self._prefix = len(f"{{{namespace}}}")
+        self._namespace = f"{{{namespace}}}"
+        self._prefix = len(self._namespace)
 
     def at(self, element: etree._Element) -> Location:
         """Return the place of an element."""
         return Location(self.file, line_of(element))
 
-    def children(self, element: etree._Element) -> Children:
-        """Return the children by their names, those of each name in order."""
-        found: Children = {}
-        if len(element):  # most have none
-            for child in element.iterchildren("*"):
-                found.setdefault(child.tag[self._prefix :], []).append(child)
-        return found
+    def tag(self, name: str) -> str:
+        """Return the tag of the elements of a name."""
+        return f"{self._namespace}{name}"
+
+    def element(self, kind: type, element: etree._Element) -> Any:
+        """Return an element with all that it has within it, of which only the schema has been checked."""
+        make, below, has_place = _plan(kind)
+        found = self.values(kind, element)
+        if below:
+            within: dict[str, list[etree._Element]] = {}
+            for child in element if len(element) else ():  # most have none
+                within.setdefault(child.tag[self._prefix :], []).append(child)
+            for one in below:
+                found[one.field] = self._held(one, within)
+        if has_place:
+            found["at"] = self.at(element)
+        return make(**found)
+
+    def _held(self, one: Child, within: dict[str, list[etree._Element]]) -> Any:
+        if one.section:
+            held = within[one.section][0].findall(self.tag(one.tag)) if one.section in within else ()
+        else:
+            held = within.get(one.tag, ())
+        if one.is_single:
+            return self.element(one.kind, held[0]) if held else None
+        return tuple([self.element(one.kind, each) for each in held])
 
     def values(self, kind: type, element: etree._Element | None, within: str = "") -> dict[str, Any]:
         """Return the attributes of a class that an element has, by field; what cannot be read is a finding."""
@@ -79,7 +98,10 @@ def _readers(kind: type, within: str) -> dict[str, tuple[str, Callable[[str], An
     return {name: (stated.field, stated.codec.parse) for name, stated in attributes_by_name(kind, within).items()}
 
 
-def only(children: Children, name: str) -> etree._Element | None:
-    """Return the only child called `name`, if any."""
-    found = children.get(name)
-    return found[0] if found else None
+@cache
+def _plan(kind: type) -> tuple[Callable[..., Any], tuple[Child, ...], bool]:
+    """Return what makes an element of a class, what it has within it, and whether it knows its place.
+
+    What reads attributes has made the types that a class would else look at again.
+    """
+    return unchecked(kind), children(kind), any(field.name == "at" for field in fields(kind))

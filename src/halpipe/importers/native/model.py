@@ -6,39 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import parse_xml, read_bytes, refuse_more_than, sha256
-from halpipe.core.records import unchecked
-from halpipe.importers.native.binding import Binder, Children, only
-from halpipe.models import (
-    WHOLE,
-    Access,
-    Chain,
-    HealthRule,
-    Interrupt,
-    Mode,
-    Origin,
-    Precedence,
-    Resource,
-    Run,
-    Source,
-    Split,
-    Task,
-    TaskModel,
-    Transfer,
-    Transition,
-    Unit,
-    Version,
-)
+from halpipe.importers.native.binding import Binder
+from halpipe.models import WHOLE, Split, Task, TaskModel, Version
 from halpipe.models.attributes import DURATIONS
 from halpipe.schemas import TASK_MODEL, check, line_of, namespace
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from lxml import etree
 
     from halpipe.core.diagnostics import Diagnostic
-
-# Of these there are many, and what reads their attributes has made the types that a class would else look at again.
-new_task, new_run, new_version, new_split = unchecked(Task), unchecked(Run), unchecked(Version), unchecked(Split)
-new_access, new_transfer, new_precedence = unchecked(Access), unchecked(Transfer), unchecked(Precedence)
 
 
 def read_model(path: str) -> TaskModel:
@@ -86,9 +64,9 @@ def read_what_is_well_formed(path: str) -> tuple[TaskModel, list[Diagnostic]]:
 def _model(root: etree._Element, file: str, digest: str) -> TaskModel:
     _bound(root, file)
     bind = _ModelBinder(file, namespace(TASK_MODEL))
-    model = bind.model(root, digest)
+    model: TaskModel = bind.element(TaskModel, root)
     bind.findings.stop_on_errors()
-    return model
+    return model.read_from(digest)
 
 
 MOST = (
@@ -109,102 +87,29 @@ def _bound(root: etree._Element, file: str) -> None:
 
 
 class _ModelBinder(Binder):
-    """One method per element type, in the order of the schema."""
+    """Adds what is no plain attribute of an element: where versions may be split, and what all tasks have in common."""
 
-    def model(self, root: etree._Element, digest: str) -> TaskModel:
-        sections = self.children(root)
-        platform = self.section(sections, "platform")
-        return TaskModel(
-            **self.values(TaskModel, root),
-            units=tuple(map(self.unit, platform.get("unit", ()))),
-            resources=tuple(map(self.resource, platform.get("resource", ()))),
-            tasks=self.tasks(only(sections, "tasks")),
-            chains=tuple(map(self.chain, self.section(sections, "chains").get("chain", ()))),
-            modes=tuple(map(self.mode, self.section(sections, "modes").get("mode", ()))),
-            transitions=tuple(map(self.transition, self.section(sections, "transitions").get("transition", ()))),
-            health=tuple(map(self.rule, self.section(sections, "health").get("rule", ()))),
-            origin=self.origin(sections),
-            at=self.at(root),
-        ).read_from(digest)
+    _common: Mapping[str, Any]
 
-    def section(self, sections: Children, name: str) -> Children:
-        found = only(sections, name)
-        return {} if found is None else self.children(found)
+    def values(self, kind: type, element: etree._Element, within: str = "") -> dict[str, Any]:
+        """Return the attributes of a class that an element has, by field; what cannot be read is a finding."""
+        found = super().values(kind, element, within)
+        if kind is Task:
+            return {**self._common, **found}
+        if kind is TaskModel:
+            tasks = element.find(self.tag("tasks"))
+            self._common = {} if tasks is None else super().values(Task, tasks)
+        elif kind is Version and not within:
+            units = element.find(self.tag("units"))
+            found |= {} if units is None else super().values(Version, units, "units")
+            found["split"] = self._split(element)
+        return found
 
-    def origin(self, children: Children) -> Origin | None:
-        found = only(children, "origin")
-        return None if found is None else Origin(**self.values(Origin, found))
-
-    def unit(self, e: etree._Element) -> Unit:
-        parts = self.children(e)
-        interrupts = tuple(map(self.interrupt, parts.get("interrupt", ())))
-        return Unit(**self.values(Unit, e), interrupts=interrupts, origin=self.origin(parts), at=self.at(e))
-
-    def interrupt(self, e: etree._Element) -> Interrupt:
-        return Interrupt(**self.values(Interrupt, e), origin=self.origin(self.children(e)), at=self.at(e))
-
-    def resource(self, e: etree._Element) -> Resource:
-        return Resource(**self.values(Resource, e), origin=self.origin(self.children(e)), at=self.at(e))
-
-    def tasks(self, e: etree._Element | None) -> tuple[Task, ...]:
-        """Read the list of tasks; what it states itself holds for those that do not state their own."""
-        if e is None:
-            return ()
-        common = self.values(Task, e)
-        return tuple(self.task(task, common) for task in self.children(e).get("task", ()))
-
-    def task(self, e: etree._Element, common: dict[str, Any]) -> Task:
-        parts = self.children(e)
-        versions = tuple(map(self.version, parts.get("version", ())))
-        values = {**common, **self.values(Task, e)}
-        return new_task(**values, versions=versions, origin=self.origin(parts), at=self.at(e))
-
-    def version(self, e: etree._Element) -> Version:
-        parts = self.children(e)
-        source = only(parts, "source")
-        return new_version(
-            **self.values(Version, e),
-            **self.values(Version, only(parts, "units"), "units"),
-            accesses=tuple(map(self.access, parts.get("access", ()))),
-            precedences=tuple(map(self.precedence, parts.get("precedence", ()))),
-            source=None if source is None else Source(**self.values(Source, source), at=self.at(source)),
-            split=self.split(e),
-            origin=self.origin(parts),
-            at=self.at(e),
-        )
-
-    def split(self, e: etree._Element) -> Split:
+    def _split(self, e: etree._Element) -> Split:
         """Read where jobs may be interrupted: points, or a word that says it."""
         if SPLIT.isdisjoint(e.keys()):
             return WHOLE
         stated = e.get("split", "none").strip()
         is_list = stated not in ("none", "anywhere")
         points = self.read(e, "split", stated, DURATIONS) if is_list else ()
-        return new_split(**self.values(Split, e), points=points, anywhere=stated == "anywhere")
-
-    def access(self, e: etree._Element) -> Access:
-        transfers = tuple(map(self.transfer, self.children(e).get("transfer", ()))) if len(e) else ()
-        return new_access(**self.values(Access, e), transfers=transfers, at=self.at(e))
-
-    def transfer(self, e: etree._Element) -> Transfer:
-        return new_transfer(**self.values(Transfer, e), at=self.at(e))
-
-    def precedence(self, e: etree._Element) -> Precedence:
-        return new_precedence(**self.values(Precedence, e), origin=self.origin(self.children(e)), at=self.at(e))
-
-    def chain(self, e: etree._Element) -> Chain:
-        return Chain(**self.values(Chain, e), origin=self.origin(self.children(e)), at=self.at(e))
-
-    def mode(self, e: etree._Element) -> Mode:
-        parts = self.children(e)
-        runs = tuple(map(self.run, parts.get("run", ())))
-        return Mode(**self.values(Mode, e), runs=runs, origin=self.origin(parts), at=self.at(e))
-
-    def run(self, e: etree._Element) -> Run:
-        return new_run(**self.values(Run, e), at=self.at(e))
-
-    def transition(self, e: etree._Element) -> Transition:
-        return Transition(**self.values(Transition, e), origin=self.origin(self.children(e)), at=self.at(e))
-
-    def rule(self, e: etree._Element) -> HealthRule:
-        return HealthRule(**self.values(HealthRule, e), origin=self.origin(self.children(e)), at=self.at(e))
+        return Split(**self.values(Split, e), points=points, anywhere=stated == "anywhere")
