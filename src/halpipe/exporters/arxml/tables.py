@@ -150,12 +150,9 @@ def make_plan(
     for table in tables:
         check_table(table, counter, findings)
         if max_points is not None and len(table.points) > max_points:
-            findings.report(
-                TOO_MANY_POINTS,
-                f"has {len(table.points)} expiry points, but the OS allows {max_points}",
-                path=table.path,
-                help="choose a longer tick so that starts coincide, or split the mode",
-            )
+            message = f"has {len(table.points)} expiry points, but the OS allows {max_points}"
+            help = "choose a longer tick so that starts coincide, or split the mode"
+            findings.report(TOO_MANY_POINTS, message, path=table.path, help=help)
     findings.stop_on_errors()
     switches = tuple((switch.source, switch.target) for switch in schedule.transitions)
     return Plan(counter, units, tasks, idle, tuple(tables), switches, events, above, priorities)
@@ -294,12 +291,9 @@ def check_table(table: Table, counter: Counter, findings: Findings) -> None:
     for point in table.points:
         for task, count in Counts(point.tasks).items():
             if count > 1:
-                findings.report(
-                    ACTIVATED_TWICE,
-                    f'OsTask "{task}" is activated {count} times at {counter.tick * point.offset}',
-                    path=table.path,
-                    help="give its version an execution time above 0, and schedule again",
-                )
+                message = f'OsTask "{task}" is activated {count} times at {counter.tick * point.offset}'
+                help = "give its version an execution time above 0, and schedule again"
+                findings.report(ACTIVATED_TWICE, message, path=table.path, help=help)
 
 
 def _check_gaps(table: Table, counter: Counter, findings: Findings) -> None:
@@ -311,10 +305,9 @@ def _check_gaps(table: Table, counter: Counter, findings: Findings) -> None:
     least = min(span for _, span in spans)
     for text, span in spans:
         if span < counter.min_cycle:
-            findings.report(
-                MIN_CYCLE,
-                f"{text} {span} ticks ({counter.tick * span}), fewer than the minimal cycle {counter.min_cycle}",
-                path=table.path,
-                help=f"a minimal cycle of {least} would do for this table; or schedule again with --tick "
-                f"{counter.tick * counter.min_cycle}",
+            message = f"{text} {span} ticks ({counter.tick * span}), fewer than the minimal cycle {counter.min_cycle}"
+            help = (
+                f"a minimal cycle of {least} would do for this table; or schedule again with --tick "
+                f"{counter.tick * counter.min_cycle}"
             )
+            findings.report(MIN_CYCLE, message, path=table.path, help=help)

@@ -134,11 +134,9 @@ def _check(options: ArxmlOptions) -> None:
         help = "take the limit of your target, or none"
         findings.report(BAD_COUNTER, f"{options.max_points} expiry points are no table", help=help)
     if not 1 <= options.min_cycle <= options.max_value:
-        findings.report(
-            BAD_COUNTER,
-            f"the minimal cycle {options.min_cycle} is not from 1 to the maximal value {options.max_value}",
-            help="take the values of the counter of your target, 1 and 1073741823 for most",
-        )
+        message = f"the minimal cycle {options.min_cycle} is not from 1 to the maximal value {options.max_value}"
+        help = "take the values of the counter of your target, 1 and 1073741823 for most"
+        findings.report(BAD_COUNTER, message, help=help)
     findings.stop_on_errors()
 
 

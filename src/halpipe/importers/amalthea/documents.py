@@ -59,23 +59,15 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
 def _report_versions(documents: Sequence[Document], findings: Findings) -> None:
     for other in documents[1:]:
         if other.version != documents[0].version:
-            findings.add(
-                codes.MIXED_VERSIONS(
-                    f'is AMALTHEA {other.version}, but "{documents[0].name}" is {documents[0].version}',
-                    at=Location(other.name),
-                    help="migrate the files to one version with APP4MC, or import the models one by one",
-                )
-            )
+            message = f'is AMALTHEA {other.version}, but "{documents[0].name}" is {documents[0].version}'
+            help = "migrate the files to one version with APP4MC, or import the models one by one"
+            findings.add(codes.MIXED_VERSIONS(message, at=Location(other.name), help=help))
     for document in documents:
         number = document.version.removeprefix("ITEA ")
         if number not in (KNOWN if number == document.version else _KNOWN_ITEA):
-            findings.add(
-                codes.UNKNOWN_VERSION(
-                    f"is AMALTHEA {document.version}, which the importer does not know",
-                    at=Location(document.name),
-                    help="check the result with care, or migrate the file with APP4MC",
-                )
-            )
+            message = f"is AMALTHEA {document.version}, which the importer does not know"
+            help = "check the result with care, or migrate the file with APP4MC"
+            findings.add(codes.UNKNOWN_VERSION(message, at=Location(document.name), help=help))
 
 
 def _read_file(name: str) -> Document:

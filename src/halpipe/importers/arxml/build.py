@@ -258,24 +258,18 @@ def report_periodless(activations: Sequence[Activation], findings: Findings) -> 
     for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
         expected = kind in NOT_SCHEDULED
         code = codes.NOT_SCHEDULED if expected else codes.NOT_CALLED if reason in _UNCALLED else codes.NO_PERIOD
-        findings.report(
-            code,
-            f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}",
-            at=found[0].event.place.at if found[0].event else found[0].place.at,
-            help="" if expected else "give them a period in the overlay (sources), if they belong to the schedule",
-        )
+        message = f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}"
+        help = "" if expected else "give them a period in the overlay (sources), if they belong to the schedule"
+        findings.report(code, message, at=found[0].event.place.at if found[0].event else found[0].place.at, help=help)
 
 
 def report_processes(drafts: Sequence[Draft], findings: Findings) -> None:
     """Report processes without a period."""
     found = [draft for draft in drafts if draft.period is None]
     if found:
-        findings.report(
-            codes.PROCESS_WITHOUT_PERIOD,
-            f"without a period, {len(found)} of the processes: {listed([draft.name for draft in found])}",
-            at=found[0].place.at,
-            help="give them a period in the overlay (tasks: period)",
-        )
+        message = f"without a period, {len(found)} of the processes: {listed([draft.name for draft in found])}"
+        help = "give them a period in the overlay (tasks: period)"
+        findings.report(codes.PROCESS_WITHOUT_PERIOD, message, at=found[0].place.at, help=help)
 
 
 def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], findings: Findings) -> None:
@@ -290,12 +284,9 @@ def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], f
         "timing constraints": len(system.timing.limits) + len(system.timing.arrivals) + len(system.orders),
     }
     held = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "nothing that runs"
-    findings.report(
-        codes.NO_TASKS,
-        f"no periodic task in the input, which holds {held}",
-        at=Location(paths[0]),
-        help=_what_is_missing(system),
-    )
+    message = f"no periodic task in the input, which holds {held}"
+    help = _what_is_missing(system)
+    findings.report(codes.NO_TASKS, message, at=Location(paths[0]), help=help)
     raise HalpipeError(*findings.items)
 
 
@@ -334,12 +325,9 @@ def report_assumptions(
             coverage.defaulted(f'task "{draft.name}"', "period", str(draft.period), draft.place.at)
     unbound = [draft for draft in drafts if not platform.is_bound(draft)]
     if unbound and len(model.units) > 1:
-        findings.report(
-            codes.UNMAPPED,
-            f"bound to no core, {counted(len(unbound), 'task')}: {listed([draft.name for draft in unbound])}",
-            at=at,
-            help="bind them in the overlay (units), or leave the choice to the scheduler",
-        )
+        message = f"bound to no core, {counted(len(unbound), 'task')}: {listed([draft.name for draft in unbound])}"
+        help = "bind them in the overlay (units), or leave the choice to the scheduler"
+        findings.report(codes.UNMAPPED, message, at=at, help=help)
         for draft in unbound:
             coverage.defaulted(f'task "{draft.name}"', "units", "all", draft.place.at)
     _report_times(model, drafts, at, findings)
@@ -351,12 +339,9 @@ def _report_times(model: TaskModel, drafts: Sequence[Draft], at: Location, findi
     budgets = sum(draft.os_task is not None and draft.os_task.budget is not None for draft in drafts)
     if missing:
         offer = f", or take the execution budgets that {budgets} of them have: --wcet budget" if budgets else ""
-        findings.report(
-            codes.NO_WCET,
-            f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {listed(missing)}",
-            at=at,
-            help=f"give them in an overlay (tasks: wcet){offer}",
-        )
+        message = f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {listed(missing)}"
+        help = f"give them in an overlay (tasks: wcet){offer}"
+        findings.report(codes.NO_WCET, message, at=at, help=help)
 
 
 def _report_windows(model: TaskModel, at: Location, findings: Findings, coverage: Coverage) -> None:
@@ -368,12 +353,9 @@ def _report_windows(model: TaskModel, at: Location, findings: Findings, coverage
             window = f"{precedence.min} to {precedence.max} after its end"
             coverage.defaulted(f'task "{task.name}"', f'window after "{precedence.task}"', window, place)
     if count:
-        findings.report(
-            codes.DEFAULT_WINDOW,
-            f"{count} precedence constraints have windows of one period",
-            at=at,
-            help="state tighter windows in the overlay (precedence)",
-        )
+        message = f"{count} precedence constraints have windows of one period"
+        help = "state tighter windows in the overlay (precedence)"
+        findings.report(codes.DEFAULT_WINDOW, message, at=at, help=help)
 
 
 def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> None:
@@ -388,9 +370,6 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
     ]
     (_, writer), _ = dataflow.dependencies[0]
     places = {runnable.place.path: runnable.place for c in system.components for runnable in c.runnables}
-    findings.report(
-        codes.DATA_FLOW,
-        f"{len(pairs)} data dependencies between runnables: {listed(pairs)}",
-        at=places[writer].at,
-        help="list those that must be fresh as chains in the overlay",
-    )
+    message = f"{len(pairs)} data dependencies between runnables: {listed(pairs)}"
+    help = "list those that must be fresh as chains in the overlay"
+    findings.report(codes.DATA_FLOW, message, at=places[writer].at, help=help)

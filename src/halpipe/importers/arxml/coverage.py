@@ -209,13 +209,9 @@ class Ledger:
                     reason = "not used, though it may decide timing"
                 coverage.ignored(kind, node.path, reason, node.at)
         for kind, found in unused.items():
-            tree.findings.report(
-                UNUSED_KIND,
-                f"{len(found)} {kind} are not used, and may decide timing: {listed([n.path for n in found])}",
-                at=found[0].at,
-                path=named(kind, found[0].path),
-                help=_REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing"),
-            )
+            message = f"{len(found)} {kind} are not used, and may decide timing: {listed([n.path for n in found])}"
+            help = _REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing")
+            tree.findings.report(UNUSED_KIND, message, at=found[0].at, path=named(kind, found[0].path), help=help)
         return coverage
 
 

@@ -89,10 +89,7 @@ def _account(tree: Tree, package: Node) -> Coverage:
         if not own and node.tag.endswith("-SW-COMPONENT-TYPE"):
             strangers.append(node)
     if strangers:
-        tree.findings.report(
-            codes.BESIDE_MODEL,
-            f"{len(strangers)} component types are not imported: {listed([node.path for node in strangers])}",
-            at=strangers[0].at,
-            help="import them on their own, or add their tasks to the model by hand",
-        )
+        message = f"{len(strangers)} component types are not imported: {listed([node.path for node in strangers])}"
+        help = "import them on their own, or add their tasks to the model by hand"
+        tree.findings.report(codes.BESIDE_MODEL, message, at=strangers[0].at, help=help)
     return ledger.close(tree, kinds)

@@ -90,12 +90,9 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ArxmlImportOpt
     tree = read_tree(sorted(paths), Findings(), Choice(options.variant, options.conditions), marks=True)
     if tree.removed:
         others = listed([removed.path for removed in tree.removed])
-        findings.report(
-            codes.ONE_VARIANT,
-            f"{len(tree.removed)} elements are not in the variant of the model: {others}",
-            at=tree.removed[0].at,
-            help="add the delta, and the changed files, to a build of this variant only",
-        )
+        message = f"{len(tree.removed)} elements are not in the variant of the model: {others}"
+        help = "add the delta, and the changed files, to a build of this variant only"
+        findings.report(codes.ONE_VARIANT, message, at=tree.removed[0].at, help=help)
     built, rest = _again(tree, model, paths, options, findings)
     _compare(model, built.model, findings)
     findings.stop_on_errors()
@@ -161,12 +158,9 @@ def _report_others(model: TaskModel, project: TaskModel, paths: Sequence[str], f
             periods = f", with the period {now.period} for {task.period}" if now.period != task.period else ""
             _report_changed(task, now, f'is "{now.name}" in the project{periods}', findings)
     if new:
-        findings.report(
-            codes.MORE_IN_PROJECT,
-            f"not in the model, {counted(len(new), 'task')} of the project: {listed([task.name for task in new])}",
-            at=Location(paths[0]),
-            help="import the project again if they are new",
-        )
+        message = f"not in the model, {counted(len(new), 'task')} of the project: {listed([task.name for task in new])}"
+        help = "import the project again if they are new"
+        findings.report(codes.MORE_IN_PROJECT, message, at=Location(paths[0]), help=help)
 
 
 def _path(task: Task) -> str:
@@ -335,13 +329,9 @@ class _Reader:
         node = next(node for node in self._tree.tagged(_MODULE) if node.path == module)
         schema = node.parts[0].element.getroottree().getroot().get(_SCHEMA) or ""
         if _OLD_SCHEMA.match(schema):
-            self._findings.report(
-                codes.NO_CONFIGURATION,
-                f"is of an older release than 4 ({schema.split()[0]}), to which nothing can be added",
-                at=node.at,
-                path=module,
-                help="export the project as release 4 first",
-            )
+            message = f"is of an older release than 4 ({schema.split()[0]}), to which nothing can be added"
+            help = "export the project as release 4 first"
+            self._findings.report(codes.NO_CONFIGURATION, message, at=node.at, path=module, help=help)
             self._findings.stop_on_errors()
         return schema
 

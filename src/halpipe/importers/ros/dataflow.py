@@ -147,14 +147,9 @@ def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
         topics = few([publication.topic for publication in publications])
         chosen = [wiring.callbacks[name] for name in dict.fromkeys(n for p in publications for n in p.callbacks)]
         assumed = ", ".join(f'{_KINDS.get(one.kind, "callback")} "{one.name}"' for one in chosen)
-        findings.add(
-            codes.UNKNOWN_PUBLISHER(
-                f"the file does not say which callback publishes {topics}; assumed: {assumed}",
-                at=publications[0].at,
-                path=named("node", node),
-                help="name the callback under callback_names of the publication, or import a trace, which shows it",
-            )
-        )
+        message = f"the file does not say which callback publishes {topics}; assumed: {assumed}"
+        help = "name the callback under callback_names of the publication, or import a trace, which shows it"
+        findings.add(codes.UNKNOWN_PUBLISHER(message, at=publications[0].at, path=named("node", node), help=help))
 
 
 V = TypeVar("V", bound="Hashable")

@@ -110,14 +110,9 @@ def _check_unique(
         if id in topics:
             continue
         if name in first:
-            findings.add(
-                codes.DUPLICATE(
-                    f"is drawn twice, first on line {first[name]}",
-                    at=Location(file, vertex.line),
-                    path=named("node", name),
-                    help="give the nodes different names",
-                )
-            )
+            message = f"is drawn twice, first on line {first[name]}"
+            help = "give the nodes different names"
+            findings.add(codes.DUPLICATE(message, at=Location(file, vertex.line), path=named("node", name), help=help))
         first.setdefault(name, vertex.line)
 
 

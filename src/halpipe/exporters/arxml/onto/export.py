@@ -201,13 +201,9 @@ def _refuse_earlier(project: Project, findings: Findings) -> None:
     """Stop if a delta of an export before is part of the project: a second one beside it would play both."""
     for item in project.items.values():
         if item.is_added:
-            findings.report(
-                IN_THE_WAY,
-                f"was put onto {project.items[project.os_module].at} by another export; {DELTA} would be a second",
-                at=item.at,
-                path=item.path,
-                help="remove the delta of that export, and the changes that it lists, from the project",
-            )
+            message = f"was put onto {project.items[project.os_module].at} by another export; {DELTA} would be a second"
+            help = "remove the delta of that export, and the changes that it lists, from the project"
+            findings.report(IN_THE_WAY, message, at=item.at, path=item.path, help=help)
     findings.stop_on_errors()
 
 

@@ -109,14 +109,12 @@ def _compare(first: _Configuration, second: _Configuration, findings: Findings) 
         return text, Location(of.document.name, line)
 
     (here, at), (there, source) = shown(copied, second), shown(stated, first)
-    findings.report(
-        codes.CONFLICT if is_equal else codes.OTHER_COPY,
+    message = (
         f'{name} is "{here}" here, but "{there}" at {source}{", which counts" * (not is_equal)}; '
-        f"the configurations differ in {len(differing)} values and containers",
-        at=at,
-        path=path,
-        help="import one project" if is_equal else "generate the file again",
+        f"the configurations differ in {len(differing)} values and containers"
     )
+    help = "import one project" if is_equal else "generate the file again"
+    findings.report(codes.CONFLICT if is_equal else codes.OTHER_COPY, message, at=at, path=path, help=help)
 
 
 def _statements(module: etree._Element) -> dict[tuple[str, str, str], tuple[str, int]]:
@@ -322,11 +320,8 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
     """Note files of older releases, and warn of several releases in one import."""
     old = [document for document in documents if document.release]
     for document in old:
-        findings.report(
-            codes.OLD_RELEASE,
-            f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them",
-            at=Location(document.name, document.root.sourceline or 1),
-        )
+        message = f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them"
+        findings.report(codes.OLD_RELEASE, message, at=Location(document.name, document.root.sourceline or 1))
         if count := drop_seconds(document.root):
             findings.report(
                 codes.OLD_TIMES,
@@ -336,12 +331,9 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
             )
     releases = sorted({document.release or "4" for document in documents})
     if len(releases) > 1:
-        findings.report(
-            codes.MIXED_RELEASES,
-            f"files of the releases {', '.join(releases)} are imported together",
-            at=Location(old[0].name, old[0].root.sourceline or 1),
-            help="export all parts of the system as one release, if references between them are missing",
-        )
+        message = f"files of the releases {', '.join(releases)} are imported together"
+        help = "export all parts of the system as one release, if references between them are missing"
+        findings.report(codes.MIXED_RELEASES, message, at=Location(old[0].name, old[0].root.sourceline or 1), help=help)
 
 
 def _release(root: etree._Element, namespace: str) -> str:

@@ -357,13 +357,9 @@ class Tree:
             return None
         node = next((node for node in fitting if node.tag == ref.dest), fitting[0])
         if ref.dest and ref.dest != node.tag and ref.dest not in _BASE_CLASSES:
-            self.findings.report(
-                codes.WRONG_DEST,
-                f'{ref.path} is a {node.tag}, but DEST says "{ref.dest}"',
-                at=ref.at,
-                path=what,
-                help=f'write DEST="{node.tag}"',
-            )
+            message = f'{ref.path} is a {node.tag}, but DEST says "{ref.dest}"'
+            help = f'write DEST="{node.tag}"'
+            self.findings.report(codes.WRONG_DEST, message, at=ref.at, path=what, help=help)
         return node
 
     def _in_other_case(self, ref: Ref, what: str) -> tuple[Node, ...]:

@@ -204,13 +204,9 @@ class _Chooser:
         known = self._values.setdefault(path, value)
         where = self._sources.setdefault(path, source or str(at))
         if known != value:
-            self._findings.report(
-                codes.TWO_VALUES,
-                f"is {value} here, but {known} at {where}",
-                at=at,
-                path=path,
-                help="take one of the two value sets out of the variant",
-            )
+            message = f"is {value} here, but {known} at {where}"
+            help = "take one of the two value sets out of the variant"
+            self._findings.report(codes.TWO_VALUES, message, at=at, path=path, help=help)
 
 
 # ------------------------------------------------------------------------------------------------------- removal
@@ -289,10 +285,6 @@ def _report_formula(failure: FormulaError, path: str, at: Location, findings: Fi
 
 def _report_unset(path: str, at: Location, findings: Findings) -> None:
     name = path.rpartition("/")[2]
-    findings.report(
-        codes.UNSET_CONSTANT,
-        f"{path} has no value",
-        at=at,
-        path=path,
-        help=f"choose a variant that sets it, or add --condition {name}=VALUE",
-    )
+    message = f"{path} has no value"
+    help = f"choose a variant that sets it, or add --condition {name}=VALUE"
+    findings.report(codes.UNSET_CONSTANT, message, at=at, path=path, help=help)

@@ -272,12 +272,9 @@ class Ticks:
             cycle, tick = _cycle(self._containers, alarms[0]), self.of_alarm(alarms[0])[0]
             if cycle and tick:
                 return tick * cycle
-        counter.place.report(
-            self._containers.tree.findings,
-            codes.NO_TICK,
-            "has no OsSecondsPerTick",
-            help="state the duration of a tick, or give periods in the overlay (sources)",
-        )
+        message = "has no OsSecondsPerTick"
+        help = "state the duration of a tick, or give periods in the overlay (sources)"
+        counter.place.report(self._containers.tree.findings, codes.NO_TICK, message, help=help)
         return None
 
     def _increments(self, alarm: Container, counter: Container) -> bool:
@@ -382,12 +379,9 @@ def _running(
     tables = [table for table in own if _repeats(containers, table)]
     others = replaced(containers, tables, stopped)
     for table, other in others.items():
-        table.place.report(
-            containers.tree.findings,
-            codes.UNSTARTED_TABLE,
-            f"is not started by the OS, but {other.node.path} is, which it cannot run beside; it is left out",
-            help="state an autostart for the table of the mode to schedule, or periods in the overlay (sources)",
-        )
+        message = f"is not started by the OS, but {other.node.path} is, which it cannot run beside; it is left out"
+        help = "state an autostart for the table of the mode to schedule, or periods in the overlay (sources)"
+        table.place.report(containers.tree.findings, codes.UNSTARTED_TABLE, message, help=help)
     return [table for table in tables if table not in others]
 
 

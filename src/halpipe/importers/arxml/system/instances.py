@@ -255,12 +255,9 @@ def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Compo
     pairs = dict.fromkeys(tuple(found) for found in roots.values() if len(found) > 1)
     for pair in pairs:
         shared = next(path for path, found in roots.items() if tuple(found) == pair)
-        by_path[pair[0]].place.report(
-            findings,
-            codes.SEVERAL_ROOTS,
-            f"{shared} and others are used in each of {', '.join(pair)}",
-            help="import the files of one system only, or add the ECU configuration of the Rte",
-        )
+        message = f"{shared} and others are used in each of {', '.join(pair)}"
+        help = "import the files of one system only, or add the ECU configuration of the Rte"
+        by_path[pair[0]].place.report(findings, codes.SEVERAL_ROOTS, message, help=help)
     return bool(pairs)
 
 
@@ -306,12 +303,9 @@ def select_ecu(tree: Tree, ecus: Sequence[Ecu], name: str) -> Selection:
         what = "have components"
         if several and len(used) < 2:
             places, what = [(group, systems[paths[0]].at) for group, paths in configured.items()], "have an Os"
-        tree.findings.report(
-            codes.SEVERAL_ECUS,
-            f"{len(places)} ECUs {what}: {', '.join(f'{label} ({at})' for label, at in places)}",
-            at=places[0][1],
-            help=f"choose one: --ecu {used[0].place.name if used else places[0][0]}",
-        )
+        message = f"{len(places)} ECUs {what}: {', '.join(f'{label} ({at})' for label, at in places)}"
+        help = f"choose one: --ecu {used[0].place.name if used else places[0][0]}"
+        tree.findings.report(codes.SEVERAL_ECUS, message, at=places[0][1], help=help)
     else:
         return Selection(is_whole=len(used) > 1)
     tree.findings.stop_on_errors()
@@ -347,13 +341,9 @@ def _modules(tree: Tree, ecus: Sequence[Ecu], groups: dict[str, list[str]], chos
     for name in unlinked:
         first = tree.nodes_at(next(iter(groups[name])))[0]
         taken = "taken for that of the chosen one" if found and found == frozenset(groups[name]) else "left out"
-        tree.findings.report(
-            codes.UNLINKED,
-            f"its {len(groups[name])} modules are of no ECU that is known, and {taken}",
-            at=first.at,
-            path=named("ECU configuration", name),
-            help="add the ECUC-VALUE-COLLECTION and the SYSTEM of its ECU extract",
-        )
+        message = f"its {len(groups[name])} modules are of no ECU that is known, and {taken}"
+        help = "add the ECUC-VALUE-COLLECTION and the SYSTEM of its ECU extract"
+        tree.findings.report(codes.UNLINKED, message, at=first.at, path=named("ECU configuration", name), help=help)
     return found
 
 
@@ -434,12 +424,9 @@ def keep_own(tree: Tree, system: System, ecu: Ecu) -> System:
         elif found is None and instance.component.events:
             lost.append(instance)
     if lost:
-        tree.findings.report(
-            codes.UNMAPPED_COMPONENT,
-            f"{len(lost)} component instances are mapped to no ECU: {listed([i.label for i in lost])}",
-            at=lost[0].component.place.at,
-            help="add an SWC-TO-ECU-MAPPING for each, or for a composition that holds them",
-        )
+        message = f"{len(lost)} component instances are mapped to no ECU: {listed([i.label for i in lost])}"
+        help = "add an SWC-TO-ECU-MAPPING for each, or for a composition that holds them"
+        tree.findings.report(codes.UNMAPPED_COMPONENT, message, at=lost[0].component.place.at, help=help)
     return replace(system, instances=tuple(own), ecus=(ecu,), place=ecu.place)
 
 

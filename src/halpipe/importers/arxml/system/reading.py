@@ -143,12 +143,9 @@ def _allowed(tree: Tree, mapping: Node, machines: tuple[Machine, ...]) -> tuple[
     cores = [core.path for core in machine.cores]
     left = tuple(core for core in cores if (not allowed or core in allowed) and core not in forbidden)
     if cores and not left:
-        mapping.report(
-            tree.findings,
-            codes.NO_CORE,
-            "leaves the process no core; all of its machine are assumed",
-            help="correct SHALL-RUN-ON-REFS and SHALL-NOT-RUN-ON-REFS, or state the units in the overlay",
-        )
+        message = "leaves the process no core; all of its machine are assumed"
+        help = "correct SHALL-RUN-ON-REFS and SHALL-NOT-RUN-ON-REFS, or state the units in the overlay"
+        mapping.report(tree.findings, codes.NO_CORE, message, help=help)
     return machine.place.path, left or tuple(cores)
 
 
@@ -215,12 +212,9 @@ def _report_unmapped(tree: Tree, configuration: Configuration, components: Seque
         return
     found = [path for path, module in standard_modules(tree).items() if module == "Rte"]
     if found:
-        tree.nodes_at(found[0])[0].report(
-            tree.findings,
-            codes.MAPS_NOTHING,
-            f"none of its {len(configuration.mappings)} event mappings names an OsTask",
-            help="map the events in the configurator, or bind the tasks in the overlay (units, precedence)",
-        )
+        message = f"none of its {len(configuration.mappings)} event mappings names an OsTask"
+        help = "map the events in the configurator, or bind the tasks in the overlay (units, precedence)"
+        tree.nodes_at(found[0])[0].report(tree.findings, codes.MAPS_NOTHING, message, help=help)
 
 
 def _check_platform(tree: Tree) -> None:
@@ -232,12 +226,9 @@ def _check_platform(tree: Tree) -> None:
     if any(tag in _CLASSIC or (is_component_type(tag) and not tag.startswith("ADAPTIVE-")) for tag in tags):
         return
     counts = ", ".join(f"{len(found)} {tag}" for tag in ADAPTIVE if (found := tree.tagged(tag)))
-    tree.findings.report(
-        codes.ADAPTIVE_ONLY,
-        f"holds only Adaptive elements, and no PROCESS: {counts}",
-        at=first.at,
-        help="add the execution manifest that has the processes",
-    )
+    message = f"holds only Adaptive elements, and no PROCESS: {counts}"
+    help = "add the execution manifest that has the processes"
+    tree.findings.report(codes.ADAPTIVE_ONLY, message, at=first.at, help=help)
     raise HalpipeError(*tree.findings.items)
 
 

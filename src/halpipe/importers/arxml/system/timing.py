@@ -195,13 +195,9 @@ class _Constraint:
     def _report_lost(self, element: Node) -> None:
         for tag in _NOT_READ:
             for found, file in element.elements(tag):
-                self._tree.findings.report(
-                    codes.ORDER_LOST,
-                    f"{tag} is not imported",
-                    at=place(found, file),
-                    path=self._what,
-                    help="state what it means for the tasks in the overlay (offset, precedence)",
-                )
+                message = f"{tag} is not imported"
+                help = "state what it means for the tasks in the overlay (offset, precedence)"
+                self._tree.findings.report(codes.ORDER_LOST, message, at=place(found, file), path=self._what, help=help)
 
 
 def ordered_by(tree: Tree, elements: Iterable[Node]) -> Iterator[Ordered]:
@@ -325,12 +321,9 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
     if event is None:
         return None
     if not period or (node.tag == _CONCRETE and not offsets):
-        node.report(
-            tree.findings,
-            codes.BAD_TIME,
-            "states no time between occurrences that can be used",
-            help="state a positive period, or the least time between two occurrences",
-        )
+        message = "states no time between occurrences that can be used"
+        help = "state a positive period, or the least time between two occurrences"
+        node.report(tree.findings, codes.BAD_TIME, message, help=help)
         return None
     jitter = _time(tree, node, "JITTER") if node.tag == _PERIODIC else _time(tree, node, "PATTERN-JITTER")
     return Arrival(place=place_of(node), event=event, period=period, offsets=offsets, jitter=jitter)
@@ -375,12 +368,9 @@ def _synchronisation(tree: Tree, node: Node) -> Synchronisation | None:
     if len(events) > 1 and tolerance is not None:
         return Synchronisation(place_of(node), events, tolerance)
     why = "it names event chains" if tree.refs(node, "SCOPE-REFS/SCOPE-REF") else "it lacks events or a tolerance"
-    node.report(
-        tree.findings,
-        codes.TIMING_IGNORED,
-        f"is not imported: {why}",
-        help="state the order and the window in the overlay (precedence)",
-    )
+    message = f"is not imported: {why}"
+    help = "state the order and the window in the overlay (precedence)"
+    node.report(tree.findings, codes.TIMING_IGNORED, message, help=help)
     return None
 
 
@@ -398,9 +388,6 @@ def _report_lost_parts(tree: Tree, node: Node, intervals: Container[str]) -> Non
         period, jitter = _time(tree, node, "PERIOD") or ZERO, _time(tree, node, "JITTER") or ZERO
         lost += ["MINIMUM-INTER-ARRIVAL-TIME"] if least + jitter > period else []
     if lost:
-        node.report(
-            tree.findings,
-            codes.TIMING_PART_LOST,
-            f"{', '.join(lost)} of the constraint is not imported",
-            help="state it in the overlay, if the schedule has to keep it",
-        )
+        message = f"{', '.join(lost)} of the constraint is not imported"
+        help = "state it in the overlay, if the schedule has to keep it"
+        node.report(tree.findings, codes.TIMING_PART_LOST, message, help=help)

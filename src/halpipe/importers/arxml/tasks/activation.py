@@ -310,12 +310,9 @@ def report_sporadic(activations: Iterable[Activation], findings: Findings) -> No
         arrival = activation.arrival
         if arrival is not None and activation.distance is not None:
             what = f"looks every {activation.period} for what comes every {activation.distance} at most"
-            arrival.place.report(
-                findings,
-                codes.SPORADIC,
-                f'"{activation.name}" {what}',
-                help="give another period in the overlay (sources), if occurrences so dense cannot be",
-            )
+            message = f'"{activation.name}" {what}'
+            help = "give another period in the overlay (sources), if occurrences so dense cannot be"
+            arrival.place.report(findings, codes.SPORADIC, message, help=help)
 
 
 @record

@@ -56,12 +56,8 @@ def _twins(activations: Sequence[Activation], findings: Findings) -> list[Activa
             continue
         other = found.pop(0) if len(found) > 1 else found[0]
         result.append(replace(activation, twin=other.actor, joins=other.event))
-        findings.report(
-            codes.SAME_FUNCTION,
-            f'is one call with "{other.name}": the same function, OsTask, position and period',
-            at=activation.place.at,
-            path=named("BSW entity", activation.name),
-        )
+        message = f'is one call with "{other.name}": the same function, OsTask, position and period'
+        findings.report(codes.SAME_FUNCTION, message, at=activation.place.at, path=named("BSW entity", activation.name))
     return result
 
 
@@ -97,13 +93,9 @@ def _report_rest(call: Sequence[Activation], findings: Findings) -> None:
     rates = _rates(call)
     if len(rates) > 1:
         first = call[0]
-        findings.report(
-            codes.SEVERAL_RATES,
-            f"is one call of its OsTask for {', '.join(rates)}, but becomes a task for each",
-            at=first.place.at,
-            path=about(task=first.name),
-            help="its load is overstated where they are due together; state one period in the overlay (sources)",
-        )
+        message = f"is one call of its OsTask for {', '.join(rates)}, but becomes a task for each"
+        help = "its load is overstated where they are due together; state one period in the overlay (sources)"
+        findings.report(codes.SEVERAL_RATES, message, at=first.place.at, path=about(task=first.name), help=help)
 
 
 def with_one_rate(activations: Sequence[Activation], findings: Findings) -> list[Activation]:
@@ -147,12 +139,9 @@ def report_other_rates(activations: Sequence[Activation], triggers: Iterable[Tri
             continue
         rate, due = found[0].period / len(found), _rate(calls)[0]
         if due % rate:  # generated code may count the activations of one that comes more often
-            found[0].place.report(
-                findings,
-                codes.TRIGGERING_DIFFERS,
-                f"activates {path} every {rate}, whose calls are due every {due}",
-                help="make them agree; the period of the calls counts",
-            )
+            message = f"activates {path} every {rate}, whose calls are due every {due}"
+            help = "make them agree; the period of the calls counts"
+            found[0].place.report(findings, codes.TRIGGERING_DIFFERS, message, help=help)
 
 
 def _rate(calls: Iterable[Activation]) -> tuple[Duration, Duration]:
@@ -173,11 +162,9 @@ def _rates(calls: Sequence[Activation]) -> list[str]:
 def _report(calls: Sequence[Activation], period: Duration, findings: Findings) -> None:
     task = calls[0].os_task
     assert task is not None
-    findings.report(
-        codes.SEVERAL_RATES_OF_TASK,
+    message = (
         f"waits for no OsEvent and calls runnables every {listed(_rates(calls))}: it is activated every {period}, "
-        "and each of its jobs is taken to be as long as all of them",
-        at=task.place.at,
-        path=about(task=task.place.name),
-        help="give each period an OsTask, or an OsEvent, of its own",
+        "and each of its jobs is taken to be as long as all of them"
     )
+    help = "give each period an OsTask, or an OsEvent, of its own"
+    findings.report(codes.SEVERAL_RATES_OF_TASK, message, at=task.place.at, path=about(task=task.place.name), help=help)

@@ -82,12 +82,9 @@ def _synchronised(
                 begin, most = instants[first][0], cause.tolerance
                 window = Spacing(first, other, ZERO, most, begin, cause.place, to, Match.CYCLE)
                 yield Edge(first, other, cause.place, window)
-        cause.place.report(
-            findings,
-            codes.SYNCHRONISED,
-            f'{listed(others)} follow "{first}" within {cause.tolerance}',
-            help="state another order in the overlay (precedence), if this one cannot be kept",
-        )
+        message = f'{listed(others)} follow "{first}" within {cause.tolerance}'
+        help = "state another order in the overlay (precedence), if this one cannot be kept"
+        cause.place.report(findings, codes.SYNCHRONISED, message, help=help)
 
 
 def _joined(alike: list[Edge]) -> Iterator[Edge]:
@@ -156,12 +153,9 @@ def _report_lost(system: System, known: Collection[str], findings: Findings) -> 
             if path not in known:
                 lost.setdefault(order.place, {})[path] = None
     for place, paths in lost.items():
-        place.report(
-            findings,
-            codes.ORDER_LOST,
-            f"orders what is no periodic task: {listed(list(paths))}",
-            help="give it a period in the overlay (sources) if the order matters",
-        )
+        message = f"orders what is no periodic task: {listed(list(paths))}"
+        help = "give it a period in the overlay (sources) if the order matters"
+        place.report(findings, codes.ORDER_LOST, message, help=help)
 
 
 def _from_positions(drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:

@@ -157,12 +157,9 @@ class Periods:
         }
         if rates and all(period % rate for rate in rates.values()):
             place, rate = next(iter(rates.items()))
-            place.report(
-                self._findings,
-                codes.TRIGGERING_DIFFERS,
-                f'comes every {rate}, but "{activation.name}", which it triggers, has the period {period}',
-                help="make them agree; the period of the event counts",
-            )
+            message = f'comes every {rate}, but "{activation.name}", which it triggers, has the period {period}'
+            help = "make them agree; the period of the event counts"
+            place.report(self._findings, codes.TRIGGERING_DIFFERS, message, help=help)
 
     def _of_process(self, activation: Activation) -> list[Recurrence]:
         cycle = activation.process.cycle if activation.process else None

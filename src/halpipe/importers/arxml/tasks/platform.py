@@ -186,12 +186,9 @@ def make_modes(
                 path = named(group.place.kind, group.place.path)
                 findings.report(codes.EMPTY_MODE, f'no task runs in mode "{mode.name}"', at=mode.at, path=path)
     if len(groups) > 1:
-        findings.report(
-            codes.SEVERAL_GROUPS,
-            f"{len(groups)} mode groups switch tasks off: {', '.join(g.place.path for g in groups)}",
-            at=groups[0].place.at,
-            help="name the modes that occur together in the overlay (modes)",
-        )
+        message = f"{len(groups)} mode groups switch tasks off: {', '.join(g.place.path for g in groups)}"
+        help = "name the modes that occur together in the overlay (modes)"
+        findings.report(codes.SEVERAL_GROUPS, message, at=groups[0].place.at, help=help)
     if not any(group.transitions for group in groups):
         return tuple(modes), ()
     transitions = [t for group in groups for t in _transitions(group, names, ledger)]

@@ -326,12 +326,9 @@ class _Finder:
             else:
                 inner += [event.draft for event in (source, target) if len(event.anchors) > 1]
                 if distance.minimum and target.observable.what == "activated":
-                    distance.place.report(
-                        self._findings,
-                        codes.TIMING_PART_LOST,
-                        f'its least distance to the activation of "{target.draft.name}" bounds the start alone',
-                        help="name the start (STARTED) if it is meant, or state offsets that keep the distance",
-                    )
+                    message = f'its least distance to the activation of "{target.draft.name}" bounds the start alone'
+                    help = "name the start (STARTED) if it is meant, or state offsets that keep the distance"
+                    distance.place.report(self._findings, codes.TIMING_PART_LOST, message, help=help)
                 has_release = source.observable.what == "activated" and source.draft.period is not None
                 begins = (Anchor.RELEASE,) if has_release else source.anchors
                 most = [] if distance.maximum is None else [(begins[0], target.anchors[-1])]
@@ -391,9 +388,6 @@ class _Finder:
         self._result.used.append(let.place)
 
     def _lost(self, place: Place, why: str) -> None:
-        place.report(
-            self._findings,
-            codes.TIMING_LOST,
-            f"is not imported: {why}",
-            help="state it in the overlay (deadline, precedence, chains)",
-        )
+        message = f"is not imported: {why}"
+        help = "state it in the overlay (deadline, precedence, chains)"
+        place.report(self._findings, codes.TIMING_LOST, message, help=help)

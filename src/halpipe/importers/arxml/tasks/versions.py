@@ -200,12 +200,8 @@ def _report_units(
         kept = {unit for variant in variants[draft.name] for unit in variant.version.units}
         left = [unit for unit in platform.units_of(draft) if unit not in kept]
         if left:
-            findings.report(
-                codes.UNIT_WITHOUT_TIME,
-                f"does not run on {listed(left)}, for which no execution time is stated",
-                at=draft.place.at,
-                path=about(task=draft.name),
-            )
+            message = f"does not run on {listed(left)}, for which no execution time is stated"
+            findings.report(codes.UNIT_WITHOUT_TIME, message, at=draft.place.at, path=about(task=draft.name))
 
 
 @record
