@@ -47,7 +47,8 @@ class Backend(Protocol):
         """The name of the device."""
 
     def overshoot(self, platform: Platform) -> int:
-        """Return the bytes that may pass above a budget, per window and direction."""
+        """Return the bytes that are known to pass above a budget, per window and direction."""
+        return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return everything about `tables` that this kind of regulator cannot do, or not well."""

@@ -26,7 +26,7 @@ from halpipe.importers.amalthea.mapping import Allocations, interrupts_of
 from halpipe.importers.amalthea.modes import DEFAULT, read_modes
 from halpipe.importers.amalthea.parts import make_drafts
 from halpipe.importers.amalthea.tasks import TaskBuilder
-from halpipe.importers.amalthea.timing import Reactions, reactions_of, read_timing
+from halpipe.importers.amalthea.timing import Reactions, read_timing
 from halpipe.importers.amalthea.versions import UNIT, Locks, Splitter, VersionMaker
 from halpipe.importers.amalthea.xmi import Forest, Names, legal
 from halpipe.importers.common.base import Coverage, Imported, imported
@@ -303,7 +303,7 @@ def _model(
     memories.report()
     _report(forest, model, evaluator, coverage)
     account(forest, drafts, memories, evaluator.accesses, coverage)
-    return model, Reactions(reactions_of(timing))
+    return model, Reactions(timing.reactions)
 
 
 def _stop_without_tasks(forest: Forest, drafts: Drafts, findings: Findings) -> None:

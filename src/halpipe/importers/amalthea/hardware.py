@@ -61,24 +61,16 @@ class Pu:
 
 
 @record
-class Memory:
-    """A memory and its peak in bytes per second, where it is stated."""
-
-    item: Item
-    peak: Fraction | None
-
-
-@record
 class Hardware:
-    """All units and memories, in document order."""
+    """All units, and all memories with their peaks in bytes per second (None: not stated), in document order."""
 
     units: tuple[Pu, ...]
-    memories: dict[Item, Memory]
+    memories: dict[Item, Fraction | None]
 
 
 def read_hardware(forest: Forest) -> Hardware:
     """Read the hardware; report units without a frequency."""
-    memories = {item: _memory(forest, item) for item in forest.kinds("Memory") if item.within("HWModel")}
+    memories = {item: _peak(forest, item) for item in forest.kinds("Memory") if item.within("HWModel")}
     units = [_unit(forest, item, memories) for item in forest.kinds("ProcessingUnit")]
     units += [_core(forest, item) for item in forest.kinds("Core") if item.within("HWModel")]
     lacking = [unit.item for unit in units if not unit.frequency]
@@ -180,14 +172,14 @@ def _port_width(forest: Forest, item: Item) -> Fraction | None:
     return None if best is None else best / 8
 
 
-def _memory(forest: Forest, item: Item) -> Memory:
+def _peak(forest: Forest, item: Item) -> Fraction | None:
     definition = forest.ref(item, "definition")
     rate = forest.rate(definition and definition.one("dataRate"))
     if rate and definition is not None:
         definition.use_all()
-        return Memory(item, rate)
+        return rate
     frequency, width = _frequency(forest, item), _port_width(forest, item)
-    return Memory(item, frequency * width if frequency and width else None)
+    return frequency * width if frequency and width else None
 
 
 # ------------------------------------------------------------------------------------------ before 0.9.0
@@ -266,11 +258,10 @@ class Memories:
     def resources(self, used: Sequence[str]) -> tuple[Resource, ...]:
         """Return the memories of some names, with their peaks."""
         found = []
-        for item, memory in self._hardware.memories.items():
+        for item, peak in self._hardware.memories.items():
             if self._names[item] in used:
                 item.use()
-                peak = None if memory.peak is None else int(memory.peak)
-                found.append(Resource(name=self._names[item], bandwidth=peak))
+                found.append(Resource(name=self._names[item], bandwidth=None if peak is None else int(peak)))
         return tuple(found)
 
     def phases(self, amount: Amount, unit: Pu) -> list[Phase]:
@@ -316,7 +307,7 @@ class Memories:
         return self._sizes[label]
 
     def _bound(self, memory: Item, path: Path, writes: bool, frequency: Fraction) -> Fraction:
-        peak, drawn = self._hardware.memories[memory].peak, path.peak(writes, frequency)
+        peak, drawn = self._hardware.memories[memory], path.peak(writes, frequency)
         if not peak or not drawn:
             self.assumed[memory] = None
             return Fraction(1)

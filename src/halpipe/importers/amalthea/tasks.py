@@ -12,7 +12,7 @@ from halpipe.importers.amalthea.graph import everything
 from halpipe.importers.amalthea.timing import Window
 from halpipe.importers.amalthea.versions import preemption_of
 from halpipe.importers.amalthea.xmi import legal
-from halpipe.models import Anchor, Binding, Chain, Match, Origin, Precedence, Task
+from halpipe.models import Anchor, Binding, Chain, Match, Origin, Task
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -219,7 +219,7 @@ class TaskBuilder:
             help = "state tighter windows under precedence: in an overlay"
             self._forest.findings.add(codes.DEFAULT_WINDOW(message, at=at, help=help))
         for window in assumed:
-            value = f"from the end of {window.earlier.name}: {window.low} to {_high(window)}"
+            value = f"from the end of {window.earlier.name}: {window.low} to {window.end}"
             self._coverage.defaulted(f'task "{window.later.name}"', "precedence window", value, window.cause.at)
         return found
 
@@ -295,7 +295,7 @@ class TaskBuilder:
 
     def _task(self, draft: Draft, limits: _Limits, windows: Mapping[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
-        rows = tuple(map(_precedence, windows[draft]))
+        rows = tuple(window.precedence() for window in windows[draft])
         versions = tuple(replace(version, precedences=rows) for version in self._made[draft])
         if not preemption_of(draft.task):
             self._coverage.defaulted(f'task "{draft.name}"', "preemption", "none: jobs run in one piece", at)
@@ -338,26 +338,3 @@ def _longest_within(limit: Duration, choices: Sequence[Sequence[Duration]]) -> D
     for times in choices:
         sums = {known + time for known in sums for time in times or (ZERO,)}
     return max((found for found in sums if found <= limit), default=min(sums))
-
-
-def _high(window: Window) -> Duration:
-    """Return the end of a window; where none is stated, the longer of both periods after its beginning."""
-    if window.high is not None:
-        return window.high
-    periods = [d.activation.period for d in (window.earlier, window.later) if d.activation is not None]
-    return window.low + max(periods, default=ZERO)
-
-
-def _precedence(window: Window) -> Precedence:
-    """Return a window as a constraint of a version."""
-    at = window.cause.at
-    return Precedence(
-        task=window.earlier.name,
-        min=window.low,
-        max=_high(window),
-        anchor=window.anchor,
-        point=window.point,
-        to=Anchor.END if window.to_end else Anchor.START,
-        match=window.match,
-        origin=Origin(at.file, at.line, legal(window.cause.name or window.cause.kind)),
-    )

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings
 from halpipe.core.durations import ZERO, Duration, least_common_multiple
@@ -39,19 +39,11 @@ REACTION, UNIQUE, ONE_TO_ONE = MAPPINGS = ("Reaction", "UniqueReaction", "OneToO
 
 @record
 class Reaction:
-    """A delay constraint whose sources need targets: `low` to `high` from an event of `source` to one of `target`.
-
-    `source_ends` and `target_ends`: the event is the end of the job, not its start.
-    """
+    """A delay constraint whose sources need targets, as the precedence by which each `target` has a source."""
 
     mapping: str
-    source: str
     target: str
-    low: Duration
-    high: Duration
-    source_ends: bool
-    target_ends: bool
-    origin: Origin
+    row: Precedence
 
 
 @record
@@ -64,19 +56,21 @@ class Reactions:
         """Return `model` with the constraints; report those that no schedule keeps, and what is not ensured."""
         findings = Findings()
         for item in self.items:
-            if {item.source, item.target} <= {task.name for task in model.tasks}:
+            if {item.row.task, item.target} <= {task.name for task in model.tasks}:
                 model = _with(model, item, findings)
         return model, tuple(findings.items)
 
 
 def _with(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
-    source, target = model.task(item.source), model.task(item.target)
-    at, path = item.origin.location, f'delay constraint "{item.origin.path}"'
+    """Return the model in which each source has a target: by the plain row where that pairs them, or turned round."""
+    row = item.row
+    source, target = model.task(row.task), model.task(item.target)
+    where = _where(row)
     if source.period is None or target.period is None:
         help = "state the periods in an overlay"
         text = "each target gets a source, not each source a target: a task on demand has as many jobs as it takes"
-        findings.add(codes.REACTION(text, at=at, path=path, help=help))
-        return _added(model, target, _plain(item))
+        findings.add(codes.REACTION(text, **where, help=help))
+        return _added(model, target, row)
     unequal = item.mapping == ONE_TO_ONE and source.period != target.period
     if unequal or (item.mapping == UNIQUE and source.period < target.period):
         text = (
@@ -84,57 +78,34 @@ def _with(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
             f'{source.period}, "{target.name}" every {target.period}'
         )
         help = "let both have one period, or let the mapping be Reaction"
-        findings.add(codes.NO_PARTNERS(text, at=at, path=path, help=help))
+        findings.add(codes.NO_PARTNERS(text, **where, help=help))
         return model
-    width = item.high - item.low
-    pairs = source.period == target.period and width < _apart(target, item.target_ends)
-    if pairs and not _reaches(model, item.source, item.target):
-        return _added(model, target, _plain(item))
-    if item.mapping != REACTION and not width < _apart(source, item.source_ends):
+    width = row.max - row.min
+    pairs = source.period == target.period and width < _apart(target, row.to)
+    if pairs and not _reaches(model, source.name, target.name):
+        return _added(model, target, row)
+    if item.mapping != REACTION and not width < _apart(source, row.anchor):
         text = f"{item.mapping}: each source gets a target, but two may get the same one within a window of {width}"
         help = "state a narrower window, or deadlines and slack that keep the starts apart"
-        findings.add(codes.REACTION(text, at=at, path=path, help=help))
-    return _turned_round(model, item, findings)
-
-
-def _turned_round(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
-    """Return the model in which each source has a target, by a precedence of the source on the target."""
-    if _reaches(model, item.target, item.source):
-        at, path = item.origin.location, f'delay constraint "{item.origin.path}"'
+        findings.add(codes.REACTION(text, **where, help=help))
+    if _reaches(model, target.name, source.name):
         text = (
-            f'each target gets a source, not each source a target, since "{item.target}" comes after "{item.source}" '
+            f'each target gets a source, not each source a target, since "{target.name}" comes after "{source.name}" '
             "by another constraint, too"
         )
         help = "leave out the other constraint, or narrow the window below the distance of two starts"
-        findings.add(codes.REACTION(text, at=at, path=path, help=help))
-        return _added(model, model.task(item.target), _plain(item))
+        findings.add(codes.REACTION(text, **where, help=help))
+        return _added(model, target, row)
     whole = least_common_multiple(task.period for task in model.tasks if task.period is not None)
-    turns = whole * max(1, -(-item.high // whole))
-    row = Precedence(
-        task=item.target,
-        min=turns - item.high,
-        max=turns - item.low,
-        anchor=_instant(item.target_ends),
-        to=_instant(item.source_ends),
-        origin=item.origin,
-    )
-    return _added(model, model.task(item.source), row)
+    turns = whole * max(1, -(-row.max // whole))
+    turned = replace(row, task=target.name, min=turns - row.max, max=turns - row.min, anchor=row.to, to=row.anchor)
+    return _added(model, source, turned)
 
 
-def _plain(item: Reaction) -> Precedence:
-    """Return the constraint by which each target has a source."""
-    return Precedence(
-        task=item.source,
-        min=item.low,
-        max=item.high,
-        anchor=_instant(item.source_ends),
-        to=_instant(item.target_ends),
-        origin=item.origin,
-    )
-
-
-def _instant(is_end: bool) -> Anchor:
-    return Anchor.END if is_end else Anchor.START
+def _where(row: Precedence) -> dict[str, Any]:
+    """Return the place and the path of a delay constraint, for a finding."""
+    assert row.origin is not None
+    return {"at": row.origin.location, "path": f'delay constraint "{row.origin.path}"'}
 
 
 def _added(model: TaskModel, task: Task, row: Precedence) -> TaskModel:
@@ -143,10 +114,10 @@ def _added(model: TaskModel, task: Task, row: Precedence) -> TaskModel:
     return replace(model, tasks=tuple(changed if other is task else other for other in model.tasks))
 
 
-def _apart(task: Task, ends: bool) -> Duration:
+def _apart(task: Task, instant: Anchor) -> Duration:
     """Return a distance that two starts (or ends) of a task always have: jobs end before the time of the next one."""
     assert task.period is not None
-    by_slack = ZERO if ends else task.period - task.period * task.slack
+    by_slack = ZERO if instant is Anchor.END else task.period - task.period * task.slack
     if task.deadline is not None and task.deadline > task.period:
         return by_slack
     return max(by_slack, min((version.wcet or ZERO for version in task.versions), default=ZERO))
@@ -192,6 +163,28 @@ class Window:
     point: Duration | None = None
     match: Match = Match.WINDOW
 
+    @property
+    def end(self) -> Duration:
+        """End of the window; where none is stated, the longer of both periods after its beginning."""
+        if self.high is not None:
+            return self.high
+        periods = [draft.activation.period for draft in (self.earlier, self.later) if draft.activation is not None]
+        return self.low + max(periods, default=ZERO)
+
+    def precedence(self) -> Precedence:
+        """Return the window as a constraint of a version."""
+        at = self.cause.at
+        return Precedence(
+            task=self.earlier.name,
+            min=self.low,
+            max=self.end,
+            anchor=self.anchor,
+            point=self.point,
+            to=Anchor.END if self.to_end else Anchor.START,
+            match=self.match,
+            origin=Origin(at.file, at.line, legal(self.cause.name or self.cause.kind)),
+        )
+
 
 @dataclass(slots=True)
 class Timing:
@@ -200,8 +193,7 @@ class Timing:
     deadlines: dict[Item, Duration] = field(default_factory=dict)
     most_between_starts: dict[Item, Duration] = field(default_factory=dict)
     windows: list[Window] = field(default_factory=list)
-    reactions: list[tuple[str, Window]] = field(default_factory=list)
-    """Windows by which each `earlier` job needs a later one, with their mapping."""
+    reactions: list[Reaction] = field(default_factory=list)
     chains: list[Chained] = field(default_factory=list)
 
 
@@ -308,7 +300,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             forest.report(codes.REACTION, text, item, help)
             timing.windows += windows
         else:
-            timing.reactions += [(mapping, window) for window in windows]
+            timing.reactions += [Reaction(mapping, window.later.name, window.precedence()) for window in windows]
     help = "let it connect starts and ends of tasks; the source may also be the activation of a periodic task"
     forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two instants of tasks", bad, help)
     help = "let them name tasks, or runnables that begin or end their task"
@@ -319,26 +311,6 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
 def _widest(high: Duration | None, *, at_end: bool) -> Anchor:
     """Return the instant of a job for an event within it: an upper limit counts over all of the job."""
     return Anchor.END if at_end is (high is not None) else Anchor.START
-
-
-def reactions_of(timing: Timing) -> list[Reaction]:
-    """Return the delay constraints whose sources need targets, by the names of the tasks."""
-    found = []
-    for mapping, window in timing.reactions:
-        at, name = window.cause.at, legal(window.cause.name or window.cause.kind)
-        assert window.high is not None
-        reaction = Reaction(
-            mapping=mapping,
-            source=window.earlier.name,
-            target=window.later.name,
-            low=window.low,
-            high=window.high,
-            source_ends=window.anchor is Anchor.END,
-            target_ends=window.to_end,
-            origin=Origin(at.file, at.line, name),
-        )
-        found.append(reaction)
-    return found
 
 
 def _pairs(forest: Forest, item: Item, source: Place | None, target: Place | None) -> list[tuple[Draft, ...]]:

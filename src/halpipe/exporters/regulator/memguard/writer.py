@@ -24,7 +24,7 @@ from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
 from halpipe.exporters.regulator.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
-from halpipe.exporters.regulator.writing import file_names, predecessors, render
+from halpipe.exporters.regulator.writing import Backend, file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -44,15 +44,11 @@ LONGEST_LINE = 255
 """Characters that the module takes of one line."""
 
 
-class MemGuard:
+class MemGuard(Backend):
     """One script for each table: limits of all cores, in events (cache lines) per period."""
 
     device = DEVICES["memguard"]
     name = device.name
-
-    def overshoot(self, platform: Platform) -> int:
-        """Return 0; what passes until the interrupt is taken is for the platform to state."""
-        return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return units that are no cores, a period that does not do, and rates that do not fit."""

@@ -17,7 +17,7 @@ from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import APPROXIMATE, NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import levels_of
 from halpipe.exporters.regulator.rates import check_owners, coarse, over_limit, rate_text, unit_rates
-from halpipe.exporters.regulator.writing import falls_first, file_names, predecessors, render
+from halpipe.exporters.regulator.writing import Backend, falls_first, file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -91,29 +91,20 @@ class Steps:
         """Return the parts that the driver of MPAM takes, the nearest number from 1 on; beyond its field it wraps."""
         return (max(1, _nearest(self.rounded(value) * self.parts, 100)) - 1) % self.parts + 1
 
-    def least_for(self, rate: Fraction) -> int | None:
-        """Return the smallest value that gives `rate`, None if there is none."""
-        return next((value for value in self.values if self.given(value) >= rate), None)
-
     def value_for(self, rate: Fraction) -> int:
         """Return the smallest value that gives `rate`, the largest there is for what no value gives."""
-        value = self.least_for(rate)
-        return self.values[-1] if value is None else value
+        return next((value for value in self.values if self.given(value) >= rate), self.values[-1])
 
 
 def _nearest(numerator: int, denominator: int) -> int:
     return (2 * numerator + denominator) // (2 * denominator)
 
 
-class Resctrl:
+class Resctrl(Backend):
     """One script for each table: a line ``MB:`` for the group of every unit, and for everything else."""
 
     device = DEVICES["resctrl"]
     name = device.name
-
-    def overshoot(self, platform: Platform) -> int:
-        """Return 0; resctrl knows no windows."""
-        return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return units without a group of their own, rates that do not fit, and shares that are approximate."""

@@ -13,11 +13,10 @@ from halpipe.core.diagnostics import about
 from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import LEAST_CYCLES
-from halpipe.exporters.regulator.writing import identifiers, render
+from halpipe.exporters.regulator.writing import Backend, identifiers, render
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Tables
 
 MOST_UNITS = 63
@@ -29,15 +28,11 @@ LEAST_HEADERS, MOST_HEADERS = 16, 256
 _END = "ffffffff" + "0" * 16
 
 
-class TableUnit:
+class TableUnit(Backend):
     """Admission is strict: a burst passes only if what is left of the budget covers it, so nothing overshoots."""
 
     device = DEVICES["table"]
     name = device.name
-
-    def overshoot(self, platform: Platform) -> int:
-        """Return 0: see the class."""
-        return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return the units whose entries do not fit the memory of their regulator, and what else it cannot do."""
