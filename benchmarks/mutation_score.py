@@ -77,7 +77,10 @@ ROOMS = {
     "importers/traces": ("importers/traces", "unit/importers/test_trace* unit/importers/test_ctf*"),
     "importers/ros": ("importers/ros", "unit/importers/test_ros_*"),
     "importers/amalthea": ("importers/amalthea", "unit/importers/amalthea/*"),
-    "importers/arxml": ("importers/arxml", "unit/importers/test_arxml_*"),
+    "importers/arxml": (
+        "importers/arxml",
+        "unit/importers/test_arxml_[!s]* unit/importers/test_arxml_s[!i]*",
+    ),
     "importers/common": ("importers/common", "unit/importers/test_polling* unit/importers/test_arxml_preemption*"),
     "exporters/common": ("exporters/common", "unit/exporters/test_*"),
     "exporters/native": ("exporters/native", "unit/exporters/test_native_*"),

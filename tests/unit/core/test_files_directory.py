@@ -112,7 +112,7 @@ def test_many_additions_are_counted(tmp_path):
     with pytest.raises(HalpipeError) as refused:
         write_directory(str(target), NEW)
     assert '"note-00"' in refused.value.diagnostics[0].message
-    assert "and 22 more" in refused.value.diagnostics[0].message
+    assert "and 25 more" in refused.value.diagnostics[0].message
 
 
 @pytest.mark.parametrize("of", ["a folder", "a file"])

@@ -14,6 +14,7 @@ from halpipe.core.files.protection import refuse_inputs
 from halpipe.core.files.reading import raise_it, read_own
 from halpipe.core.files.writing import cannot_write, remove_output, sweep, sync_directory, temporary_beside
 from halpipe.core.files.yaml import load_json
+from halpipe.core.suggest import few
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,9 +30,6 @@ FOREIGN_FOLDER = error(
 MANIFEST = "manifest.json"
 MANIFEST_KEY = "halpipe-bundle"
 """What a manifest states by which it is known as ours."""
-
-_NAMED = 8
-"""Foreign files that are named before the rest is counted."""
 
 
 def write_directory(path: str, contents: Mapping[str, bytes]) -> None:
@@ -110,9 +108,7 @@ def _refuse_foreign(target: str, path: str) -> None:
         raise _foreign(path, "is no folder; it is not replaced")
     strangers = _strangers(target)
     if strangers:
-        named = ", ".join(f'"{name}"' for name in strangers[:_NAMED])
-        more = f" and {len(strangers) - _NAMED} more" if len(strangers) > _NAMED else ""
-        raise _foreign(path, f"holds what halpipe did not write there: {named}{more}; it is not replaced")
+        raise _foreign(path, f"holds what halpipe did not write there: {few(strangers)}; it is not replaced")
 
 
 def _foreign(path: str, message: str) -> HalpipeError:

@@ -37,25 +37,28 @@ def _tables(schedule: Schedule) -> Iterator[tuple[str, Sequence[Job]]]:
 
 def _rows_of(table: str, job: Job) -> Iterator[Row]:
     for part, (start, end) in enumerate(job.occupations()):
-        values = (table, job.task, job.index, job.version, " ".join(job.units), part, _ms(start), _ms(end))
-        yield dict(zip(JOB_COLUMNS, values, strict=True))
+        where = (table, job.task, job.index, job.version, " ".join(job.units))
+        yield _row(JOB_COLUMNS, *where, part, _ms(start), _ms(end))
+
+
+def _row(columns: Sequence[str], *values: Any) -> Row:
+    return dict(zip(columns, values, strict=True))
 
 
 def load_rows(schedule: Schedule) -> list[Row]:
     """Return one row for each unit and resource of each mode; of a unit, the share is that of its busy time."""
     rows = []
     for mode in schedule.modes:
-        found: list[tuple[Any, ...]]
-        found = [(mode.name, "unit", u.unit, _ms(u.busy), u.share, None) for u in mode.unit_loads]
-        found += [(mode.name, "resource", r.resource, None, r.mean, r.peak) for r in mode.resource_loads]
-        rows += [dict(zip(LOAD_COLUMNS, values, strict=True)) for values in found]
+        rows += [_row(LOAD_COLUMNS, mode.name, "unit", u.unit, _ms(u.busy), u.share, None) for u in mode.unit_loads]
+        loads = [(r.resource, None, r.mean, r.peak) for r in mode.resource_loads]
+        rows += [_row(LOAD_COLUMNS, mode.name, "resource", *load) for load in loads]
     return rows
 
 
 def latency_rows(schedule: Schedule) -> list[Row]:
     """Return one row for each chain of each mode; None where no data ever arrives, or the latency is not stated."""
     return [
-        dict(zip(LATENCY_COLUMNS, (mode.name, c.name, _ms(c.reaction), _ms(c.age), _ms(c.latency)), strict=True))
+        _row(LATENCY_COLUMNS, mode.name, c.name, _ms(c.reaction), _ms(c.age), _ms(c.latency))
         for mode in schedule.modes
         for c in mode.chains
     ]
@@ -64,13 +67,7 @@ def latency_rows(schedule: Schedule) -> list[Row]:
 def switch_rows(schedule: Schedule) -> list[Row]:
     """Return one row for each transition table."""
     return [
-        dict(
-            zip(
-                SWITCH_COLUMNS,
-                (t.source, t.target, _ms(t.length), _ms(t.worst_latency), len(t.jobs), str(t.status)),
-                strict=True,
-            )
-        )
+        _row(SWITCH_COLUMNS, t.source, t.target, _ms(t.length), _ms(t.worst_latency), len(t.jobs), str(t.status))
         for t in schedule.transitions
     ]
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, about
 from halpipe.core.embedding import pieces
-from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.native import format_model
@@ -31,6 +30,7 @@ _HEADER = """\
 # A timer first expires at the common start of all executors plus offset-ns, and then every period-ns.
 """
 _WIDTH = 120
+Row = dict[str, Any]
 
 
 def format_executors(model: TaskModel, schedule: Schedule, options: RosOptions) -> bytes:
@@ -75,19 +75,23 @@ def _dumper() -> Any:
     return Dumper
 
 
-def _stated(**values: Any) -> dict[str, Any]:
+def _stated(**values: Any) -> Row:
     """Return the mapping of what has a value; names with - for _."""
     return {key.replace("_", "-"): value for key, value in values.items() if value is not None}
 
 
-def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> list[dict[str, Any]]:
+def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> list[Row]:
     """Return an executor for each unit on which jobs start, with a callback group for each task that does so there.
 
     A group of its own for each pair of task and executor, since ROS assigns a group to one executor as a whole.
     """
-    groups: dict[str, dict[str, list[Timer]]] = {}
-    for timer in timers_of(model, table):
-        groups.setdefault(timer.units[0], {}).setdefault(timer.task, []).append(timer)
+    jobs: dict[str, list[Job]] = {}
+    for job in table.jobs:
+        jobs.setdefault(job.task, []).append(job)
+    groups: dict[str, dict[str, list[Row]]] = {}
+    for task in model.tasks:
+        for unit, timer in _timers(task, jobs[task.name], table) if task.name in jobs else ():
+            groups.setdefault(unit, {}).setdefault(task.name, []).append(timer)
     return [
         _stated(
             name=unit.name,
@@ -98,7 +102,7 @@ def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> l
                     "name": f"{task}@{unit.name}",
                     "type": "mutually_exclusive",
                     "task": task,
-                    "timers": [_timer_row(timer) for timer in timers],
+                    "timers": timers,
                 }
                 for task, timers in groups[unit.name].items()
             ],
@@ -108,34 +112,7 @@ def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> l
     ]
 
 
-def _timer_row(timer: Timer) -> dict[str, Any]:
-    return _stated(
-        version=timer.version,
-        job=timer.job,
-        period_ns=timer.period,
-        offset_ns=timer.offset,
-        budget_ns=timer.budget,
-        keeps_free=list(timer.units[1:]) or None,
-    )
-
-
 MOST_TIMERS = 100_000
-
-
-@record(kw_only=True)
-class Timer:
-    """Starts `version` of `task` on the first of `units` at `offset` + k * `period`, in whole nanoseconds.
-
-    `job` is the index of the job in the table; None where the timer starts all jobs of the task.
-    """
-
-    task: str
-    job: int | None
-    version: str
-    units: tuple[str, ...]
-    period: int
-    offset: int
-    budget: int
 
 
 def cycle_of(table: ModeSchedule) -> Duration:
@@ -162,23 +139,14 @@ def is_exact(table: ModeSchedule) -> bool:
     return all(job.start.fraction.denominator == 1 for job in table.jobs)
 
 
-def timers_of(model: TaskModel, table: ModeSchedule) -> list[Timer]:
-    """Return the timers of a mode, by task in the order of the model, then by offset."""
-    jobs: dict[str, list[Job]] = {}
-    for job in table.jobs:
-        jobs.setdefault(job.task, []).append(job)
-    return [timer for task in model.tasks if task.name in jobs for timer in _of_task(task, jobs[task.name], table)]
-
-
-def _of_task(task: Task, jobs: Sequence[Job], table: ModeSchedule) -> list[Timer]:
+def _timers(task: Task, jobs: Sequence[Job], table: ModeSchedule) -> list[tuple[str, Row]]:
+    """Return the timers of a task by offset, each with the unit on which it starts jobs."""
     cycle = cycle_of(table)
     if task.period is not None and _is_even(task.period, jobs, table.hyperperiod):
         return [_timer(jobs[0], None, task.period, jobs[0].start % task.period)]
-    repeats = table.hyperperiod.fraction.denominator
-    found = [
-        _timer(job, job.index, cycle, job.start + table.hyperperiod * turn) for turn in range(repeats) for job in jobs
-    ]
-    return sorted(found, key=lambda timer: (timer.offset, timer.job))
+    starts = [(job, table.hyperperiod * n) for n in range(cycle // table.hyperperiod) for job in jobs]
+    found = [_timer(job, job.index, cycle, job.start + by) for job, by in starts]
+    return sorted(found, key=lambda timer: (timer[1]["offset-ns"], timer[1]["job"]))
 
 
 def _is_even(period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> bool:
@@ -189,16 +157,18 @@ def _is_even(period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> bo
     return whole and len(phases) == len(ways) == 1 and period * len(jobs) == hyperperiod
 
 
-def _timer(job: Job, index: int | None, period: Duration, offset: Duration) -> Timer:
-    """Return a timer; what is no whole nanosecond starts up to one early and has a budget up to one longer."""
-    return Timer(
-        task=job.task,
-        job=index,
+def _timer(job: Job, index: int | None, period: Duration, offset: Duration) -> tuple[str, Row]:
+    """Return a timer that starts one job, or all of a task; times are in nanoseconds.
+
+    What is no whole nanosecond starts up to one early and has a budget up to one longer.
+    """
+    return job.units[0], _stated(
         version=job.version,
-        units=job.units,
-        period=int(period.fraction),
-        offset=math.floor(offset.fraction),
-        budget=math.ceil((job.end - job.start).fraction),
+        job=index,
+        period_ns=int(period.fraction),
+        offset_ns=math.floor(offset.fraction),
+        budget_ns=math.ceil((job.end - job.start).fraction),
+        keeps_free=list(job.units[1:]) or None,
     )
 
 
