@@ -3,9 +3,10 @@
 Usage: python benchmarks/workbench.py [--edits 20] [--tasks 60 500] [--models FILE ...] [--loads 9]. Chromium opens the
 page of `halpipe serve` for a drawn model, or for a file; WCETs of tasks in turn grow by 1 %, and then first jobs of
 tasks in turn are dragged by 100 us. The clock of the page runs from the order until the frame after the chart was
-painted, and until the frame after the verified answer; the processor time of the server is counted apart. Each step is
-undone. Thereafter it opens the report of 8001 jobs so many times, each time until the frame after the chart was
-painted, and pans through it, a step in every frame. Needs chromium and its driver, and the extra [serve].
+painted, and then until the frame after the verified answer; of both, median and worst, and the processor time that the
+server and the page took, median and worst. Each step is undone. Thereafter it opens the report of 8001 jobs so many
+times, each time until the frame after the chart was painted, and pans through it, a step in every frame. Needs chromium
+and its driver, and the extra [serve].
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from statistics import mean, median
 from typing import TYPE_CHECKING, Any
@@ -25,21 +27,27 @@ if TYPE_CHECKING:
 
     from selenium.webdriver.chrome.webdriver import WebDriver
 
-STEP = """
+BEGIN = """
 const [name, what, done] = arguments, task = state.tasks.find(each => each.name === name);
 const number = state.tasks.indexOf(task), mode = state.modes[0], version = task.versions[0].name;
-const job = mode.jobs.find(each => each[0] === number), plain = show, painted = [], began = performance.now();
+const job = mode.jobs.find(each => each[0] === number), plain = show, asked = fetch, began = performance.now();
 const frame = act => requestAnimationFrame(() => requestAnimationFrame(act));
-const now = () => performance.now() - began, end = told =>
-  { show = plain; done([painted[0], now(), told.valid, told.answered.stayed, told.answered.jobs]); };
-show = (...told) => { plain(...told); frame(() => painted.push(now())); };
-if (what !== "drag")
-  order("edit", {kind: "version", name, inner: version, field: "wcet", value: what}).then(
-    told => frame(() => end(told)));
-else if (job)
-  order("pin", {mode: mode.name, task: name, index: job[1], start: `${(job[4] + .1).toFixed(6)}ms`}).then(
-    told => frame(() => end(told)));
-else { show = plain; done(null); }
+window.goOn = () => 0; // an order that is answered at once needs no gate
+fetch = (...words) => words[0] !== "/api/settle" ? asked(...words)
+  : new Promise(open => { window.goOn = () => open(asked(...words)); });
+show = (...told) => { plain(...told); show = plain; frame(() => done(performance.now() - began)); };
+const drag = () => order("pin", {mode: mode.name, task: name, index: job[1], start: `${(job[4] + .1).toFixed(6)}ms`});
+if (what === "drag" && !job) { show = plain; fetch = asked; done(null); }
+else window.answer = (what === "drag" ? drag()
+  : order("edit", {kind: "version", name, inner: version, field: "wcet", value: what}));
+if (window.answer) window.answer = window.answer.finally(() => { fetch = asked; });
+"""
+END = """
+const done = arguments[0], began = performance.now();
+const frame = act => requestAnimationFrame(() => requestAnimationFrame(act));
+window.goOn();
+window.answer.then(({valid, answered: {stayed, jobs}}) =>
+  frame(() => done([performance.now() - began, valid, stayed, jobs])));
 """
 UNDO = "const done = arguments[0]; order('undo').then(() => done(0));"
 WAIT = "const done = arguments[0]; (function look() { state && state.valid ? done(0) : setTimeout(look, 50); })();"
@@ -62,7 +70,7 @@ requestAnimationFrame(function frame(now) {
 });
 """
 REPORT = "--units 4 --unit-types 1 --resources 1 --utilisation 0.5 --period 1s" + 8 * " --period 1ms"
-HEAD = "| steps | jobs | valid | painted, median | worst | verified, median | worst | server | jobs that stay, least |"
+HEAD = "| steps | jobs | valid | painted | worst | server | page | verified | worst | server | page | jobs that stay |"
 
 
 def main() -> None:
@@ -73,7 +81,7 @@ def main() -> None:
     options.add_argument("--loads", type=int, default=9)
     options.add_argument("--seed", type=int, default=101)
     stated = options.parse_args()
-    print(HEAD + "\n" + "|---:" * 9 + "|")
+    print(HEAD + "\n" + "|---:" * 12 + "|")
     with tempfile.TemporaryDirectory() as folder:
         copies = [Path(shutil.copy(model, folder)) for model in stated.models]
         drawn = [generated(tasks, stated.seed, Path(folder)) for tasks in stated.tasks]
@@ -134,31 +142,48 @@ def measured(address: str, server: int, edits: int) -> Iterator[str]:
     """Make the edits, then the drags, one after the other in a browser at an address."""
     browser = chromium()
     try:
+        browser.execute_cdp_cmd("Performance.enable", {"timeDomain": "threadTicks"})
         browser.get(address)
         browser.execute_async_script(WAIT)
         tasks = browser.execute_script("return state.tasks.map(task => [task.name, task.versions[0].wcet])")
         chosen = [tasks[number % len(tasks)] for number in range(edits)]
         for what in ("edits", "drags"):
-            found = []
-            for name, wcet in chosen:
-                began = spent(server)
-                answer = browser.execute_async_script(STEP, name, "drag" if what == "drags" else grown(wcet))
-                if answer is not None:
-                    found.append((*answer, spent(server) - began))
-                    browser.execute_async_script(UNDO)
+            found = [each for name, wcet in chosen if (each := step(browser, server, what, name, wcet)) is not None]
             yield line(f"{len(found)} {what}", found)
     finally:
         browser.quit()
 
 
+def step(browser: WebDriver, server: int, what: str, name: str, wcet: str) -> tuple[Any, ...] | None:
+    """Make a step and undo it; return times until painted and verified, each with processor times, and the answer."""
+    clocks = [clock(browser, server)]
+    painted = browser.execute_async_script(BEGIN, name, "drag" if what == "drags" else grown(wcet))
+    if painted is None:
+        return None
+    clocks.append(clock(browser, server))
+    verified, *answer = browser.execute_async_script(END)
+    clocks.append(clock(browser, server))
+    browser.execute_async_script(UNDO)
+    used = [[after - before for before, after in zip(*pair, strict=True)] for pair in pairwise(clocks)]
+    return painted, *used[0], verified, *used[1], *answer
+
+
 def line(what: str, found: list[tuple[Any, ...]]) -> str:
     """Return a line of the table."""
-    painted, verified, valid, stayed, jobs, used = zip(*found, strict=True)
-    times = [
-        f"{each:.0f} ms" for each in (median(painted), max(painted), median(verified), max(verified), median(used))
-    ]
+    *times, valid, stayed, jobs = zip(*found, strict=True)
+    cells: list[str] = []
+    for number, each in enumerate(times):
+        both = f"{median(each):.0f} ms", f"{max(each):.0f} ms"
+        cells += both if number % 3 == 0 else ["; ".join(both)]
     stays = [stay / of for stay, of, is_valid in zip(stayed, jobs, valid, strict=True) if is_valid]
-    return f"| {what} | {max(jobs)} | {sum(valid)} | {' | '.join(times)} | {min(stays, default=0):.1%} |"
+    return f"| {what} | {max(jobs)} | {sum(valid)} | {' | '.join(cells)} | {min(stays, default=0):.1%} |"
+
+
+def clock(browser: WebDriver, server: int) -> tuple[float, float]:
+    """Return the processor times of the server and of the thread of the page in milliseconds."""
+    rows = browser.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
+    page = next(row["value"] for row in rows if row["name"] == "TaskDuration")
+    return spent(server), page * 1000
 
 
 def spent(process: int) -> float:

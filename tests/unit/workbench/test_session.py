@@ -47,6 +47,11 @@ def test_an_edit_gives_a_verified_schedule_of_the_edited_model(session):
     assert verified(session) == []
 
 
+def figures_of_chains(told):
+    cells = [cell for form in told["forms"] if form["table"] == "chains" for cell in form["cells"]]
+    return [texts for cell in cells if (texts := cell.get("by_mode"))]
+
+
 def test_an_edit_is_drawn_before_it_is_solved(session):
     before = {job.index: job for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
     session.edit(wcet("7ms"))
@@ -57,8 +62,10 @@ def test_an_edit_is_drawn_before_it_is_solved(session):
     expected = {job.index: job.end + more if job.version == "full" else job.end for job in before.values()}
     assert {job.index: job.end for job in drawn} == expected
     assert any(job.version == "full" for job in drawn)
+    assert figures_of_chains(told) == []  # those of the schedule before would be wrong
     session.settle()
     assert picture(session)["solved"]
+    assert figures_of_chains(picture(session))
     assert session.shown.is_valid
 
 
