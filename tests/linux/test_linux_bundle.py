@@ -496,8 +496,12 @@ def test_missing_rights_are_named_with_their_remedy(tmp_path):
         ran = subprocess.run([*command, *more], capture_output=True, text=True, check=False)
         assert ran.returncode == 1
         assert all(text in ran.stderr for text in found)
-    wrong = subprocess.run([command[0], "--mode", "x"], capture_output=True, text=True, check=False)
-    assert (wrong.returncode, "no such mode" in wrong.stderr) == (2, True)
+    for wrong, text in (
+        (["--mode", "x"], "no such mode"),
+        (["--switch", "5=all", "--seconds", "0.2"], "not before the end of --seconds"),
+    ):
+        ran = subprocess.run([command[0], *wrong], capture_output=True, text=True, check=False)
+        assert (ran.returncode, text in ran.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("sizes", [(8, 64, 4), (64, 8, 4), (4, 8, 64)])

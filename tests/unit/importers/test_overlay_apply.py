@@ -42,7 +42,9 @@ def windows(owner):
 
 
 def test_platform_replaces_the_guessed_one_and_tasks_move_to_it(tmp_path):
-    result, diagnostics, coverage = apply(overlay(tmp_path, BOARD))
+    coverage = Coverage()
+    coverage.defaulted("platform", "units", "core0")  # as importers do that have none
+    result, diagnostics = OverlayUse(overlay(tmp_path, BOARD)).apply(imported(), coverage)
     assert [unit.name for unit in result.units] == ["big0", "big1", "pl0"]
     assert {v.units for t in result.tasks for v in t.versions} == {("big0", "big1", "pl0")}
     assert [d.message for d in of(diagnostics, codes.REPLACED)] == ["the overlay's replace those of the source: core0"]

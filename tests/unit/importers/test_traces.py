@@ -592,6 +592,17 @@ def test_two_columns_of_one_meaning_are_refused(header):
     assert "two columns have one meaning" in [d.message for d in refused.value.diagnostics]
 
 
+@pytest.mark.parametrize("names", [("cycle",), ("job",), ("cycle", "job")])
+def test_numbers_without_the_mode_that_they_count_in_are_reported(names):
+    def found(header):
+        rows = f"{header}\na,1,2{',0' * (header.count(',') - 2)}\n"
+        return [(d.code, d.message, d.at.line) for d in parse_traces(rows.encode(), "t").diagnostics]
+
+    header = ",".join(("task,start,end", *names))
+    assert found(header) == [(codes.NO_MODE.id, f"{' and '.join(names)} without mode", 1)]
+    assert found(f"{header},mode") == []
+
+
 def rejected(text):
     with pytest.raises(HalpipeError) as refused:
         parse_traces(text.encode(), "t")

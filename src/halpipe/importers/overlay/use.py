@@ -319,6 +319,9 @@ class OverlayUse:
         model = without(model, dropped_now, changes)
         changes.tasks = frozenset(task.name for task in model.tasks)
         changes.dropped = tuple(name for name, dropped in self._answers.items() if dropped)
+        if overlay.units is not None:  # the unit that an importer stands in is gone
+            own = [d for d in coverage.defaulted_values if (d.element, d.what) != ("platform", "units")]
+            coverage.defaulted_values[:] = own
         units = platform_part("units", model.units, keeping_interrupts(overlay.units, model.units), changes)
         units = with_interrupts(units, overlay, changes)
         resources = platform_part("resources", model.resources, overlay.resources, changes)

@@ -47,6 +47,12 @@ LEFT_OUT = note(
     "Events of a trace are of no use for a comparison",
     "They tell of other things than tasks, or of pieces of jobs that lie across the edge of the picture.",
 )
+NO_MODE = warning(
+    "HAL1540",
+    "Trace numbers jobs without their mode",
+    "The columns cycle and job count within the table of a mode or of a switch. Without a column mode they are not used: "
+    "executions are compared with the nearest jobs.",
+)
 NO_CTF = error(
     "HAL1126",
     "Directory is no trace that can be read",

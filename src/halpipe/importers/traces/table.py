@@ -174,6 +174,9 @@ def _executions(lines: Iterable[str], file: str, findings: Findings) -> Executio
             findings.add(
                 codes.BROKEN_ROW("two columns have one meaning", at=Location(file, 1), help="leave one of them")
             )
+        if "mode" not in columns and (unused := [name for name in ("cycle", "job") if name in columns]):
+            text = f"{' and '.join(unused)} without mode"
+            findings.add(codes.NO_MODE(text, at=Location(file, 1), help="name the table of each row in a column mode"))
         records = {} if _is_complete(columns) else _records(header)
         for cells in filled:
             require_columns(cells, len(header), Location(file, rows.line_num), findings)

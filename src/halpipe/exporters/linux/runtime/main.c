@@ -207,6 +207,8 @@ static void take_options(int argc, char **argv) {
     if (i + 1 == argc) die(2, "unknown option, or its value is missing; see --help", argv[i]);
     take_option(argv[i], argv[i + 1]);
   }
+  for (int i = 0; cfg.seconds > 0 && i < cfg.n_switches; i++)
+    if (cfg.switches[i].after >= (int64_t)(cfg.seconds * 1e9)) die(2, "a --switch is not before the end of --seconds", NULL);
 }
 
 /* --------------------------------------------------------------------------------------------- rights */
