@@ -53,7 +53,11 @@ def picture(session: Session) -> Plain:
         if beside is None
         else {"kind": session.lower[0], "name": beside.name, "found": beside.found[:MOST]},
         "variants": list(session.variants),
-        "forms": [*_chains(state.model, state.schedule if state.solved else None), *_windows(state.model), *_modes(state.model)],
+        "forms": [
+            *_chains(state.model, state.schedule if state.solved else None),
+            *_windows(state.model),
+            *_modes(state.model),
+        ],
         "formats": formats(EXPORTERS),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
         **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn, beside=beside),

@@ -44,12 +44,12 @@ def system_of(count, switches=()):
 @pytest.mark.parametrize("count", range(2, MOST_MODES + 1))
 def test_no_two_modes_are_drawn_on_each_other(count):
     graph = build_mode_graph(*system_of(count))
-    assert len(graph.nodes) == count
-    for one, other in combinations(graph.nodes, 2):
-        assert abs(one.x - other.x) >= NODE_WIDTH or abs(one.y - other.y) >= NODE_HEIGHT, (one, other)
-    for node in graph.nodes:
-        assert NODE_WIDTH // 2 <= node.x <= WIDTH - NODE_WIDTH // 2
-        assert NODE_HEIGHT // 2 <= node.y <= graph.height - NODE_HEIGHT // 2
+    assert len(graph["nodes"]) == count
+    for one, other in combinations(graph["nodes"], 2):
+        assert abs(one["x"] - other["x"]) >= NODE_WIDTH or abs(one["y"] - other["y"]) >= NODE_HEIGHT, (one, other)
+    for node in graph["nodes"]:
+        assert NODE_WIDTH // 2 <= node["x"] <= WIDTH - NODE_WIDTH // 2
+        assert NODE_HEIGHT // 2 <= node["y"] <= graph["height"] - NODE_HEIGHT // 2
 
 
 @pytest.mark.parametrize("count", [0, 1, MOST_MODES + 1])
@@ -62,20 +62,20 @@ def test_every_allowed_switch_is_an_arrow_of_its_kind():
     first, second, third = planned.transitions
     tables = (replace(first, length=ZERO), replace(second, status=Status.NOT_FOUND))
     graph = build_mode_graph(owner, replace(planned, transitions=tables))
-    assert [(arrow.label, arrow.kind) for arrow in graph.arrows] == [
+    assert [(arrow["label"], arrow["kind"]) for arrow in graph["arrows"]] == [
         ("0", "ok"),
         ("1ms", "bad"),
         ("no table", "missing"),
     ]
-    assert len({arrow.path for arrow in graph.arrows}) == 3
-    assert [kind for kind, _ in graph.legend] == ["ok", "missing", "bad"]
+    assert len({arrow["path"] for arrow in graph["arrows"]}) == 3
+    assert [kind for kind, _ in graph["legend"]] == ["ok", "missing", "bad"]
     assert third.length == ms(1)
 
 
 def test_a_switch_to_a_mode_that_is_not_shown_has_no_arrow():
     owner, planned = system_of(3, [("m0", "m1"), ("m1", "m2")])
     graph = build_mode_graph(owner, replace(planned, modes=planned.modes[:2], transitions=planned.transitions[:1]))
-    assert [arrow.title.split(":")[0] for arrow in graph.arrows] == ["m0 to m1"]
+    assert [arrow["title"].split(":")[0] for arrow in graph["arrows"]] == ["m0 to m1"]
 
 
 # ------------------------------------------------------------------------------------------------ chains
@@ -156,7 +156,7 @@ def test_ways_of_logical_execution_times_and_events_are_as_long_as_the_figures(r
     ways = [worst(system, drawn, table) for worst in (worst_latency, worst_reaction, worst_age)]
     assert [way[-1].finish - way[0].begin for way in ways] == [found.latency, found.reaction, found.age]
     for way in ways:
-        assert path_chart(system, "id", "title", way, ms(9), missed=way is ways[1]).bars
+        assert path_chart(system, "id", "title", way, ms(9), missed=way is ways[1])["bars"]
 
 
 # ------------------------------------------------------------------------------------------------ account

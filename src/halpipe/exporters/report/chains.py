@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.report.axis import Tick, decimal, elide, position, ticks
+from halpipe.exporters.report.axis import decimal, elide, position, ticks
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
@@ -43,34 +43,6 @@ class Hop:
         """Return the same job some cycles later."""
         times = (self.start, self.end, self.read, self.write, self.begin, self.finish)
         return Hop(self.task, *(time + by for time in times))
-
-
-@record
-class HopBar:
-    """A hop as it is drawn, with the wait before it; places are per cent of the time shown."""
-
-    task: str
-    tone: int
-    y: int
-    x: str
-    width: str
-    wait_x: str
-    wait_width: str
-    let_x: str
-    let_width: str
-    title: str
-
-
-@record
-class PathChart:
-    """The way of a stimulus, or of data, through a chain: a row for each job."""
-
-    id: str
-    title: str
-    bars: tuple[HopBar, ...]
-    ticks: tuple[Tick, ...]
-    height: int
-    limit: str
 
 
 class _Ring:
@@ -178,7 +150,7 @@ def _hop(chain: Chain, task: Task, job: Job, hyperperiod: Duration) -> Hop | Non
 
 def path_chart(
     model: TaskModel, id: str, title: str, way: list[Hop], limit: Duration | None, *, missed: bool
-) -> PathChart:
+) -> dict[str, Any]:
     """Return the picture of a way, from its begin; with `missed`, its first job is the one that came too early."""
     begin, finish, shown = way[0].begin, way[-1].finish, way[1:] if missed else way
     zero = min((begin, *(time for hop in shown for time in (hop.read, hop.start))), key=lambda time: time.ns)
@@ -187,23 +159,31 @@ def path_chart(
     tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
     ready, bars = begin, []
     for number, hop in enumerate(shown):
-        bars.append(_bar(hop, ready, zero, window, tones[hop.task], AXIS_HEIGHT + ROW_HEIGHT * number))
+        place = {"tone": tones[hop.task], "y": AXIS_HEIGHT + ROW_HEIGHT * number}
+        bars.append(place | _bar(hop, ready, zero, window))
         ready = hop.write
-    height = AXIS_HEIGHT + ROW_HEIGHT * len(bars) + 4
-    mark = "" if limit is None else decimal(_place(begin + limit - zero, window), 4)
-    return PathChart(id, title, tuple(bars), tuple(ticks(window)), height, mark)
+    return {
+        "id": id,
+        "title": title,
+        "bars": bars,
+        "ticks": ticks(window),
+        "height": AXIS_HEIGHT + ROW_HEIGHT * len(bars) + 4,
+        "limit": "" if limit is None else decimal(_place(begin + limit - zero, window), 4),
+    }
 
 
-def _bar(hop: Hop, ready: Duration, zero: Duration, window: Window, colour: int, y: int) -> HopBar:
+def _bar(hop: Hop, ready: Duration, zero: Duration, window: Window) -> dict[str, str]:
+    """Return a hop as it is drawn, with the wait before it; places are per cent of the time shown."""
     begin = min(ready, hop.read)
     instants = (hop.start, hop.end, begin, hop.read, hop.write)
     low, high, wait, read, write = (_place(at - zero, window) for at in instants)
     title = f"{hop.task}: waits {hop.read - begin}, starts at {hop.start - zero}, runs {hop.end - hop.start}"
     let = (hop.read, hop.write) != (hop.start, hop.end)
     title += f", reads at {hop.read - zero} and writes at {hop.write - zero}" if let else ""
-    places = (low, high - low, wait, read - wait, read, write - read if let else Fraction(0))
-    x, width, wait_x, wait_width, let_x, let_width = (decimal(place, 4) for place in places)
-    return HopBar(elide(hop.task, 24), colour, y, x, width, wait_x, wait_width, let_x, let_width, title)
+    places = {"x": low, "width": high - low, "wait_x": wait, "wait_width": read - wait}
+    places |= {"let_x": read, "let_width": write - read if let else Fraction(0)}
+    drawn = {name: decimal(place, 4) for name, place in places.items()}
+    return {"task": elide(hop.task, 24), "title": title} | drawn
 
 
 def _place(at: Duration, window: Window) -> Fraction:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from halpipe.core.records import record
 from halpipe.exporters.report.axis import elide
 from halpipe.models import Status
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel, TransitionTable
+
+    Point = tuple[int, int]
 
 MOST_MODES = 12
 """More modes than this make an illegible graph; the table of switches has them all."""
@@ -24,67 +25,35 @@ _ASIDE = 22
 _SINES = (0, 383, 707, 924, 1000, 924, 707, 383, 0, -383, -707, -924, -1000, -924, -707, -383)
 
 
-@record
-class Node:
-    """A mode: its place (middle of the box), caption, and the anchor of its section."""
+def build_mode_graph(model: TaskModel, schedule: Schedule) -> dict[str, Any] | None:
+    """Return the graph of the modes that `schedule` has; None where there is nothing to see, or too much.
 
-    x: int
-    y: int
-    caption: str
-    title: str
-    id: str
-    valid: bool
-
-
-@record
-class Arrow:
-    """An allowed switch: a curve, and where its label stands. `kind` is ``ok``, ``missing`` or ``bad``."""
-
-    path: str
-    x: int
-    y: int
-    label: str
-    title: str
-    kind: str
-
-
-@record
-class ModeGraph:
-    """Everything that the template needs to draw the graph."""
-
-    nodes: tuple[Node, ...]
-    arrows: tuple[Arrow, ...]
-    height: int
-    legend: tuple[tuple[str, str], ...]
-
-
-def build_mode_graph(model: TaskModel, schedule: Schedule) -> ModeGraph | None:
-    """Return the graph of the modes that `schedule` has; None where there is nothing to see, or too much."""
+    Nodes are placed by the middles of their boxes. The kind of an arrow is ``ok``, ``missing`` or ``bad``.
+    """
     names = [mode.name for mode in schedule.modes]
     if not 2 <= len(names) <= MOST_MODES:
         return None
-    places = _places(len(names))
-    at = dict(zip(names, places, strict=True))
-    ids = {name: f"mode-{number}" for number, name in enumerate(names, 1)}
-    nodes = tuple(
-        Node(*at[mode.name], elide(mode.name, _CHARACTERS), mode.name, ids[mode.name], mode.status is Status.VALID)
-        for mode in schedule.modes
-    )
+    at = dict(zip(names, _places(len(names)), strict=True))
+    nodes = [
+        {"id": f"mode-{number}", "title": mode.name, "caption": elide(mode.name, _CHARACTERS)}
+        | {"x": at[mode.name][0], "y": at[mode.name][1], "valid": mode.status is Status.VALID}
+        for number, mode in enumerate(schedule.modes, 1)
+    ]
     tables = {(table.source, table.target): table for table in schedule.transitions}
     allowed = [(pair.source, pair.target) for pair in model.allowed_transitions()]
     pairs = [pair for pair in dict.fromkeys([*allowed, *tables]) if set(pair) <= set(names)]
-    arrows = tuple(_arrow(at[a], at[b], a, b, tables.get((a, b))) for a, b in pairs)
-    kinds = {arrow.kind for arrow in arrows}
+    arrows = [_bent(at[a], at[b]) | _label(a, b, tables.get((a, b))) for a, b in pairs]
+    kinds = {arrow["kind"] for arrow in arrows}
     meanings = (
         ("ok", "switch with the length of its table; 0 means that the modes fit end to end"),
         ("missing", "allowed, but this schedule has no table for it"),
         ("bad", "no valid table was found"),
     )
-    height = HEIGHT if len(names) > 2 else 150
-    return ModeGraph(nodes, arrows, height, tuple(entry for entry in meanings if entry[0] in kinds))
+    legend = [entry for entry in meanings if entry[0] in kinds]
+    return {"nodes": nodes, "arrows": arrows, "height": HEIGHT if len(names) > 2 else 150, "legend": legend}
 
 
-def _places(count: int) -> list[tuple[int, int]]:
+def _places(count: int) -> list[Point]:
     """Return the middles of the nodes, in the order of the modes, clockwise from the left."""
     if count == 2:
         return [(NODE_WIDTH, 75), (WIDTH - NODE_WIDTH, 75)]
@@ -103,26 +72,25 @@ def _between(sixteenth: int, rest: int, count: int) -> int:
     return low + (high - low) * rest // count
 
 
-def _arrow(
-    start: tuple[int, int], end: tuple[int, int], source: str, target: str, table: TransitionTable | None
-) -> Arrow:
+def _bent(start: Point, end: Point) -> dict[str, Any]:
     """Return the curve from one node to another, bent to its left, so that the way back does not lie on it."""
     (ax, ay), (bx, by) = _edge(start, end, 1), _edge(end, start, -1)
     middle_x, middle_y = (ax + bx) // 2 + (by - ay) // 7, (ay + by) // 2 - (bx - ax) // 7
     label_x, label_y = (ax + bx + 2 * middle_x) // 4, (ay + by + 2 * middle_y) // 4 + 4
     if abs(by - ay) > abs(bx - ax):  # beside a steep arrow, clear of the label of the way back
         label_x += _ASIDE if by > ay else -_ASIDE
-    path = f"M{ax} {ay}Q{middle_x} {middle_y} {bx} {by}"
+    return {"path": f"M{ax} {ay}Q{middle_x} {middle_y} {bx} {by}", "x": label_x, "y": label_y}
+
+
+def _label(source: str, target: str, table: TransitionTable | None) -> dict[str, Any]:
     if table is None:
-        return Arrow(
-            path, label_x, label_y, "no table", f"{source} to {target}: allowed, but without a table", "missing"
-        )
+        return {"label": "no table", "title": f"{source} to {target}: allowed, but without a table", "kind": "missing"}
     title = f"{source} to {target}: table of {table.length}, at worst {table.worst_latency} from the request"
     kind = "ok" if table.status is Status.VALID else "bad"
-    return Arrow(path, label_x, label_y, str(table.length) if table.length else "0", title, kind)
+    return {"label": str(table.length) if table.length else "0", "title": title, "kind": kind}
 
 
-def _edge(start: tuple[int, int], end: tuple[int, int], side: int) -> tuple[int, int]:
+def _edge(start: Point, end: Point, side: int) -> Point:
     """Return where the line from one node to another leaves its box, turned to one side by the bend of the curve."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     dx, dy = dx + side * dy // 4, dy - side * dx // 4

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.exporters.report import ReportOptions
-    from halpipe.exporters.report.chains import Hop, PathChart
+    from halpipe.exporters.report.chains import Hop
     from halpipe.models import (
         Chain,
         ChainLatency,
@@ -200,7 +200,7 @@ def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLate
         _latency("reaction time", found.reaction, chain.max_reaction),
         _latency("data age", found.age, chain.max_age),
     )
-    ways: list[PathChart] = []
+    ways: list[Row] = []
 
     def draw(kind: str, title: str, way: list[Hop], limit: Duration | None, after: str = "") -> None:
         if way:

@@ -50,8 +50,8 @@ LEFT_OUT = note(
 NO_MODE = warning(
     "HAL1540",
     "Trace numbers jobs without their mode",
-    "The columns cycle and job count within the table of a mode or of a switch. Without a column mode they are not used: "
-    "executions are compared with the nearest jobs.",
+    "The columns cycle and job count within the table of a mode or of a switch. Without a column mode they are not "
+    "used: executions are compared with the nearest jobs.",
 )
 NO_CTF = error(
     "HAL1126",
