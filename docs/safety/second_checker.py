@@ -266,12 +266,12 @@ class Chain:
 
 class Order:  # The jobs of a task as they read, or write; with a cycle, they come again in each.
     def __init__(self, jobs: list[Job], what: str, cycle: int) -> None:
-        names = ("write", "read", "release") if what == "write" else ("read",)
-        sign, self.cycle = -1 if what == "write" else 1, cycle  # of equal writes, the first to start is the newest
+        names = ("write", "read", "release") if what == "write" else ("read",)  # the newest of equal ones is the last
+        self.cycle = cycle
 
         def rank(step: Step) -> tuple[int, ...]:
             job, by = step
-            return *(job.instant(name) + by for name in names), sign * (job.start + by), job.index
+            return *(job.instant(name) + by for name in names), job.index
 
         self.steps = sorted(((job, -(job.instant(what) // cycle * cycle) if cycle else 0) for job in jobs), key=rank)
         self.instants = [job.instant(what) + by for job, by in self.steps]
@@ -469,7 +469,7 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         arising, base = set[int](), 0
         for by in self.model.tasks:
             most = self.most_demands(by, name) if by in self.runs else 0
-            for job in self.bound[by] if most else ():
+            for job in self.bound[by]:
                 slots = sum(row.task == name for row in job.version.constraints)
                 arising |= set(range(base + job.index * most, base + job.index * most + slots))
             base += most * self.count(by) if most else 0
@@ -500,13 +500,9 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         if name in self.first and phase >= task.period:
             # An earlier phase may do as well; data are read at the latest one.
             most, sooner = task.slack * task.period, phase - task.period
-            rooms = [(job.delay, self.deadline(task, job) - job.end + job.start) for job in jobs]
+            rooms = [(job.delay, (task.let or task.deadline) - job.end + job.start) for job in jobs]
             if task.let or any(sooner + delay >= min(most, Fraction(room)) for delay, room in rooms):
                 self.broken("periodic", name, "its first release is not in the first period")
-
-    def deadline(self, task: Task, job: Job) -> int:  # counted from the release; none where arrivals are served
-        never = job.end - job.start + self.total
-        return task.let or (never if task.distance is not None else task.deadline)
 
     def delays(self, task: Task, places: list[tuple[Job, int]], phase: int) -> list[tuple[str, Job, str]]:
         found = []
@@ -514,13 +510,13 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
             delta = (place - phase) % self.total
             if delta > task.slack * task.period:
                 found.append(("periodic", job, "too long after its release"))
-            if delta + job.end - job.start > self.deadline(task, job):
+            if delta + job.end - job.start > (task.let or task.deadline):
                 found.append(("deadline", job, "ends too long after its release"))
         return found
 
     def precedence(self, job: Job) -> None:
         for row in job.version.constraints:
-            others = self.bound[row.task] if row.task in self.runs else []
+            others = self.bound[row.task]
             if row.is_cycle:
                 periods = self.model.tasks[job.task].period, self.model.tasks[row.task].period
                 same = [other for other in others if other.index == job.index * periods[0] // periods[1]]

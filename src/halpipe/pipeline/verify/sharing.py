@@ -202,34 +202,24 @@ def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock,
     for access, owners in phases:
         start, end, weight = clock.ticks(access.start), clock.ticks(access.end), int(access.bound * scale)
         for placed in owners:
-            force = (_held if is_lock else _in_force)(placed, start, end, clock)
+            force = _in_force(placed, start, end, is_lock)
             if force is not None:
                 claims.append((placed.start + force[0], placed.start + force[1], weight, placed))
     return claims
 
 
-def _in_force(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int] | None:
-    """Return when a phase of a job is in force, from the job's start; None where a gap lies in it (rule parts).
+def _in_force(placed: Placed, start: int, end: int, is_lock: bool) -> tuple[int, int] | None:
+    """Return when a phase of a job is in force, from the job's start: a lock also in gaps.
 
-    A job of which the model does not say how long it takes holds nothing, as with units.
+    None where a gap lies in a phase that is no lock (rule parts). A job of which the model does not say how long it
+    takes holds nothing, as with units.
     """
-    lost = 0
-    for begin, _, done_from, done_to in placed.stretches:
-        if done_from <= start and end <= done_to:
-            work = lost + end - done_from
-            return begin + lost + start - done_from, begin + (placed.service.length(work) or work)
-        lost = placed.resume
-    return None
-
-
-def _held(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int] | None:
-    """Return when a job holds a lock, gaps included: from the instant `start` of its execution to `end`."""
     first: int | None = None
     last, lost = 0, 0
     for begin, _, done_from, done_to in placed.stretches:
         if first is None and done_from <= start < done_to:
             first = begin + lost + start - done_from
-        if first is not None and done_from < end <= done_to:
+        if first is not None and done_from < end <= done_to and (is_lock or done_from <= start):
             work = lost + end - done_from
             last = begin + (placed.service.length(work) or work)
         lost = placed.resume

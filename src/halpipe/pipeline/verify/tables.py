@@ -48,7 +48,7 @@ TABLE = " of the table"
 Key: TypeAlias = tuple[str, int]
 """An instant of a job (MODEL 10.1): its name, and the execution time of a point."""
 
-START, END, READ, WRITE = ("start", 0), ("end", 0), ("read", 0), ("write", 0)
+READ, WRITE = ("read", 0), ("write", 0)
 
 
 def common_denominator(denominators: Iterable[int]) -> int | None:
@@ -206,7 +206,7 @@ class Placed:
     @property
     def resume(self) -> int:
         """The time lost after a gap, in ticks; 0 where the version is not known."""
-        return 0 if self.version is None else self.active.resumes.get(self.version.name, 0)
+        return self.active.resumes.get(self.job.version, 0)
 
 
 class Instants:
@@ -240,7 +240,7 @@ def points_of(jobs: Iterable[Placed], key: Key) -> list[tuple[int, Placed]]:
     """Return an instant of each of the jobs that has it, with the job; of equal instants the newer job comes last."""
     ordered = sorted(jobs, key=lambda p: (p.instant((str(Anchor.RELEASE), 0)) or 0, p.job.index))
     points = [(x, p) for p in ordered if (x := p.instant(key)) is not None]
-    return sorted(points, key=lambda pair: pair[1].read - pair[0]) if key in (END, WRITE) else points
+    return sorted(points, key=lambda pair: pair[1].read - pair[0])
 
 
 def key_of(row: Precedence, clock: Clock) -> Key:

@@ -114,7 +114,7 @@ class _Releases:
         deadline = active.task.distance if active.task.deadline is None else active.task.deadline
         self.deadline = active.period if deadline is None else table.clock.ticks(deadline)
         if active.let is not None:
-            self.deadline = active.let if active.task.distance is not None else min(self.deadline, active.let)
+            self.deadline = active.let
         self._exact = active.task.slack * active.period
         self.slack = floor(self._exact)
         if self.jobs:
