@@ -472,14 +472,6 @@ def compositions_within_each_other(count):
     assert list(unfold(composition, ("c",) * count, {}, {"t": ELEMENT}))
 
 
-@lowered("deploy.riscv.judge.qemu:MOST", 3, "1 faults were not injected", _run=lambda *_: 0, read_images=lambda *_: {})
-def runs_of_an_emulator(count):
-    target = fake(schedule=fake(modes=[fake(jobs=[1])]), bundle=None)
-    with patched("deploy.riscv.judge.qemu", CODES=range(count)):
-        found = named("deploy.riscv.judge.qemu:inject_faults")(target, None, "", everything=False)
-    return " ".join(each.message for each in found.findings)
-
-
 @lowered(
     "pipeline.explain.conflict:MAX_JOBS",
     3,
