@@ -51,7 +51,7 @@ VERBS = {
     "verify": f"verify {PAIR}",
     "explain": "explain hopeless.xml",
     "size": "size model.xml --wcet-factor --budget 200",
-    "sensitivity": f"sensitivity {PAIR} --budget 50",
+    "sensitivity": f"sensitivity {PAIR} --search --budget 50",
     "show": "show s.xml",
     "diff": "diff s.xml s.xml",
     "compare": "compare s.xml t.json",
