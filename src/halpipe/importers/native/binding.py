@@ -65,10 +65,8 @@ class Binder:
             return self.element(one.kind, held[0]) if held else None
         return tuple([self.element(one.kind, each) for each in held])
 
-    def values(self, kind: type, element: etree._Element | None, within: str = "") -> dict[str, Any]:
+    def values(self, kind: type, element: etree._Element, within: str = "") -> dict[str, Any]:
         """Return the attributes of a class that an element has, by field; what cannot be read is a finding."""
-        if element is None:
-            return {}
         table, found = _readers(kind, within), {}
         for name, text in element.items():
             if name in table:

@@ -81,9 +81,10 @@ class Changes:
         if bare(old) != bare(new):
             self.findings.report(OVERRIDDEN, f"{what}: {show(new)} replaces {show(old)} of the source", at, path)
 
-    def replaced(self, what: str, old: Iterable[str], at: Location) -> None:
-        """Report that the overlay replaces imported elements."""
-        self.findings.report(REPLACED, f"the overlay's replace those of the source: {show(tuple(old))}", at, what)
+    def replaced(self, what: str, old: Collection[Any], new: Iterable[Any], names: Iterable[str], at: Location) -> None:
+        """Report that the overlay replaces imported elements of some names, unless both are the same."""
+        if old and bare(tuple(old)) != bare(tuple(new)):
+            self.findings.report(REPLACED, f"the overlay's replace those of the source: {show(tuple(names))}", at, what)
 
     def removed(self, message: str, at: Location, path: str) -> None:
         """Report that an imported element went because something it refers to went."""
@@ -126,11 +127,11 @@ class Changes:
         return did_you_mean(name, pool, otherwise) if self._compared <= SUGGESTION_BUDGET else otherwise
 
 
-def bare(value: object) -> object:
+def bare(value: Any) -> Any:
     """Return a value without its origins, to compare what an overlay and a source say."""
     if isinstance(value, tuple):
         return tuple(bare(item) for item in value)
-    return replace(value, origin=None) if isinstance(value, (Precedence, Interrupt)) else value
+    return replace(value, origin=None) if hasattr(value, "origin") else value
 
 
 def show(value: Any) -> str:

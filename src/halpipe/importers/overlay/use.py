@@ -33,8 +33,7 @@ def platform_part(
     """Return the units or resources that hold: those of the overlay if it lists any, else the imported ones."""
     if stated is None:
         return imported
-    if imported and [replace(e, origin=None) for e in imported] != [replace(e, origin=None) for e in stated.value]:
-        changes.replaced(f"platform {what}", (e.name for e in imported), stated.at)
+    changes.replaced(f"platform {what}", imported, stated.value, (e.name for e in imported), stated.at)
     return stated.value
 
 
@@ -124,13 +123,8 @@ def modes(
     if not overlay.modes:
         return tuple(replace(m, runs=tuple(_updated(run, before, after) for run in m.runs)) for m in imported)
     built = tuple(_mode(entry, after, changes) for entry in overlay.modes.values())
-    if imported and [_bare_mode(m) for m in imported] != [_bare_mode(m) for m in built]:
-        changes.replaced("modes", (m.name for m in imported), next(iter(overlay.modes.values())).at)
+    changes.replaced("modes", imported, built, (m.name for m in imported), built[0].at)
     return built
-
-
-def _bare_mode(mode: Mode) -> Mode:
-    return replace(mode, origin=None)
 
 
 def _updated(run: Run, before: Mapping[str, Task], after: Mapping[str, Task]) -> Run:
@@ -216,9 +210,8 @@ def transitions(
             changes.unknown("mode", name, sorted(names), t.at, path, "add it under modes")
         if not missing:
             valid.append(t)
-    if imported and [replace(t, origin=None) for t in imported] != [replace(t, origin=None) for t in valid]:
-        at = next(iter(overlay.transitions.values())).at
-        changes.replaced("transitions", (f"{t.source} to {t.target}" for t in imported), at)
+    at = next(iter(overlay.transitions.values())).at
+    changes.replaced("transitions", imported, valid, (f"{t.source} to {t.target}" for t in imported), at)
     return tuple(valid)
 
 
@@ -237,8 +230,7 @@ def health(
         changes.knows_task(rule.task, rule.at, path)
         if rule.mode not in names:
             changes.unknown("mode", rule.mode, sorted(names - {""}), rule.at, path, "add it under modes")
-    if imported and [replace(r, origin=None) for r in imported] != [replace(r, origin=None) for r in overlay.health]:
-        changes.replaced("health rules", (rule.task for rule in imported), overlay.health[0].at)
+    changes.replaced("health rules", imported, overlay.health, (r.task for r in imported), overlay.health[0].at)
     return overlay.health
 
 
