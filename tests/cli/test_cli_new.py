@@ -13,6 +13,8 @@ def test_the_first_model_validates_schedules_and_exports(tmp_path):
     assert [d for d in validate_model(read_model(str(tmp_path / "first" / "model.xml"))) if d.is_error] == []
     done = run_here(tmp_path, "run", "first/pipeline.yaml")
     assert done.returncode == 0, done.stderr
+    assert "  ignored " not in done.stderr  # each element is listed by `import --coverage` alone
+    assert "  default " not in done.stderr
     assert (tmp_path / "first" / "out" / "report.html").exists()
 
 

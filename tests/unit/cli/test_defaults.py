@@ -3,6 +3,7 @@
 import contextlib
 import io
 import sys
+from fractions import Fraction
 from types import SimpleNamespace
 
 import pytest
@@ -10,8 +11,10 @@ import typer
 from typer.main import get_command
 
 import halpipe.cli
-from halpipe.cli import app, deploy, output, schedule, searching, serve, tools
+from halpipe.cli import app, deploy, output, schedule, searching, serve, show, tools
 from halpipe.core.diagnostics import Exit
+from halpipe.models import ModeSchedule, ResourceLoad, Schedule, Status
+from support import ms
 
 
 @pytest.fixture(autouse=True)
@@ -205,3 +208,31 @@ def test_a_closed_stream_is_no_terminal():
     stream.close()
     assert not output.is_terminal(stream)
     assert not output.is_terminal(None)
+
+
+@pytest.mark.parametrize(("statuses", "is_unfinished"), [("vv", False), ("vn", True), ("nn", True), ("v", True)])
+def test_a_schedule_is_unfinished_where_a_mode_has_none_or_is_not_valid(tmp_path, statuses, is_unfinished):
+    from halpipe.exporters.native import format_schedule
+
+    kinds = {"v": Status.VALID, "n": Status.NOT_FOUND}
+    modes = tuple(
+        ModeSchedule(name=f"m{n}", hyperperiod=ms(10), status=kinds[status], jobs=())
+        for n, status in enumerate(statuses)
+    )
+    path = tmp_path / "s.best.xml"
+    path.write_bytes(format_schedule(Schedule(model="m", modes=modes)))
+    assert searching._is_unfinished(str(path), SimpleNamespace(modes=[1, 2])) == is_unfinished
+
+
+def test_what_is_no_schedule_is_never_replaced(tmp_path):
+    (tmp_path / "s.best.xml").write_text("notes")
+    place = searching._place_for_best(str(tmp_path / "s.xml"), SimpleNamespace(modes=[1]))
+    assert place == str(tmp_path / "s.best-2.xml")
+
+
+@pytest.mark.parametrize(("peak", "mean"), [(None, Fraction(1)), (Fraction(1), None), (None, None)])
+def test_figures_that_are_too_long_to_be_written_are_not_shown(capsys, peak, mean):
+    loads = (ResourceLoad(resource="r", peak=peak, mean=mean),)
+    mode = ModeSchedule(name="m", hyperperiod=ms(10), status=Status.VALID, jobs=(), resource_loads=loads)
+    show._show_mode(mode, {}, every=False)
+    assert "peak" not in capsys.readouterr().out
