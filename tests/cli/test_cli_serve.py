@@ -3,12 +3,14 @@
 import builtins
 import signal
 import socket
+from dataclasses import replace
 
 import pytest
 
 from command_line import run_here
 from halpipe.cli.serve import _end_when_the_terminal_closes
 from halpipe.starters import first_model
+from halpipe.workbench.session import Session
 
 
 @pytest.fixture
@@ -66,3 +68,28 @@ def test_a_terminal_that_closes_is_a_request_to_end():
         for number, handler in kept.items():
             signal.signal(number, handler)
     assert ended == [signal.SIGTERM]
+
+
+def test_edits_that_no_journal_keeps_are_named_at_the_end(folder, monkeypatch):
+    """As on a full disk: Ctrl-C ends the server, and the edits are lost with an error."""
+    uvicorn = pytest.importorskip("uvicorn", reason="the extra [serve]")
+    sessions = []
+
+    class Opened(Session):
+        def __init__(self, *stated):
+            super().__init__(*stated)
+            sessions.append(self)
+
+        def begin(self):
+            """Find no schedule: none is looked at."""
+
+    def run(_server, sockets):
+        sessions[0].journal.path = "model.xml/no-folder"
+        sessions[0].shown = replace(sessions[0].shown, model=replace(sessions[0].opened, name="edited"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("halpipe.workbench.session.Session", Opened)
+    monkeypatch.setattr(uvicorn.Server, "run", run)
+    ended = run_here(folder, "serve", "model.xml")
+    assert ended.returncode == 1
+    assert "error[HAL1541] model.xml/no-folder: the edits since the last journal are lost" in ended.stderr

@@ -63,7 +63,10 @@ def serve(
         if browser:
             _open(address, folder)
         _end_when_the_terminal_closes()
-        uvicorn.Server(config).run(sockets=[listening])
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:  # Ctrl-C is raised again once the server has ended
+            session.close()
     return Exit.OK
 
 

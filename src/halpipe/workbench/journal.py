@@ -26,6 +26,13 @@ FOREIGN_EDITS = error(
     "journal of another state of the model, or a damaged one, is neither used nor overwritten.",
 )
 
+EDITS_LOST = error(
+    "HAL1541",
+    "Edits of the workbench are lost",
+    "The server has ended, and the folder of the model took no journal of the edits that are not saved. The page warns "
+    "of that from the first such edit on.",
+)
+
 SUFFIX = ".edits"
 
 
@@ -72,5 +79,6 @@ class Journal:
 
     def remove(self) -> None:
         """Remove the journal: the file of the model has everything."""
+        self.fault = ""
         with contextlib.suppress(OSError):
             os.unlink(self.path)

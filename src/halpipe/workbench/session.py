@@ -18,7 +18,7 @@ from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.stable import moved_jobs, settled
 from halpipe.workbench.edits import BAD_EDIT, edited
-from halpipe.workbench.journal import Journal
+from halpipe.workbench.journal import EDITS_LOST, Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
 if TYPE_CHECKING:
@@ -203,6 +203,13 @@ class Session:
             self._saved = self.state.model
             self._note()
         return target
+
+    def close(self) -> None:
+        """Keep the edits for the next session; raise `HalpipeError` where that cannot be done."""
+        self._note()
+        if self.journal.fault:
+            text = f"the edits since the last journal are lost: {self.journal.fault}"
+            raise HalpipeError(EDITS_LOST(text, path=self.journal.path, help="make room, and repeat the edits"))
 
     def cancel(self) -> None:
         """End the search that runs."""

@@ -17,6 +17,7 @@ from halpipe.importers.native import parse_model, read_model
 from halpipe.pipeline.checked import verify_schedule
 from halpipe.starters import first_model
 from halpipe.workbench.edits import Edit, Pin, edited
+from halpipe.workbench.journal import EDITS_LOST
 from halpipe.workbench.picture import picture
 from halpipe.workbench.session import Session
 
@@ -383,6 +384,12 @@ def test_edits_that_cannot_be_kept_are_made_and_named(session, monkeypatch):
     session.edit(wcet("7ms"))
     assert session.state.is_valid
     assert picture(session)["unkept"]
+    with pytest.raises(HalpipeError) as lost:
+        session.close()
+    assert lost.value.diagnostics[0].code == EDITS_LOST.id
+    session.undo()  # then there is nothing to lose
+    assert not picture(session)["unkept"]
+    session.close()
 
 
 def marks(session):

@@ -316,4 +316,5 @@ function followLink() { // shows the table, the time and the job that the addres
   if ([...$("mode").options].some(option => option.value === view)) { $("mode").value = view; show(state); viewer.go(location.hash); }
 }
 addEventListener("hashchange", followLink);
+addEventListener("beforeunload", event => { if (state && state.unkept) event.preventDefault(); }); // the browser asks
 open();
