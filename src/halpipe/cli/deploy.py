@@ -163,4 +163,4 @@ def _beside(file: str, suffix: str) -> str:
     """Return the name of a further file: ``seen-2.csv`` beside ``seen.csv``."""
     from pathlib import Path
 
-    return str(Path(file).with_name(Path(file).stem + suffix + Path(file).suffix)) if suffix else file
+    return str(Path(file).with_stem(Path(file).stem + suffix)) if suffix else file

@@ -186,6 +186,11 @@ def test_what_was_prepared_counts_longer_phases(codes, text):
     assert deploy._what(SimpleNamespace(diagnostics=found)) == text
 
 
+def test_further_traces_of_a_check_stand_beside_the_first():
+    files = {"trace": b"1", "trace-2": b"2", "bandwidth": b"3"}
+    assert deploy._traces("out/seen.csv", files) == {"out/seen.csv": b"1", "out/seen-2.csv": b"2"}
+
+
 def test_the_server_searches_beside_the_page(monkeypatch, capsys):
     """The search ends with the server, so that Ctrl-C needs not wait for it."""
     uvicorn = pytest.importorskip("uvicorn", reason="the extra [serve]")
@@ -236,3 +241,26 @@ def test_figures_that_are_too_long_to_be_written_are_not_shown(capsys, peak, mea
     mode = ModeSchedule(name="m", hyperperiod=ms(10), status=Status.VALID, jobs=(), resource_loads=loads)
     show._show_mode(mode, {}, every=False)
     assert "peak" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "said"),
+    [(KeyboardInterrupt, Exit.INTERRUPTED, "interrupted\n"), (MemoryError, Exit.FINDINGS, "no more memory\n")],
+)
+def test_what_fails_before_the_command_begins_is_said_without_its_libraries(monkeypatch, failure, code, said):
+    written = []
+
+    def fail():
+        raise failure
+
+    for name in ("_interrupt_on_termination", "_forget_all"):
+        monkeypatch.setattr(halpipe.cli, name, lambda: None)
+    monkeypatch.setattr(halpipe.cli, "_leave_when_interrupted", lambda _: None)
+    monkeypatch.setattr(halpipe.cli, "_run", fail)
+    monkeypatch.setattr("os.write", lambda stream, text: written.append((stream, text.decode())))
+    with pytest.raises(SystemExit) as end:
+        halpipe.cli.main()
+    monkeypatch.undo()
+    assert end.value.code == code
+    [(stream, text)] = written
+    assert (stream, text.endswith(said)) == (2, True)

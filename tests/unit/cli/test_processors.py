@@ -52,3 +52,11 @@ def test_one_worker_per_processor_that_is_counted(system):
     system("0::/\n", {"cpu.max": "300000 100000\n"})
     assert workers_of(None).count == 3
     assert workers_of(7).count == 7
+
+
+@pytest.mark.parametrize(("known", "count"), [(4, 4), (None, 1)])
+def test_where_no_affinity_is_known_all_processors_count(system, monkeypatch, known, count):
+    system("", {})
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: known)
+    assert processor_count() == count
