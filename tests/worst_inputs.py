@@ -8,9 +8,12 @@ ARXML = "http://autosar.org/schema/r4.0"
 
 
 def times(size, piece, before="", after=""):
-    """Repeat a piece, with {i} as its number, until the whole has about `size` bytes."""
-    count = max(1, (size - len(before) - len(after)) // max(1, len(piece)))
-    return before + "".join(piece.replace("{i}", str(i)) for i in range(count)) + after
+    """Repeat a piece, with {i} as its number, until the whole has `size` bytes, less than a piece more or less."""
+    pieces, left = [], size - len(before) - len(after)
+    while left > 0 or not pieces:
+        pieces.append(piece.replace("{i}", str(len(pieces))))
+        left -= len(pieces[-1])
+    return before + "".join(pieces) + after
 
 
 def model(size, tasks="", units="<unit name='u'/>", modes=None, rest=""):

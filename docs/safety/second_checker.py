@@ -500,7 +500,7 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         if name in self.first and phase >= task.period:
             # An earlier phase may do as well; data are read at the latest one.
             most, sooner = task.slack * task.period, phase - task.period
-            rooms = [(job.delay, (task.let or task.deadline) - job.end + job.start) for job in jobs]
+            rooms = [(job.delay, task.deadline - job.end + job.start) for job in jobs]
             if task.let or any(sooner + delay >= min(most, Fraction(room)) for delay, room in rooms):
                 self.broken("periodic", name, "its first release is not in the first period")
 

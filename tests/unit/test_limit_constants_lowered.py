@@ -167,6 +167,11 @@ def bytes_of_metadata(count):
         raise ValueError(str(refused)) from None
 
 
+@lowered("importers.traces.read:MOST_COLUMNS", 3, "more than 3 columns")
+def columns_of_a_recording(count):
+    named("importers.traces.read:_reader")(",".join(("task", "start", "end", "more")[:count]), b"", "t.csv")
+
+
 @lowered("importers.traces.read:_MOST_TEXT", 9, "too long a line")
 def characters_of_a_line(count):
     list(named("importers.traces.read:_lines")(iter(["x" * count]), "t.csv", Findings()))

@@ -19,6 +19,7 @@ from halpipe.core.files import STDIO, TOO_LARGE, is_folder_without, open_input, 
 from halpipe.core.records import record
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import METADATA, folders
+from halpipe.importers.traces.numbers import separator_of
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ FORMS = "write CSV with the columns task, start and end, or record BTF or Trace 
 _HEAD = 4096
 _CHUNK = 2**20
 _MOST_TEXT = 2**28
+MOST_COLUMNS = 20_000
+"""Columns of a table: two for each callback in CARET's records, one for each signal."""
 
 _PERFETTO = re.compile(rb"\n[^\0-\x08\x0e-\x1f]*[\0-\x08\x0e-\x1f]")
 """A packet; texts have no control characters but those of lines."""
@@ -183,6 +186,9 @@ def _reader(first: str, head: bytes, file: str) -> Callable[[Iterable[str], str,
         return ftrace.read
     if btf.is_begin(first, head):
         return btf.read
+    if first.count(separator_of(first)) >= MOST_COLUMNS:
+        help = "keep the columns of the tasks in question"
+        raise HalpipeError(TOO_LARGE(f"has more than {MOST_COLUMNS} columns", at=Location(file, 1), help=help))
     if table.is_header(first):
         return table.read
     if table.is_states(first):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -158,7 +157,9 @@ class Matching:
         Of two executions of one job, keep the one that is closer to its instant, unless they are parts of a gang.
         """
         table, first = self.lines.table[line], self.lines.slot[line]
-        place = min(places, key=lambda at: self._others(row, table.due[at], first + at))
+        place = places[0]
+        if len(places) > 1:
+            place = min(places, key=lambda at: self._others(row, table.due[at], first + at))
         former = int(self.slots[first + place])
         if former >= 0:
             units, more = (self.executions.units[self.executions.on[at]] for at in (former, row))
@@ -167,8 +168,8 @@ class Matching:
                 self._join(former, row)
                 return -1
             due = self.lines.start[line] + table.due[place].start + self.origin
-            late, before = (Fraction(self.executions.start[at] - due) for at in (row, former))
-            if abs(late) >= abs(before):
+            late, before = (self.executions.start[at] - due for at in (row, former))
+            if late * late >= before * before:
                 return row
             self.slot[former] = -1
         self.slots[first + place], self.slot[row] = row, first + place
