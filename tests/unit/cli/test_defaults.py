@@ -11,9 +11,11 @@ import typer
 from typer.main import get_command
 
 import halpipe.cli
-from halpipe.cli import app, deploy, output, schedule, searching, serve, show, tools
-from halpipe.core.diagnostics import Exit
+from halpipe.cli import app, checks, compare, deploy, output, schedule, searching, serve, show, tools
+from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.models import ModeSchedule, ResourceLoad, Schedule, Status
+from halpipe.models.modes import UNKNOWN_MODE
+from halpipe.pipeline.verify.codes import OVERLAP
 from support import ms
 
 
@@ -194,8 +196,8 @@ def test_further_traces_of_a_check_stand_beside_the_first():
 def test_the_server_searches_beside_the_page(monkeypatch, capsys):
     """The search ends with the server, so that Ctrl-C needs not wait for it."""
     uvicorn = pytest.importorskip("uvicorn", reason="the extra [serve]")
-    threads, opened = [], []
-    session = SimpleNamespace(begin=lambda: None)
+    threads, opened, closed = [], [], []
+    session = SimpleNamespace(begin=lambda: None, close=lambda: closed.append(True))
     monkeypatch.setattr("halpipe.workbench.session.Session", lambda model, workers: session)
     monkeypatch.setattr("halpipe.workbench.server.application", lambda *_: None)
     monkeypatch.setattr("threading.Thread", lambda **stated: threads.append(stated) or SimpleNamespace(start=list))
@@ -204,7 +206,7 @@ def test_the_server_searches_beside_the_page(monkeypatch, capsys):
     monkeypatch.setattr(serve, "_end_when_the_terminal_closes", lambda: None)
     for browser in (False, True):
         assert serve.serve._run("m.xml", 0, browser, 1) == Exit.OK
-    assert [each["daemon"] for each in threads] == [True, True]
+    assert [each["daemon"] for each in threads] == closed == [True, True]
     assert opened == capsys.readouterr().out.splitlines()[1:]
 
 
@@ -264,3 +266,30 @@ def test_what_fails_before_the_command_begins_is_said_without_its_libraries(monk
     assert end.value.code == code
     [(stream, text)] = written
     assert (stream, text.endswith(said)) == (2, True)
+
+
+def test_findings_of_a_task_are_gathered_beside_those_of_other_origin():
+    of_task = [OVERLAP(f"job {n}", path=about(mode="m", task="a", job=n)) for n in range(3)]
+    other = UNKNOWN_MODE("no such mode")
+    [first, second] = checks.gathered([*of_task, other])
+    assert first.message == 'job 0; 2 more like it: mode "m" task "a" job 1, mode "m" task "a" job 2'
+    assert second == other
+
+
+@pytest.mark.parametrize(
+    ("target", "model", "written"),
+    [("o.yaml", None, b"overlay"), ("o.yaml", 1, b"overlay"), ("m.xml", 1, b"model"), ("m.xml", None, None)],
+)
+def test_a_corrected_model_needs_the_model(monkeypatch, target, model, written):
+    learned = SimpleNamespace(overlay=lambda _: b"overlay", corrected=lambda _: "corrected")
+    files = {}
+    monkeypatch.setattr("halpipe.pipeline.compare.learning.learn", lambda *_: learned)
+    monkeypatch.setattr("halpipe.pipeline.compare.learning.described", lambda *_: ())
+    monkeypatch.setattr("halpipe.exporters.native.format_model", lambda _: b"model")
+    monkeypatch.setattr("halpipe.core.files.write_output", files.__setitem__)
+    if written is None:
+        with pytest.raises(HalpipeError, match="corrected model"):
+            compare._learn([], None, model, "t.csv", target)
+    else:
+        compare._learn([], None, model, "t.csv", target)
+    assert files == ({} if written is None else {target: written})
