@@ -6,9 +6,12 @@ import pytest
 
 from halpipe.core.durations import Duration
 from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv import DEPLOYMENT, codes
 from halpipe.deploy.riscv.judge import check, figures
+from halpipe.deploy.riscv.run.cosimulation import load_program
 from halpipe.deploy.riscv.run.sequence import tours
+from halpipe.deploy.riscv.target import read_site
+from halpipe.exporters.riscv.codes import LINK_FAILED
 from halpipe.exporters.riscv.profile import FOLDER
 
 MULTIPLYING = """#include <stdint.h>
@@ -117,3 +120,31 @@ def test_a_slow_memory_makes_the_management_core_slower_alone(export, tmp_path_f
     sound = check.simulate(with_profile(export, tmp_path_factory), tours(target.schedule, 2)[0])
     lasted = [[e.left - e.entered for e in outcome.run.executions] for outcome in (found, sound)]
     assert lasted[0] == lasted[1]
+
+
+SCRATCHPAD = ("ispm:", "scratchpad: {base: 0x01000000, size: 32KiB}\nispm:")
+
+
+def test_a_scratchpad_of_hart_0_has_the_runtime_and_its_tables(export, tmp_path_factory, worst):
+    slow = ("service:", "latency: 200ns\nservice:")
+    target = with_profile(export, tmp_path_factory, slow, SCRATCHPAD)
+    program = load_program(target.bundle, read_site(target.bundle))
+    for name in ("runtime", "hp_tables", "hp_programs", "hp_rules", "__stack_top"):
+        assert 0x01000000 <= program.symbols[name][0] <= 0x01008000
+    assert program.symbols["hp_monitors"][0] > 0x80000000  # the other harts read it
+    tour = tours(target.schedule, 2)[0]
+    near, far = (check.simulate(t, tour) for t in (target, with_profile(export, tmp_path_factory, slow)))
+    assert [d for d in near.findings if d.is_error] == []
+    assert worst.worst < near.dispatch.worst < far.dispatch.worst * Fraction(3, 4)
+
+
+def test_a_scratchpad_that_is_too_small_is_refused(export, tmp_path_factory, refused):
+    small = ("ispm:", "scratchpad: {base: 0x01000000, size: 8KiB}\nispm:")
+    (found,) = refused(with_profile, export, tmp_path_factory, small)
+    assert found.code == LINK_FAILED.id
+    assert "too large for the scratchpad of hart 0" in found.message
+
+
+def test_a_bundle_with_a_scratchpad_of_hart_0_is_sound(export, tmp_path_factory):
+    checked = DEPLOYMENT.check(with_profile(export, tmp_path_factory, SCRATCHPAD), CheckOptions())
+    assert [d for d in checked.diagnostics if d.is_error] == []

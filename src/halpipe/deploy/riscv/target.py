@@ -156,6 +156,7 @@ class Site:
     management_cpi: Fraction = Fraction(1)
     classes: dict[str, Fraction] = field(default_factory=dict)
     latency: Duration = ZERO
+    scratchpad: Area | None = None  # the scratchpad of hart 0, for the runtime
     copying: int = 0
     turns: tuple[Turn, ...] = ()
 
@@ -248,6 +249,7 @@ def _site(top: Fields) -> Site:
         management_cpi=cpi["management"],
         classes={name: cpi[name] for name in CLASSES},
         latency=_duration(top, "latency"),
+        scratchpad=_area(top.part("scratchpad")) if "scratchpad" in top else None,
         **(_copies(top.part("copies")) if "copies" in top else {}),
     )
 
@@ -320,7 +322,7 @@ def _contradictions(site: Site) -> Iterator[tuple[str, str]]:
     harts = sorted(unit.hart for unit in site.units)
     if harts != list(range(1, len(harts) + 1)):
         yield "units", f"their harts are {harts}, not 1 to {len(harts)}"
-    areas = [("main memory", site.main)]
+    areas = [("main memory", site.main), *([("scratchpad", site.scratchpad)] if site.scratchpad else [])]
     areas += [(f"{unit.name} {kind}", area) for unit in site.units for kind, area in _scratchpads(unit)]
     areas += _devices(site)
     for name, area in areas:

@@ -7,7 +7,6 @@ check of bundles reads the same files with eyes of its own.
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
-from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, whole
+from halpipe.core.quantities import parse_address, parse_bandwidth, parse_rational, parse_size, whole
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Words
 from halpipe.core.suggest import did_you_mean
@@ -67,6 +66,7 @@ _KEYS = (
     "clock",
     "timebase",
     "main",
+    "scratchpad",
     "ispm",
     "dspm",
     "stack",
@@ -139,6 +139,7 @@ class Dma:
 class Profile:
     """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 
+    The runtime is in the `scratchpad` of hart 0, where there is one; else in main memory.
     `service` is the longest time that the management core needs for one operation. `cpi` are the cycles of an
     instruction of a job, or of the management core; those of a job that are of other `classes` take others. `latency`
     is what an access of the management core takes beyond that.
@@ -150,6 +151,7 @@ class Profile:
     clock: int
     timebase: int
     main: Region
+    scratchpad: Region | None
     ispm: Scratchpads
     dspm: Scratchpads
     stack: int
@@ -222,7 +224,7 @@ def read_profile(name: str) -> Profile:
 
 def _profile(name: str, f: Fields) -> Profile:
     f.require("cores", "clock", "timebase", "main", "ispm", "dspm", "service", "clint", "uart", "dma")
-    main, uart = _section(f, "main", "base", "size"), _section(f, "uart", "kind", "base")
+    uart = _section(f, "uart", "kind", "base")
     jobs, management, classes = _cpi(f)
     return Profile(
         name=name,
@@ -230,7 +232,8 @@ def _profile(name: str, f: Fields) -> Profile:
         cores=f.value("cores", whole(1, 64), 1),
         clock=f.value("clock", whole(1000, 10**11), 1000),
         timebase=f.value("timebase", whole(1000, 10**9), 1000),
-        main=Region(main.value("base", _address, 0), main.value("size", _size, 0)),
+        main=_region(f, "main"),
+        scratchpad=_region(f, "scratchpad") if "scratchpad" in f else None,
         ispm=_scratchpads(f, "ispm"),
         dspm=_scratchpads(f, "dspm", "lr-sc"),
         stack=f.value("stack", _size, 8192),
@@ -239,11 +242,11 @@ def _profile(name: str, f: Fields) -> Profile:
         management_cpi=management,
         classes=classes,
         latency=f.value("latency", Duration.parse, Duration(0)),
-        clint=f.value("clint", _address, 0),
+        clint=f.value("clint", parse_address, 0),
         uart_kind=uart.value("kind", Words("sifive", "ns16550", "ns16550x4", "litex"), ""),
-        uart=uart.value("base", _address, 0),
+        uart=uart.value("base", parse_address, 0),
         dma=_dma(f),
-        finisher=f.value("finisher", _address, 0),
+        finisher=f.value("finisher", parse_address, 0),
         qemu=tuple(stated.value for stated in f.texts("qemu", str)),
     )
 
@@ -270,11 +273,16 @@ def _section(f: Fields, key: str, *keys: str, also: tuple[str, ...] = ()) -> Fie
     return found
 
 
+def _region(f: Fields, key: str) -> Region:
+    section = _section(f, key, "base", "size")
+    return Region(section.value("base", parse_address, 0), section.value("size", _size, 0))
+
+
 def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
     section = _section(f, key, "base", "stride", "size", also=others)
     return Scratchpads(
-        section.value("base", _address, 0),
-        section.value("stride", _address, 0),
+        section.value("base", parse_address, 0),
+        section.value("stride", parse_address, 0),
         section.value("size", _size, 0),
         section.value("lr-sc", Words("yes", "no"), "yes") == "yes",
     )
@@ -289,8 +297,8 @@ def _dma(f: Fields) -> Dma:
     into = _into(section)
     return Dma(
         kind=kind,
-        base=section.value("base", _address, 0),
-        stride=section.value("stride", _address, 4096),
+        base=section.value("base", parse_address, 0),
+        stride=section.value("stride", parse_address, 4096),
         channels=channels,
         into=into,
         bus=section.value("bus", _bandwidth, channels * min(into.values())),
@@ -307,7 +315,7 @@ def _into(dma: Fields) -> dict[str, int]:
 
 
 def _faults(p: Profile) -> Iterator[str]:
-    memories = {"main": p.main}
+    memories = {"main": p.main} | ({"scratchpad": p.scratchpad} if p.scratchpad else {})
     for core in range(p.cores):
         memories |= {f"ispm of core {core + 1}": p.ispm.of(core), f"dspm of core {core + 1}": p.dspm.of(core)}
     for name, region in memories.items():
@@ -334,15 +342,6 @@ def _devices(p: Profile) -> dict[str, Region]:
     if p.dma.kind == "pdma":
         found["dma"] = Region(p.dma.base, -(-p.dma.stride * p.dma.channels // PAGE) * PAGE)
     return found | ({"finisher": Region(p.finisher, PAGE)} if p.finisher else {})
-
-
-_ADDRESS = re.compile(r"0[xX][0-9a-fA-F]{1,10}|[0-9]{1,12}")
-
-
-def _address(text: str) -> int:
-    if _ADDRESS.fullmatch(text) is None:
-        raise ValueError(f"{text[:40]!r} is not an address; write it as 0x80000000")
-    return int(text, 0) if text[:2] in ("0x", "0X") else int(text)
 
 
 def _size(text: str) -> int:

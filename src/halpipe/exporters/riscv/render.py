@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,10 +89,6 @@ def margin(profile: Profile) -> int:
     return -(-2 * profile.timebase // 1_000_000)
 
 
-def _is_power(number: int) -> bool:
-    return number > 0 and number & (number - 1) == 0
-
-
 @dataclass(slots=True)
 class Renderer:
     """Fills the templates for one target."""
@@ -168,10 +165,11 @@ class Renderer:
         values: dict[str, Any] = {"memory": memory, **rings}
         names = ["openocd.cfg", "run.gdb", "boot.json"]
         code, data = self.profile.ispm.size // LINE, self.profile.dspm.size // LINE
-        ways = next((ways for ways in (2, 4, 8, 16, 32) if not code % (ways - 1) and _is_power(code // (ways - 1))), 0)
-        if ways and _is_power(data) and not self.profile.dspm.has_reservations:  # as a DTIM
+        sets = {ways: Fraction(code, ways - 1) for ways in (2, 4, 8, 16, 32)}  # one way stays a cache
+        ways = next((ways for ways, n in sets.items() if n.denominator == n.numerator.bit_count() == 1), 0)
+        if ways and data.bit_count() == 1 and not self.profile.dspm.has_reservations:  # as a DTIM
             names.append("Rocket.scala")
-            values |= {"dtim_sets": data, "itim_sets": code // (ways - 1), "itim_ways": ways}
+            values |= {"dtim_sets": data, "itim_sets": sets[ways], "itim_ways": ways}
         return {f"board/{name}": self.fill(f"board/{name}", **values) for name in names}
 
     def makefile(self, shop: Workshop) -> str:

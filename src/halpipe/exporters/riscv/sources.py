@@ -91,19 +91,16 @@ class SourceTree:
             help = "rename it to letters, digits and _ . + -, beginning with one of the first three"
             self.findings.add(BAD_NAME(f"{normal[:80]!r} is no usable file name", at=at, path=path, help=help))
             return None
-        return self._read(normal, at, path)
-
-    def _read(self, name: str, at: Location, path: str) -> bytes | None:
-        file = self.folder / name
+        file = self.folder / normal
         if not file.resolve().is_relative_to(self.folder.resolve()):
-            self._outside(name, at, path)
+            self._outside(normal, at, path)
             return None
         try:
             return read_bytes(file)
         except HalpipeError as failure:
             why = failure.diagnostics[0].message
             help = f"sources are sought in {self.folder}; --sources names another folder"
-            self.findings.add(MISSING_FILE(f'source "{name}": {why}', at=at, path=path, help=help))
+            self.findings.add(MISSING_FILE(f'source "{normal}": {why}', at=at, path=path, help=help))
             return None
 
     def _confine(self, name: str, content: bytes, path: str) -> None:

@@ -70,6 +70,7 @@ def _board(profile: Profile) -> dict[str, Any]:
         "clock": profile.clock,
         "timebase": profile.timebase,
         "main": _region(profile.main),
+        **({"scratchpad": _region(profile.scratchpad)} if profile.scratchpad else {}),
         "clint": {"base": hex(profile.clint)},
         "uart": {"kind": profile.uart_kind, "base": hex(profile.uart)},
         "dma": {

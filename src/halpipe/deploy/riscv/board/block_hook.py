@@ -62,7 +62,7 @@ class Page(ctypes.Structure):
         ),
         ("full", INTEGER),
         ("stop", ctypes.c_void_p),
-        *((name, INTEGER) for name in ("misaligned", "stores", "weight")),
+        *((name, INTEGER) for name in ("misaligned", "stores", "strict", "weight", "near", "end")),
         ("cycles", INTEGER * (len(CLASSES) + 1)),
         ("watched", INTEGER * MAX_WATCHED),
         ("region", Region * MAX_REGIONS),
@@ -88,17 +88,16 @@ def _function(name: str) -> int:
     return ctypes.cast(_native()[name], ctypes.c_void_p).value or 0
 
 
-def install(engine: Any, page: Page, *, is_strict: bool) -> None:
+def install(engine: Any, page: Page) -> None:
     """Have the emulator call the compiled callbacks with the hart's `page`.
 
-    Before every block; and where it `is_strict`, before every load and store, to find those that are not aligned.
+    Before every block, and before every load and store.
     """
     from unicorn import UC_HOOK_BLOCK, UC_HOOK_MEM_READ, UC_HOOK_MEM_WRITE, unicorn_py3
 
     page.stop = ctypes.cast(unicorn_py3.unicorn.uclib.uc_emu_stop, ctypes.c_void_p).value or 0
     _hook(engine, UC_HOOK_BLOCK, _function("halpipe_before_block"), ctypes.addressof(page))
-    if is_strict:
-        _hook(engine, UC_HOOK_MEM_READ | UC_HOOK_MEM_WRITE, _function("halpipe_before_access"), ctypes.addressof(page))
+    _hook(engine, UC_HOOK_MEM_READ | UC_HOOK_MEM_WRITE, _function("halpipe_before_access"), ctypes.addressof(page))
 
 
 def _hook(engine: Any, kind: int, function: int, page: int) -> None:

@@ -46,6 +46,11 @@ class Program:
     segments: tuple[Segment, ...]
     symbols: Mapping[str, tuple[int, int]]
 
+    def source(self, address: int) -> int:
+        """Return where in main memory lies what runs at an address."""
+        parts = (s for s in self.segments if s.target <= address < s.target + len(s.data))
+        return next((address - part.target + part.source for part in parts), address)
+
 
 def read_program(data: bytes, at: Location) -> Program:
     """Read an ELF for RISC-V with 64 bits; raise `HalpipeError` if it is none or ends too early."""
@@ -74,13 +79,13 @@ def _read(data: bytes) -> Program:
     return Program(entry, tuple(loaded), _symbols(data, sections, section_count))
 
 
-def offset_of(data: bytes, source: int, size: int) -> int | None:
-    """Return where in a readable ELF file stand the `size` bytes that are loaded to the physical address `source`."""
+def offset_of(data: bytes, target: int, size: int) -> int | None:
+    """Return where in a readable ELF file stand the `size` bytes that are used at the virtual address `target`."""
     header = _HEADER.unpack_from(data)
     for i in range(header[10]):
-        kind, _, offset, _, at, stored, _, _ = _SEGMENT.unpack_from(data, header[5] + i * _SEGMENT.size)
-        if kind == _LOADED and at <= source and source + size <= at + stored:
-            return int(offset + source - at)
+        kind, _, offset, at, _, stored, _, _ = _SEGMENT.unpack_from(data, header[5] + i * _SEGMENT.size)
+        if kind == _LOADED and at <= target and target + size <= at + stored:
+            return int(offset + target - at)
     return None
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from halpipe.deploy.riscv.board.machine import Machine
     from halpipe.deploy.riscv.board.memory import Memory
+    from halpipe.deploy.riscv.target import Area
 
 NEVER = 1 << 200
 """An instant that does not come."""
@@ -92,7 +93,7 @@ class Hart:
         self._map(Right.ALL)
         for device in devices:
             self._attach(device)
-        block_hook.install(self.engine, self._page, is_strict=number > 0)
+        block_hook.install(self.engine, self._page)
         self.engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
         self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._refused)
 
@@ -113,9 +114,10 @@ class Hart:
         if instant > self.now:
             self._origin = instant - self._page.count * self._cycle
 
-    def weigh(self, access: int = 0, **cycles: int) -> None:
-        """Have every load and store take so many cycles more, and classes of instructions (`CLASSES`) so many."""
+    def weigh(self, access: int = 0, near: Area | None = None, **cycles: int) -> None:
+        """Have loads and stores beyond `near` take more cycles, and classes of instructions (`CLASSES`) so many."""
         self._page.weight = access
+        self._page.near, self._page.end = (near.base, near.end) if near else (0, 0)
         for number, name in enumerate(CLASSES):
             self._page.cycles[number] = cycles.get(name, 1)
         self._page.forget()
@@ -408,6 +410,7 @@ class Hart:
         page = self._page
         page.block = page.skip = page.hit = -1
         page.cycles[:] = [1] * len(page.cycles)
+        page.strict = self.number > 0
         start = self.number * block_hook.HEADER
         page.span = self._memory.size - start
         placed = self._memory.placed()

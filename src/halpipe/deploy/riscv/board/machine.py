@@ -97,6 +97,7 @@ class Machine:
         self._bandwidths = bandwidths  # by channel and memory, in bytes per second
         self._latency = math.ceil(site.dma.latency.in_unit("s") * self.timing.rate)
         regions = [Region("main", site.main.base, site.main.size)]
+        regions += [Region("near", site.scratchpad.base, site.scratchpad.size)] if site.scratchpad else []
         for unit in site.units:
             regions.append(Region("ispm", unit.ispm.base, unit.ispm.size, unit.hart))
             regions.append(Region("dspm", unit.dspm.base, unit.dspm.size, unit.hart))
@@ -121,10 +122,11 @@ class Machine:
         for hart in self.harts:
             hart.world = self
             if hart.number:
-                hart.weigh(**{name: math.ceil(cycles / Fraction(jobs)) for name, cycles in site.classes.items()})
+                hart.weigh(0, None, **{name: math.ceil(n / Fraction(jobs)) for name, n in site.classes.items()})
             hart.pc = program.entry
             hart.scramble()
-        self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.management))
+        latency = math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.management)
+        self.management.weigh(latency, site.scratchpad)
         self._power_up()
         self._load(program)
         self._hook_management()
@@ -142,7 +144,7 @@ class Machine:
     def _power_up(self) -> None:
         """Fill unwritten memory with rubbish: the scratchpads, and the place of the program."""
         for region in self.memory.regions:
-            size = region.size if region.hart else self.site.control - region.base
+            size = self.site.control - region.base if region.kind == "main" else region.size
             self.memory.write(region.base, RUBBISH * size)
         self.memory.write(self.site.control + CONTROL_SIZE, RUBBISH * (PAGE - CONTROL_SIZE))
 

@@ -17,7 +17,7 @@ PAGE = 4096
 
 @record
 class Region:
-    """A memory at `base`: main, or the ispm or dspm of a `hart`."""
+    """A memory at `base`: main, near (the scratchpad of hart 0), or the ispm or dspm of another `hart`."""
 
     kind: str
     base: int

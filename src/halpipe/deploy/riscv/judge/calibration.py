@@ -16,7 +16,7 @@ import yaml
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.files import parse_yaml
-from halpipe.core.quantities import format_rational
+from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.contents import OWN_PROFILE, machine_faults
@@ -55,7 +55,7 @@ class Constants:
 
     def lines(self) -> list[str]:
         """Return the figures for people."""
-        rates = ", ".join(f"{_rate(rate)} into {name}" for name, rate in self.into.items())
+        rates = ", ".join(f"{format_bandwidth(rate)} into {name}" for name, rate in self.into.items())
         cycles = ", ".join(f"{name} {format_rational(number)}" for name, number in self.cycles.items())
         return [f"{rates}; setup {self.setup}", f"service {self.service}; cycles of an instruction: {cycles}"]
 
@@ -161,10 +161,6 @@ def _bandwidth(points: Sequence[tuple[int, int]], second: int) -> int:
     return max(rate - rate % 10**5 if rate > 10**6 else rate, 1)
 
 
-def _rate(rate: int) -> str:
-    return f"{format_rational(Fraction(rate, 10**6))}MB/s" if rate % 10**5 == 0 else f"{rate}B/s"
-
-
 def _cycles(points: Sequence[tuple[int, int]], site: Site) -> Fraction:
     """Return the cycles of one turn of a loop, at its longest."""
     return max(Fraction(ticks, turns) for turns, ticks in points) * Fraction(site.clock, site.timebase)
@@ -202,8 +198,8 @@ def _profile(target: Target, found: Constants, file: str) -> bytes:
     stated["service"] = str(found.service)
     stated["cpi"] = {kind: format_rational(number) for kind, number in found.cycles.items()}
     stated["dma"] = dma | {
-        "bandwidth": {memory: _rate(rate) for memory, rate in found.into.items()},
-        "bus": _rate(max(found.into.values())),
+        "bandwidth": {memory: format_bandwidth(rate) for memory, rate in found.into.items()},
+        "bus": format_bandwidth(max(found.into.values())),
         "setup": str(found.setup),
     }
     head = (

@@ -289,13 +289,13 @@ class Comparison:
                     )
                     path = self._channel(channel)
                     self.findings.add(codes.TRANSFERS_TOGETHER(message, path=path, help=FROM_EXPORT))
-        for disturbance in recorder.disturbances:
-            transfer, name = disturbance.transfer, self._unit(disturbance.execution.hart)
+        for transfer, execution in recorder.disturbances:
             message = (
                 f"a transfer of {transfer.size} bytes from {self._place(transfer.source)} to "
                 f"{self._place(transfer.target)} at {self._run.since(transfer.begin)} touches it while it executes"
             )
-            self.findings.add(codes.TRANSFERS_TOGETHER(message, path=about(unit=name), help=FROM_EXPORT))
+            path = about(unit=self._unit(execution.hart))
+            self.findings.add(codes.TRANSFERS_TOGETHER(message, path=path, help=FROM_EXPORT))
 
     def _data(self) -> None:
         for execution in self._run.executions:

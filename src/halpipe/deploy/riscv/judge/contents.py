@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import read_bytes
-from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.core.quantities import parse_address, parse_bandwidth, parse_rational, parse_size
 from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
@@ -77,7 +77,7 @@ def machine_faults(bundle: Bundle, site: Site) -> Iterator[Diagnostic]:
 
 def _described(f: Fields, site: Site) -> Site:
     """Return the target with the machine that a profile describes; findings go where those of the fields go."""
-    main, cycles = f.part("main"), f.part("cpi") if f.is_mapping("cpi") else f
+    cycles = f.part("cpi") if f.is_mapping("cpi") else f
     jobs = _own(cycles, "cpi" if cycles is f else "jobs", parse_rational, Fraction(1))
     classes: dict[str, Fraction] = {}
     for name in CLASSES:
@@ -86,11 +86,11 @@ def _described(f: Fields, site: Site) -> Site:
         site,
         clock=f.value("clock", int, 0),
         timebase=f.value("timebase", int, 0),
-        main=Area(main.value("base", _address, 0), main.value("size", parse_size, 0)),
-        clint=f.value("clint", _address, 0),
-        uart=f.part("uart").value("base", _address, 0),
+        main=_memory(f.part("main")),
+        clint=f.value("clint", parse_address, 0),
+        uart=f.part("uart").value("base", parse_address, 0),
         dma=_engine(f.part("dma")),
-        finisher=_own(f, "finisher", _address, 0) or None,
+        finisher=_own(f, "finisher", parse_address, 0) or None,
         stack=_own(f, "stack", parse_size, 8192),
         units=tuple(_unit(unit, f.part("ispm"), f.part("dspm")) for unit in site.units),
         qemu=tuple(word.value for word in f.texts("qemu", str)) if "qemu" in f else (),
@@ -99,7 +99,12 @@ def _described(f: Fields, site: Site) -> Site:
         management_cpi=_own(cycles, "management", parse_rational, jobs),
         classes=classes,
         latency=_own(f, "latency", Duration.parse, ZERO),
+        scratchpad=_memory(f.part("scratchpad")) if "scratchpad" in f else None,
     )
+
+
+def _memory(f: Fields) -> Area:
+    return Area(f.value("base", parse_address, 0), f.value("size", parse_size, 0))
 
 
 def _own(f: Fields, key: str, read: Callable[[str], T], default: T) -> T:
@@ -114,7 +119,7 @@ def _engine(dma: Fields) -> DmaSite:
         return engine
     channels = _own(dma, "channels", int, 1)
     bus = dma.value("bus", parse_bandwidth, 1) if "bus" in dma else channels * min(into.values())
-    base, stride = dma.value("base", _address, 0), _own(dma, "stride", _address, 4096)
+    base, stride = dma.value("base", parse_address, 0), _own(dma, "stride", parse_address, 4096)
     return replace(engine, base=base, stride=stride, channels=channels, bus=bus)
 
 
@@ -122,7 +127,7 @@ def _unit(unit: UnitSite, *rows: Fields) -> UnitSite:
     """Return a unit with the scratchpads that the profile's rows have for its core."""
     ispm, dspm = (
         Area(
-            row.value("base", _address, 0) + (unit.hart - 1) * row.value("stride", _address, 0),
+            row.value("base", parse_address, 0) + (unit.hart - 1) * row.value("stride", parse_address, 0),
             row.value("size", parse_size, 0),
         )
         for row in rows
@@ -140,10 +145,6 @@ def _differences(path: str, found: Any, stated: Any) -> Iterator[tuple[str, Any,
             yield from _differences(f'unit "{one.name}"', one, other)
     elif found != stated:
         yield path, found, stated
-
-
-def _address(text: str) -> int:
-    return int(text, 0)
 
 
 # ------------------------------------------------------------------------------------------------ the programs
@@ -173,9 +174,8 @@ def _first(one: bytes, other: bytes) -> str:
 
 
 def stored(program: Program, address: int, size: int) -> bytes | None:
-    """Return what a program stores at a physical address; None if it does not store all of it."""
-    for segment in program.segments:
-        at = address - segment.source
+    """Return what a program stores at an address, physical or virtual; None if it does not store all of it."""
+    for at, segment in ((address - begin, s) for s in program.segments for begin in (s.source, s.target)):
         if at >= 0 and at + size <= len(segment.data):
             return segment.data[at : at + size]
     return None

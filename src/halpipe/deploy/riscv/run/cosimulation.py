@@ -207,7 +207,7 @@ class CoSimulation:
         known = places(self._target.bundle, self.program, drivers)
         for address, name in known.items():
             if not (hears and name == REQUEST):
-                self._machine.overwrite(MANAGEMENT, address, RETURN)
+                self._machine.overwrite(MANAGEMENT, self.program.source(address), RETURN)
         if known:
             self._recorder.watch_drivers(known)
             self._recorder.drives = self._drives
@@ -247,7 +247,7 @@ class CoSimulation:
     def break_down(self) -> int:
         """Put an illegal instruction where the management core's program in C begins, and return that address."""
         address = self.program.symbols.get("runtime", (self.program.entry, 0))[0]
-        self._machine.overwrite(MANAGEMENT, address, bytes(4))
+        self._machine.overwrite(MANAGEMENT, self.program.source(address), bytes(4))
         return address
 
     def withdraw_user_mode(self) -> None:

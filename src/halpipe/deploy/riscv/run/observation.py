@@ -78,14 +78,6 @@ class Trap:
     execution: Execution | None
 
 
-@record
-class Disturbance:
-    """A transfer that touched the scratchpads of a core which was executing."""
-
-    transfer: Transfer
-    execution: Execution
-
-
 @dataclass
 class Observations:
     """Executions, transfers, calls and traps of a run, as a simulator or the runtime's records have them."""
@@ -94,7 +86,7 @@ class Observations:
     transfers: list[Transfer] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
     traps: list[Trap] = field(default_factory=list)
-    disturbances: list[Disturbance] = field(default_factory=list)
+    disturbances: list[tuple[Transfer, Execution]] = field(default_factory=list)  # of scratchpads in use
     traced: list[tuple[int, int]] = field(default_factory=list)  # of every record: now, and when hart 0 woke up last
     restarts: Counter[int] = field(default_factory=Counter)
     unfenced: set[int] = field(default_factory=set)  # cores whose monitors began without fence.i
@@ -256,7 +248,7 @@ class Recorder(Observations):
             region = self.machine.memory.region(address)
             execution = self._running.get(region.hart) if region is not None and region.hart else None
             if execution is not None and execution.outcome is Outcome.OPEN:
-                self.disturbances.append(Disturbance(transfer, execution))
+                self.disturbances.append((transfer, execution))
         region = self.machine.memory.region(transfer.target)
         if region is not None and region.hart:
             self._inputs.setdefault(region.hart, []).append(transfer)

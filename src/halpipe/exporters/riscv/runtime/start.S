@@ -1,4 +1,6 @@
-# Every hart enters here, in main memory. Hart 0 is the management core; the others wait to be sent to their monitors.
+# Every hart enters here, in main memory; a hart 0 with a scratchpad copies the runtime there first.
+#include "platform.h"
+# Hart 0 is the management core; the others wait to be sent to their monitors.
     .section .text.init, "ax"
     .globl _start
 _start:
@@ -21,6 +23,17 @@ _start:
     ld t0, 0(t0)
     jr t0                          # a0 = hart id
 manage:
+#ifdef HP_SCRATCHPAD
+    la t0, __runtime_load
+    la t1, __runtime
+    la t2, __runtime_end
+0:  ld t3, 0(t0)
+    sd t3, 0(t1)
+    addi t0, t0, 8
+    addi t1, t1, 8
+    bltu t1, t2, 0b
+    fence.i
+#endif
     la sp, __stack_top
     la t0, __bss_begin
     la t1, __bss_end

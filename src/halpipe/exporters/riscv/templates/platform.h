@@ -33,6 +33,9 @@
 {% if profile.finisher %}
 #define HP_FINISHER {{ profile.finisher | hex }}UL
 {% endif %}
+{%- if profile.scratchpad %}
+#define HP_SCRATCHPAD
+{%- endif %}
 {%- if calibrate %}
 #define HP_CALIBRATE
 #define CALIBRATE_TURNS 5000

@@ -34,7 +34,10 @@ typedef struct {
     int (*stop)(void *engine); /* uc_emu_stop */
     int64_t misaligned; /* the address of an access that is not aligned, -1 for none */
     int64_t stores;     /* 1 if that is a store */
-    int64_t weight;     /* what a load or store counts beyond one */
+    int64_t strict;     /* 1 where an access that is not aligned traps */
+    int64_t weight;     /* what a load or store counts beyond one, */
+    int64_t near;       /* but from this address */
+    int64_t end;        /* up to this one */
     int64_t cycles[CLASSES]; /* until the result of an instruction can be used; of a branch until the next begins */
     int64_t watched[MAX_WATCHED];
     struct { int64_t base, end, offset; } region[MAX_REGIONS]; /* offset from the page */
@@ -44,17 +47,16 @@ typedef struct {
 
 /* An instruction: registers that it uses and sets, 0 for none. */
 typedef struct {
-    uint32_t kind, size, access, uses, also, sets, returns;
+    uint32_t kind, size, uses, also, sets, returns;
 } Instruction;
 
 static Instruction decoded(const uint8_t *code, int64_t left) {
     uint32_t half = code[0] | (uint32_t)code[1] << 8, kind = half >> 13, low = half >> 2 & 31, high = half >> 7 & 31;
-    Instruction i = {OTHER, 2, 0, high, low, high, half == 0x8082};
+    Instruction i = {OTHER, 2, high, low, high, half == 0x8082};
     if ((half & 3) == 3) {
         uint32_t word = left < 4 ? half : half | (uint32_t)code[2] << 16 | (uint32_t)code[3] << 24;
         uint32_t opcode = word & 0x7f, function = word >> 12 & 7, is_word = opcode == 0x3b;
-        i = (Instruction){OTHER, 4, 0, word >> 15 & 31, 0, word >> 7 & 31, word == 0x8067};
-        i.access = opcode == 0x03 || opcode == 0x07 || opcode == 0x23 || opcode == 0x27 || opcode == 0x2f;
+        i = (Instruction){OTHER, 4, word >> 15 & 31, 0, word >> 7 & 31, word == 0x8067};
         if (opcode == 0x33 || is_word || opcode == 0x63 || opcode == 0x23 || opcode == 0x2f) i.also = word >> 20 & 31;
         if (opcode == 0x63 || opcode == 0x23) i.sets = 0;
         if (opcode == 0x17 || opcode == 0x37 || opcode == 0x6f) i.uses = 0;
@@ -69,7 +71,6 @@ static Instruction decoded(const uint8_t *code, int64_t left) {
         if (kind >= 4) i.uses = kind == 5 ? 0 : shorter;
         if (kind >= 4) i.sets = kind == 4 ? shorter : 0;
     } else if (kind & 2) {
-        i.access = 1;
         i.kind = is_load ? LOAD : OTHER;
         i.uses = by_stack ? 2 : shorter;
         i.also = is_load ? 0 : by_stack ? low : short_low;
@@ -99,7 +100,7 @@ static int64_t cycles(const Page *page, int64_t from, int64_t to, uint32_t *retu
         int64_t known = now + page->cycles[i.kind];
         if (is_long) unit = known;
         if (i.sets) ready[i.sets] = known;
-        now += 1 + (i.access ? page->weight : 0);
+        now += 1;
         position += i.size;
         *returns = i.returns;
     }
@@ -159,11 +160,12 @@ EXPORTED void halpipe_take_back(Page *page, int64_t from) {
     page->block = -1;
 }
 
-/* Before every load and store of an application core: emulators allow what the cores of the board trap on. */
+/* Before every load and store: emulators allow what the cores of the board trap on, and know no slow memory. */
 EXPORTED void halpipe_before_access(void *engine, int kind, uint64_t address, int size, int64_t value, void *data) {
     Page *page = data;
     (void)value;
-    if ((address & (uint64_t)(size - 1)) != 0 && page->misaligned < 0) {
+    if (!((int64_t)address >= page->near && (int64_t)address < page->end)) page->count += page->weight;
+    if (page->strict && (address & (uint64_t)(size - 1)) != 0 && page->misaligned < 0) {
         page->misaligned = (int64_t)address;
         page->stores = kind == 17; /* UC_MEM_WRITE */
         page->stop(engine);
