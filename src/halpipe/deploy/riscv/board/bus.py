@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import ceil
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.hart import NEVER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.deploy.riscv.board.devices import Transfer
 
@@ -35,27 +35,19 @@ class Opening:
     budget: int
 
 
-class Gate(Protocol):
-    """One direction of one unit, as its regulator plays it; transfers pass it one after the other."""
+@record
+class Gate:
+    """One direction of one unit, as its regulator plays it; transfers pass it one after the other.
 
-    @property
-    def burst(self) -> int:
-        """The bytes of a whole burst; all of a transfer but its last are whole."""
-        ...
+    All bursts of a transfer but its last have `burst` bytes, and cost whole beats of `beat` bytes. The last burst of a
+    window may exceed what is left of its budget by `overshoot`. `openings` yields the windows with a budget, from the
+    one at an instant on; it ends where none will ever have one.
+    """
 
-    @property
-    def beat(self) -> int:
-        """The bytes of a beat of the bus; a burst costs whole beats."""
-        ...
-
-    @property
-    def overshoot(self) -> int:
-        """By how many bytes the last burst of a window may exceed what is left of its budget."""
-        ...
-
-    def openings(self, since: Fraction) -> Iterator[Opening]:
-        """Yield the windows with a budget, from the one at `since` on; it ends where none will ever have one."""
-        ...
+    openings: Callable[[Fraction], Iterator[Opening]]
+    burst: int
+    beat: int
+    overshoot: int
 
 
 @dataclass(slots=True)

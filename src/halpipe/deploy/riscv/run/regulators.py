@@ -7,6 +7,7 @@ import io
 from bisect import bisect_right
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from math import ceil
 from operator import itemgetter
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
 from halpipe.deploy.regulator.codes import PLAYED_ELSEWHERE
 from halpipe.deploy.regulator.counters import Judge, Sample
 from halpipe.deploy.regulator.reading import TABLES, read_tables
-from halpipe.deploy.riscv.board.bus import Opening
+from halpipe.deploy.riscv.board.bus import Gate, Opening
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -62,8 +63,14 @@ class Regulators:
         self._named = {table.name: table for table in tables.tables}
         self._channel = site.channels.get(tables.platform.resource)
         units = {unit.name: unit for unit in tables.units}
-        self._units = {unit.hart: units[unit.name] for unit in site.units if unit.name in units}
-        self._platform = tables.platform
+        p = tables.platform
+        self._gates = {
+            (hart, direction == "write"): Gate(
+                partial(self.openings, unit, direction), p.burst_bytes, p.bus_bytes, unit.overshoot[direction]
+            )
+            for hart, unit in ((u.hart, units[u.name]) for u in site.units if u.name in units)
+            for direction in ("read", "write")
+        }
         self.begun: list[tuple[Fraction, Table]] = []
 
     def request(self, number: int, instant: Fraction | int) -> None:
@@ -83,14 +90,9 @@ class Regulators:
         if table is not None and (not self.begun or start >= self._end(*self.begun[-1])):
             self.begun.append((Fraction(start), table))
 
-    def gate(self, channel: int, hart: int, writes: bool) -> TableGate | None:
+    def gate(self, channel: int, hart: int, writes: bool) -> Gate | None:
         """Return what a transfer has to pass; None where nothing regulates its unit or the memory of its channel."""
-        unit = self._units.get(hart)
-        if channel != self._channel or unit is None or not self.begun:
-            return None
-        direction = "write" if writes else "read"
-        p = self._platform
-        return TableGate(self, unit, direction, p.burst_bytes, p.bus_bytes, unit.overshoot[direction])
+        return self._gates.get((hart, writes)) if channel == self._channel and self.begun else None
 
     def openings(self, unit: Unit, direction: str, since: Fraction) -> Iterator[Opening]:
         """Yield the windows from `since` on that grant something; it ends if there will be none."""
@@ -147,25 +149,6 @@ class RegulatorPort:
         elif offset == _REQUEST and self._words.get(_CTRL) == _ARM:
             self._regulators.request(value, hart.now)
             self._changed()
-
-
-@record
-class TableGate:
-    """One direction of one unit; see `Gate`."""
-
-    regulators: Regulators
-    unit: Unit
-    direction: str
-    burst: int
-    beat: int
-    overshoot: int
-
-    def openings(self, since: Fraction) -> Iterator[Opening]:
-        """Yield the windows from `since` on in which something may pass."""
-        return self.regulators.openings(self.unit, self.direction, since)
-
-    def __hash__(self) -> int:
-        return hash((self.unit.index, self.direction))
 
 
 def _windows(table: Table, unit: str, direction: str, first: int) -> Iterator[tuple[int, int]]:
