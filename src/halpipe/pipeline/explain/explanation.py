@@ -153,10 +153,7 @@ def explain(
     diagnostics: list[Diagnostic] = []
     for chosen in model.modes:
         if options.mode in ("", chosen.name):
-            question = _Question(
-                model, chosen, options.schedule, options.exact, options.remedies, budget, options.search(), go_on
-            )
-            verdict, found = question.answer()
+            verdict, found = _Question(model, chosen, options, options.search(), budget, go_on).answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found
     if len(verdicts) > 1 and {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE} and go_on():
@@ -174,11 +171,9 @@ class _Question:
 
     model: TaskModel
     mode: Mode
-    schedule: Schedule | None
-    use_exact: bool
-    remedies: bool
-    budget: int | None
+    options: ExplainOptions
     search: SearchOptions
+    budget: int | None
     go_on: Callable[[], bool]
 
     def answer(self) -> tuple[Verdict, list[Diagnostic]]:
@@ -196,7 +191,7 @@ class _Question:
         if not broken:
             return Verdict.SCHEDULABLE, [*notes, self._schedulable("the search finds one")]
         found = self._not_found(best, broken)
-        conflict = find_conflict(self.model, self.mode, self.go_on) if self.use_exact else None
+        conflict = find_conflict(self.model, self.mode, self.go_on) if self.options.exact else None
         is_asked_as_is = self.search.shipped is None and self.search.tick is None
         if conflict is not None and conflict.answer is Answer.FEASIBLE and is_asked_as_is:
             help = "schedule it without --budget, or with --engine exact"
@@ -211,12 +206,12 @@ class _Question:
         return codes.SCHEDULABLE(text, at=place(self.mode), path=about(mode=self.mode.name), help=help)
 
     def _remedies(self, tasks: tuple[str, ...]) -> list[Diagnostic]:
-        if not self.remedies:
+        if not self.options.remedies:
             return []
         expansion = expand(self.model, self.mode)
         tick = self.search.tick or natural_tick(expansion)
         search = replace(self.search, near=None)
-        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, search, self.use_exact)
+        trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, search, self.options.exact)
         return find_remedies(self.model, tasks, trials)
 
     def _of_options(self) -> list[Diagnostic]:
@@ -235,9 +230,10 @@ class _Question:
 
     def _best(self) -> tuple[Schedule, tuple[Diagnostic, ...]]:
         """Return the placement to explain, the mode's of the schedule given or that of a search, and its notes."""
-        tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
-        if self.schedule is not None and tables:
-            return self.schedule.alone(tuple(tables)), ()
+        schedule = self.options.schedule
+        tables = [t for t in schedule.modes if t.name == self.mode.name] if schedule else []
+        if schedule is not None and tables:
+            return schedule.alone(tuple(tables)), ()
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
         options = replace(self.search, budget=budget, modes=(self.mode.name,))

@@ -91,27 +91,17 @@ def search_groups(
     models = _narrowed(model, groups)
     for key, chosen in (("first", few), ("group", options)):
         numbers = [n for n in range(len(groups)) if not found or found[n].table.status is not Status.VALID]
-        searched = partial(_search_one, models, groups, chosen, key, progress, search)
+
+        def searched(number: int, key: str = key, chosen: SearchOptions = chosen) -> Found:
+            its = replace(chosen, spare=chosen.spare // len(groups))
+            return search(models[number], groups[number], its, f"{key}{number}", partial(progress.report, number))
+
         for number, each in zip(numbers, options.workers.each(searched, numbers), strict=True):
             before = found[number].moves if len(found) == len(groups) else 0
             found[number : number + 1] = [replace(each, moves=each.moves + before)]
         if progress.is_stopped or few.budget == options.budget:
             break
     return _together(model, expansion, groups, found)
-
-
-def _search_one(
-    models: list[TaskModel],
-    groups: list[Expansion],
-    options: SearchOptions,
-    key: str,
-    progress: _Progress,
-    search: Search,
-    number: int,
-) -> Found:
-    on_progress = partial(progress.report, number)
-    options = replace(options, spare=options.spare // len(groups))
-    return search(models[number], groups[number], options, f"{key}{number}", on_progress)
 
 
 def _narrowed(model: TaskModel, groups: list[Expansion]) -> list[TaskModel]:

@@ -79,17 +79,9 @@ class BurstGrid:
 
 def quantise(model: TaskModel, grid: BurstGrid) -> TaskModel:
     """Return the model on the grid; raise `HalpipeError` with everything that cannot be put there, and the numbers."""
-    resource = _resource(model, grid)
-    findings = Findings()
-    findings.extend(_off_grid(model, grid))
-    room = _room(model, grid, resource)
-    if room < 1:
-        findings.add(_no_room(model, grid, resource))
-        room = 1
-    shrink = {task.name: _shrink(task, grid) for task in model.tasks}
-    ending = _ending(model, grid, resource) if grid.carries else set()
-    tasks = tuple(_Tasks(grid, resource, room, shrink, ending, findings).task(task) for task in model.tasks)
-    findings.stop_on_errors()
+    rounding = _Rounding(model, grid)
+    tasks = tuple(map(rounding.task, model.tasks))
+    rounding.findings.stop_on_errors()
     return replace(model, tasks=tasks)
 
 
@@ -112,15 +104,13 @@ def restore(model: TaskModel, schedule: Schedule) -> Schedule:
 
 def describe(model: TaskModel, grid: BurstGrid) -> str:
     """Return what the grid makes of the model, in numbers, for people whose model no longer fits."""
-    resource = _resource(model, grid)
-    room = _room(model, grid, resource)
-    kept = _kept(model, grid, resource)
+    rounding = _Rounding(model, grid)
     full = format_rational(Fraction(int(grid.promise / grid.burst * 100), 100))
     what = "overshoot and bursts carried over" if grid.carries else "overshoot"
     return (
-        f"windows of {grid.window} have room for {room} bursts of {grid.burst} bytes ({grid.capacity} bytes less "
-        f"{kept} for {what}), a bound of 1 is {full}; bounds are rounded up to whole bursts, WCETs "
-        "and access phases to whole windows"
+        f"windows of {grid.window} have room for {rounding.free} bursts of {grid.burst} bytes ({grid.capacity} bytes "
+        f"less {rounding.kept} for {what}), a bound of 1 is {full}; bounds are rounded up to whole bursts, WCETs and "
+        "access phases to whole windows"
     )
 
 
@@ -136,56 +126,6 @@ def _resource(model: TaskModel, grid: BurstGrid) -> str:
     help = did_you_mean(grid.resource, names, "name one in the platform, as resource: ...")
     message = f'platform "{grid.name}" regulates "{grid.resource}"; the model has: {", ".join(names) or "no resource"}'
     raise HalpipeError(GRID_RESOURCE(message, at=model.at, path=about(model=model.name), help=help))
-
-
-def _rows(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bool]]:
-    """Return every unit with a direction (True: write) that some version may use."""
-    versions = (version for task in model.tasks for version in task.versions)
-    return {
-        (unit, grid.writes if access.kind is None else access.kind == AccessKind.WRITE)
-        for version in versions
-        for access in version.accesses
-        if access.resource == resource
-        for unit in version.units
-    }
-
-
-def _ending(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bool]]:
-    """Return the units and directions that some version uses in its last window, so that a burst outlives it."""
-    return {
-        (unit, grid.writes if access.kind is None else access.kind == AccessKind.WRITE)
-        for task in model.tasks
-        for version in task.versions
-        for access in version.accesses
-        if access.resource == resource and version.wcet is not None and grid.up(access.end) >= grid.up(version.wcet)
-        for unit in version.units
-    }
-
-
-def _kept(model: TaskModel, grid: BurstGrid, resource: str) -> int:
-    """Return the bytes of a window that are kept: for overshoot, and for a burst of every row that is carried over."""
-    rows = _rows(model, grid, resource)
-    reserved = {
-        "used": len(rows),
-        "units": 2 * len({unit for unit, _ in rows}),
-        "all": 2 * len({*grid.regulated} & {unit.name for unit in model.units}),
-    }[grid.reserves]
-    return grid.reserve * reserved + (grid.burst * len(_ending(model, grid, resource)) if grid.carries else 0)
-
-
-def _room(model: TaskModel, grid: BurstGrid, resource: str) -> int:
-    return (grid.capacity - _kept(model, grid, resource)) // grid.burst
-
-
-def _no_room(model: TaskModel, grid: BurstGrid, resource: str) -> Diagnostic:
-    rows, kept = len(_rows(model, grid, resource)), _kept(model, grid, resource)
-    message = (
-        f"a window of {grid.window} carries {grid.capacity} bytes, of which {kept} are kept for what {rows} units and "
-        f"directions may move above their budgets; that leaves no burst of {grid.burst} bytes"
-    )
-    least = Fraction(kept + grid.burst, grid.capacity) * (grid.window / grid.cycle)
-    help = f"use a window of at least {ceil(least)} cycles"
-    return GRID_ROOM(message, at=model.at, path=about(platform=grid.name), help=help)
 
 
 def _off_grid(model: TaskModel, grid: BurstGrid) -> Iterator[Diagnostic]:
@@ -216,32 +156,54 @@ def _near(grid: BurstGrid, values: list[Duration]) -> str:
     return f"the nearest windows that divide all periods and offsets are {named}"
 
 
-def _shrink(task: Task, grid: BurstGrid) -> Duration:
-    """Return by how much a job of the task may really end before its end on the grid."""
-    return max((grid.up(v.wcet) - v.wcet for v in task.versions if v.wcet is not None), default=ZERO)
-
-
 # ----------------------------------------------------------------------------------------------- the tasks
 
 
-class _Tasks:
-    """Puts tasks onto the grid, one method for each kind of value."""
+class _Rounding:
+    """Rounding of a model to a grid, one method for each kind of value; `findings` list what cannot be rounded.
 
-    def __init__(
-        self,
-        grid: BurstGrid,
-        resource: str,
-        room: int,
-        shrink: dict[str, Duration],
-        ending: set[tuple[str, bool]],
-        findings: Findings,
-    ) -> None:
+    A window has `free` bursts, beyond the bytes that are `kept`: for overshoot, and for a burst of every row (a unit
+    and a direction, True: write) in the `ending` window of some version, so that it outlives it.
+    """
+
+    def __init__(self, model: TaskModel, grid: BurstGrid) -> None:
         self.grid = grid
-        self.resource = resource
-        self.room = room
-        self.shrink = shrink
-        self.ending = ending
-        self.findings = findings
+        self.resource = _resource(model, grid)
+        self.shrink = {  # by how much a job of the task may really end before its end on the grid
+            task.name: max((grid.up(v.wcet) - v.wcet for v in task.versions if v.wcet is not None), default=ZERO)
+            for task in model.tasks
+        }
+        versions = [version for task in model.tasks for version in task.versions]
+        used = [(v, access) for v in versions for access in v.accesses if access.resource == self.resource]
+        rows = {(unit, self._writes(access)) for version, access in used for unit in version.units}
+        last = [(v, a) for v, a in used if v.wcet is not None and grid.up(a.end) >= grid.up(v.wcet)]
+        ending = {(unit, self._writes(access)) for version, access in last for unit in version.units}
+        self.ending = ending if grid.carries else set()
+        reserved = {
+            "used": len(rows),
+            "units": 2 * len({unit for unit, _ in rows}),
+            "all": 2 * len({*grid.regulated} & {unit.name for unit in model.units}),
+        }[grid.reserves]
+        self.kept = grid.reserve * reserved + grid.burst * len(self.ending)
+        self.free = (grid.capacity - self.kept) // grid.burst
+        self.room = max(1, self.free)
+        self.findings = Findings()
+        self.findings.extend(_off_grid(model, grid))
+        if self.free < 1:
+            self.findings.add(self._no_room(model, len(rows)))
+
+    def _writes(self, access: Access) -> bool:
+        return self.grid.writes if access.kind is None else access.kind == AccessKind.WRITE
+
+    def _no_room(self, model: TaskModel, rows: int) -> Diagnostic:
+        grid = self.grid
+        message = (
+            f"a window of {grid.window} carries {grid.capacity} bytes, of which {self.kept} are kept for what {rows} "
+            f"units and directions may move above their budgets; that leaves no burst of {grid.burst} bytes"
+        )
+        least = Fraction(self.kept + grid.burst, grid.capacity) * (grid.window / grid.cycle)
+        help = f"use a window of at least {ceil(least)} cycles"
+        return GRID_ROOM(message, at=model.at, path=about(platform=grid.name), help=help)
 
     def task(self, task: Task) -> Task:
         versions = tuple(self._version(task, version) for version in task.versions)
@@ -323,8 +285,7 @@ class _Tasks:
         for access in accesses:
             overlap = min(access.end, start + self.grid.window) - max(access.start, start)
             if overlap > ZERO:
-                writes = self.grid.writes if access.kind is None else access.kind == AccessKind.WRITE
-                volumes[writes] += access.bound / gang * self.grid.promise * (overlap / self.grid.window)
+                volumes[self._writes(access)] += access.bound / gang * self.grid.promise * (overlap / self.grid.window)
         return [ceil(volume / self.grid.burst) for volume in volumes]
 
     def _check_bursts(self, accesses: list[Access], bursts: dict[Duration, int], path: str) -> None:
