@@ -53,7 +53,7 @@ def interchangeable_units(expansion: Expansion, units: Iterable[Unit], *, groupe
     service = {unit.name: tuple((i.distance, i.wcet) for i in unit.interrupts) for unit in units}
     versions = [version for active in expansion.tasks for version in active.versions]
     for index, version in enumerate(versions):
-        for name in version.units:
+        for name in member_of.keys() & version.units:
             member_of[name].append(index)
     groups: dict[object, list[str]] = {}
     for name, members in member_of.items():
