@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import signal
 import sys
 from fractions import Fraction
 from types import SimpleNamespace
@@ -293,3 +294,18 @@ def test_a_corrected_model_needs_the_model(monkeypatch, target, model, written):
     else:
         compare._learn([], None, model, "t.csv", target)
     assert files == ({} if written is None else {target: written})
+
+
+def test_a_request_to_end_while_python_clears_up_keeps_the_exit_code(monkeypatch):
+    ended = []
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr("os._exit", ended.append)
+    try:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # as of a shell that ignores it for its commands
+        halpipe.cli._leave_when_interrupted(7)
+        for number in kept:
+            signal.raise_signal(number)
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+    assert ended == [7]
