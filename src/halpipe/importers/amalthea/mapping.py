@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.hardware import Hardware, Pu
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.importers.common.base import Supplement
+    from halpipe.importers.overlay import OverlayUse
 
 _PROCESS = {"TaskAllocation": "task", "ProcessAllocation": "process", "ISRAllocation": "isr"}
 _AFFINITIES = ("affinity", "coreAffinity")
@@ -163,7 +163,7 @@ def interrupts_of(
     allocation: Allocations | None,
     evaluator: Evaluator,
     modes: Sequence[SystemMode],
-    overlay: Supplement | None,
+    overlay: OverlayUse | None,
 ) -> dict[Item, tuple[Interrupt, ...]]:
     """Return the interrupts of every unit; report the routines whose time, distance or unit is not known.
 

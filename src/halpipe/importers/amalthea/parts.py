@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.importers.common.base import Supplement
+    from halpipe.importers.overlay import OverlayUse
 
 
 @dataclass(eq=False, slots=True)
@@ -108,7 +108,7 @@ class Drafts:
 
 
 def make_drafts(
-    forest: Forest, modes: Sequence[SystemMode], evaluator: Evaluator, overlay: Supplement | None
+    forest: Forest, modes: Sequence[SystemMode], evaluator: Evaluator, overlay: OverlayUse | None
 ) -> Drafts:
     """Find what activates each task, cut the tasks, and order what activates one another."""
     return _Drafting(forest, modes, evaluator, overlay).run()
@@ -116,7 +116,7 @@ def make_drafts(
 
 class _Drafting:
     def __init__(
-        self, forest: Forest, modes: Sequence[SystemMode], evaluator: Evaluator, overlay: Supplement | None
+        self, forest: Forest, modes: Sequence[SystemMode], evaluator: Evaluator, overlay: OverlayUse | None
     ) -> None:
         self.forest = forest
         self.modes = modes

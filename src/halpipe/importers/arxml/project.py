@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration, seconds
-from halpipe.core.records import record
 from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.build import assemble
@@ -31,6 +30,7 @@ from halpipe.importers.arxml.system.ecuc import (
 )
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.versions import FULL
+from halpipe.importers.overlay import Overlay, OverlayUse
 from halpipe.models.project import Call, Item, LeftOut, Project, ProjectCounter, ProjectTask, Starter, Value
 
 if TYPE_CHECKING:
@@ -55,31 +55,25 @@ _ALARMS = ("RteUsedOsAlarmRef", "RteBswUsedOsAlarmRef")
 _CAUSES = (SKIPPED_FILE.id, VARIANT.id)
 
 
-@record
-class _OfModel:
+class _OfModel(OverlayUse):
     """Stands in for the overlay of the import: leaves out what the model has not, and gives its periods again."""
 
-    model: TaskModel
-    is_dropping: bool = True
+    def __init__(self, model: TaskModel, *, is_dropping: bool) -> None:
+        super().__init__(Overlay())
+        self._periods, self._is_dropping = {task.name: task.period for task in model.tasks}, is_dropping
 
     def drops(self, name: str) -> bool:
-        return self.is_dropping and all(task.name != name for task in self.model.tasks)
+        return self._is_dropping and name not in self._periods
 
     def source_period(self, name: str) -> Duration | None:
-        return next((task.period for task in self.model.tasks if task.name == name), None)
+        return self._periods.get(name)
 
-    def task_wcet(self, name: str, *, is_known: bool) -> None:
-        """Leave execution times to the model."""
-
-    def work_wcet(self, name: str) -> None:
-        """Leave execution times to the model."""
+    def task_period(self, name: str) -> Duration | None:
+        return self._periods.get(name)
 
     def states_interrupt(self, name: str) -> bool:
         """Leave interrupts to the model."""
         return True
-
-    def task_period(self, name: str) -> Duration | None:
-        return self.source_period(name)
 
 
 def read_project(paths: Sequence[str], model: TaskModel, options: ArxmlImportOptions, findings: Findings) -> Project:
@@ -107,7 +101,7 @@ def _again(
     tree.findings.stop_on_errors()
 
     def made(granularity: str, *, is_dropping: bool) -> Built:
-        chosen = replace(options, overlay=_OfModel(model, is_dropping), granularity=granularity)
+        chosen = replace(options, overlay=_OfModel(model, is_dropping=is_dropping), granularity=granularity)
         return assemble(tree, system, paths, chosen)
 
     found: dict[str, Built] = {}

@@ -17,35 +17,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.core.extent import Extent
+    from halpipe.importers.overlay import OverlayUse
     from halpipe.models import TaskModel
-
-
-class Supplement(Protocol):
-    """Overlay as an importer sees it; the overlay remembers what it was asked for."""
-
-    def drops(self, name: str) -> bool:
-        """Return whether the element `name` is to be left out."""
-        ...
-
-    def source_period(self, name: str) -> Duration | None:
-        """Return the period of the data source `name`, None if not stated."""
-        ...
-
-    def task_period(self, name: str) -> Duration | None:
-        """Return the period of the task `name`, None if not stated."""
-        ...
-
-    def task_wcet(self, name: str, *, is_known: bool) -> Duration | None:
-        """Return the WCET of the task `name`, None if not stated, or only for those where none `is_known`."""
-        ...
-
-    def work_wcet(self, name: str) -> Duration | None:
-        """Return the WCET of work that is called `name` and part of a task, None if not stated."""
-        ...
-
-    def states_interrupt(self, name: str) -> bool:
-        """Return whether it is stated when and where the interrupt `name` comes, and how long it takes."""
-        ...
 
 
 @record(kw_only=True)
@@ -65,7 +38,7 @@ class ImportOptions:
     )
     name: str = option("", "Name of the model; otherwise the source's own.", metavar="NAME")
     strict: bool = option(False, "Every loss is an error (exit code 5).", form=Form.SWITCH)
-    overlay: Supplement | None = None
+    overlay: OverlayUse | None = None
     on_progress: Callable[[int, int], None] | None = field(default=None, compare=False)
 
     def unused(self) -> tuple[str, ...]:

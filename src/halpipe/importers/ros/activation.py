@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
-    from halpipe.importers.common.base import Supplement
+    from halpipe.importers.overlay import OverlayUse
     from halpipe.importers.ros.graph import Rate, Tolerance
 
 _PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)
@@ -107,7 +107,7 @@ class Activations:
 def activate(
     wiring: Wiring,
     rates: Iterable[Rate],
-    overlay: Supplement | None,
+    overlay: OverlayUse | None,
     task_names: Mapping[str, str],
     findings: Findings,
 ) -> Activations:
@@ -149,7 +149,7 @@ def settled(wiring: Wiring, activations: Activations) -> Wiring:
     return Wiring.of(replace(wiring.graph, publications=publications))
 
 
-def _seed_from_overlay(wiring: Wiring, overlay: Supplement, task_names: Mapping[str, str], seeds: _Seeds) -> None:
+def _seed_from_overlay(wiring: Wiring, overlay: OverlayUse, task_names: Mapping[str, str], seeds: _Seeds) -> None:
     """Take the periods that the overlay states of topics, and of callbacks without a timer."""
     for topic in wiring.all_topics:
         if (period := overlay.source_period(topic)) is not None:

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from halpipe.core.diagnostics import Diagnostic, Findings, Location
-    from halpipe.importers.common.base import Coverage, Supplement
+    from halpipe.importers.common.base import Coverage
+    from halpipe.importers.overlay import OverlayUse
     from halpipe.importers.ros.activation import Activations, Wiring
     from halpipe.importers.ros.dataflow import DataFlow
     from halpipe.importers.ros.graph import Callback, Publication, Rate, RosGraph, Subscription
@@ -32,7 +33,7 @@ def is_plumbing(topic: str) -> bool:
     return _PLUMBING.fullmatch(topic) is not None
 
 
-def prune(graph: RosGraph, overlay: Supplement | None, task_names: Mapping[str, str], coverage: Coverage) -> RosGraph:
+def prune(graph: RosGraph, overlay: OverlayUse | None, task_names: Mapping[str, str], coverage: Coverage) -> RosGraph:
     """Return `graph` without the nodes, callbacks and topics that the infrastructure or the overlay drops."""
 
     @cache  # each name once, so that the overlay knows which of its entries matched

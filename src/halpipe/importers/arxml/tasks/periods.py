@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.system.values import Event, Place, System, Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
-    from halpipe.importers.common.base import Supplement
+    from halpipe.importers.overlay import OverlayUse
 
 NOT_SCHEDULED = {
     "OPERATION-INVOKED-EVENT": "server call: runs within its client",
@@ -67,7 +67,7 @@ def decide_periods(
     activations: Sequence[Activation],
     dataflow: DataFlow,
     tree: Tree,
-    overlay: Supplement | None,
+    overlay: OverlayUse | None,
 ) -> list[Activation]:
     """Return the activations with their periods, or with the reason why they have none."""
     periods = Periods(system, tree)
@@ -298,7 +298,7 @@ def _spaced(activation: Activation, findings: Findings) -> Activation:
 # ---------------------------------------------------------------------------- periods from outside the event
 
 
-def _from_overlay(activations: list[Activation], overlay: Supplement) -> list[Activation]:
+def _from_overlay(activations: list[Activation], overlay: OverlayUse) -> list[Activation]:
     """Give runnables that no event starts periodically the period that the overlay states for them.
 
     Of several events that start one, it goes to the arrival of data, else to one that an OsTask runs.

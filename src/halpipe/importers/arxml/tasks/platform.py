@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.coverage import Ledger
     from halpipe.importers.arxml.system.values import ModeGroup, OsIsr, Place, Process, System
     from halpipe.importers.arxml.tasks.activation import Draft
-    from halpipe.importers.common.base import Supplement
+    from halpipe.importers.overlay import OverlayUse
 
 DEFAULT_UNIT = "core0"
 
@@ -131,7 +131,7 @@ class Platform:
 
 
 def with_interrupts(
-    platform: Platform, system: System, overlay: Supplement | None, ledger: Ledger, findings: Findings
+    platform: Platform, system: System, overlay: OverlayUse | None, ledger: Ledger, findings: Findings
 ) -> tuple[Unit, ...]:
     """Return the units with the interrupts that they serve; report routines that are not described enough."""
     served: dict[str, list[Interrupt]] = {unit.name: [] for unit in platform.units}
