@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import halpipe.cli
-from halpipe.cli import invoke, main, output
+from halpipe.cli import UNLOADABLE, invoke, main, output
 from halpipe.cli.failures import OUT_OF_MEMORY
 from halpipe.core.diagnostics import HalpipeError
 
@@ -144,7 +144,7 @@ def test_want_of_memory_is_no_bug(monkeypatch, capsys, failure):
     assert "bug" not in said
 
 
-@pytest.mark.parametrize("failure", [MemoryError, ImportError, SyntaxError, SystemError])
+@pytest.mark.parametrize("failure", UNLOADABLE)
 def test_want_of_memory_is_told_where_it_keeps_from_telling(monkeypatch, capfd, failure):
     def fail(*_, **__):
         raise failure
@@ -155,7 +155,7 @@ def test_want_of_memory_is_told_where_it_keeps_from_telling(monkeypatch, capfd, 
     assert capfd.readouterr().err == "error[HAL0007] the system gives no more memory\n"
 
 
-@pytest.mark.parametrize("failure", [MemoryError, SystemError])
+@pytest.mark.parametrize("failure", UNLOADABLE)
 def test_want_of_memory_before_a_command_begins_is_told(monkeypatch, capfd, failure):
     def fail():
         raise failure

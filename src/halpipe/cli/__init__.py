@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 NO_MEMORY = b"error[HAL0007] the system gives no more memory\n"
+UNLOADABLE = (MemoryError, ImportError, SyntaxError, SystemError, ValueError)
+"""What Python raises where memory does not suffice to load a module, or to compile it."""
 RARELY = (100_000, 50, 100)
 """Thresholds of the garbage collector: a model is a large tree of lasting objects, and looking through it again and
 again takes up to a quarter of the time of an import."""
@@ -24,7 +26,7 @@ def main() -> NoReturn:
     except KeyboardInterrupt:  # before the command began, or once more while it ended
         os.write(2, b"interrupted\n")
         code = INTERRUPTED
-    except (MemoryError, SystemError):  # before the command began, or once more while it was told
+    except UNLOADABLE:  # before the command began, or once more while it was told
         os.write(2, NO_MEMORY)
         code = 1
     _leave_when_interrupted(code)
@@ -152,6 +154,6 @@ def _exit_code(failure: Exception) -> int:
         return failures.told(failure)
     except BrokenPipeError:
         return _ended_by_reader()
-    except (MemoryError, ImportError, SyntaxError, SystemError):  # too little even to load what tells it
+    except UNLOADABLE:  # too little even to load what tells it
         os.write(2, NO_MEMORY)
         return 1

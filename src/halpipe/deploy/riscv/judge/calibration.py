@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration, seconds
-from halpipe.core.files import parse_yaml
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
+from halpipe.core.settings import Fields
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.judge.contents import OWN_PROFILE, machine_faults
+from halpipe.deploy.riscv.judge.contents import AGAIN, OWN_PROFILE, machine_faults
 from halpipe.deploy.riscv.judge.figures import due_of, waits
 from halpipe.deploy.riscv.judge.tables import Tables
 from halpipe.deploy.riscv.run.cosimulation import load_program
@@ -192,8 +192,10 @@ def _rounded(time: Fraction) -> Duration:
 def _profile(target: Target, found: Constants, file: str) -> bytes:
     """Return the bundle's profile with other constants."""
     name = target.bundle.at(OWN_PROFILE).file
-    stated = dict(parse_yaml(target.bundle.files[OWN_PROFILE], name))
-    dma = {key: value for key, value in dict(stated["dma"]).items() if key != "bus"}
+    findings = Findings()
+    fields = Fields.sealed(target.bundle.files.get(OWN_PROFILE, b""), name, findings, codes.FOREIGN_MACHINE, AGAIN)
+    stated, dma = dict(fields.data), {key: value for key, value in fields.part("dma").data.items() if key != "bus"}
+    findings.stop_on_errors()
     stated["summary"] = f"{stated.get('summary', 'a target')}, calibrated"
     stated["service"] = str(found.service)
     stated["cpi"] = {kind: format_rational(number) for kind, number in found.cycles.items()}
