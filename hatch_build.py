@@ -1,11 +1,13 @@
 """Builds the libraries in C and the JSON schemas when halpipe is installed or made into a wheel: hatchling calls it.
 
-For a wheel of another system, set HALPIPE_TARGET to a name in `build_native.TARGETS`, as ``make wheels`` does.
+For a wheel of another system, set HALPIPE_TARGET to a name in `build_native.TARGETS`, as ``make wheels`` does. For a
+package index, set HALPIPE_SOURCE to the address at which the sources of the version can be read, as a release does.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -13,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -26,6 +29,33 @@ SAFETY = ("second_checker.py", "assessor.md", "common-causes.md", "figures.md", 
 
 MADE = {"out", "__pycache__"}
 """Folders in them that running an example makes."""
+
+
+_LINK = re.compile(r"(!?)\[([^]]*)\]\((?![a-z]+:|#)([^)\s]+)\)")
+"""A link or picture of Markdown that leads to a file beside the page."""
+
+
+class Description(MetadataHookInterface):
+    """The README as the description of the package, with links that lead somewhere on the page of an index."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Add the description, and the addresses of the sources where they are stated."""
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        if source := os.environ.get("HALPIPE_SOURCE", ""):
+            text = with_absolute_links(text, source)
+            pages = {"Source": "", "Documentation": "/docs/index.md", "Changelog": "/CHANGELOG.md"}
+            metadata["urls"] = {name: source + page for name, page in pages.items()}
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def with_absolute_links(text: str, source: str) -> str:
+    """Return Markdown whose links to files beside it lead to the sources at an address."""
+
+    def absolute(link: re.Match[str]) -> str:
+        picture, words, place = link.groups()
+        return f"{picture}[{words}]({source}/{place}{'?raw=true' if picture else ''})"
+
+    return _LINK.sub(absolute, text)
 
 
 class Libraries(BuildHookInterface[Any]):

@@ -60,6 +60,34 @@ def test_a_release_publishes_what_the_build_attested():
     assert "--evidence" in " ".join(workflow_commands(parsed(".github/workflows/release.yml")))
 
 
+def test_a_release_states_links_that_lead_somewhere_on_the_page_of_an_index(monkeypatch):
+    pytest.importorskip("hatchling")
+    monkeypatch.syspath_prepend(str(ROOT))
+    from hatch_build import Description
+
+    def described(source):
+        monkeypatch.setenv("HALPIPE_SOURCE", source)
+        metadata = {}
+        Description(str(ROOT), {}).update(metadata)
+        return metadata, re.findall(r"\]\(([^)]+)\)", metadata["readme"]["text"])
+
+    steps = parsed(".github/workflows/release.yml")["jobs"]["build"]["steps"]
+    (made,) = (step for step in steps if step.get("run", "").startswith("make wheels"))
+    assert made["env"]["HALPIPE_SOURCE"].endswith("/blob/${{ github.ref_name }}")
+    plain, links = described("")
+    assert plain["readme"]["text"] == (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "urls" not in plain
+    released, absolute = described("https://example.org/o/n/blob/v1")
+    assert absolute == [
+        link
+        if link.startswith(("https:", "#"))
+        else f"https://example.org/o/n/blob/v1/{link}{'?raw=true' * (link[-4:] == '.png')}"
+        for link in links
+    ]
+    for address in released["urls"].values():
+        assert (ROOT / address.removeprefix("https://example.org/o/n/blob/v1").lstrip("/")).exists()
+
+
 @pytest.fixture
 def shell(tmp_path):
     program = tmp_path / "bin" / "halpipe"
