@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-PATIENCE = 120
+PATIENCE = 60
+"""Seconds of the processor for one run; a busy machine makes none fail."""
 KNOWN = {0, 1, 3, 4}
 """Exit codes that say how a verb ended; 2 is wrong usage, 70 a bug."""
 
@@ -118,10 +119,15 @@ def prepared(folder: Path) -> None:
 
 def run(folder: Path, words: str, what: int = 0, limit: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run a verb under a limit."""
+
+    def bounded() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE, PATIENCE))
+        if limit is not None:
+            resource.setrlimit(what, (limit, limit))
+
     return subprocess.run(
         [sys.executable, "-m", "halpipe", *words.split()],
-        cwd=folder, text=True, capture_output=True, errors="replace", timeout=PATIENCE, check=False,
-        preexec_fn=(lambda: resource.setrlimit(what, (limit, limit))) if limit is not None else None,
+        cwd=folder, text=True, capture_output=True, errors="replace", check=False, preexec_fn=bounded,
         env={**os.environ, "TMPDIR": str(folder / "tmp"), "XDG_CACHE_HOME": str(folder / "cache"),
              "PYTHONDONTWRITEBYTECODE": "" if limit is None else "1", "PYTHONPYCACHEPREFIX": str(folder / "compiled")},
     )  # fmt: skip

@@ -219,7 +219,7 @@ def _in_force(placed: Placed, start: int, end: int, is_lock: bool) -> tuple[int,
     for begin, _, done_from, done_to in placed.stretches:
         if first is None and done_from <= start < done_to:
             first = begin + lost + start - done_from
-        if first is not None and done_from < end <= done_to and (is_lock or done_from <= start):
+        if done_from < end <= done_to and (is_lock or done_from <= start):
             work = lost + end - done_from
             last = begin + (placed.service.length(work) or work)
         lost = placed.resume
