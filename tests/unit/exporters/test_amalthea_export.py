@@ -12,7 +12,6 @@ from growth import growth, half_way
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.stimuli import stimuli_of
-from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.codes import DANGLING_NAME, FOREIGN_SCHEDULE
 from halpipe.exporters.common.names import refuse_dangling
 from halpipe.importers.amalthea import FORMAT as IN
@@ -216,7 +215,7 @@ def test_names_of_what_is_not_there_are_all_refused():
 
 
 def test_the_same_input_gives_the_same_bytes():
-    assert FORMAT.write(SYSTEM, PLAN, ExportOptions()) == FORMAT.write(SYSTEM, PLAN, AmaltheaOptions())
+    assert FORMAT.write(SYSTEM, PLAN, AmaltheaOptions()) == FORMAT.write(SYSTEM, PLAN, AmaltheaOptions())
 
 
 def test_pipeline_files_may_state_the_release():

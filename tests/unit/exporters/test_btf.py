@@ -12,7 +12,6 @@ from halpipe.core.diagnostics import Severity
 from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT, BtfOptions
 from halpipe.exporters.btf.events import run_of
-from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Part, Schedule, Status, TransitionTable
@@ -110,7 +109,7 @@ def test_the_rules_are_no_formality():
 @pytest.mark.parametrize("exporter", [FORMAT, TRACE])
 def test_what_is_exported_compares_clean(sample, exporter):
     system, planned = sample()
-    text = exporter.write(system, planned, ExportOptions())[""]
+    text = exporter.write(system, planned, exporter.options())[""]
     recording = parse_traces(text, "trace")
     assert recording.traces
     for line in recording.traces:

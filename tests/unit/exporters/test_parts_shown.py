@@ -12,7 +12,6 @@ from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.btf import FORMAT as BTF
 from halpipe.exporters.btf import BtfOptions
-from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.common.timeline import PhaseTimes, Window, resource_steps, unroll
 from halpipe.exporters.report import FORMAT as REPORT
@@ -111,7 +110,7 @@ def test_btf_preempts_and_resumes_between_parts():
 
 def test_the_trace_has_a_slice_for_each_part():
     system, planned = split()
-    text = TRACE.write(system, planned, ExportOptions())[""].decode()
+    text = TRACE.write(system, planned, TRACE.options())[""].decode()
     slices = [e for e in json.loads(text)["traceEvents"] if e["ph"] == "X" and e["name"] == "slow"]
     assert [(e["ts"], e["dur"], e["args"]["part"]) for e in slices[:3]] == [
         (2500, 4500, 0),

@@ -5,7 +5,6 @@ import pytest
 from exporter_samples import roboracer, two_modes
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.selection import select
 from halpipe.exporters.graph import FORMAT as GRAPH
 from halpipe.exporters.report import FORMAT as REPORT
@@ -34,7 +33,7 @@ def with_mode(planned, **changes):
 def test_a_format_that_shows_jobs_needs_a_schedule(exporter):
     system, _ = roboracer()
     with pytest.raises(HalpipeError) as caught:
-        exporter.write(system, None, ExportOptions())
+        exporter.write(system, None, exporter.options())
     assert [d.code for d in caught.value.diagnostics] == ["HAL0801"]
 
 
@@ -42,7 +41,7 @@ def test_a_format_that_shows_jobs_needs_a_schedule(exporter):
 def test_an_unknown_mode_is_refused_with_the_near_ones(exporter):
     system, planned = two_modes()
     with pytest.raises(HalpipeError) as caught:
-        exporter.write(system, planned, ExportOptions(mode="racing"))
+        exporter.write(system, planned, exporter.options(mode="racing"))
     (found,) = caught.value.diagnostics
     assert (found.code, found.help) == ("HAL0802", 'did you mean "race"?')
 

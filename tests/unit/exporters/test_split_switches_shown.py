@@ -10,7 +10,6 @@ from halpipe.core.diagnostics import Severity
 from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT as BTF
 from halpipe.exporters.btf import BtfOptions
-from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.common.timeline import cycles_after, shows_context, unroll_switch
 from halpipe.exporters.report import FORMAT as REPORT
 from halpipe.exporters.report import ReportOptions
@@ -108,7 +107,7 @@ def test_all_cycles_count_for_what_is_too_much_to_draw(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("format", "name", "options"), [(BTF, "t.btf", BtfOptions()), (TRACE, "t.json", ExportOptions())]
+    ("format", "name", "options"), [(BTF, "t.btf", BtfOptions()), (TRACE, "t.json", TRACE.options())]
 )
 def test_what_a_trace_tells_of_switches_is_what_is_planned(switched, format, name, options):
     for system, plan in (switched, long_gaps()):
@@ -117,7 +116,7 @@ def test_what_a_trace_tells_of_switches_is_what_is_planned(switched, format, nam
 
 
 @pytest.mark.parametrize(
-    ("format", "name", "options"), [(BTF, "t.btf", BtfOptions()), (TRACE, "t.json", ExportOptions())]
+    ("format", "name", "options"), [(BTF, "t.btf", BtfOptions()), (TRACE, "t.json", TRACE.options())]
 )
 def test_a_job_of_a_table_that_goes_on_early_is_found(switched, format, name, options):
     system, plan = switched
@@ -147,7 +146,7 @@ def test_btf_resumes_a_job_in_progress_in_the_table_and_in_the_mode_after(switch
 
 
 def test_the_trace_has_every_part_around_a_switch():
-    text = TRACE.write(*long_gaps(), ExportOptions())[""].decode()
+    text = TRACE.write(*long_gaps(), TRACE.options())[""].decode()
     events = json.loads(text)["traceEvents"]
     (process,) = [e["pid"] for e in events if e["name"] == "process_name" and e["args"]["name"] == "switch one to two"]
     slices = [e for e in events if e["ph"] == "X" and e["pid"] == process and e["name"] == "long"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import option, specific
+from halpipe.core.options import option
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -25,7 +25,7 @@ class AmaltheaOptions(ExportOptions):
     )
 
 
-class AmaltheaExporter(PlainExporter):
+class AmaltheaExporter(Exporter):
     """Writes one .amxmi file; the native model stands in it once, which ``import`` reads where nothing was edited."""
 
     name = "amalthea"
@@ -60,11 +60,11 @@ class AmaltheaExporter(PlainExporter):
     suffix = ".amxmi"
     options = AmaltheaOptions
 
-    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    def write(self, model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> dict[str, bytes]:
         """Return the model as one document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.amalthea.model import format_amalthea
 
-        return {"": format_amalthea(model, schedule, specific(AmaltheaOptions, options))}
+        return {"": format_amalthea(model, schedule, options)}
 
 
 __all__ = ["FORMAT", "RELEASES", "AmaltheaExporter", "AmaltheaOptions"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.extent import Extent
 from halpipe.core.options import specific
 from halpipe.exporters.arxml.options import PARTS, RELEASES, ArxmlOptions
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 
-class ArxmlExporter(PlainExporter):
+class ArxmlExporter(Exporter):
     """Writes one ARXML file; the native model stands in it once, which ``import`` reads where nothing was edited."""
 
     name = "arxml"

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import option, specific
+from halpipe.core.options import option
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
-from halpipe.exporters.common.base import PlainExporter, TitledOptions
+from halpipe.exporters.common.base import Exporter, TitledOptions
 
 if TYPE_CHECKING:
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
@@ -24,7 +23,7 @@ class BtfOptions(TitledOptions):
     )
 
 
-class BtfExporter(PlainExporter):
+class BtfExporter(Exporter):
     """Writes a run through all modes and switches: every job activated, started and terminated as scheduled."""
 
     name = "btf"
@@ -47,13 +46,13 @@ class BtfExporter(PlainExporter):
     suffix = ".btf"
     options = BtfOptions
 
-    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    def write(self, model: TaskModel, schedule: Schedule | None, options: BtfOptions) -> dict[str, bytes]:
         """Return the trace as one document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.btf.events import format_btf
         from halpipe.exporters.common.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
-        return {"": format_btf(model, chosen, specific(BtfOptions, options)).encode()}
+        return {"": format_btf(model, chosen, options).encode()}
 
 
 FORMAT = BtfExporter()

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import Form, option, specific
+from halpipe.core.options import Form, option
 from halpipe.core.records import record
-from halpipe.exporters.common.base import PlainExporter, TitledOptions
+from halpipe.exporters.common.base import Exporter, TitledOptions
 
 if TYPE_CHECKING:
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
@@ -21,7 +20,7 @@ class GraphOptions(TitledOptions):
     cluster: bool = option(False, "One box per mode.", form=Form.SWITCH)
 
 
-class GraphExporter(PlainExporter):
+class GraphExporter(Exporter):
     """Writes the tasks and what ties them as DOT text, for which no program is needed; see `render_svg`."""
 
     name = "graph"
@@ -41,7 +40,7 @@ class GraphExporter(PlainExporter):
     suffix = ".dot"
     options = GraphOptions
 
-    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    def write(self, model: TaskModel, schedule: Schedule | None, options: GraphOptions) -> dict[str, bytes]:
         """Return the graph as one DOT document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
         from halpipe.exporters.graph.dot import format_graph
@@ -50,7 +49,7 @@ class GraphExporter(PlainExporter):
         if options.mode:
             require_mode(options.mode, model.modes)
         chosen = None if schedule is None else select(model, schedule, options.mode, self.name)
-        return {"": format_graph(model, chosen, specific(GraphOptions, options)).encode()}
+        return {"": format_graph(model, chosen, options).encode()}
 
 
 FORMAT = GraphExporter()

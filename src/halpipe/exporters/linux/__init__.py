@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.extent import Extent
-from halpipe.core.options import CPUS, SOURCES, Form, cpu_number, option, specific
+from halpipe.core.options import CPUS, SOURCES, Form, cpu_number, option
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,7 +50,7 @@ class LinuxOptions(ExportOptions):
     )
 
 
-class LinuxExporter(PlainExporter):
+class LinuxExporter(Exporter):
     """Writes the tables as C, with the dispatcher that plays them and all to build, install and check it."""
 
     name = "linux"
@@ -80,7 +80,7 @@ class LinuxExporter(PlainExporter):
     suffix = ""
     options = LinuxOptions
 
-    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    def write(self, model: TaskModel, schedule: Schedule | None, options: LinuxOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
         from halpipe.exporters.linux.bundle import build
@@ -88,10 +88,10 @@ class LinuxExporter(PlainExporter):
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = model.alone(options.mode)
-        return build(model, chosen, specific(LinuxOptions, options))
+        return build(model, chosen, options)
 
     def remarks(
-        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+        self, model: TaskModel, schedule: Schedule | None, options: LinuxOptions, contents: Mapping[str, bytes]
     ) -> list[Diagnostic]:
         """Return what the target leaves open, and what the report of the regulators says."""
         from halpipe.exporters.common.selection import select
@@ -101,7 +101,7 @@ class LinuxExporter(PlainExporter):
         from halpipe.exporters.regulator.report import findings_of
 
         played, path = select(model, schedule, options.mode, self.name), about(model=model.name)
-        found = sentences(model, played, specific(LinuxOptions, options))
+        found = sentences(model, played, options)
         report = contents.get(f"{FOLDER}report.json")
         regulated = [] if report is None else findings_of(report)
         return [UNREALISED(text, path=path, help=help) for text, help in found] + regulated

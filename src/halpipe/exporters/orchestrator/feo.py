@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import PlainExporter
+from halpipe.exporters.common.base import Exporter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ AGENT = 1_000_000
 WORKERS = 100_000
 
 
-class CycleExporter(PlainExporter):
+class CycleExporter(Exporter):
     """Writes one cycle: what ends before a job starts in the table ends before it in the cycle.
 
     FEO starts an activity as soon as its dependencies are over. All pairs that the table has in sequence stay so, thus

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import PlainExporter
+from halpipe.exporters.common.base import Exporter
 from halpipe.models.words import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ FALLBACK = "fallback_run_target"
 _NAME = re.compile("[a-zA-Z0-9_-]+")
 
 
-class LifecycleExporter(PlainExporter):
+class LifecycleExporter(Exporter):
     """Writes a component for each task and a run target for each mode; no schedule is needed."""
 
     name = "launch-manager"

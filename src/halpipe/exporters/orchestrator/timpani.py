@@ -11,7 +11,7 @@ from halpipe.core.extent import Extent
 from halpipe.core.files import parse_yaml
 from halpipe.core.options import CPUS, Form, cpu_number, option, specific
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ class TimpaniOptions(ExportOptions):
     cpus: Mapping[str, int] | None = option(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
 
 
-class TimpaniExporter(PlainExporter):
+class TimpaniExporter(Exporter):
     """Writes a task for each periodic start; a task whose jobs are not equidistant on one unit becomes one for each."""
 
     name = "timpani"

@@ -8,7 +8,7 @@ from halpipe.core.extent import Extent
 from halpipe.core.options import file_name, option, specific
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 from halpipe.exporters.regulator.words import AUTO, BACKENDS, RULES
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class RegulatorOptions(ExportOptions):
     )
 
 
-class RegulatorExporter(PlainExporter):
+class RegulatorExporter(Exporter):
     """Writes the budgets of every unit, direction and window for the regulators of a platform; see `write`."""
 
     name = "regulator"

@@ -8,7 +8,7 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.extent import Extent
 from halpipe.core.options import option, specific
 from halpipe.core.records import record
-from halpipe.exporters.common.base import PlainExporter, TitledOptions
+from halpipe.exporters.common.base import Exporter, TitledOptions
 
 if TYPE_CHECKING:
     from halpipe.exporters.common.base import ExportOptions
@@ -46,7 +46,7 @@ class ReportOptions(TitledOptions):
         return ("against",) if self.trace else ("tolerance", "origin")
 
 
-class ReportExporter(PlainExporter):
+class ReportExporter(Exporter):
     """Writes the schedule as a page for people: charts, loads, latencies, tables."""
 
     name = "report"

@@ -9,7 +9,7 @@ from halpipe.core.extent import Extent
 from halpipe.core.options import DRIVERS, SOURCES, Form, option, specific
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -77,7 +77,7 @@ class PrepareOptions:
         return RiscvOptions(**{name: getattr(self, name) for name in TARGET})
 
 
-class RiscvExporter(PlainExporter):
+class RiscvExporter(Exporter):
     """Compiles the tasks of a schedule and writes them with a runtime that plays it, as a folder."""
 
     name = "riscv"

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.extent import ASPECTS, Extent
-from halpipe.core.options import CPUS, Form, cpu_number, option, positive_duration, specific
+from halpipe.core.options import CPUS, Form, cpu_number, option, positive_duration
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.exporters.common.base import ExportOptions, PlainExporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -79,7 +79,7 @@ class RosOptions(ExportOptions):
         return () if self.package else ("messages", "graphs", "wait", "missing")
 
 
-class RosExporter(PlainExporter):
+class RosExporter(Exporter):
     """Writes one YAML file from which a launcher makes executors, callback groups and timers."""
 
     name = "ros"
@@ -103,41 +103,40 @@ class RosExporter(PlainExporter):
     suffix = ".yaml"
     options = RosOptions
 
-    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    def write(self, model: TaskModel, schedule: Schedule | None, options: RosOptions) -> dict[str, bytes]:
         """Return one document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import refuse_early_phases, refuse_gaps, refuse_let, select
         from halpipe.exporters.ros.document import format_executors
 
         chosen = select(model, schedule, options.mode, self.name)
         refuse_let(model, chosen, "an executor")
-        own = specific(RosOptions, options)
         if options.mode:  # what is written is a system of its own, that knows no other mode
             model = model.alone(options.mode)
-        if own.package:
+        if options.package:
             from halpipe.exporters.ros.packaging import build
 
-            return build(model, chosen, own)
+            return build(model, chosen, options)
         refuse_gaps(model, chosen, "an executor interrupts no callback", WITHOUT_GAPS, WITHOUT_POINTS)
         refuse_early_phases(model, chosen, "an executor does not hold a callback until the phase begins", WITH_HOLDS)
-        return {"": format_executors(model, chosen, own)}
+        return {"": format_executors(model, chosen, options)}
 
     def remarks(
-        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+        self, model: TaskModel, schedule: Schedule | None, options: RosOptions, contents: Mapping[str, bytes]
     ) -> list[Diagnostic]:
         """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
         from halpipe.exporters.ros.codes import UNREALISED
 
-        own, played = specific(RosOptions, options), select(model, schedule, options.mode, self.name)
-        if own.package:
+        played = select(model, schedule, options.mode, self.name)
+        if options.package:
             from halpipe.exporters.ros.packaging import sentences as of_package
             from halpipe.exporters.ros.waits import wait_remarks
 
-            sentences, more = of_package(model, played), wait_remarks(model, own)
+            sentences, more = of_package(model, played), wait_remarks(model, options)
         else:
             from halpipe.exporters.ros.document import sentences as of_document
 
-            sentences, more = of_document(model, played, own), []
+            sentences, more = of_document(model, played, options), []
         path = about(model=model.name)
         return [*(UNREALISED(text, path=path, help=help) for text, help in sentences), *more]
 

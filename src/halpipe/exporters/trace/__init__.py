@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import specific
-from halpipe.exporters.common.base import PlainExporter, TitledOptions
+from halpipe.exporters.common.base import Exporter, TitledOptions
 
 if TYPE_CHECKING:
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
-class TraceExporter(PlainExporter):
+class TraceExporter(Exporter):
     """Writes the schedule as a trace: modes are processes, units are threads, jobs are slices."""
 
     name = "trace"
@@ -33,13 +31,13 @@ class TraceExporter(PlainExporter):
     suffix = ".json"
     options = TitledOptions
 
-    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    def write(self, model: TaskModel, schedule: Schedule | None, options: TitledOptions) -> dict[str, bytes]:
         """Return the trace as one JSON document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
         from halpipe.exporters.trace.events import format_trace
 
         chosen = select(model, schedule, options.mode, self.name)
-        return {"": format_trace(model, chosen, specific(TitledOptions, options).title).encode()}
+        return {"": format_trace(model, chosen, options.title).encode()}
 
 
 FORMAT = TraceExporter()

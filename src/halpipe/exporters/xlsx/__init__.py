@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import PlainExporter
+from halpipe.exporters.common.base import Exporter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 
-class WorkbookExporter(PlainExporter):
+class WorkbookExporter(Exporter):
     """Writes a workbook; what it cannot carry is named in a remark."""
 
     name = "xlsx"
