@@ -13,12 +13,12 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, named, sort_diagnostics
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity, named
 from halpipe.core.durations import ZERO
 from halpipe.core.embedding import joined
 from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
-from halpipe.importers.common.base import Coverage, Imported
+from halpipe.importers.common.base import Coverage, Imported, imported
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate, settled
@@ -215,7 +215,8 @@ MODE = "default"
 
 def import_graph(paths: Sequence[str], options: RosImportOptions) -> Imported:
     """Import one graph or design with the recordings that go with it; raise `HalpipeError` when no task comes out."""
-    return _Import(find(paths), options).imported()
+    inputs = find(paths)
+    return imported(lambda findings: _Import(inputs, options, findings).imported(), options)
 
 
 @record
@@ -231,9 +232,10 @@ class _System:
 class _Import:
     """One import: its inputs and options, and what is found and accounted for on the way."""
 
-    def __init__(self, inputs: Inputs, options: RosImportOptions) -> None:
+    def __init__(self, inputs: Inputs, options: RosImportOptions, findings: Findings) -> None:
         self.inputs, self.options = inputs, options
-        self.findings, self.coverage = Findings(list(inputs.findings)), Coverage()
+        self.findings, self.coverage = findings, Coverage()
+        findings.extend(inputs.findings)
         self.rates = [r for bag in inputs.bags for r in read_bag(bag.content, bag.name, self.findings, self.coverage)]
         self.trace = read_ros_trace(inputs.traces[0], self.findings) if inputs.traces else None
 
@@ -250,13 +252,8 @@ class _Import:
         system = self._design() if inputs.designs else self._executors() if self._is_executors() else self._graph()
         model = replace(system.model, name=options.name or system.model.name)
         model = calibrate(model, system.tasks_of, system.callbacks, self.trace, options, findings, coverage)
-        found = _unique(findings)
-        if options.strict and any(d.severity is Severity.WARNING for d in found):
-            raised = (replace(d, severity=Severity.ERROR) if d.severity is Severity.WARNING else d for d in found)
-            raise HalpipeError(*raised, exit=Exit.UNSUPPORTED)
         exclusion = Exclusion(system.groups, system.tasks_of, options.groups == RESOURCES, coverage)
-        result = Imported(model=model, diagnostics=tuple(found), coverage=coverage, completion=exclusion.complete)
-        return result.completed() if options.overlay is None else result
+        return Imported(model=model, diagnostics=(), coverage=coverage, completion=exclusion.complete)
 
     def _is_executors(self) -> bool:
         return bool(self.inputs.graphs) and self.inputs.graphs[0].kind is FileKind.EXECUTORS
@@ -270,7 +267,7 @@ class _Import:
             graph = graph if trace is None or findings.has_errors else confront(graph, trace, findings)
         else:
             graph = read_dot(source.content, source.name, findings)
-        self._stop_on_errors()
+        self.findings.stop_on_errors()
         system = self._tasks(ModeGraph(MODE, graph, {}, Location(graph.file)))
         if system is None:
             raise self._no_tasks("graph", graph.file)
@@ -279,7 +276,7 @@ class _Import:
     def _executors(self) -> _System:
         source = self.inputs.graphs[0]
         model = read_executors(source.content, source.name, self.findings, self.coverage)
-        self._stop_on_errors()
+        self.findings.stop_on_errors()
         for rate in self.rates:
             self.coverage.ignored("bag_topic", rate.topic, "the executors file states every period", rate.at)
         return _System(model, {})
@@ -287,7 +284,7 @@ class _Import:
     def _design(self) -> _System:
         sources = self.inputs.designs
         design = read_design([(source.name, source.content) for source in sources], self.findings, self.coverage)
-        self._stop_on_errors()
+        self.findings.stop_on_errors()
         parts: list[ModeModel] = []
         tasks_of: dict[str, str] = {}
         groups: list[Group] = []
@@ -327,20 +324,11 @@ class _Import:
     def _no_tasks(self, what: str, file: str) -> HalpipeError:
         help = "state periods under sources: or tasks: in an overlay, or add a rosbag2 metadata.yaml"
         self.findings.add(codes.NO_TASKS(f"nothing in the {what} has a period", at=Location(file), help=help))
-        return HalpipeError(*_unique(self.findings))
-
-    def _stop_on_errors(self) -> None:
-        if self.findings.has_errors:
-            raise HalpipeError(*_unique(self.findings))
+        return HalpipeError()
 
 
 def _stem(file: str) -> str:
     return clean(os.path.basename(os.path.normpath(file)).split(".")[0] or "ros")
-
-
-def _unique(findings: Findings) -> list[Diagnostic]:
-    """Return the findings in order, each once: what several modes share is said once."""
-    return list(dict.fromkeys(sort_diagnostics(findings.items)))
 
 
 @record
