@@ -145,20 +145,15 @@ def bits_of_a_shift(count):
     formula(f"1 << {count}")
 
 
-@limit("importers.arxml.files.words:_MAX_LENGTH", 900, "cut")
-def characters_of_an_arxml_name(count):
-    return "" if len(named("importers.arxml.files.words:legal_name")("a" * count)) == count else "cut"
-
-
 @limit("importers.arxml.files.words:_MAX_EXPONENT", 40, "none")
 def exponent_of_an_arxml_number(count):
     read = named("importers.arxml.files.words:parse_double")
     return "" if read(f"1e{count}") == 10**count and read(f"1e-{count}") == Fraction(1, 10**count) else "none"
 
 
-@limit("importers.amalthea.xmi:_MAX_LENGTH", 1000, "cut")
+@limit("importers.common.names:_MAX_LENGTH", 1000, "cut")
 def characters_of_an_amalthea_name(count):
-    return "" if len(named("importers.amalthea.xmi:legal")("a" * count)) == count else "cut"
+    return "" if len(named("importers.common.names:legal")("a" * count)) == count else "cut"
 
 
 @limit("importers.amalthea.xmi:_MAX_EXPONENT", 60, "none")

@@ -28,8 +28,9 @@ from halpipe.importers.amalthea.parts import make_drafts
 from halpipe.importers.amalthea.tasks import TaskBuilder
 from halpipe.importers.amalthea.timing import Reactions, read_timing
 from halpipe.importers.amalthea.versions import UNIT, Locks, Splitter, VersionMaker
-from halpipe.importers.amalthea.xmi import Forest, Names, legal
+from halpipe.importers.amalthea.xmi import Forest
 from halpipe.importers.common.base import Coverage, Imported, imported
+from halpipe.importers.common.names import Names, legal
 from halpipe.models import Mode, Origin, Resource, ResourceKind, Run, TaskModel, Unit
 
 if TYPE_CHECKING:
@@ -334,7 +335,7 @@ def _locks(locks: Locks) -> tuple[Resource, ...]:
 
 
 def _unit_names(forest: Forest, hardware: Hardware) -> dict[Item, str]:
-    names = Names(forest.findings)
+    names = Names(forest.findings, codes.RENAMED)
     return {unit.item: names.unique(unit.item.name, "processing unit", unit.item.at) for unit in hardware.units}
 
 
@@ -354,7 +355,7 @@ def _units(
 
 
 def _named(forest: Forest, chains: Sequence[Chain]) -> tuple[Chain, ...]:
-    names = Names(forest.findings)
+    names = Names(forest.findings, codes.RENAMED)
     return tuple(
         replace(chain, name=names.unique(chain.name, "chain", chain.origin.location if chain.origin else Location()))
         for chain in chains

@@ -11,8 +11,9 @@ from halpipe.core.embedding import joined, properties_hash
 from halpipe.core.files import parse_xml, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.xmi import Forest, legal, text_of
+from halpipe.importers.amalthea.xmi import Forest, text_of
 from halpipe.importers.common.inputs import read_inputs
+from halpipe.importers.common.names import legal
 from halpipe.importers.native import parse_model
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.xmi import Names, legal
+from halpipe.importers.common.names import Names, legal
 from halpipe.models import Access, AccessKind, Resource, Transfer
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ class Memories:
         self.assumed: dict[Item, None] = {}
         self.unplaced: dict[Item, None] = {}
         self.unreached: dict[Item, None] = {}
-        names = Names(forest.findings)
+        names = Names(forest.findings, codes.RENAMED)
         for item in hardware.memories:
             self._names[item] = names.unique(item.name, "memory", item.at)
         for mapping in forest.kinds("MemoryMapping"):

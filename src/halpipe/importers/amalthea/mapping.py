@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, everything, steps
-from halpipe.importers.amalthea.xmi import Names, legal
+from halpipe.importers.common.names import Names, legal
 from halpipe.models import Interrupt
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def interrupts_of(
     `routines` have the least distances of their arrivals: one interrupt for each, since activations of several
     stimuli may come at one time. A routine that may run on several units interrupts each of them.
     """
-    names = Names(forest.findings)
+    names = Names(forest.findings, codes.RENAMED)
     found: dict[Item, tuple[Interrupt, ...]] = {}
     lacking: list[Item] = []
     accessing: list[Item] = []

@@ -14,7 +14,8 @@ from urllib.parse import unquote_plus
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.xmi import ROLE, Names, text_of
+from halpipe.importers.amalthea.xmi import ROLE, text_of
+from halpipe.importers.common.names import Names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -49,7 +50,7 @@ def read_modes(forest: Forest) -> tuple[SystemMode, ...]:
         count = 0
     if not labels or not count:
         return (SystemMode(DEFAULT),)
-    names = Names(forest.findings)
+    names = Names(forest.findings, codes.RENAMED)
     return tuple(
         SystemMode(
             names.unique("+".join(literal.name for literal in chosen), "mode", chosen[0].at),

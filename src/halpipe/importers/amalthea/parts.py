@@ -15,7 +15,7 @@ from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import GROUPS, everything, is_uninterrupted, steps
 from halpipe.importers.amalthea.mapping import is_interrupt
 from halpipe.importers.amalthea.stimuli import MOST, TRIGGERED, Activation, Count, Triggers, activations_of, thinned
-from halpipe.importers.amalthea.xmi import Names
+from halpipe.importers.common.names import Names
 from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:
@@ -343,7 +343,7 @@ class _Drafting:
     # ------------------------------------------------------------------------------ names and order
 
     def _name(self) -> None:
-        names = Names(self.forest.findings)
+        names = Names(self.forest.findings, codes.RENAMED)
         several = []
         for task in self.tasks:
             drafts = self.by_task.get(task, [])

@@ -11,7 +11,7 @@ from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import everything
 from halpipe.importers.amalthea.timing import Window
 from halpipe.importers.amalthea.versions import preemption_of
-from halpipe.importers.amalthea.xmi import legal
+from halpipe.importers.common.names import legal
 from halpipe.models import Anchor, Binding, Chain, Match, Origin, Task
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place, combined
-from halpipe.importers.amalthea.xmi import legal
+from halpipe.importers.common.names import legal
 from halpipe.models import Anchor, Match, Origin, Precedence
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, GROUPS, SWITCHES, everything, steps
 from halpipe.importers.amalthea.hardware import Pu, length_of, placed
-from halpipe.importers.amalthea.xmi import Names, legal
+from halpipe.importers.common.names import Names, legal, unique_name
 from halpipe.importers.common.pieces import cuts
 from halpipe.models import WHOLE, Access, AccessKind, Anchor, Split, Version
 
@@ -49,9 +49,7 @@ class Locks:
     def __init__(self, forest: Forest, evaluator: Evaluator, taken: Sequence[str]) -> None:
         self._forest = forest
         self._evaluator = evaluator
-        self._names = Names(forest.findings)
-        for name in taken:
-            self._names.reserve(name)
+        self._names = Names(forest.findings, codes.RENAMED, taken)
         self.names: dict[Item, str] = {}
         self._shared: dict[Item, None] = {}
         self._unpaired: dict[Item, None] = {}
@@ -314,9 +312,10 @@ class VersionMaker:
             amount = amounts.get(chosen.name)
             if amount is not None and amount.is_possible:
                 works.setdefault(self._work(draft, amount, group[0], chosen), []).append(chosen.name)
-        base = _unique(legal(group[0].type.name) if group[0].type else VERSION, result.items)
+        taken = {version.name: 1 for version in result.items}
+        base = unique_name(legal(group[0].type.name) if group[0].type else VERSION, dict(taken))
         for (wcet, accesses, split), modes in works.items():
-            name = base if len(works) == 1 else _unique(f"{base}:{modes[0]}", result.items)
+            name = base if len(works) == 1 else unique_name(f"{base}:{modes[0]}", taken)
             result.items.append(
                 Version(
                     name=name,
@@ -422,11 +421,3 @@ def _groups(units: Sequence[Pu]) -> list[list[Pu]]:
         paths = tuple((memory, path) for memory, path in unit.paths.items())
         groups.setdefault((unit.type, unit.frequency, paths), []).append(unit)
     return list(groups.values())
-
-
-def _unique(name: str, versions: Sequence[Version]) -> str:
-    taken = {version.name for version in versions}
-    chosen, number = name, 2
-    while chosen in taken:
-        chosen, number = f"{name}~{number}", number + 1
-    return chosen

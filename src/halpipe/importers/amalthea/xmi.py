@@ -29,44 +29,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Code, Findings
     from halpipe.importers.amalthea.documents import Document
 
-_FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
-_MAX_LENGTH = 1000  # as in the schema of task models
-
-
-def legal(name: str) -> str:
-    """Replace by ``_`` what a name of the task model may not contain, and bound its length."""
-    return _FORBIDDEN.sub("_", name)[:_MAX_LENGTH] or "_"
-
-
-class Names:
-    """Hands out legal names, unique among those of one kind, and reports each that differs from the source's."""
-
-    def __init__(self, findings: Findings) -> None:
-        self._findings = findings
-        self._taken: set[str] = set()
-        self._next: dict[str, int] = {}
-
-    def reserve(self, name: str) -> None:
-        """Take a name that something of another kind has."""
-        self._taken.add(name)
-
-    def unique(self, name: str, kind: str, at: Location) -> str:
-        """Return `name`, made legal, with a number behind it if it is taken."""
-        wanted = legal(name)
-        result = wanted
-        while result in self._taken:
-            self._next[wanted] = self._next.get(wanted, 1) + 1
-            ending = f"~{self._next[wanted]}"
-            result = wanted[: _MAX_LENGTH - len(ending)] + ending
-        self._taken.add(result)
-        if result != name:
-            help = f'use "{result}" in the overlay'
-            self._findings.add(
-                codes.RENAMED(f'is called "{result}" in the model', at=at, path=named(kind, name), help=help)
-            )
-        return result
-
-
 _NUMBER = re.compile(r"[+-]?(?:[0-9]{1,60}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")
 _MAX_EXPONENT = 60
 

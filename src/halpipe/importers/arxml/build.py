@@ -14,7 +14,7 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
 from halpipe.importers.arxml.embedded import find_embedded, read_embedded
 from halpipe.importers.arxml.files.variants import Choice
-from halpipe.importers.arxml.files.words import legal_name, listed
+from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations, group, slack_of
@@ -26,6 +26,7 @@ from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_in
 from halpipe.importers.arxml.tasks.requirements import Spacing, find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
 from halpipe.importers.common.base import Imported, imported
+from halpipe.importers.common.names import legal
 from halpipe.models import Anchor, Binding, Precedence, Task, TaskModel
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     modes, transitions = make_modes(system, drafts, versions, ledger, findings)
     orders, modes = _by_mode(drafts, edges, modes)
     model = TaskModel(
-        name=legal_name(options.name or system.name),
+        name=legal(options.name or system.name),
         units=with_interrupts(platform, system, options.overlay, ledger, findings),
         tasks=tuple(_tasks(drafts, orders, variants, required, findings)),
         chains=tuple(required.chains),

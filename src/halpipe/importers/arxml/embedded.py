@@ -12,9 +12,10 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.sniff import read_whole
 from halpipe.importers.arxml.files.tree import qualified
-from halpipe.importers.arxml.files.words import NS, legal_name, listed
+from halpipe.importers.arxml.files.words import NS, listed
 from halpipe.importers.arxml.system.containers import Containers, data_of
 from halpipe.importers.arxml.system.values import Place
+from halpipe.importers.common.names import legal
 from halpipe.importers.native import parse_model
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def read_embedded(tree: Tree, data: Data, options: ImportOptions) -> tuple[TaskM
         _report(data, f"the native model cannot be read: {failure.diagnostics[0].message}")
         return None
     if options.name:
-        model = replace(model, name=legal_name(options.name))
+        model = replace(model, name=legal(options.name))
     return model, _account(tree, data.node)
 
 

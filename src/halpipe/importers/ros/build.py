@@ -19,6 +19,7 @@ from halpipe.core.embedding import joined
 from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
 from halpipe.importers.common.base import Coverage, Imported, imported
+from halpipe.importers.common.names import Names, legal
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate, settled
@@ -28,7 +29,7 @@ from halpipe.importers.ros.coverage import Account, prune
 from halpipe.importers.ros.dataflow import Edge, chains_of, order_by_data, report_unknown_publishers
 from halpipe.importers.ros.design import ModeGraph, ModeModel, merge_modes, read_design
 from halpipe.importers.ros.dot import read_dot
-from halpipe.importers.ros.graph import Group, Kind, Names, clean, task_names
+from halpipe.importers.ros.graph import Group, Kind, task_names
 from halpipe.importers.ros.options import RESOURCES
 from halpipe.importers.ros.rosbag import read_bag
 from halpipe.importers.ros.sniff import EXECUTORS_KEY, FileKind, find
@@ -114,7 +115,7 @@ class Exclusion:
         """Return `model` with a resource for each exclusive group; account for all groups, warn where one is lost."""
         findings = Findings()
         tasks = {task.name: task for task in model.tasks}
-        names = Names(findings, {resource.name for resource in model.resources})
+        names = Names(findings, codes.RENAMED, {resource.name for resource in model.resources}, mark="_")
         resources: list[Resource] = []
         lost: list[tuple[Group, list[str]]] = []
         executors = []
@@ -131,7 +132,7 @@ class Exclusion:
             elif again:
                 self._mapped(group)
             elif self.as_resources and all(_can_hold(tasks[name]) for name in members):
-                name = names.unique(group.name, f'callback group "{group.name}"', group.at)
+                name = names.unique(group.name, "callback group", group.at)
                 resources.append(Resource(name=name, origin=Origin(group.at.file, group.at.line, group.name)))
                 tasks |= {member: _holding(tasks[member], name) for member in members}
                 self._mapped(group)
@@ -291,7 +292,7 @@ class _Import:
         for mode in design.modes:
             system = self._tasks(mode)
             if system is not None:
-                parts.append(ModeModel(clean(mode.mode), system.model, mode.at))
+                parts.append(ModeModel(legal(mode.mode), system.model, mode.at))
                 tasks_of = {**system.tasks_of, **tasks_of}
                 groups += system.groups
             elif len(design.modes) > 1:
@@ -300,13 +301,13 @@ class _Import:
         if not parts:
             raise self._no_tasks("design", sources[0].name)
         model = merge_modes(parts, self.findings)
-        name = clean(design.name) if design.name else _stem(sources[0].name)
+        name = legal(design.name) if design.name else _stem(sources[0].name)
         return _System(replace(model, name=name), tasks_of, tuple(groups))
 
     def _tasks(self, part: ModeGraph) -> _System | None:
         """Return the model of one graph; None if nothing in it has a period."""
         findings, coverage, overlay = self.findings, self.coverage, self.options.overlay
-        names = task_names(part.graph, Names(findings))
+        names = task_names(part.graph, Names(findings, codes.RENAMED, mark="_"))
         wiring = Wiring.of(prune(part.graph, overlay, names, coverage))
         activations = activate(wiring, [*self.rates, *part.graph.rates], overlay, names, findings)
         wiring = settled(wiring, activations)
@@ -328,7 +329,7 @@ class _Import:
 
 
 def _stem(file: str) -> str:
-    return clean(os.path.basename(os.path.normpath(file)).split(".")[0] or "ros")
+    return legal(os.path.basename(os.path.normpath(file)).split(".")[0] or "ros")
 
 
 @record
@@ -345,15 +346,15 @@ class _Model:
     def of(self, placed: Mapping[str, str]) -> TaskModel:
         """Return the model; `placed` is the compute unit of nodes that have one."""
         callbacks, file = self.wiring.callbacks, self.wiring.graph.file
-        units = {callback: clean(placed.get(callbacks[callback].node, UNIT)) for callback in self.tasks_of}
+        units = {callback: legal(placed.get(callbacks[callback].node, UNIT)) for callback in self.tasks_of}
         constraints = self._precedences()
         tasks = tuple(self._task(callback, unit, constraints.get(callback, ())) for callback, unit in units.items())
         used = list(dict.fromkeys(units.values()))
         self._report_units(used, len(tasks), Location(file))
-        names = Names(self.findings)
+        names = Names(self.findings, codes.RENAMED, mark="_")
         chains = chains_of(self.wiring, self.activations, self.tasks_of, names, self.findings, self.coverage)
         mode = Mode(name=MODE, runs=tuple(Run(task=task.name, versions=(VERSION,)) for task in tasks))
-        stated = {clean(unit) for unit in placed.values()}
+        stated = {legal(unit) for unit in placed.values()}
         platform = tuple(Unit(name=unit, origin=Origin(file) if unit in stated else None) for unit in used)
         return TaskModel(name=MODE, units=platform, tasks=tasks, chains=chains, modes=(mode,), origin=Origin(file))
 

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.importers.common.base import Coverage
+    from halpipe.importers.common.names import Names
     from halpipe.importers.ros.activation import Activations, Wiring
-    from halpipe.importers.ros.graph import Names, Step
+    from halpipe.importers.ros.graph import Step
 
 
 _KINDS = {Kind.TIMER: "timer", Kind.SUBSCRIPTION: "subscription callback"}
@@ -360,15 +361,14 @@ def chains_of(
             problem = f'has the same tasks as path "{first[tasks]}"'
         elif problem:
             help = "give its callbacks periods, or write the chain in the overlay"
-            findings.add(
-                codes.PATH_IGNORED(f"is no chain: {problem}", at=path.at, path=named("path", path.name), help=help)
-            )
+            where = named("path", path.name)
+            findings.report(codes.PATH_IGNORED, f"is no chain: {problem}", at=path.at, path=where, help=help)
         if problem:
             coverage.ignored("path", path.name, problem, path.at)
             continue
         first[tasks] = path.name
         coverage.mapped("path")
-        name = names.unique(path.name or "path", f'path "{path.name}"', path.at)
+        name = names.unique(path.name or "path", "path", path.at)
         chains.append(Chain(name=name, tasks=tasks, origin=Origin(path.at.file, path.at.line, path.name)))
     return tuple(chains)
 

@@ -10,20 +10,19 @@ are exact: a 30 Hz source is 1/30 s.
 
 from __future__ import annotations
 
-import re
 from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
 from halpipe.core.durations import Duration, milliseconds, seconds
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from halpipe.core.diagnostics import Findings, Location
+    from halpipe.importers.common.names import Names
 
 
 class Kind(StrEnum):
@@ -150,39 +149,9 @@ class RosGraph:
     topics: tuple[str, ...] = ()
 
 
-_FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
-
-
 def printable(text: str) -> str:
     """Return text from a file on one line and without control characters, fit for messages and for XML."""
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
-
-
-def clean(name: str) -> str:
-    """Replace by ``_`` what a name of the task model may not contain."""
-    return _FORBIDDEN.sub("_", name) or "_"
-
-
-class Names:
-    """Hands out clean, unique names and reports each that differs from the source's."""
-
-    def __init__(self, findings: Findings, taken: Iterable[str] = ()) -> None:
-        self._findings = findings
-        self._taken = set(taken)
-        self._next: dict[str, int] = {}
-
-    def unique(self, name: str, path: str, at: Location) -> str:
-        """Return `name`, cleaned, with a number behind it if it is taken."""
-        wanted = clean(name)
-        result = wanted
-        while result in self._taken:
-            self._next[wanted] = self._next.get(wanted, 1) + 1
-            result = f"{wanted}_{self._next[wanted]}"
-        self._taken.add(result)
-        if result != name:
-            help = f'use "{result}" in the overlay'
-            self._findings.add(codes.RENAMED(f'is called "{result}" in the model', at=at, path=path, help=help))
-        return result
 
 
 def task_names(graph: RosGraph, names: Names) -> dict[str, str]:
@@ -192,9 +161,9 @@ def task_names(graph: RosGraph, names: Names) -> dict[str, str]:
         count[callback.node] = count.get(callback.node, 0) + 1
     result = {}
     for callback in sorted(graph.callbacks, key=lambda callback: count[callback.node] > 1):
-        path = named("node" if callback.kind is Kind.NODE else "callback", callback.name)
+        kind = "node" if callback.kind is Kind.NODE else "callback"
         name = callback.node if count[callback.node] == 1 else callback.name
-        result[callback.name] = names.unique(name, path, callback.at)
+        result[callback.name] = names.unique(name, kind, callback.at, of=callback.name)
     return result
 
 

@@ -14,6 +14,7 @@ from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration
 from halpipe.core.suggest import counted, few
 from halpipe.importers.common.base import Coverage
+from halpipe.importers.common.names import Names
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.caret import read_caret
 from halpipe.importers.ros.coverage import is_plumbing
@@ -23,7 +24,6 @@ from halpipe.importers.ros.graph import (
     Certainty,
     Group,
     Kind,
-    Names,
     Node,
     Publication,
     Rate,
@@ -292,7 +292,7 @@ def callbacks_of(paths: Sequence[str]) -> dict[str, BoundCallback]:
         longest = {
             name: max((job.busy for job in trace.jobs.get(key, ())), default=0) for key, name in measured.items()
         }
-    names = task_names(graph, Names(Findings()))
+    names = task_names(graph, Names(Findings(), codes.RENAMED, mark="_"))
     count: Counter[tuple[str, str, str, int]] = Counter()
     found = {}
     groups = {name: group.name for group in graph.groups if group.kind == "callback_group" for name in group.callbacks}

@@ -30,24 +30,6 @@ def compiled(path: str) -> Callable[[etree._Element], list[etree._Element]]:
     return finds_elements
 
 
-_ILLEGAL = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
-_MAX_LENGTH = 900
-
-
-def legal_name(text: str) -> str:
-    """Replace what a name of a model element must not contain by ``_``, and bound its length."""
-    return _ILLEGAL.sub("_", text)[:_MAX_LENGTH] or "_"
-
-
-def unique_name(name: str, taken: set[str]) -> str:
-    """Return `name`, or `name` with the first free number after ``~``, and take it."""
-    chosen, number = name, 2
-    while chosen in taken:
-        chosen, number = f"{name}~{number}", number + 1
-    taken.add(chosen)
-    return chosen
-
-
 def listed(items: Iterable[object]) -> str:
     """Return the first few items for a message, and how many more there are."""
     return few(list(map(str, items)), "")

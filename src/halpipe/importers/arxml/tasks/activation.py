@@ -14,7 +14,7 @@ from halpipe.core.diagnostics import named
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.words import legal_name, unique_name
+from halpipe.importers.common.names import legal, unique_name
 from halpipe.importers.common.polling import polling_period
 from halpipe.models import Origin
 
@@ -197,7 +197,7 @@ def _named_apart(activations: list[Activation], findings: Findings) -> list[Acti
     shared = {name for name, count in Counter(a.name for a in actors.values()).items() if count > 1}
     names = {}
     for actor, activation in actors.items():
-        name = legal_name(_full_name(activation) if activation.name in shared else activation.name)
+        name = legal(_full_name(activation) if activation.name in shared else activation.name)
         names[actor] = name
         if name != activation.name:
             findings.report(
@@ -437,18 +437,18 @@ def _names(groups: list[list[Activation]], granularity: str) -> list[str]:
     for suffix in _SUFFIXES:
         if len(set(names)) == len(names):
             break
-        longer = [legal_name(name + suffix(found[0])) for name, found in zip(names, groups, strict=True)]
+        longer = [legal(name + suffix(found[0])) for name, found in zip(names, groups, strict=True)]
         variants = Counter(name for name, _ in set(zip(names, longer, strict=True)))
         names = [more if variants[name] > 1 else name for name, more in zip(names, longer, strict=True)]
-    taken: set[str] = set()
+    taken: dict[str, int] = {}
     return [unique_name(name, taken) for name in names]
 
 
 def _base_name(first: Activation, granularity: str) -> str:
     if granularity == "ostask" and first.os_task:
-        return legal_name(first.os_task.place.name)
+        return legal(first.os_task.place.name)
     if granularity == "event" and first.event:
-        return legal_name(f"{first.name}@{first.event.place.name}")
+        return legal(f"{first.name}@{first.event.place.name}")
     return first.name
 
 

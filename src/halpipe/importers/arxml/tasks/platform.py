@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
+from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.tasks.dataflow import find_providers
+from halpipe.importers.common.names import legal, unique_name
 from halpipe.models import Interrupt, Mode, Run, Transition, Unit
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class Platform:
     """
 
     def __init__(self, system: System) -> None:
-        self._taken: set[str] = set()
+        self._taken: dict[str, int] = {}
         self._units: list[Unit] = []
         self._by_core: dict[str, str] = {}
         self._by_prototype: dict[str, str] = {}
@@ -55,7 +56,7 @@ class Platform:
         self.units = tuple(self._units)
 
     def _add(self, name: str, place: Place | None) -> str:
-        unit = Unit(name=unique_name(legal_name(name), self._taken), origin=place.origin if place else None)
+        unit = Unit(name=unique_name(legal(name), self._taken), origin=place.origin if place else None)
         self._units.append(unit)
         return unit.name
 
@@ -137,7 +138,7 @@ def with_interrupts(
     served: dict[str, list[Interrupt]] = {unit.name: [] for unit in platform.units}
     lacking: list[OsIsr] = []
     for routine in system.configuration.routines:
-        name = legal_name(routine.place.name)
+        name = legal(routine.place.name)
         unit = platform.unit_of_core(routine.core)
         if overlay is not None and overlay.states_interrupt(name):
             ledger.mapped(routine.place)
@@ -149,7 +150,7 @@ def with_interrupts(
             served[unit].append(Interrupt(name=name, distance=routine.distance, wcet=routine.budget, origin=origin))
             ledger.mapped(routine.place)
     if lacking:
-        names = ", ".join(legal_name(routine.place.name) for routine in lacking)
+        names = ", ".join(legal(routine.place.name) for routine in lacking)
         message = f"{len(lacking)} interrupt routines have no time, distance or core: {names}"
         help = "state them as interrupts under platform: in the overlay"
         findings.report(codes.UNKNOWN_INTERRUPT, message, at=lacking[0].place.at, help=help)
@@ -199,9 +200,9 @@ def make_modes(
 
 
 def _mode_names(groups: Sequence[ModeGroup]) -> dict[str, str]:
-    taken = {DEFAULT_MODE} if len(groups) > 1 else set()
+    taken = {DEFAULT_MODE: 1} if len(groups) > 1 else {}
     return {
-        mode.path: unique_name(legal_name(f"{group.place.name}.{mode.name}" if len(groups) > 1 else mode.name), taken)
+        mode.path: unique_name(legal(f"{group.place.name}.{mode.name}" if len(groups) > 1 else mode.name), taken)
         for group in groups
         for mode in group.modes
     }

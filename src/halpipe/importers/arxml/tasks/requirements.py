@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
+from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.tasks.activation import BEGINNINGS, are_in_order
+from halpipe.importers.common.names import legal, unique_name
 from halpipe.models import Anchor, Chain, Match
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ class _Finder:
                 self._calls.setdefault(member.place.path, []).append((draft, member))
                 self._by_actor.setdefault(member.actor, []).append((draft, member))
         self._result = Requirements()
-        self._names: set[str] = set()
+        self._names: dict[str, int] = {}
 
     def find(self) -> Requirements:
         limited: dict[str, list[Limit]] = {}
@@ -266,7 +267,7 @@ class _Finder:
         most = min(reactions, default=None)
         self._result.chains.append(
             Chain(
-                name=unique_name(legal_name(name), self._names),
+                name=unique_name(legal(name), self._names),
                 tasks=tuple(task for task, _ in groupby(occurrence.draft.name for occurrence in way)),
                 max_latency=None if is_from_outside else most,
                 max_reaction=most if is_from_outside else None,
@@ -294,7 +295,7 @@ class _Finder:
                     inner += [reader.draft] * reader.draft.is_within(reader.calls, end=True)
                     self._result.chains.append(
                         Chain(
-                            name=unique_name(legal_name(limit.place.name), self._names),
+                            name=unique_name(legal(limit.place.name), self._names),
                             tasks=(draft.name, reader.draft.name),
                             max_age=limit.maximum,
                             origin=limit.place.origin,
@@ -365,7 +366,7 @@ class _Finder:
             self._lost(place, why)
             return
         for task in whole:  # as long as all the events may be apart
-            name = unique_name(legal_name(f"{place.name}@{task}"), self._names)
+            name = unique_name(legal(f"{place.name}@{task}"), self._names)
             self._result.chains.append(Chain(name=name, tasks=(task,), max_latency=tolerance, origin=place.origin))
         report_inner(place, inner, self._findings)
         self._result.together.append((synchronisation, found))

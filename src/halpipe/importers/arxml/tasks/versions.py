@@ -13,9 +13,10 @@ from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.words import legal_name, listed, unique_name
+from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.timing import ANALYSED
+from halpipe.importers.common.names import legal, unique_name
 from halpipe.importers.common.pieces import cuts
 from halpipe.models import WHOLE, Access, Resource, ResourceKind, Split, Version
 
@@ -167,7 +168,7 @@ def _variants(
             groups.setdefault(key, []).append((unit, known))
     if not groups:
         return (Variant(Version(name=VERSION, units=units, split=splitter.split(draft, ()))),)
-    taken: set[str] = set()
+    taken: dict[str, int] = {}
     result = []
     for (wcet, split), group in groups.items():
         name = unique_name(_name(group[0][1]) if len(groups) > 1 else VERSION, taken)
@@ -187,7 +188,7 @@ def _time(times: dict[str | None, ExecutionTime], hardware: str | None) -> Execu
 
 def _name(times: tuple[ExecutionTime, ...]) -> str:
     hardware = next((time.hardware for time in times if time.hardware), None)
-    return legal_name(hardware.rpartition("/")[2]) if hardware else VERSION
+    return legal(hardware.rpartition("/")[2]) if hardware else VERSION
 
 
 def _report_units(
@@ -228,7 +229,7 @@ def find_locks(system: System, drafts: Sequence[Draft]) -> tuple[Lock, ...]:
         for draft in drafts:
             if draft.os_task is not None and draft.os_task.place.path in takers:
                 held.setdefault((place.name, place), {})[draft.name] = None
-    return tuple(Lock(legal_name(n), place, tuple(tasks)) for (n, place), tasks in held.items() if len(tasks) > 1)
+    return tuple(Lock(legal(n), place, tuple(tasks)) for (n, place), tasks in held.items() if len(tasks) > 1)
 
 
 @record
@@ -242,7 +243,7 @@ class Locking:
         """Return `model` with a resource for each lock that two of its tasks could hold at once."""
         findings = Findings()
         tasks = {task.name: task for task in model.tasks}
-        taken = {resource.name for resource in model.resources}
+        taken = {resource.name: 1 for resource in model.resources}
         made: list[tuple[Lock, Resource]] = []
         for lock in self.locks:
             members = [name for name in lock.tasks if name in tasks]
