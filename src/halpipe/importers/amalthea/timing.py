@@ -269,15 +269,15 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             bad.append(item)
             continue
         item.use_all()
-        for end in ("source", "target"):
-            if (event := forest.ref(item, end)) is not None:
-                event.use()
+        events = {end: event for end in ("source", "target") if (event := forest.ref(item, end)) is not None}
+        for event in events.values():
+            event.use()
         anchor = source.anchor
         if anchor is Anchor.RELEASE and any(earlier.release is None for earlier, _ in pairs):
             bad.append(item)
             continue
         to_end = target.is_end
-        if inner := [end for end in ("source", "target") if entities.is_inner(forest.ref(item, end))]:
+        if inner := [end for end, e in events.items() if e.kind == "LabelEvent" or entities.is_inner(e)]:
             within.append(item)
             anchor = _widest(high, at_end=False) if "source" in inner else anchor
             to_end = _widest(high, at_end=True) is Anchor.END if "target" in inner else to_end
@@ -304,7 +304,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
     help = "let it connect starts and ends of tasks; the source may also be the activation of a periodic task"
     forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two instants of tasks", bad, help)
     help = "let them name tasks, or runnables that begin or end their task"
-    what = "delay constraints count from the start or to the end of a job, though they name a runnable within it"
+    what = "delay constraints count from the start or to the end of a job, though they name what happens within it"
     forest.report_each(codes.WHOLE_JOB, what, within, help)
 
 

@@ -94,7 +94,7 @@ def test_what_the_model_has_nothing_for_is_told(tmp_path, constraint):
 def test_delays_become_windows(tmp_path, source, target, expected):
     imported = given(tmp_path, delay(source, target))
     assert windows(imported, "U") == expected
-    assert str(imported.model.task("U").versions[0].precedences[0].to) == ("end" if target == "U1" else "start")
+    assert str(imported.model.task("U").versions[0].precedences[0].to) == ("start" if target == "U0" else "end")
 
 
 def test_a_delay_without_an_upper_limit_has_a_window_of_one_period(tmp_path):

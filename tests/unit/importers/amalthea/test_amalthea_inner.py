@@ -99,6 +99,22 @@ def test_an_upper_delay_counts_over_the_whole_jobs_and_a_lower_one_between_them(
     assert (row.anchor.value, row.to.value) == (anchors or ("end", "start"))
 
 
+def test_a_delay_between_accesses_of_a_label_counts_over_the_whole_jobs(tmp_path):
+    """T writes L at its end: from the starts of both jobs alone, U could read it later than the limit."""
+    access = '<items xsi:type="am:LabelAccess" data="L?type=Label" access="{}"/>'
+    sw = task("T", ticks(5), access.format("write")) + task("U", ticks(5), access.format("read")) + '<labels name="L"/>'
+    events = "".join(
+        f'<events xsi:type="am:LabelEvent" name="{kind}" eventType="{kind}" entity="L?type=Label"/>'
+        for kind in ("read", "write")
+    )
+    for upper, anchors in ((True, ("start", "end")), (False, ("end", "start"))):
+        constraint = delay("write", "read", upper).replace("RunnableEvent", "LabelEvent")
+        imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI, events=events, constraints=constraint)
+        assert len(found(imported.diagnostics, codes.WHOLE_JOB)) == 1
+        [row] = imported.model.task("U").versions[0].precedences
+        assert (row.anchor.value, row.to.value) == anchors
+
+
 @pytest.mark.parametrize(
     ("first", "last", "is_inner"),
     [("C", "D", False), ("BC", "DE", False), ("B", "D", True), ("C", "E", True), ("I", "D", False), ("B", "C", False)],
