@@ -47,14 +47,6 @@ _GENERATED = frozenset({"output", "generated"})
 _WORDS = {"true": "1", "false": "0"}
 
 
-@record
-class _Configuration:
-    """A module configuration, and the file in which it stands."""
-
-    document: Document
-    module: etree._Element
-
-
 def settle_copies(documents: Sequence[Document], findings: Findings) -> list[Document]:
     """Return the documents, those that count first, without the copies of module configurations.
 
@@ -81,34 +73,36 @@ def settle_copies(documents: Sequence[Document], findings: Findings) -> list[Doc
 
     ranked = [replace(each, rank=found) if (found := rank(each)) else each for each in documents]
     ranked.sort(key=lambda document: (document.rank, not document.is_project_data))
-    configured: dict[str, _Configuration] = {}
+    configured: dict[str, tuple[Document, etree._Element]] = {}
     for document in ranked:
         for module in list(document.root.iter(f"{NS}ECUC-MODULE-CONFIGURATION-VALUES")):
             path, holder = path_of(module), module.getparent()
             if path in configured and holder is not None:
-                _compare(configured[path], _Configuration(document, module), findings)
+                _compare(*configured[path], document, module, findings)
                 holder.remove(module)
             elif document.is_project_data and module.find(f"{NS}CONTAINERS") is not None:
-                configured[path] = _Configuration(document, module)
+                configured[path] = document, module
     return ranked
 
 
-def _compare(first: _Configuration, second: _Configuration, findings: Findings) -> None:
+def _compare(
+    first: Document, module: etree._Element, second: Document, other: etree._Element, findings: Findings
+) -> None:
     """Report how the second configuration of a module differs from the first: as a copy, or as a contradiction."""
-    stated, copied = _statements(first.module), _statements(second.module)
+    stated, copied = _statements(module), _statements(other)
     differing = [found for found in copied if found not in stated]
     differing += [found for found in stated if found not in copied and not found[2]]  # a copy may omit default values
     if not differing:
         return
     path, name, _ = differing[0]
-    is_equal = second.document.is_project_data
+    is_equal = second.is_project_data
 
-    def shown(found: dict[tuple[str, str, str], tuple[str, int]], of: _Configuration) -> tuple[str, Location]:
+    def shown(found: dict[tuple[str, str, str], tuple[str, int]], of: etree._Element) -> tuple[str, int]:
         same = (text for key, text in found.items() if key[:2] == (path, name))
-        text, line = found.get(differing[0]) or next(same, ("absent", of.module.sourceline or 0))
-        return text, Location(of.document.name, line)
+        return found.get(differing[0]) or next(same, ("absent", of.sourceline or 0))
 
-    (here, at), (there, source) = shown(copied, second), shown(stated, first)
+    (here, line), (there, other_line) = shown(copied, other), shown(stated, module)
+    at, source = Location(second.name, line), Location(first.name, other_line)
     message = (
         f'{name} is "{here}" here, but "{there}" at {source}{", which counts" * (not is_equal)}; '
         f"the configurations differ in {len(differing)} values and containers"

@@ -17,11 +17,9 @@ from halpipe.importers.arxml.system.values import (
     End,
     Event,
     ModeGroup,
-    PeriodOverride,
     Place,
     Prototype,
     Runnable,
-    Twin,
 )
 
 if TYPE_CHECKING:
@@ -97,21 +95,21 @@ def place_of(node: Node) -> Place:
     return Place(node.path, node.tag, node.at)
 
 
-def read_twins(tree: Tree) -> tuple[Twin, ...]:
-    """Read which runnables and BSW entities are the same function."""
-    return tuple(twin for node in tree.tagged("SWC-BSW-MAPPING") for twin in _twins(tree, node))
+def read_twins(tree: Tree) -> dict[str, str]:
+    """Read which runnable is the same function as a BSW entity: from SWC-BSW-RUNNABLE-MAPPINGs."""
+    return dict(twin for node in tree.tagged("SWC-BSW-MAPPING") for twin in _twins(tree, node))
 
 
-def _twins(tree: Tree, node: Node) -> Iterator[Twin]:
+def _twins(tree: Tree, node: Node) -> Iterator[tuple[str, str]]:
     what = f'SWC-BSW-MAPPING "{node.path}"'
     for element, file in node.elements("RUNNABLE-MAPPINGS/SWC-BSW-RUNNABLE-MAPPING"):
         ends = []
-        for path in ("SWC-RUNNABLE-REF", "BSW-ENTITY-REF"):
+        for path in ("BSW-ENTITY-REF", "SWC-RUNNABLE-REF"):
             child = element.find(qualified(path))
             ref = tree.reference(node, child, file) if child is not None else None
             ends.append(tree.find(ref, what, RUNNABLES) if ref else None)
         if ends[0] is not None and ends[1] is not None:
-            yield Twin(place_of(node), ends[0].path, ends[1].path)
+            yield ends[0].path, ends[1].path
 
 
 def _component(tree: Tree, node: Node, detached: Iterable[Node]) -> Component:
@@ -247,7 +245,7 @@ def _composition(tree: Tree, node: Node) -> Composition:
             for child in node.inside("SW-COMPONENT-PROTOTYPE")
         ),
         connectors=tuple(connectors),
-        overrides=tuple(_overrides(tree, node)),
+        periods=dict(_periods(tree, node)),
     )
 
 
@@ -282,14 +280,13 @@ def _target(tree: Tree, node: Node, part: Part, path: str) -> str | None:
     return target.path if target else None
 
 
-def _overrides(tree: Tree, node: Node) -> Iterator[PeriodOverride]:
+def _periods(tree: Tree, node: Node) -> Iterator[tuple[tuple[str, str], Stated]]:
     for element, file in node.elements("INSTANTIATION-RTE-EVENT-PROPSS/INSTANTIATION-TIMING-EVENT-PROPS"):
         iref, period = (element.find(qualified(tag)) for tag in ("REFINED-EVENT-IREF", "PERIOD"))
         contexts, event = tree.instance(node, iref, file) if iref is not None else ([], None)
         text = "" if period is None else (period.text or "").strip()
         if contexts and event and period is not None and text:
-            value = Stated(text, place(period, file))
-            yield PeriodOverride(prototype=contexts[-1].path, event=event.path, period=value)
+            yield (event.path, contexts[-1].path), Stated(text, place(period, file))
 
 
 def read_ecus(tree: Tree) -> tuple[Ecu, ...]:

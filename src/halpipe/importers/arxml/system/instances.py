@@ -32,18 +32,6 @@ Context = tuple[str, ...]
 """A root composition and the prototypes down to a component (paths)."""
 
 
-@record
-class Instances:
-    """The component instances, the compositions (paths) taken for copies of others, and what the Rte means by names.
-
-    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for.
-    """
-
-    items: tuple[Instance, ...]
-    copies: tuple[str, ...]
-    configured: dict[str, Context]
-
-
 def find_instances(
     tree: Tree,
     components: Sequence[Component],
@@ -51,8 +39,11 @@ def find_instances(
     mapped: Sequence[RteInstance],
     *,
     is_one: bool,
-) -> Instances:
+) -> tuple[tuple[Instance, ...], tuple[str, ...], dict[str, Context]]:
     """Unfold the root compositions into component instances; report several that are to be one system.
+
+    Return them, the compositions (paths) taken for copies of others, and the context of the instance that each
+    prototype (path) of the Rte configuration stands for.
 
     Roots are the compositions that a SYSTEM names, or else those that no other composition uses, and those whose
     prototypes the Rte configuration names. Roots of which it names no instance are copies. Component types that no
@@ -86,7 +77,7 @@ def find_instances(
                 component.place.report(findings, codes.NOT_INSTANTIATED, message, help=help)
         rest = [component for component in rest if component.is_module]
     single = [Instance(_label(component), (component.place.path,), component) for component in rest]
-    return Instances((*kept, *alone, *single), copies, configured)
+    return (*kept, *alone, *single), copies, configured
 
 
 class _Configured:

@@ -179,8 +179,8 @@ def read_system(tree: Tree, ecu: str = "") -> System:
     ecus = read_ecus(tree)
     selection = select_ecu(tree, ecus, ecu)
     configuration = read_configuration(tree, selection.modules)
-    is_one = selection.ecu is None
-    instances = find_instances(tree, components, compositions, configuration.instances, is_one=is_one)
+    mapped, is_one = configuration.instances, selection.ecu is None
+    instances, copies, configured = find_instances(tree, components, compositions, mapped, is_one=is_one)
     machines, groups = read_machines(tree), read_function_groups(tree)
     report_absent(tree)
     _report_unmapped(tree, configuration, components)
@@ -188,9 +188,9 @@ def read_system(tree: Tree, ecu: str = "") -> System:
         place=_place(tree),
         components=components,
         compositions=compositions,
-        instances=instances.items,
-        copies=instances.copies,
-        configured=instances.configured,
+        instances=instances,
+        copies=copies,
+        configured=configured,
         configuration=configuration,
         mode_groups=(*read_mode_groups(tree), *groups),
         orders=read_orders(tree),

@@ -130,22 +130,13 @@ class Prototype:
 
 
 @record(kw_only=True)
-class PeriodOverride:
-    """INSTANTIATION-TIMING-EVENT-PROPS: the period of an event (path) in one component prototype (path)."""
-
-    prototype: str
-    event: str
-    period: Stated
-
-
-@record(kw_only=True)
 class Composition:
-    """A COMPOSITION-SW-COMPONENT-TYPE."""
+    """A COMPOSITION-SW-COMPONENT-TYPE; `periods` has that of an event in one of its component prototypes (paths)."""
 
     place: Place
     prototypes: tuple[Prototype, ...]
     connectors: tuple[Connector, ...]
-    overrides: tuple[PeriodOverride, ...] = ()
+    periods: dict[tuple[str, str], Stated] = field(default_factory=dict)
 
 
 @record
@@ -327,15 +318,6 @@ class Order:
 
 
 @record
-class Twin:
-    """SWC-BSW-RUNNABLE-MAPPING: a runnable and a BSW entity (paths) that are the same function."""
-
-    place: Place
-    runnable: str
-    entity: str
-
-
-@record
 class ExecutionTime:
     """A worst-case execution time of a runnable (path) on a HW-ELEMENT (path, None: on any); the place has its kind."""
 
@@ -487,7 +469,8 @@ class Ecu:
 class System:
     """Everything that the input says about timing; `place` is the element that gives the system its name.
 
-    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for.
+    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for, and
+    `twins` the runnable that is the same function as a BSW entity (paths).
     """
 
     place: Place | None = None
@@ -499,7 +482,7 @@ class System:
     configuration: Configuration = field(default_factory=Configuration)
     mode_groups: tuple[ModeGroup, ...] = ()
     orders: tuple[Order, ...] = ()
-    twins: tuple[Twin, ...] = ()
+    twins: dict[str, str] = field(default_factory=dict)
     execution_times: tuple[ExecutionTime, ...] = ()
     ecus: tuple[Ecu, ...] = ()
     hardware: tuple[Place, ...] = ()

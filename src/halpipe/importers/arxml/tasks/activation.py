@@ -186,9 +186,8 @@ def _joined(activations: list[Activation], system: System) -> list[Activation]:
     """Point BSW entities to the runnable that is the same function, where an instance of it exists."""
     if not system.twins:
         return activations
-    runnable_of = {twin.entity: twin.runnable for twin in system.twins}
     actors = {a.place.path: a.actor for a in reversed(activations) if a.runnable is not None}
-    return [replace(a, twin=actors.get(runnable_of.get(a.place.path, ""))) for a in activations]
+    return [replace(a, twin=actors.get(system.twins.get(a.place.path, ""))) for a in activations]
 
 
 def _named_apart(activations: list[Activation], findings: Findings) -> list[Activation]:

@@ -94,11 +94,7 @@ class Periods:
         self._findings = tree.findings
         self._tree = tree
         self._symbols: dict[str, list[Stated]] | None = None
-        self._overrides = {
-            (override.event, override.prototype): override.period
-            for composition in system.compositions
-            for override in composition.overrides
-        }
+        self._overrides = {key: period for each in system.compositions for key, period in each.periods.items()}
         self._triggers = system.configuration.triggers
         self._is_mapped = any(mapping.task is not None for mapping in system.configuration.mappings)
         self._mapped = {mapping.event for mapping in system.configuration.mappings}
