@@ -41,8 +41,8 @@ from regulator_proof import PARTS, missing, prove
 RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "table" / "rtl"
 BENCH = Path(halpipe.__file__).parent / "deploy" / "regulator" / "bench"
 
-icarus = pytest.mark.skipif(bool(Icarus().missing()), reason=f"icarus: {Icarus().missing()}")
-verilator = pytest.mark.skipif(bool(Verilator().missing()), reason=f"verilator: {Verilator().missing()}")
+icarus = pytest.mark.skipif(not all(map(shutil.which, Icarus.tools)), reason="icarus is not installed")
+verilator = pytest.mark.skipif(not all(map(shutil.which, Verilator.tools)), reason="verilator is not installed")
 yosys = pytest.mark.skipif(shutil.which("yosys") is None, reason="yosys is not installed")
 
 
@@ -92,7 +92,7 @@ def test_no_traffic_gets_more_than_its_budget(files, tables, player, traffic, se
     result = verdict(files, tables, player, run)
     assert result.findings == []
     assert result.windows == len(run.expected) > 150
-    assert result.switches >= 1
+    assert result.run.switches >= 1
 
 
 @icarus

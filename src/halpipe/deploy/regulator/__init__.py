@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.base import Checked, CheckOptions, Target
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.reading import Tables
-    from halpipe.deploy.regulator.simulate import Played
+    from halpipe.deploy.regulator.simulate import Verdict
 
 ARITHMETIC = "arithmetic"
 
@@ -99,15 +99,17 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
     if engine is None:
         return [], [remark]
     runs = list(simulate(target.bundle, tables, engine, seed=options.seed, cycles=options.cycles))
-    findings = [found for played in runs for found in played.verdict.findings]
+    findings = [found for verdict in runs for found in verdict.findings]
     lines = [f"simulation: {remark}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
     trouble = why_no_cache(CACHE) if engine.name == "verilator" else ""
     return findings, [*lines, f"  compiled anew each time: {trouble}"] if trouble else lines
 
 
-def _unplayed(tables: Tables, runs: list[Played]) -> list[str]:
+def _unplayed(tables: Tables, runs: list[Verdict]) -> list[str]:
     """Say which tables no run played to their end, because that takes longer than people want to wait."""
-    ended = {e.table for played in runs for e in played.run.expected if e.window + 1 == tables.tables[e.table].windows}
+    ended = {
+        e.table for verdict in runs for e in verdict.run.expected if e.window + 1 == tables.tables[e.table].windows
+    }
     names = [f'"{table.name}"' for table in tables.tables if table.index not in ended]
     return [f"  not played to the end: {', '.join(names)}; --cycles 1 plays all"] if names else []
 
@@ -115,18 +117,18 @@ def _unplayed(tables: Tables, runs: list[Played]) -> list[str]:
 _COLUMNS = ("traffic", "windows", "tables", "switches", "used of granted", "largest sum", "carried over", "violations")
 
 
-def _table(tables: Tables, runs: list[Played]) -> list[str]:
+def _table(tables: Tables, runs: list[Verdict]) -> list[str]:
     """Return one line for each run, in columns."""
     rows = [_COLUMNS]
-    for played in runs:
-        verdict, seen = played.verdict, {e.table for e in played.run.expected if e.running}
+    for verdict in runs:
+        seen = {e.table for e in verdict.run.expected if e.running}
         share = 100 * verdict.used // verdict.granted if verdict.granted else 100
         rows.append(
             (
-                played.run.traffic.name,
+                verdict.run.traffic.name,
                 str(verdict.windows),
                 f"{len(seen)} of {len(tables.tables)}",
-                str(verdict.switches),
+                str(verdict.run.switches),
                 f"{share} %",
                 f"{verdict.largest_sum} of {tables.platform.capacity_bytes} B",
                 str(verdict.carried),

@@ -65,8 +65,8 @@ class Count:
 class Verdict:
     """Figures of a run, and its findings."""
 
+    run: Run
     windows: int = 0
-    switches: int = 0
     granted: int = 0
     used: int = 0
     carried: int = 0
@@ -87,7 +87,7 @@ class _Judge:
     """Reads a trace and reports the first finding of each kind on each row, with the number of further ones."""
 
     def __init__(self, tables: Tables, run: Run, at: Location) -> None:
-        self.verdict = Verdict(switches=run.switches)
+        self.verdict = Verdict(run)
         self._tables, self._run, self._at = tables, run, at
         self._rows = list(tables.rows())
         self._owed = [0] * len(self._rows)
@@ -247,19 +247,11 @@ def run_bench(command: Command, folder: str, *arguments: str) -> None:
     _call([*command, *arguments], folder, RUN_SECONDS)
 
 
-def _lacking(*tools: str) -> str:
-    lacking = [tool for tool in tools if shutil.which(tool) is None]
-    return f"{', '.join(lacking)} not installed" if lacking else ""
-
-
 class Verilator:
     """Compiles the design to a native program: millions of cycles a second, after a build of some seconds."""
 
     name = "verilator"
-
-    def missing(self) -> str:
-        """Return why this engine cannot be used here, empty if it can."""
-        return _lacking("verilator", "g++", "make")
+    tools = ("verilator", "g++", "make")
 
     def build(self, design: Design, folder: str) -> Command:
         """Compile, or take what an earlier check compiled."""
@@ -282,10 +274,7 @@ class Icarus:
     """Interprets the design: starts at once, some ten thousand cycles a second."""
 
     name = "icarus"
-
-    def missing(self) -> str:
-        """Return why this engine cannot be used here, empty if it can."""
-        return _lacking("iverilog", "vvp")
+    tools = ("iverilog", "vvp")
 
     def build(self, design: Design, folder: str) -> Command:
         """Compile to the interpreter's form."""
@@ -339,23 +328,15 @@ STEPPED_CYCLES = {"verilator": 2**31, "icarus": 400_000}
 """Cycles of the run that steps through every table: whatever it takes, or what an interpreter does in some seconds."""
 
 
-@record
-class Played:
-    """A simulated run with its findings."""
-
-    run: Run
-    verdict: Verdict
-
-
 def choose_engine(wanted: str) -> tuple[Engine | None, str]:
     """Return the engine to use, and in words which one and why not another; raise `HalpipeError` if it is missing."""
     reasons: list[str] = []
     for engine in ENGINES:
         if wanted in ("auto", engine.name):
-            missing = engine.missing()
+            missing = [tool for tool in engine.tools if shutil.which(tool) is None]
             if not missing:
                 return engine, "; ".join([f"engine {engine.name}", *reasons])
-            reasons.append(f"{engine.name}: {missing}")
+            reasons.append(f"{engine.name}: {', '.join(missing)} not installed")
     if wanted != "auto":
         help = f"install it (Debian: apt-get install {wanted.replace('icarus', 'iverilog')}), or use --engine auto"
         raise HalpipeError(NO_ENGINE("; ".join(reasons), help=help))
@@ -382,7 +363,7 @@ def design_of(bundle: Bundle, tables: Tables) -> Design:
     )
 
 
-def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycles: int) -> Iterator[Played]:
+def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycles: int) -> Iterator[Verdict]:
     """Build the bench and yield each run with its verdict; raise `HalpipeError` when the simulator fails.
 
     With `cycles`, every mode is played that often before it is left, and all switches are made in every run; without,
@@ -398,7 +379,7 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
             played = stimuli.excerpt(tables, windows) if number > 1 and not cycles else tables
             run = stimuli.plan(played, traffic, seed, windows=windows, repeats=1 if traffic.is_silent else cycles or 1)
             loaded = bundle if played is tables else replace(bundle, files=images(played))
-            yield Played(run, judge(played, run, play(loaded, played, player, run), bundle.at(FOLDER)))
+            yield judge(played, run, play(loaded, played, player, run), bundle.at(FOLDER))
 
 
 def play(bundle: Bundle, tables: Tables, player: Command, run: Run) -> bytes:

@@ -333,20 +333,16 @@ def _bus(text: str) -> int:
     return size.numerator
 
 
-def _positive_size(text: str) -> int:
-    size = parse_size(text)
-    if not size:
-        raise ValueError(f"{quoted(text)} is nothing; write a size above zero")
-    return size
+def _positive(read: Callable[[str], int], what: str) -> Callable[[str], int]:
+    def of(text: str) -> int:
+        if not (found := read(text)):
+            raise ValueError(f"{quoted(text)} is nothing; write a {what} above zero")
+        return found
+
+    return of
 
 
-def _positive_bandwidth(text: str) -> int:
-    rate = parse_bandwidth(text)
-    if not rate:
-        raise ValueError(f"{quoted(text)} is nothing; write a bandwidth above zero")
-    return rate
-
-
+_positive_size, _positive_bandwidth = _positive(parse_size, "size"), _positive(parse_bandwidth, "bandwidth")
 _INDEX = whole(0, MOST)
 
 
