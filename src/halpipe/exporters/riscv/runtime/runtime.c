@@ -30,10 +30,7 @@ typedef struct {
 static slot slots[HP_SLOTS];
 static uint64_t keys[HP_SLOTS + 1U]; /* next instant of every slot, and of the table: mtime << 2 | order */
 static volatile hp_mailbox *boxes[HP_UNITS];
-#ifdef HP_SCRATCHPAD
-__attribute__((section(".shared"))) /* start.S has it read by the other harts */
-#endif
-uint64_t hp_monitors[HP_UNITS + 1U];
+uint64_t hp_monitors[HP_UNITS + 1U] HP_SHARED;
 
 typedef struct {
     uint64_t start; /* mtime */

@@ -35,6 +35,9 @@
 {% endif %}
 {%- if profile.scratchpad %}
 #define HP_SCRATCHPAD
+#define HP_SHARED __attribute__((section(".shared"))) /* in main memory: start.S has the other harts read it */
+{%- else %}
+#define HP_SHARED
 {%- endif %}
 {%- if calibrate %}
 #define HP_CALIBRATE
