@@ -367,8 +367,8 @@ RUNTIME = {
     "dma.c:6: 8 -> 9 in #define UNIT_BITS 8U": "eight bits of the unit are compared, and the bit above is zero",
     "monitor.c:133: wait_for_interrupt(); -> ; in wait_for_interrupt();": "the loop ends at the same instant, awake",
     "runtime.c:197: + -> - in uint64_t next = ((now + 1U) < end) ? (((now + 1U) << 2U) | (o->key & ORDER)) : (end << 2U);": "the last try, of a transfer that could not be complete any more",
-    "runtime.c:435: 0 -> 1 in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt of a thousand less",
+    "runtime.c:438: 0 -> 1 in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt of a thousand less",
     "start.S:13: li t0, 8 -> nop in li t0, 8                       # wake on the software interrupt, without taking it": "the address in t0 has that bit, and the core looks at what woke it",
-    "runtime.c:436: 1 -> 2 in wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));": "looks at a core that starts a tick later",
+    "runtime.c:439: 1 -> 2 in wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));": "looks at a core that starts a tick later",
 }  # fmt: skip
 """Faults of benchmarks/mutants.py that change nothing that the runtime promises, as it prints them."""

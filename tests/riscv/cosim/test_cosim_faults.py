@@ -108,7 +108,8 @@ def test_a_job_that_never_ends_does_not_stop_the_others(export, play):
 
 
 def test_a_dma_engine_slower_than_planned(sound, play):
-    outcomes = play(sound, bandwidth=500_000)
+    slow = tuple(replace(resource, bandwidth=500_000) for resource in sound.model.resources)
+    outcomes = play(replace(sound, model=replace(sound.model, resources=slow)))
     late = find(outcomes, declared.MISSING_TRANSFER) + find(outcomes, declared.MISSING_JOB)
     assert any("transfer not complete in time" in d.message for d in late)
     outside = find(outcomes, declared.TRANSFER_OUTSIDE_PHASE)

@@ -1,4 +1,4 @@
-"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1071, HAL1461, HAL1546)."""
+"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1071, HAL1461, HAL1546, HAL1549)."""
 
 from __future__ import annotations
 
@@ -192,6 +192,12 @@ SPIKE_DIFFERS = error(
     "Execution ends differently on Spike",
     "Spike plays the monitor and a function of a job from the scratchpads of the co-simulation. What the monitor "
     "reports (status, cause, pc, value) or the data scratchpad differs in the end: one of both simulators is wrong.",
+)
+WATCHDOG_RESETS = error(
+    "HAL1549",
+    "Watchdog resets the board",
+    "The runtime has to write to the watchdog of the profile when each table begins, and the longest table has to be "
+    "over before the time-out.",
 )
 NO_CALIBRATION = error(
     "HAL1461",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.quantities import parse_rational, quoted
+from halpipe.core.quantities import parse_address, parse_rational, quoted
 from halpipe.core.records import record
 from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
@@ -74,6 +74,15 @@ class DmaSite:
     bandwidth: dict[str, int]
     latency: Duration
     bus: int | None = None
+
+
+@record
+class Watchdog:
+    """A timer that resets the board where nothing writes `value` to `address` within `timeout`."""
+
+    address: int
+    value: int
+    timeout: Duration
 
 
 @record
@@ -157,6 +166,7 @@ class Site:
     classes: dict[str, Fraction] = field(default_factory=dict)
     latency: Duration = ZERO
     scratchpad: Area | None = None  # the scratchpad of hart 0, for the runtime
+    watchdog: Watchdog | None = None
     copying: int = 0
     turns: tuple[Turn, ...] = ()
 
@@ -249,6 +259,7 @@ def _site(top: Fields) -> Site:
         management_cpi=cpi["management"],
         classes={name: cpi[name] for name in CLASSES},
         latency=_duration(top, "latency"),
+        watchdog=watchdog_of(top.part("watchdog")) if "watchdog" in top else None,
         scratchpad=_area(top.part("scratchpad")) if "scratchpad" in top else None,
         **(_copies(top.part("copies")) if "copies" in top else {}),
     )
@@ -290,6 +301,12 @@ def _dma(dma: Fields) -> DmaSite:
     )
 
 
+def watchdog_of(dog: Fields) -> Watchdog:
+    """Read a watchdog, of a profile or of target.json."""
+    address, value = (dog.value(key, parse_address, 0) for key in ("address", "value"))
+    return Watchdog(address, value, _duration(dog, "timeout"))
+
+
 def _unit(unit: Fields) -> UnitSite:
     hart = unit.number("hart", 1, MAX_UNITS)
     ispm, dspm = _area(unit.part("ispm")), _area(unit.part("dspm"))
@@ -323,7 +340,7 @@ def _contradictions(site: Site) -> Iterator[tuple[str, str]]:
     if harts != list(range(1, len(harts) + 1)):
         yield "units", f"their harts are {harts}, not 1 to {len(harts)}"
     areas = [("main memory", site.main), *([("scratchpad", site.scratchpad)] if site.scratchpad else [])]
-    areas += [(f"{unit.name} {kind}", area) for unit in site.units for kind, area in _scratchpads(unit)]
+    areas += [(f"{u.name} {kind}", area) for u in site.units for kind, area in (("ispm", u.ispm), ("dspm", u.dspm))]
     areas += _devices(site)
     for name, area in areas:
         if area.base % 4096 or not area.size or area.size % 8:
@@ -370,7 +387,5 @@ def _devices(site: Site) -> Iterator[tuple[str, Area]]:
         yield "dma", Area(site.dma.base, -(-site.dma.stride * site.dma.channels // 4096) * 4096)
     if site.finisher is not None:
         yield "finisher", Area(site.finisher, 4096)
-
-
-def _scratchpads(unit: UnitSite) -> tuple[tuple[str, Area], tuple[str, Area]]:
-    return ("ispm", unit.ispm), ("dspm", unit.dspm)
+    if site.watchdog is not None:
+        yield "watchdog", Area(site.watchdog.address // 4096 * 4096, 4096)

@@ -30,7 +30,15 @@ from halpipe.exporters.riscv.cores import (
 from halpipe.exporters.riscv.drivers import FILE as DRIVERS
 from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers, read_inputs
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, compile_runtime, link_images, measure
-from halpipe.exporters.riscv.operations import Backlog, Operations, check_grid, check_version, find_backlog, too_short
+from halpipe.exporters.riscv.operations import (
+    Backlog,
+    Operations,
+    check_grid,
+    check_version,
+    find_backlog,
+    resets,
+    too_short,
+)
 from halpipe.exporters.riscv.phases import check_phases, clock_of
 from halpipe.exporters.riscv.profile import MONITOR as MONITOR_ROOM
 from halpipe.exporters.riscv.profile import read_profile
@@ -116,12 +124,13 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         tables = operations.tables(schedule)
         backlog = find_backlog(tables, operations.programs, slower(profile, slots))
         findings.extend(too_short(operations.programs, backlog, site.parts, profile))
+        findings.extend(resets(tables, backlog, profile))
         findings.extend(site.copies.conflicts(tables, operations.programs, site.memory, model, site.clock))
         findings.stop_on_errors()
         plan = Plan(operations.programs, tables, backlog, images)
         elf = _program(shop, render, site, model.name, plan, monitors, drivers)
         files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
-        files |= ({DRIVERS: site.drivers.text} if site.drivers else {}) | site.inputs
+        files |= ({DRIVERS: site.drivers.text} if site.drivers.drivers else {}) | site.inputs
     files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
     files |= site.regulators
     facts = {

@@ -1,4 +1,4 @@
-"""The codes of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, HAL1489, 1490, 1505."""
+"""The codes of RISC-V bundles: HAL0840 to HAL0869, HAL0892 to HAL0894, HAL0980, HAL1460, HAL1489, 1490, 1505, 1547."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -165,6 +165,12 @@ BAD_INPUT = error(
     "Recorded input does not fit the model",
     "A recording is a file BUFFER.bin with one or more contents of a buffer that tasks read and none writes, each as "
     "large as the buffer. The check of the bundle puts them there, one for each hyperperiod.",
+)
+WATCHDOG_SHORT = error(
+    "HAL1547",
+    "Watchdog is shorter than a table",
+    "The runtime writes to the watchdog when each table begins. Its time-out has to cover the longest table, with the "
+    "lateness of the management core, or it resets a system that works.",
 )
 BAD_NAME = error(
     "HAL0866",

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.toolchain import Elf
-    from halpipe.models import Job, Schedule, TaskModel, Transfer, Version
+    from halpipe.models import Job, Schedule, TaskModel, Version
 
 PROGRAM = 2 * 2**20
 """Bytes at the beginning of main memory for the runtime and its tables; the last page of them is the control block."""
@@ -123,17 +123,11 @@ def buffer_sizes(versions: Iterable[tuple[str, Version]], findings: Findings) ->
     reserved = read | written
     for path, _, transfer in found:
         if transfer.size > reserved[transfer.buffer]:
-            findings.add(_outside(transfer, reserved[transfer.buffer], path))
+            most = format_size(reserved[transfer.buffer])
+            message = f'reads {format_size(transfer.size)} of buffer "{transfer.buffer}", into which {most} are written'
+            help = "make the sizes of the transfers agree"
+            findings.add(OUTSIDE_BUFFER(message, at=transfer.at, path=path, help=help))
     return dict(sorted(reserved.items()))
-
-
-def _outside(transfer: Transfer, reserved: int, path: str) -> Diagnostic:
-    message = (
-        f'reads {format_size(transfer.size)} of buffer "{transfer.buffer}", into which at most '
-        f"{format_size(reserved)} are ever written"
-    )
-    help = "make the sizes of the transfers agree"
-    return OUTSIDE_BUFFER(message, at=transfer.at, path=path, help=help)
 
 
 Shadow = tuple[str, AccessKind, str]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
-from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, milliseconds
 from halpipe.core.records import record
-from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT
+from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT, WATCHDOG_SHORT
 from halpipe.exporters.riscv.copies import Copies, lines_of
 from halpipe.exporters.riscv.cores import Shape, Slots, shape_of
 from halpipe.exporters.riscv.drivers import NONE, Drivers
@@ -345,6 +345,21 @@ def too_short(
             if key not in told:
                 told.add(key)
                 yield _finding(part, operation, late, profile)
+
+
+START = milliseconds(1)
+
+
+def resets(tables: Sequence[Table], backlog: Backlog, profile: Profile) -> Iterable[Diagnostic]:
+    """Yield the tables that may last longer than the time-out of the watchdog, which is written when each begins.
+
+    The first begins before the run does, by what the runtime leaves to start.
+    """
+    for index, table in enumerate(tables) if profile.watchdog else ():
+        longest = profile.tick * table.length + backlog.tables[index] + profile.service + START * table.is_mode
+        if profile.watchdog and profile.watchdog.timeout < longest:
+            message = f'the time-out is {profile.watchdog.timeout}, and "{table.name}" may last {longest}'
+            yield WATCHDOG_SHORT(message, path="watchdog", help=f"set the time-out to at least {longest}")
 
 
 def _finding(part: Part, operation: Operation, late: Duration, profile: Profile) -> Diagnostic:

@@ -81,7 +81,9 @@ def _dummy(task: Task, version: Version, profile: Profile, clock: Clock) -> Vers
     version = replace(version, accesses=moving)
     pieces = ((clock.up(begin), clock.down(end)) for begin, end in spans(version, cut=True))
     executions = [end - begin for begin, end in pieces if end > begin]
-    counts = [f"COUNT_{n}={_count(clock.tick * ticks - lost, profile)}" for n, ticks in enumerate(executions)]
+    rate = SHARE * profile.clock / profile.cpi / INSTRUCTIONS
+    most = [max(int((clock.tick * ticks - lost).in_unit("s") * rate), 1) for ticks in executions]
+    counts = [f"COUNT_{n}={count}" for n, count in enumerate(most)]
     entry = " ".join(f"dummy_{n}" for n in range(len(executions)))
     source = Source(files=(FILE,), entry=entry or "dummy_0", defines=(f"WORDS={transfer.size // 8}", *counts))
     return replace(version, source=source)
@@ -139,11 +141,6 @@ def _with_directions(phases: list[Access], wcet: Duration, clock: Clock) -> list
 def _fitting(access: Access, clock: Clock) -> int:
     time = clock.tick * (clock.down(access.end) - clock.up(access.start)) - clock.setup
     return max(int(time.in_unit("s") * clock.bandwidths[access.resource]), 0)
-
-
-def _count(time: Duration, profile: Profile) -> int:
-    cycles = SHARE * time.in_unit("s") * profile.clock
-    return max(int(cycles / profile.cpi / INSTRUCTIONS), 1)
 
 
 def grow(
@@ -218,7 +215,8 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
     """Return the model with the phases that its images need; raise `HalpipeError` if these cannot be made."""
     profile = read_profile(options.profile)
     render = Renderer(profile)
-    model = _with_resource(model, profile)
+    if not model.resources:
+        model = replace(model, resources=(Resource(name=MAIN_MEMORY, bandwidth=profile.dma.bandwidth),))
     clock = clock_of(model, profile)
     findings = Findings()
     tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
@@ -244,16 +242,11 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
         (part.task, part.version.name): _grow(part, elf, model, profile, drivers, findings, copying.get(part.task, 0))
         for part, elf in measured.items()
     }
-    model = _replaced(model, grown)
+    versions = {t.name: tuple(grown.get((t.name, v.name), v) for v in t.versions) for t in model.tasks}
+    model = replace(model, tasks=tuple(replace(t, versions=versions[t.name]) for t in model.tasks))
     findings.extend(_windows_from_start(model, parts, grown))
     findings.extend(_idle_phases(parts))
     return Prepared(model, files, tuple(findings.items))
-
-
-def _with_resource(model: TaskModel, profile: Profile) -> TaskModel:
-    if model.resources:
-        return model
-    return replace(model, resources=(Resource(name=MAIN_MEMORY, bandwidth=profile.dma.bandwidth),))
 
 
 def _parts(model: TaskModel, profile: Profile, tree: SourceTree) -> list[Part]:
@@ -293,13 +286,6 @@ def _resource_of(version: Version, model: TaskModel) -> str:
     """Return the resource over which a version without a load phase is loaded: that of its other phases, if any."""
     used = {access.resource for access in version.accesses}
     return next((r.name for r in model.resources if r.name in used), model.resources[0].name)
-
-
-def _replaced(model: TaskModel, grown: dict[tuple[str, str], Version]) -> TaskModel:
-    tasks = tuple(
-        replace(task, versions=tuple(grown.get((task.name, v.name), v) for v in task.versions)) for task in model.tasks
-    )
-    return replace(model, tasks=tasks)
 
 
 def _idle_phases(parts: Iterable[Part]) -> Iterable[Diagnostic]:

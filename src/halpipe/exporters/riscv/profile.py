@@ -67,6 +67,8 @@ _KEYS = (
     "timebase",
     "main",
     "scratchpad",
+    "watchdog",
+    "coherence",
     "ispm",
     "dspm",
     "stack",
@@ -136,10 +138,20 @@ class Dma:
 
 
 @record
+class Watchdog:
+    """A timer that resets the system where nothing writes a `value` of 32 bits to its `address` within a time."""
+
+    address: int
+    value: int
+    timeout: Duration
+
+
+@record
 class Profile:
     """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 
-    The runtime is in the `scratchpad` of hart 0, where there is one; else in main memory.
+    The runtime is in the `scratchpad` of hart 0, where there is one; else in main memory. The DMA engine `is_coherent`
+    if it reads and writes what hart 0 does, whose data cache is not between them.
     `service` is the longest time that the management core needs for one operation. `cpi` are the cycles of an
     instruction of a job, or of the management core; those of a job that are of other `classes` take others. `latency`
     is what an access of the management core takes beyond that.
@@ -152,6 +164,8 @@ class Profile:
     timebase: int
     main: Region
     scratchpad: Region | None
+    watchdog: Watchdog | None
+    is_coherent: bool
     ispm: Scratchpads
     dspm: Scratchpads
     stack: int
@@ -234,6 +248,8 @@ def _profile(name: str, f: Fields) -> Profile:
         timebase=f.value("timebase", whole(1000, 10**9), 1000),
         main=_region(f, "main"),
         scratchpad=_region(f, "scratchpad") if "scratchpad" in f else None,
+        watchdog=_watchdog(f) if "watchdog" in f else None,
+        is_coherent=f.value("coherence", Words("front-bus", "none"), "front-bus") == "front-bus",
         ispm=_scratchpads(f, "ispm"),
         dspm=_scratchpads(f, "dspm", "lr-sc"),
         stack=f.value("stack", _size, 8192),
@@ -276,6 +292,12 @@ def _section(f: Fields, key: str, *keys: str, also: tuple[str, ...] = ()) -> Fie
 def _region(f: Fields, key: str) -> Region:
     section = _section(f, key, "base", "size")
     return Region(section.value("base", parse_address, 0), section.value("size", _size, 0))
+
+
+def _watchdog(f: Fields) -> Watchdog:
+    section = _section(f, "watchdog", "address", "value", "timeout")
+    address, value = (section.value(key, parse_address, 0) for key in ("address", "value"))
+    return Watchdog(address, value, section.value("timeout", Duration.parse, Duration(0)))
 
 
 def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
@@ -330,6 +352,10 @@ def _faults(p: Profile) -> Iterator[str]:
             yield f"{name} and {other} overlap"
     if p.clint % CLINT_SIZE:
         yield f"clint does not begin at a multiple of {CLINT_SIZE:#x}"
+    if p.watchdog and (p.watchdog.address % 4 or p.watchdog.value >> 32):
+        yield "watchdog is no word of 32 bits"
+    if not p.is_coherent and p.dma.kind == "pdma":
+        yield 'coherence "none": the DMA engine would miss what hart 0 has in its cache, as buffers that it empties'
     if p.code_room <= 0:
         yield f"ispm has no room beside the monitor's {MONITOR} bytes"
     if p.data_room <= 0 or p.stack % 16:
@@ -341,6 +367,8 @@ def _devices(p: Profile) -> dict[str, Region]:
     found = {"clint": Region(p.clint, CLINT_SIZE), "uart": Region(p.uart, PAGE)}
     if p.dma.kind == "pdma":
         found["dma"] = Region(p.dma.base, -(-p.dma.stride * p.dma.channels // PAGE) * PAGE)
+    if p.watchdog:
+        found["watchdog"] = Region(p.watchdog.address // PAGE * PAGE, PAGE)
     return found | ({"finisher": Region(p.finisher, PAGE)} if p.finisher else {})
 
 

@@ -30,50 +30,27 @@ _FLAGS = {HealthEvent.OVERRUN: _OVERRUN, HealthEvent.FAULT: _FAULT, HealthEvent.
 
 
 @record
-class Rule:
-    """One rule, in the words of C; what its fields mean is in runtime/halpipe.h."""
-
-    task: str
-    first: int
-    mode: str
-    priority: int
-    flags: str
-    count: int
-    cycles: int
-    action: str
-
-
-@record
 class Health:
-    """The rules of a model, and how many events they count together."""
+    """The rules of a model, each as its task and a row in C, and how many events they count together."""
 
-    rules: tuple[Rule, ...] = ()
+    rules: tuple[tuple[str, str], ...] = ()
     events: int = 0
 
     def of(self, task: str) -> tuple[str, str]:
         """Return the index of the first rule of a task and their number, as in C."""
-        own = [i for i, rule in enumerate(self.rules) if rule.task == task]
+        own = [i for i, (name, _) in enumerate(self.rules) if name == task]
         return f"{own[0] if own else 0}U", f"{len(own)}U"
 
 
 def health_of(model: TaskModel, schedule: Schedule) -> Health:
     """Return the rules in the order of their tasks; the one that stands first in the model goes before the others."""
     modes = {mode.name: i for i, mode in enumerate(schedule.modes)}
-    found: list[Rule] = []
+    found: list[tuple[str, str]] = []
     events = 0
     for priority, rule in sorted(enumerate(model.health), key=lambda entry: entry[1].task):
-        found.append(
-            Rule(
-                task=rule.task,
-                first=events,
-                mode=f"{modes[rule.mode]}U" if rule.action is HealthAction.SWITCH else "HP_NO_TABLE",
-                priority=priority,
-                flags=" | ".join(_FLAGS[rule.event]),
-                count=rule.count,
-                cycles=rule.cycles,
-                action=f"HEALTH_{rule.action.name}",
-            )
-        )
+        mode = f"{modes[rule.mode]}U" if rule.action is HealthAction.SWITCH else "HP_NO_TABLE"
+        row = f"{events}U, {mode}, {priority}U, {' | '.join(_FLAGS[rule.event])}, {rule.count}U, {rule.cycles}U"
+        found.append((rule.task, f"{row}, HEALTH_{rule.action.name}"))
         events += rule.count
     return Health(tuple(found), events)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Image
     from halpipe.exporters.riscv.operations import Table
-    from halpipe.exporters.riscv.profile import Profile, Region
+    from halpipe.exporters.riscv.profile import Profile, Region, Watchdog
 
 VERSION = 2
 
@@ -71,6 +71,7 @@ def _board(profile: Profile) -> dict[str, Any]:
         "timebase": profile.timebase,
         "main": _region(profile.main),
         **({"scratchpad": _region(profile.scratchpad)} if profile.scratchpad else {}),
+        **({"watchdog": _watchdog(profile.watchdog)} if profile.watchdog else {}),
         "clint": {"base": hex(profile.clint)},
         "uart": {"kind": profile.uart_kind, "base": hex(profile.uart)},
         "dma": {
@@ -109,6 +110,10 @@ def _unit(core: Core) -> dict[str, Any]:
         "mailbox": hex(core.mailbox),
         "reserved": hex(core.job_end),
     }
+
+
+def _watchdog(dog: Watchdog) -> dict[str, Any]:
+    return {"address": hex(dog.address), "value": hex(dog.value), "timeout": str(dog.timeout)}
 
 
 def _region(region: Region) -> dict[str, Any]:

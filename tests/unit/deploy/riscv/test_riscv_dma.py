@@ -83,8 +83,8 @@ def watcher():
 
 def copy(copies, source, target, size, now):
     for at in range(0, size, 8):
-        copies.touches(source + at, 8, now + at, is_load=True)
-        copies.touches(target + at, 8, now + at + 1, is_load=False)
+        copies.loads(source + at, 8, now + at)
+        copies.stores(target + at, 8, now + at + 1)
 
 
 def test_adjacent_loads_and_stores_are_one_transfer():
@@ -122,8 +122,8 @@ def test_a_copy_is_over_when_its_core_is_started():
 
 def test_stores_of_something_else_are_no_copies():
     copies, log = watcher()
-    copies.touches(0x1040000, 8, 0, is_load=False)
-    copies.touches(0x80000000, 8, 1, is_load=True)
-    copies.touches(0x1040000, 4, 2, is_load=False)
+    copies.stores(0x1040000, 8, 0)
+    copies.loads(0x80000000, 8, 1)
+    copies.stores(0x1040000, 4, 2)
     copies.finish(3)
     assert log.ended == []

@@ -147,9 +147,8 @@ def test_other_boards_have_no_tiles():
 
 def test_debuggers_read_the_control_block_and_both_rings():
     text = texts("vcu118")["board/openocd.cfg"]
-    assert "mdd 0x801ff000 18" in text
-    assert "read_memory 0x801ff068 64 1" in text
-    assert "mdd 0x83cfb000 [expr {$records * 6}]" in text
+    assert "halpipe_words 0x801ff000 18" in text
+    assert "halpipe_ring $file trace 0x83cfb000 65536 6" in text
     assert "dump binary memory memory.bin 0x80000000 0x84000000" in texts("vcu118")["board/run.gdb"]
 
 
@@ -158,8 +157,12 @@ STUBS = (
     "\n".join(f'proc {name} {{args}} {{lappend ::done "{name} $args"}}' for name in NAMES)
     + """
 proc target {args} {return {hart0 hart1}}
-proc read_memory {address args} {return 3}
-proc mdd {address count} {echo "$address: $count"}
+proc read_memory {address width count} {
+    set found {}
+    for {set i 0} {$i < $count} {incr i} {lappend found [format 0x%x [expr {$address + $i}]]}
+    if {$count == 18} {set found [lreplace $found 13 14 0x10001 0x2]}
+    return $found
+}
 """
 )
 
@@ -174,5 +177,7 @@ def test_openocd_runs_the_script(tmp_path):
     resumed = "targets hart0; resume ; targets hart1; resume ; sleep 20; targets hart0; halt "
     assert f"{resumed}; exec halpipe deploy trace . memory.txt -o seen.csv" in said
     assert "reg pc 0x80000000; targets hart1; reg pc 0x80000000" in said
-    lines = (tmp_path / "memory.txt").read_text().split("\n")
-    assert [line for line in lines if line] == ["0x801ff000: 18", "0x83cfb000: 18", "0x83ffb000: 24"]
+    control, *trace, first, second, end = (tmp_path / "memory.txt").read_text().splitlines()
+    assert control.split()[:2] == ["control", "801ff000"]
+    assert (len(trace), trace[0][:14], trace[-1][:14]) == (65536, "trace 83cfb006", "trace 83cfb000")  # one is lost
+    assert (first.split()[1], second.split()[8], end) == ("83ffb000", "83ffb00f", "end")

@@ -101,11 +101,7 @@ class CopyWatcher:
         self._open: list[Transfer] = []
         self._loaded: tuple[Transfer, int] | None = None  # of which transfer something was loaded last, and how much
 
-    def touches(self, address: int, size: int, now: int, *, is_load: bool) -> None:
-        """The management core is about to load or store."""
-        (self._loads if is_load else self._stores)(address, size, now)
-
-    def _loads(self, address: int, size: int, now: int) -> None:
+    def loads(self, address: int, size: int, now: int) -> None:
         """Take a load as the beginning of a copy, or as more of one."""
         known = next((t for t in self._open if t.source + t.size == address), None)
         if known is None:
@@ -113,7 +109,7 @@ class CopyWatcher:
             self._begins(known)
         self._loaded = (known, size)
 
-    def _stores(self, address: int, size: int, now: int) -> None:
+    def stores(self, address: int, size: int, now: int) -> None:
         """Take a store of what was loaded; others are no copies."""
         if self._loaded is None or self._loaded[1] != size:
             return
@@ -233,20 +229,20 @@ class DmaPort:
             self._work.start_transfer(self.channels[channel], hart)
 
 
-class Finisher:
-    """The device by which QEMU's machine virt ends."""
+class Register:
+    """A device with something that is written: what ends an emulation (QEMU's machine virt), or a watchdog."""
 
     size = PAGE
 
-    def __init__(self, base: int, finish: Callable[[int], None]) -> None:
-        self.base = base
-        self._finish = finish
+    def __init__(self, address: int, written: Callable[[Hart, int], None]) -> None:
+        self.base = address // PAGE * PAGE
+        self._place, self._written = address % PAGE, written
 
     def load(self, hart: Hart, offset: int, size: int) -> int:
         """Return nothing."""
         return 0
 
     def store(self, hart: Hart, offset: int, size: int, value: int) -> None:
-        """End with the status that is written."""
-        if value & 0xFFFF in (0x5555, 0x3333):
-            self._finish(value >> 16)
+        """Pass on what is written to its one place."""
+        if offset == self._place:
+            self._written(hart, value)

@@ -180,7 +180,8 @@ class Hart:
         if page.misaligned >= 0:  # before what may be done with the address
             self._raised = (STORE_MISALIGNED if page.stores else LOAD_MISALIGNED, page.misaligned)
         if failure is not None and self._raised is None:
-            self._raised = self._undecodable(pc)
+            breaks = self._instruction(pc) in (registers.EBREAK, registers.C_EBREAK)
+            self._raised = (BREAKPOINT, pc) if breaks else (ILLEGAL, 0)
         if self._raised is not None:
             pc = self._excepted if self._excepted >= 0 else pc
             return self._trap(*self._as_cores_do(*self._raised, pc), pc)
@@ -223,10 +224,6 @@ class Hart:
         timer = self.now >= self.compare * self._tick
         software = self.software and self.now >= self.software_at
         return software << SOFTWARE | timer << TIMER
-
-    def _undecodable(self, pc: int) -> tuple[int, int]:
-        word = self._instruction(pc)
-        return (BREAKPOINT, pc) if word in (registers.EBREAK, registers.C_EBREAK) else (ILLEGAL, 0)
 
     def _instruction(self, pc: int) -> int:
         """Return the instruction at an address, of two or four bytes; 0 where there is no memory."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.bus import Bus
-from halpipe.deploy.riscv.board.devices import TRANSACTION, Clint, CopyWatcher, DmaPort, Finisher, Transfer, Uart
+from halpipe.deploy.riscv.board.devices import TRANSACTION, Clint, CopyWatcher, DmaPort, Register, Transfer, Uart
 from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
 from halpipe.deploy.riscv.target import CONTROL_SIZE
@@ -138,7 +138,9 @@ class Machine:
             self._port = DmaPort(dma.base, dma.stride, dma.channels, self)
             devices.append(self._port)
         if self.site.finisher is not None:
-            devices.append(Finisher(self.site.finisher, self._finish))
+            devices.append(Register(self.site.finisher, self._finishes))
+        if self.site.watchdog is not None:
+            devices.append(Register(self.site.watchdog.address, self._kicks))
         return devices
 
     def _power_up(self) -> None:
@@ -244,6 +246,14 @@ class Machine:
             return False
         return True
 
+    def _finishes(self, hart: Hart, value: int) -> None:
+        if value & 0xFFFF in (0x5555, 0x3333):
+            self._finish(value >> 16)
+
+    def _kicks(self, hart: Hart, value: int) -> None:
+        if self.site.watchdog is not None and value == self.site.watchdog.value:
+            self.observer.kicks.append(hart.now)
+
     def _finish(self, status: int) -> None:
         self.status = status
         self.stop()
@@ -305,7 +315,7 @@ class Machine:
         other.run(now)
         at = address - self.site.unit_of(other.number).mailbox
         if at < 0 or access != UC_MEM_READ:  # a load from the mailbox begins no copy
-            self._copies.touches(address, size, now, is_load=access == UC_MEM_READ)
+            (self._copies.loads if access == UC_MEM_READ else self._copies.stores)(address, size, now)
         if access == UC_MEM_READ:
             if at == _BEGIN and self.management.has_looked:
                 self.observer.unordered.add("reads when a job began")
@@ -320,7 +330,8 @@ class Machine:
         from unicorn import UC_MEM_READ
 
         if self.called():
-            self._copies.touches(address, size, self.management.now, is_load=access == UC_MEM_READ)
+            touches = self._copies.loads if access == UC_MEM_READ else self._copies.stores
+            touches(address, size, self.management.now)
 
     def _controlled(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
         if self.called():

@@ -291,7 +291,6 @@ def simulate(
     tour: Tour,
     *,
     execution: str = "real",
-    bandwidth: int | None = None,
     cpi: Fraction | int | None = None,
     injections: Sequence[Injection] = (),
     course: Course | None = None,
@@ -323,7 +322,6 @@ def simulate(
         cycles=tour.tables,
         first=tour.first,
         execution=execution,
-        bandwidth=bandwidth,
         cpi=cpi,
         saboteur=make(site, jobs, injections) if make else None,
         health=course is not None or not injections,
@@ -362,7 +360,7 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     # After a wrong turn everything else is judged by the tables that are really played, so that it is one finding.
     played = tables_named(target.schedule, [table.name for table in run.tables])
     findings.extend(conditions.decides(run, played, tolerance))
-    findings.extend(conditions.starts_afresh(run))
+    findings.extend([*conditions.starts_afresh(run), *conditions.feeds(run)])
     expectation = Expectation(target.bundle, target.model, run.site, simulation.images)
     jobs = expectation.jobs(played)
     findings.extend(expectation.findings.items)

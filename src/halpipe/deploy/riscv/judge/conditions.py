@@ -50,6 +50,8 @@ def is_over(run: Run, *, stops: bool = False) -> Iterator[Diagnostic]:
     message = _STATES.get(run.state, f"the runtime is in state {run.state}")
     if run.state == TRAPPED:
         message = f"the management core trapped: mcause {run.word(Word.CAUSE):#x}, mepc {run.word(Word.EPC):#x}"
+    dog, kicks = run.site.watchdog, run.recorder.kicks
+    message += f"; the watchdog resets the board at {run.since(kicks[-1]) + dog.timeout}" if dog and kicks else ""
     text = run.uart.decode("ascii", "replace").strip()
     message += f"; it printed: {text[:200]}" if text else ""
     yield codes.NOT_FINISHED(f"{message} ({run.duration} after the beginning)", help=REPORT)
@@ -118,6 +120,16 @@ def decides(run: Run, played: Sequence[Played], tolerance: Duration) -> Iterator
             message = f'at the end of "{table.name}" requests are taken at {seen}, it has to be at {due}'
             yield codes.WRONG_TABLE(message, path=f"cycle {table.cycle}", help=REPORT)
             return
+
+
+def feeds(run: Run) -> Iterator[Diagnostic]:
+    """Yield where the watchdog is not written when each table begins, or resets the board between two of them."""
+    dog, kicks = run.site.watchdog, run.recorder.kicks
+    late = [pair for pair in pairwise(kicks) if dog and run.length(pair[1] - pair[0]) > dog.timeout]
+    if dog and (late or len(kicks) != len(run.tables)):
+        message = f"is written {len(kicks)} times in {len(run.tables)} tables"
+        message += f", and resets the board at {run.since(late[0][0]) + dog.timeout}" if late else ""
+        yield codes.WATCHDOG_RESETS(message, path="watchdog", help=REPORT)
 
 
 def starts_afresh(run: Run) -> Iterator[Diagnostic]:

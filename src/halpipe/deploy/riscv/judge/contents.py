@@ -18,7 +18,7 @@ from halpipe.core.quantities import parse_address, parse_bandwidth, parse_ration
 from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
-from halpipe.deploy.riscv.target import CLASSES, MEMORIES, Area, DmaSite, each
+from halpipe.deploy.riscv.target import CLASSES, MEMORIES, Area, DmaSite, each, watchdog_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -99,6 +99,7 @@ def _described(f: Fields, site: Site) -> Site:
         management_cpi=_own(cycles, "management", parse_rational, jobs),
         classes=classes,
         latency=_own(f, "latency", Duration.parse, ZERO),
+        watchdog=watchdog_of(f.part("watchdog")) if "watchdog" in f else None,
         scratchpad=_memory(f.part("scratchpad")) if "scratchpad" in f else None,
     )
 

@@ -60,6 +60,8 @@ def summary_lines(target: Target, outcomes: Sequence[Outcome], tolerance: Durati
         f"{_short(lasted)} of the board's time"
     )
     lines.append(f"starts may be late by {tolerance}, the time that the management core has for its operations")
+    if (dog := outcomes[0].run.site.watchdog) is not None:
+        lines.append(f"the watchdog resets the board {dog.timeout} after hart 0 has begun its last table")
     lines += _margins(target, outcomes)
     lines += _calls(outcomes)
     return tuple(lines)
@@ -70,7 +72,7 @@ def _margins(target: Target, outcomes: Sequence[Outcome]) -> Iterator[str]:
     shares = [(figures.share, name) for name, figures in figures_of(outcomes).items() if figures.share]
     if shares and not any(outcome.run.is_modelled for outcome in outcomes):
         share, name = max(shares)
-        most = _rounded(1 / share)
+        most = format_rational(Fraction(int(100 / share), 100))  # rounded down
         inputs = recorded_inputs(target.bundle, outcomes[0].run.site)
         data = f"recorded inputs of {', '.join(inputs)}" if inputs else "empty buffers"
         yield f'with {data}, executions fit up to {most} cycles an instruction ("{name}" is the first);'
@@ -93,11 +95,6 @@ def _calls(outcomes: Sequence[Outcome]) -> Iterator[str]:
         asked = sum(len(outcome.run.requests) for outcome in heard)
         switches = sum(table.is_transition for outcome in heard for table in outcome.tables)
         yield f"in {len(heard)} run, tasks asked {asked} times for a mode, which led to {switches} switches"
-
-
-def _rounded(number: Fraction) -> str:
-    """Return a number with two decimals, rounded down."""
-    return format_rational(Fraction(int(number * 100), 100))
 
 
 def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Figures]:

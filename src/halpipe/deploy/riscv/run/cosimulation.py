@@ -127,10 +127,10 @@ class CoSimulation:
     Transfers pass the tables of the regulators in the bundle, if it has any that grant bytes in windows.
     `tables` is the number of tables to play (0: until the plant stops the run), `requests` are mode requests at their
     instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
-    ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
-    second; `cpi` are cycles per instruction, by default those of the profile. `budget` ends a run that goes round in
-    circles, and a `saboteur` has jobs and transfers fail; without `health` no rule of the model follows from that.
-    Drivers return at once: the plant takes their place. Modes that tasks ask for are taken if it `hears` them.
+    ``modelled`` (it ends when its time in the schedule is over). `cpi` are cycles per instruction, by default those of
+    the profile. `budget` ends a run that goes round in circles, and a `saboteur` has jobs and transfers fail; without
+    `health` no rule of the model follows from that. Drivers return at once: the plant takes their place. Modes that
+    tasks ask for are taken if it `hears` them.
     """
 
     def __init__(
@@ -142,7 +142,6 @@ class CoSimulation:
         cycles: int = 0,
         first: str = "",
         execution: str = "real",
-        bandwidth: int | None = None,
         cpi: Fraction | int | None = None,
         budget: Budget | None = None,
         saboteur: Saboteur | None = None,
@@ -163,9 +162,9 @@ class CoSimulation:
         self.program = program
         self._recorder = Recorder(self.site, list(self.images.values()), self._told)
         try:
-            bandwidths = self._bandwidths(bandwidth)
+            rates = self._bandwidths()
             self._machine = Machine(
-                self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget, others=self._beside
+                self.site, program, self._recorder, bandwidths=rates, cpi=cpi, budget=budget, others=self._beside
             )
         except ModuleNotFoundError:
             help = "pip install ziglang pyelftools unicorn"
@@ -212,11 +211,11 @@ class CoSimulation:
             self._recorder.watch_drivers(known)
             self._recorder.drives = self._drives
 
-    def _bandwidths(self, stated: int | None) -> dict[tuple[int, str], int]:
-        """Return the bandwidth of every channel: as asked for, else that of the engine, or of a slower resource."""
+    def _bandwidths(self) -> dict[tuple[int, str], int]:
+        """Return the bandwidth of every channel into each memory: that of the engine, or of a slower resource."""
         limits = {r.name: r.bandwidth for r in self._target.model.resources}
         return {
-            (channel, memory): stated or min(limits.get(name) or most, most)
+            (channel, memory): min(limits.get(name) or most, most)
             for name, channel in self.site.channels.items()
             for memory, most in self.site.dma.bandwidth.items()
         }

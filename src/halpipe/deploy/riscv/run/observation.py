@@ -94,6 +94,7 @@ class Observations:
         default_factory=set
     )  # what the management core did before a fence made its stores visible
     decisions: list[int] = field(default_factory=list)  # when the management core took the requests
+    kicks: list[int] = field(default_factory=list)  # when the management core wrote to the watchdog
     stale: list[tuple[Transfer, str]] = field(default_factory=list)
 
 

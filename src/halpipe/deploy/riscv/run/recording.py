@@ -170,21 +170,20 @@ def parse_recording(printed: str, broken: HalpipeError) -> tuple[Recording, int]
     return Recording(records, found, traced - len(records) + abandoned - len(found)), state
 
 
-_LINE = re.compile(r"\s*(?:0x)?([0-9a-fA-F]{4,16}):((?:\s+[0-9a-fA-F]{2,16})+)\s*")
 _STATES = range(1, 6)  # after the boot; see docs/reference/riscv-bundle.md
 
 
 def read_board(bundle: Bundle, data: bytes, file: str, base: int | None = None) -> Recording:
     """Return what the runtime recorded, from a dump of memory or from what it printed.
 
-    A dump is binary, from `base` on (by default main memory's), or the text that OpenOCD's ``mdb`` to ``mdd`` write.
-    Raise `HalpipeError` if the control block and the rings are not in it.
+    A dump begins at `base`, by default that of main memory. Raise `HalpipeError` if the control block and the rings are
+    not in it.
     """
     site = read_site(bundle)
     text = _printed(data)
     if text:
         return parse_recording(text, no_recording(file, "what the runtime printed is cut off"))[0]
-    memory = _memory_of(site, data, file, base)
+    memory = Dump(file, data, site.main.base if base is None else base)
     state = memory.word(site.control + 8 * Word.STATE)
     if state not in _STATES:
         raise no_recording(file, f"the control block at {site.control:#x} says state {state}: no run of this bundle")
@@ -195,11 +194,6 @@ def _printed(data: bytes) -> str:
     """Return what the runtime printed; empty if it is none of that."""
     text = data.decode("ascii", "replace") if data[:4096].isascii() else ""
     return text if re.search(r"^control ", text, re.MULTILINE) else ""
-
-
-def _memory_of(site: Site, data: bytes, file: str, base: int | None) -> Dump:
-    text = data.decode("ascii", "replace") if data[:4096].isascii() else ""
-    return _Sparse(file, text) if _LINE.match(text) else Dump(file, data, site.main.base if base is None else base)
 
 
 CALIBRATION, MOST_MEASURED = 1024, 100
@@ -221,7 +215,7 @@ def read_calibration(bundle: Bundle, data: bytes, file: str, base: int | None = 
     """Return what the runtime recorded, and what it measured before."""
     recording, text, site = read_board(bundle, data, file, base), _printed(data), read_site(bundle)
     if not text:
-        return recording, measurements(_memory_of(site, data, file, base), site)
+        return recording, measurements(Dump(file, data, site.main.base if base is None else base), site)
     rows = [line.split()[1:] for line in text.splitlines() if line.startswith("calibration ")]
     if any(len(row) != 3 or not all(re.fullmatch("[0-9a-f]{1,16}", word) for word in row) for row in rows):
         raise no_recording(file, "what the runtime printed of its measurements is cut off")
@@ -246,28 +240,3 @@ class Dump(Memory):
         if at < 0 or at + size > len(self._data):
             raise no_recording(self._file, f"{size} bytes at {address:#x} are not in the dump")
         return self._data[at : at + size]
-
-
-class _Sparse(Dump):
-    """Lines of an address and words, as a debugger prints them; words are little-endian numbers."""
-
-    def __init__(self, file: str, text: str) -> None:
-        super().__init__(file, b"", 0)
-        self._bytes: dict[int, int] = {}
-        for line in text.splitlines():
-            found = _LINE.fullmatch(line)
-            if found is None:
-                continue  # prompts and echoes
-            at = int(found[1], 16)
-            for word in found[2].split():
-                if len(word) % 2:
-                    raise no_recording(file, f"{word} has an odd number of digits")
-                for byte in reversed(bytes.fromhex(word)):
-                    self._bytes[at] = byte
-                    at += 1
-
-    def read(self, address: int, size: int) -> bytes:
-        try:
-            return bytes(self._bytes[at] for at in range(address, address + size))
-        except KeyError as missing:
-            raise no_recording(self._file, f"the byte at {missing.args[0]:#x} is not in the dump") from None

@@ -315,6 +315,9 @@ static void begin_table(uint32_t index, uint64_t start) {
         current.mode = index;
     }
     CONTROL->table = index;
+#ifdef HP_WATCHDOG
+    *(volatile uint32_t *)HP_WATCHDOG = HP_WATCHDOG_VALUE;
+#endif
     keys[TABLE_SLOT] = table_key();
     record_table(start - base, (start - base) + hp_tables[index].length, 0U);
 }

@@ -39,6 +39,10 @@
 {%- else %}
 #define HP_SHARED
 {%- endif %}
+{%- if profile.watchdog %}
+#define HP_WATCHDOG {{ profile.watchdog.address | hex }}UL
+#define HP_WATCHDOG_VALUE {{ profile.watchdog.value | hex }}U
+{%- endif %}
 {%- if calibrate %}
 #define HP_CALIBRATE
 #define CALIBRATE_TURNS 5000

@@ -31,8 +31,8 @@ const hp_program hp_programs[] = {
 };
 
 const hp_rule hp_rules[HP_RULES] = {
-{%- for rule in health.rules %}
-    {{ "{" }}{{ rule.first }}U, {{ rule.mode }}, {{ rule.priority }}U, {{ rule.flags }}, {{ rule.count }}U, {{ rule.cycles }}U, {{ rule.action }}}, /* {{ rule.task }} */
+{%- for task, row in health.rules %}
+    {{ "{" }}{{ row }}}, /* {{ task }} */
 {%- else %}
     {0U, HP_NO_TABLE, 0U, 0U, 1U, 0U, 0U}, /* none */
 {%- endfor %}
