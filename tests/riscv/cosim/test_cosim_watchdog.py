@@ -40,7 +40,9 @@ def test_a_runtime_that_does_not_write_it_is_found(mutant, profile, what, instea
 
 
 def test_a_runtime_that_writes_it_too_seldom_is_found(mutant, profile):
-    found, _ = errors(mutant("runtime.c", KICK, f"if ((current.cycle < 1U) || (current.cycle > 2U)) {{ {KICK} }}", profile=profile()))
+    found, _ = errors(
+        mutant("runtime.c", KICK, f"if ((current.cycle < 1U) || (current.cycle > 2U)) {{ {KICK} }}", profile=profile())
+    )
     assert ", and resets the board at " in found[codes.WATCHDOG_RESETS.id]
 
 

@@ -268,7 +268,8 @@ def _grow(
     """Return a version whose phases hold its image and transfers; say what was added."""
     old = part.version
     load = load_of(old)
-    resource = load.resource if load else _resource_of(old, model)
+    used = [load.resource] if load else [access.resource for access in old.accesses]
+    resource = next((r.name for r in model.resources if r.name in used), model.resources[0].name)
     sizes = [(segment.size, part.cores[0].memory_at(segment.target)) for segment in elf.segments]
     clock = clock_of(model, profile)
     # Each other core may have a driver called at the same instant.
@@ -280,12 +281,6 @@ def _grow(
         message = f"the image has {total} bytes: load phase {before} -> {after}, WCET {old.wcet} -> {new.wcet}"
         findings.add(GREW(message, at=old.at, path=part.path))
     return new
-
-
-def _resource_of(version: Version, model: TaskModel) -> str:
-    """Return the resource over which a version without a load phase is loaded: that of its other phases, if any."""
-    used = {access.resource for access in version.accesses}
-    return next((r.name for r in model.resources if r.name in used), model.resources[0].name)
 
 
 def _idle_phases(parts: Iterable[Part]) -> Iterable[Diagnostic]:

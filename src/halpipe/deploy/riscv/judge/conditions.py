@@ -31,6 +31,7 @@ _STATES = {
     3: "an application core did not answer when it was started",
     5: "a health rule stopped it",
 }
+VERBS = {Right.READ: "read", Right.WRITE: "write", Right.EXECUTE: "execute"}
 FINISHED, TRAPPED, STOPPED = 2, 4, 5
 _CLINT_SIZE = 0x10000
 _STEPS = 150
@@ -68,7 +69,8 @@ def is_confined(run: Run) -> Iterator[Diagnostic]:
             continue
         for level, who in ((Level.MACHINE, "its monitor"), (Level.USER, "a job")):
             for low, high, right in _open(run.site, unit, protection, level):
-                message = f"{who} may {_verbs(right)} at {low:#x} to {high:#x}"
+                verbs = " and ".join(verb for each, verb in VERBS.items() if right & each)
+                message = f"{who} may {verbs} at {low:#x} to {high:#x}"
                 yield codes.OPEN_CORE(message, path=about(unit=unit.name), help=help)
     for hart in sorted({e.hart for e in run.executions if e.level is not Level.USER}):
         message = "executes jobs in machine mode, in which they may change its interrupts and its protection"
@@ -89,11 +91,6 @@ def _open(site: Site, unit: UnitSite, protection: Protection, level: Level) -> I
         for start, end, right in protection.pieces(low, high, level):
             if right & ~allowed:
                 yield start, end, right & ~allowed
-
-
-def _verbs(right: Right) -> str:
-    names = [(Right.READ, "read"), (Right.WRITE, "write"), (Right.EXECUTE, "execute")]
-    return " and ".join(name for each, name in names if right & each)
 
 
 def plays(run: Run, expected: Sequence[Played], tolerance: Duration) -> Iterator[Diagnostic]:

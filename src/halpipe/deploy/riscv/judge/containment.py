@@ -115,7 +115,9 @@ def recorded(
         found = injection.befalls(job) if job is not None else None
         if job is None or found is None:
             continue
-        record = next((r for r in left if _matches(r, job, found, slack)), None)
+        harts = {execution.hart for execution in job.executions} or {found.hart}
+        own = (r for r in left if r.cycle == job.table.cycle and r.hart in harts)
+        record = next((r for r in own if found.begin <= r.time <= found.end + slack), None)
         if record is None:
             message = f"{injection.kind} was injected; the runtime recorded nothing of it"
             yield codes.NOT_CONTAINED(message, at=job.job.at, path=job.path, help=FROM_RUNTIME)
@@ -128,12 +130,6 @@ def recorded(
     elif run.recording.lost:
         message = f"{run.recording.lost} records were overwritten, so that not every fault can be looked up"
         yield codes.NOT_INJECTED(message, path="trace", help="inject into fewer cycles: --cycles 8")
-
-
-def _matches(record: Abandoned, job: PlannedJob, found: PlannedExecution | PlannedTransfer, slack: int) -> bool:
-    harts = {execution.hart for execution in job.executions} or {found.hart}
-    in_time = found.begin <= record.time <= found.end + slack
-    return record.cycle == job.table.cycle and record.hart in harts and in_time
 
 
 def _judge(

@@ -175,7 +175,8 @@ class Expectation:
             message = f'has no image of version "{job.version}" for every unit of {", ".join(job.units)}'
             self._complain(message, f'task "{job.task}"')
             return [], [], []
-        moving = moving_phases(version)
+        moving = [a for a in version.accesses if a.kind is AccessKind.LOAD or a.transfers]
+        moving.sort(key=lambda access: (access.start, access.end))
         wall = _Wall(_relative(job), version.split.resume, waits)
         turns = [turn for turn in self._site.turns if turn.task == job.task]
         transfers = [t for turn in turns for t in self._copies(turn, moving, members[0])]
@@ -368,9 +369,3 @@ def _part(rank: int, ranks: int, size: int) -> tuple[int, int]:
     if size <= SCALAR:
         return 0, 0 if rank else size
     return rank * (size // ranks), size // ranks
-
-
-def moving_phases(version: Version) -> list[Access]:
-    """Return the phases of a version in which bytes are moved, by their start."""
-    moving = [a for a in version.accesses if a.kind is AccessKind.LOAD or a.transfers]
-    return sorted(moving, key=lambda access: (access.start, access.end))
