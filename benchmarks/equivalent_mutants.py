@@ -352,6 +352,7 @@ CONDITIONS = {
     ("timing.py", "first = placed.job.index * period if True else 0"): "without a period there are no delays",
     ("transitions.py", "limit = f'at most {switch.max_length}' if False else 'any length from 0'"): WORDS,
     ("transitions.py", "limit = f'at most {switch.max_length}' if True else 'any length from 0'"): WORDS,
+    ("transitions.py", "return start - (placed.end if False else instant)"): FULL,
     ("second_checker.py", "task, index = (job.task, job.index) if False else (job, '-')"): WORDS,
     ("second_checker.py", "base += most * self.count(by) if True else 0"): CACHE,
 }  # fmt: skip

@@ -121,12 +121,14 @@ def parse_size(text: str) -> int:
 
 
 def parse_bandwidth(text: str) -> int:
-    """Read a bandwidth such as ``19.2GB/s`` into whole bytes per second."""
+    """Read a bandwidth such as ``19.2GB/s`` into whole bytes per second, more than none."""
     stripped = text.strip()
     what = "a bandwidth; write it as 400MB/s or 19.2GB/s"
     if not stripped.endswith("/s"):
         raise ValueError(f"{quoted(text)} is not {what}")
-    return _whole_bytes(text, stripped[:-2], what)
+    if not (rate := _whole_bytes(text, stripped[:-2], what)):
+        raise ValueError(f"{quoted(text)} moves nothing; write a bandwidth above zero")
+    return rate
 
 
 def _whole_bytes(text: str, stripped: str, what: str) -> int:

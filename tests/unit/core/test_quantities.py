@@ -118,6 +118,12 @@ def test_a_bandwidth_is_read_in_bytes_per_second(text, rate):
     assert parse_bandwidth(text) == rate
 
 
+@pytest.mark.parametrize("text", ["0MB/s", "0B/s", "0.0GiB/s"])
+def test_a_bandwidth_of_nothing_is_refused(text):
+    with pytest.raises(ValueError, match="moves nothing; write a bandwidth above zero"):
+        parse_bandwidth(text)
+
+
 @pytest.mark.parametrize("text", ["", "400MB", "400MB/ms", "/s", "fast", "400Mb/s"])
 def test_what_is_no_bandwidth_is_refused(text):
     with pytest.raises(ValueError, match="not a bandwidth; write it as"):

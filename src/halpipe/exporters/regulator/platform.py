@@ -199,8 +199,8 @@ class _Reader:
             return None
         clock = top.value("clock", parse_frequency, 0)
         bus, burst = top.value("bus", _bus, 0), top.value("burst", _positive_size, 0)
-        guaranteed = top.value("guaranteed", _positive_bandwidth, 0)
-        capacity = top.value("capacity", _positive_bandwidth, guaranteed)
+        guaranteed = top.value("guaranteed", parse_bandwidth, 0)
+        capacity = top.value("capacity", parse_bandwidth, guaranteed)
         least = max(LEAST_CYCLES, -(-burst * clock // capacity)) if capacity else LEAST_CYCLES  # carry a burst
         window = top.value("window", lambda text: _window(text, clock, least), Fraction(0))
         cycles = int(window)
@@ -217,7 +217,7 @@ class _Reader:
             extra=window - cycles,
             guaranteed=guaranteed,
             capacity=capacity,
-            stated_peak=top.value("peak", _positive_bandwidth, None),
+            stated_peak=top.value("peak", parse_bandwidth, None),
             unspecified=top.value("unspecified", Words(*DIRECTIONS), READ),
             backend=backend,
             overshoot=top.value("overshoot", parse_size, None),
@@ -333,16 +333,13 @@ def _bus(text: str) -> int:
     return size.numerator
 
 
-def _positive(read: Callable[[str], int], what: str) -> Callable[[str], int]:
-    def of(text: str) -> int:
-        if not (found := read(text)):
-            raise ValueError(f"{quoted(text)} is nothing; write a {what} above zero")
-        return found
-
-    return of
+def _positive_size(text: str) -> int:
+    size = parse_size(text)
+    if not size:
+        raise ValueError(f"{quoted(text)} is nothing; write a size above zero")
+    return size
 
 
-_positive_size, _positive_bandwidth = _positive(parse_size, "size"), _positive(parse_bandwidth, "bandwidth")
 _INDEX = whole(0, MOST)
 
 
@@ -377,7 +374,7 @@ def _ratio(text: str) -> str:
 def levels_of(text: str) -> dict[int, int]:
     """Read measured bandwidths by value, as ``10=4GB/s 20=6.1GB/s``; both ascend."""
     pairs = [word.partition("=") for word in text.split()]
-    found = {_INDEX(value): _positive_bandwidth(rate) for value, _, rate in pairs}
+    found = {_INDEX(value): parse_bandwidth(rate) for value, _, rate in pairs}
     if len(found) != len(pairs) or list(found) != sorted(found) or list(found.values()) != sorted(found.values()):
         raise ValueError(f"{quoted(text)} does not ascend; write each value once, as 10=4GB/s 20=6.1GB/s")
     return found

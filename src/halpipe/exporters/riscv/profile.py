@@ -323,7 +323,7 @@ def _dma(f: Fields) -> Dma:
         stride=section.value("stride", parse_address, 4096),
         channels=channels,
         into=into,
-        bus=section.value("bus", _bandwidth, channels * min(into.values())),
+        bus=section.value("bus", parse_bandwidth, channels * min(into.values())),
         setup=section.value("setup", Duration.parse, Duration(0)),
     )
 
@@ -331,9 +331,9 @@ def _dma(f: Fields) -> Dma:
 def _into(dma: Fields) -> dict[str, int]:
     """Read a bandwidth for each memory that bytes are moved into, or one for all."""
     if not dma.is_mapping("bandwidth"):
-        return dict.fromkeys(MEMORIES, dma.value("bandwidth", _bandwidth, 1))
+        return dict.fromkeys(MEMORIES, dma.value("bandwidth", parse_bandwidth, 1))
     each = _section(dma, "bandwidth", *MEMORIES)
-    return {memory: each.value(memory, _bandwidth, 1) for memory in MEMORIES}
+    return {memory: each.value(memory, parse_bandwidth, 1) for memory in MEMORIES}
 
 
 def _faults(p: Profile) -> Iterator[str]:
@@ -384,10 +384,3 @@ def _cycles(text: str) -> Fraction:
     if not 1 <= number <= 1000:
         raise ValueError(f"{text} is no number of cycles; write one from 1 to 1000, such as 1.5")
     return number
-
-
-def _bandwidth(text: str) -> int:
-    value = parse_bandwidth(text)
-    if not value:
-        raise ValueError(f"{text} moves nothing; write a bandwidth above zero")
-    return value
