@@ -96,12 +96,14 @@ def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
     from halpipe.core.files import write_output
     from halpipe.exporters.native import format_model, format_schedule
     from halpipe.importers.native import parse_model, parse_schedule
-    from halpipe.models import Schedule
+    from halpipe.models import Schedule, TaskModel
 
     if isinstance(value, Schedule):
         content = format_schedule(value)
         write_output(path, content)
         return parse_schedule(content, path)
+    if not isinstance(value, TaskModel):
+        raise TypeError("save: give a model or a schedule, then the name of a file")
     content = format_model(value)
     write_output(path, content)
     return parse_model(content, path)

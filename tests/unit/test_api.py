@@ -15,7 +15,7 @@ import halpipe
 from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
-from halpipe.models import Binding, Resource, Task, Transfer, Version
+from halpipe.models import Binding, Resource, Task, TaskModel, Transfer, Version
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import UNBOUNDED
 from profiles import examples
@@ -90,8 +90,8 @@ def test_sizes_and_bandwidths_may_be_texts_as_in_files():
         ("period", "5 parsecs", "Task.period: '5 parsecs' is not a duration"),
         ("slack", 0.5, "Task.slack: 0.5 is a float; give an exact number"),
         ("versions", "v", "Task.versions: 'v' is a str; give a list, of which each is a Version"),
-        ("versions", [3], "Task.versions: 3 is a int; give a list, of which each is a Version"),
-        ("binding", "firm", "Task.binding: 'firm' is not a valid Binding"),
+        ("versions", [3], "Task.versions: in the list, 3 is a int; give a list, of which each is a Version"),
+        ("binding", "firm", "Task.binding: 'firm' is not known; write one of job, mode, system"),
     ],
 )
 def test_a_wrong_type_names_its_field(field, value, said):
@@ -227,6 +227,17 @@ def test_a_model_grows_step_by_step():
     without = second.add_task("e", period="20ms")
     assert without.task("e").versions == ()
     assert without.mode("default").runs[-1].versions == ()
+
+
+def test_a_misspelt_field_or_a_change_in_place_names_the_remedy(tmp_path):
+    with pytest.raises(TypeError, match="Task has no field 'priod'; write one of name, period, "):
+        TaskModel(name="m").add_task("a", wcet="1ms", priod="5ms")
+    with pytest.raises(TypeError, match="Chain has no field 'reaction'; write one of .*max_reaction"):
+        TaskModel(name="m").add_chain("c", "a", reaction="5ms")
+    with pytest.raises(AttributeError, match=r"dataclasses\.replace makes a changed copy"):
+        TaskModel(name="m").name = "n"
+    with pytest.raises(TypeError, match="save: give a model or a schedule, then the name"):
+        halpipe.save("model.xml", TaskModel(name="m"))
 
 
 def test_a_schedule_draws_its_jobs():

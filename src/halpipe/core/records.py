@@ -135,7 +135,7 @@ def _text(names: tuple[str, ...]) -> Callable[[Any], str]:
 
 
 def _refuse_to_set(self: object, name: str, value: object) -> None:
-    raise FrozenInstanceError(f"cannot assign to field {name!r}")
+    raise FrozenInstanceError(f"cannot assign to field {name!r}; dataclasses.replace makes a changed copy")
 
 
 def _refuse_to_delete(self: object, name: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import Field, fields
 from enum import Enum
 from fractions import Fraction
+from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -152,7 +153,14 @@ def _reader(stated: str, namespace: dict[str, Any]) -> tuple[tuple[type, ...], C
         kind, read = plain[stated]
         return (kind,), read
     kind = namespace[stated]
-    return (kind,), kind if issubclass(kind, Enum) else lambda given: _same(given, kind)
+    return (kind,), partial(_word, kind) if issubclass(kind, Enum) else lambda given: _same(given, kind)
+
+
+def _word(kind: type[Enum], given: Any) -> Enum:
+    try:
+        return kind(given)
+    except ValueError:
+        raise ValueError(f"{given!r} is not known; write one of {', '.join(map(str, kind))}") from None
 
 
 def _tuple(given: Any, types: tuple[type, ...], read: Callable[[Any], Any]) -> tuple[Any, ...]:
@@ -160,7 +168,10 @@ def _tuple(given: Any, types: tuple[type, ...], read: Callable[[Any], Any]) -> t
         raise TypeError
     if type(given) is tuple and all(type(item) in types for item in given):
         return given
-    return tuple(read(item) for item in given)
+    try:
+        return tuple(read(item) for item in given)
+    except TypeError as wrong:
+        raise TypeError(f"in the list, {wrong}") from None
 
 
 def _same(given: Any, *kinds: type) -> Any:

@@ -6,9 +6,9 @@ an `origin`, the place in the OEM's file it was imported from (part of its value
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import NOWHERE, Location
 from halpipe.core.durations import ZERO
@@ -68,6 +68,8 @@ DEFAULT = "default"
 """Name of the version and the mode of a model that has no need of more."""
 
 _COERCIONS: dict[type, Coercion] = {}
+
+T = TypeVar("T")
 
 
 class Element:
@@ -504,7 +506,7 @@ class TaskModel(Element):
         named = (units,) if isinstance(units, str) else tuple(units)
         if wcet is not None:
             fields["versions"] = (Version(name=DEFAULT, wcet=wcet, units=list(named)),)
-        task = Task(name=name, **fields)
+        task = _made(Task, name=name, **fields)
         new = {unit: Unit(name=unit) for version in task.versions for unit in version.units}
         known = {mode.name: mode for mode in self.modes}
         for mode in modes or known or (DEFAULT,):
@@ -518,7 +520,7 @@ class TaskModel(Element):
 
     def add_chain(self, name: str, *tasks: str, **fields: Any) -> TaskModel:
         """Return the model with one more chain through `tasks`; `fields` are those of `Chain`."""
-        return replace(self, chains=(*self.chains, Chain(name=name, tasks=list(tasks), **fields)))
+        return replace(self, chains=(*self.chains, _made(Chain, name=name, tasks=list(tasks), **fields)))
 
     def task(self, name: str) -> Task:
         """Return the task called `name`; raise ``KeyError`` if there is none."""
@@ -557,3 +559,11 @@ class TaskModel(Element):
             for target in self.modes:
                 if source.name != target.name:
                     yield Transition(source=source.name, target=target.name)
+
+
+def _made(kind: type[T], **given: Any) -> T:
+    """Return an element; raise ``TypeError`` that names the fields for a keyword that is none."""
+    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    for name in given.keys() - set(known):
+        raise TypeError(f"{kind.__name__} has no field {name!r}; write one of {', '.join(known)}")
+    return kind(**given)

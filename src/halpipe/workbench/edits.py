@@ -60,6 +60,11 @@ class Edit:
     after: str = ""
 
     @property
+    def words(self) -> list[str]:
+        """The value as names, between blanks or commas."""
+        return self.value.replace(",", " ").split()
+
+    @property
     def place(self) -> str:
         """The element in words, for messages and the history."""
         if self.kind in ("add", "remove"):
@@ -125,7 +130,7 @@ def _row(model: TaskModel, edit: Edit) -> TaskModel:
 def _chain(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, CHAIN_FIELDS)
     chain = _named(edit, model.chains, edit.name)
-    for name in edit.value.split() if edit.field == "tasks" else ():
+    for name in edit.words if edit.field == "tasks" else ():
         _named(edit, model.tasks, name)
     return replace(model, chains=_exchanged(model.chains, chain, _with(edit, chain)))
 
@@ -135,7 +140,7 @@ def _mode(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, ("tasks",))
     mode = _named(edit, model.modes, edit.name)
     kept = {run.task: run for run in mode.runs}
-    wanted = [_named(edit, model.tasks, name) for name in dict.fromkeys(edit.value.split())]
+    wanted = [_named(edit, model.tasks, name) for name in dict.fromkeys(edit.words)]
     if not wanted:
         raise _bad(edit, "has no task", "name the tasks that run in it")
     runs = [kept.get(t.name) or Run(task=t.name, versions=[v.name for v in t.versions]) for t in wanted]
@@ -144,7 +149,7 @@ def _mode(model: TaskModel, edit: Edit) -> TaskModel:
 
 def _with(edit: Edit, element: Any) -> Any:
     """Return the element with the new value, which its own type reads."""
-    given: Any = tuple(edit.value.split()) if edit.field in NAMES else edit.value.strip()
+    given: Any = tuple(edit.words) if edit.field in NAMES else edit.value.strip()
     if not given and edit.field in OPTIONAL:
         given = None
     return _made(edit, lambda: replace(element, **{edit.field: given}))
@@ -164,7 +169,7 @@ def _added(model: TaskModel, edit: Edit) -> TaskModel:
     _known(edit, edit.field, ELEMENTS)
     if any(each.name == edit.name for each in getattr(model, f"{edit.field}s")):
         raise _bad(edit, "is there already", "choose another name")
-    words = edit.value.split()
+    words = edit.words
     if edit.field == "unit":
         unit = _made(
             edit,

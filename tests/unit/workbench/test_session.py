@@ -118,7 +118,7 @@ def test_most_jobs_stay_where_they_are(session):
         (Edit("mode", "limp", "edge", "closed"), "tasks"),
         (Edit("chain", "see-and-brake", "tasks", "camera brakes"), "brake"),
         (Edit("moon", "camera", "period", "1ms"), "moon"),
-        (Edit("task", "camera", "binding", "often"), "binding"),
+        (Edit("task", "camera", "binding", "often"), "job, mode, system"),
         (Edit("window", "detection", "max", "1ms", "fine", "logging"), "logging"),
     ],
 )
@@ -196,6 +196,11 @@ def test_a_window_that_two_share_is_not_guessed(session):
     model = replace(model, tasks=tuple(changed if t is task else t for t in model.tasks))
     with pytest.raises(HalpipeError, match="has 2 windows"):
         edited(model, Edit("window", "detection", "max", "3ms", "fine", "camera"))
+
+
+def test_names_may_stand_between_commas(session):
+    session.edit(Edit("chain", "see-and-brake", "tasks", "camera, brake"))
+    assert session.state.model.chains[0].tasks == ("camera", "brake")
 
 
 def test_a_chain_takes_another_way(session):
