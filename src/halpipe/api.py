@@ -12,6 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, overload
 
 from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.options import from_keywords, refuse_unused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.base import Checked
     from halpipe.importers.common.base import Imported
     from halpipe.models import DurationLike, Schedule, TaskModel
-    from halpipe.pipeline.compare import Comparison
+    from halpipe.pipeline.compare import CompareOptions, Comparison
     from halpipe.pipeline.compare.learning import Learned
     from halpipe.pipeline.diff import Change, ScheduleDiff
     from halpipe.pipeline.explain.explanation import Explanation
@@ -62,7 +63,6 @@ def import_model(format: str, *paths: str, **options: Any) -> Imported:
     Return the model with its account: ``.model``, ``.diagnostics``, ``.coverage``. Raise ``TypeError`` for an option
     that the format does not have.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.flow.formats import import_model as read
     from halpipe.flow.formats import importer
 
@@ -116,7 +116,6 @@ def export(format: str, model: TaskModel, schedule: Schedule | None = None, **op
     `options` are those of the format as on the command line: ``platform="regulators.yaml"``, ``mode="drive"``. Raise
     ``TypeError`` for an option that the format does not have.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.flow.formats import export as write
     from halpipe.flow.formats import exporter
 
@@ -133,7 +132,6 @@ def validate(model: TaskModel, tick: DurationLike | None = None) -> list[Diagnos
 
     With a `tick`, the grid of the start times, that includes a proof that it is too coarse.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.pipeline.checked import ValidateOptions, validate_model
 
     return validate_model(model, **from_keywords("validate", ValidateOptions, {"tick": tick}))
@@ -155,7 +153,6 @@ def schedule(
     does, too; without a `budget` nothing else does, so that what is found depends on the machine. Raise `HalpipeError`
     if no schedule is found, with what the best placement still breaks.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.flow.searching import search_options
     from halpipe.pipeline.checked import explain_failure, schedule_model
     from halpipe.pipeline.solve.schedule import SearchOptions
@@ -199,7 +196,6 @@ def explain(model: TaskModel, **options: Any) -> Explanation:
 
     `options` are those of the command: ``mode="drive"``, ``remedies=False``, ``schedule=best``.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.flow.searching import explain_options
     from halpipe.pipeline.explain.explanation import ExplainOptions
     from halpipe.pipeline.explain.explanation import explain as explain_model
@@ -215,7 +211,6 @@ def size(model: TaskModel, **options: Any) -> Answer:
 
     `options` are those of the command: ``units="cpu"``, ``bandwidth="dram"``, ``mode="drive"``.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.pipeline.whatif.size import SizeOptions, answer_of, question_of
 
     chosen = SizeOptions(**from_keywords("size", SizeOptions, options))
@@ -228,7 +223,6 @@ def sensitivity(model: TaskModel, schedule: Schedule, **options: Any) -> list[Se
 
     `options` are those of the command: ``tasks=["a"]``, ``search=True``.
     """
-    from halpipe.core.options import from_keywords, refuse_unused
     from halpipe.pipeline.checked import refuse_invalid
     from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, sensitivities, with_searches
 
@@ -262,13 +256,16 @@ def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **op
     With the `model`, its WCETs stand beside the run times, and the chains are measured.
     `options` are those of the command: ``mode="drive"``, ``tolerance="10us"``, ``origin="3ms"``.
     """
-    from halpipe.core.options import from_keywords
-    from halpipe.importers.traces import read_traces
     from halpipe.pipeline.compare import CompareOptions
+
+    return _compared(schedule, trace, CompareOptions(**from_keywords("compare", CompareOptions, options)), model)
+
+
+def _compared(schedule: Schedule, trace: str, options: CompareOptions, model: TaskModel | None) -> list[Comparison]:
+    from halpipe.importers.traces import read_traces
     from halpipe.pipeline.compare import compare as compare_line
 
-    chosen = CompareOptions(**from_keywords("compare", CompareOptions, options))
-    return [compare_line(schedule, line, chosen, model) for line in read_traces(trace).traces]
+    return [compare_line(schedule, line, options, model) for line in read_traces(trace).traces]
 
 
 @_of_values
@@ -277,15 +274,11 @@ def learn(schedule: Schedule, trace: str, model: TaskModel | None = None, **opti
 
     ``.corrected(model)`` is the model with it, ``.overlay("run.btf")`` the text of an overlay.
     """
-    from halpipe.core.options import from_keywords
-    from halpipe.importers.traces import read_traces
-    from halpipe.pipeline.compare import compare as compare_line
     from halpipe.pipeline.compare.learning import LearnOptions
     from halpipe.pipeline.compare.learning import learn as learn_from
 
     chosen = LearnOptions(**from_keywords("learn", LearnOptions, options))
-    lines = [compare_line(schedule, line, chosen, model) for line in read_traces(trace).traces]
-    return learn_from(lines, chosen, model)
+    return learn_from(_compared(schedule, trace, chosen, model), chosen, model)
 
 
 def check(bundle: str, **options: Any) -> Checked:
@@ -294,7 +287,6 @@ def check(bundle: str, **options: Any) -> Checked:
     `options` are those of ``halpipe deploy check``: ``engine="cosim"``, ``cycles=3``. The bundle is sound if no finding
     of ``.diagnostics`` is an error.
     """
-    from halpipe.core.options import from_keywords
     from halpipe.deploy.base import CheckOptions
     from halpipe.flow.formats import check_bundle
 

@@ -232,7 +232,7 @@ def test_a_model_grows_step_by_step():
 def test_a_misspelt_field_or_a_change_in_place_names_the_remedy(tmp_path):
     with pytest.raises(TypeError, match="Task has no field 'priod'; write one of name, period, "):
         TaskModel(name="m").add_task("a", wcet="1ms", priod="5ms")
-    with pytest.raises(TypeError, match="Chain has no field 'reaction'; write one of .*max_reaction"):
+    with pytest.raises(TypeError, match=r"Chain has no field 'reaction'; write one of .*max_reaction"):
         TaskModel(name="m").add_chain("c", "a", reaction="5ms")
     with pytest.raises(AttributeError, match=r"dataclasses\.replace makes a changed copy"):
         TaskModel(name="m").name = "n"

@@ -18,7 +18,7 @@ from halpipe.exporters.report.axis import decimal, elide, position, ticks
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from halpipe.core.durations import Duration
     from halpipe.models import Chain, ChainLatency, Job, ModeSchedule, Task, TaskModel
@@ -78,15 +78,12 @@ def worst_reaction(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[
 
     Empty where some task of the chain has no job in the mode, or a release that the model does not state.
     """
-    rings = _rings(model, chain, table)
-    firsts = range(len(rings[0].hops) if rings else 0)
-    return _worst(_forward([rings[0].hop(n), rings[0].hop(n + 1)], rings[1:]) for n in firsts)
+    return _worst_forward(_rings(model, chain, table), lambda ring, n: [ring.hop(n), ring.hop(n + 1)])
 
 
 def worst_latency(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[Hop]:
     """Return the way of the data of a job of the first task that takes longest to the last; empty as above."""
-    rings = _rings(model, chain, table)
-    return _worst(_forward([rings[0].hop(n)], rings[1:]) for n in range(len(rings[0].hops) if rings else 0))
+    return _worst_forward(_rings(model, chain, table), lambda ring, n: [ring.hop(n)])
 
 
 def latency_of(model: TaskModel, chain: Chain, table: ModeSchedule, stated: ChainLatency) -> Duration | None:
@@ -109,10 +106,12 @@ def worst_age(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[Hop]:
     return _worst(ways)
 
 
-def _forward(way: list[Hop], rings: list[_Ring]) -> list[Hop]:
-    for ring in rings:
-        way.append(ring.next(way[-1].write))
-    return way
+def _worst_forward(rings: list[_Ring], begin: Callable[[_Ring, int], list[Hop]]) -> list[Hop]:
+    ways = [begin(rings[0], number) for number in range(len(rings[0].hops) if rings else 0)]
+    for way in ways:
+        for ring in rings[1:]:
+            way.append(ring.next(way[-1].write))
+    return _worst(ways)
 
 
 def _worst(ways: Iterable[list[Hop]]) -> list[Hop]:

@@ -77,12 +77,11 @@ def _with_fixed_times(packed: bytes) -> bytes:
 
 def _model(model: TaskModel) -> Iterator[Table]:
     versions = [(task, version) for task in model.tasks for version in task.versions]
-    modes = {
-        (run.task, version): [mode.name for mode in model.modes if _runs(mode, run.task, version)]
-        for mode in model.modes
-        for run in mode.runs
-        for version in run.versions
-    }
+    modes: dict[tuple[str, str], dict[str, None]] = {}
+    for mode in model.modes:
+        for run in mode.runs:
+            for name in run.versions:
+                modes.setdefault((run.task, name), {})[mode.name] = None
     tasks = [
         {"task": task.name, "version": version.name, "slack": SHARE.text(task.slack)}
         | _stated(task, "name")
@@ -105,10 +104,6 @@ def _model(model: TaskModel) -> Iterator[Table]:
     yield _table("Health", [_stated(rule) for rule in model.health])
     yield _table("Units", [{"name": "", "type": ""} | _stated(unit) for unit in model.units])
     yield _table("Resources", [{"name": "", "bandwidth": ""} | _stated(resource) for resource in model.resources])
-
-
-def _runs(mode: Any, task: str, version: str) -> bool:
-    return any(run.task == task and version in run.versions for run in mode.runs)
 
 
 def _stated(element: Any, *without: str, names: dict[str, str] | None = None) -> dict[str, Any]:
