@@ -14,7 +14,7 @@ pytest.importorskip("httpx2", reason="starlette's test client needs it")
 from starlette.testclient import TestClient
 
 from halpipe.starters import first_model
-from halpipe.workbench.server import FILES, MAX_BODY, ORDERS, application
+from halpipe.workbench.server import FILES, MAX_BODY, ORDERS, _number, application
 from halpipe.workbench.session import Session
 
 TOKEN, PORT = "a-token", 8000
@@ -234,3 +234,30 @@ def test_options_that_an_export_has_not_are_refused(inside, option, tmp_path):
     for format in ("report", "regulator"):  # a platform in a pipe, and none at all
         answer = inside.post(f"/api/export/{format}", json={"revision": 1, option: str(tmp_path / "pipe")})
         assert answer.status_code == 409
+
+
+def test_an_order_may_be_as_long_as_the_limit(inside):
+    assert inside.post("/api/undo", content=b" " * MAX_BODY).status_code != 413
+
+
+def test_how_far_a_search_is_comes_by_its_parts(inside):
+    inside.session.progress = ("drive", 3, 9)
+    assert inside.get("/api/progress").json() == {"mode": "drive", "made": 3, "allowed": 9}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_a_pipe_is_no_trace_and_a_file_is_read_as_one(inside, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_text("")
+    said = {}
+    for name in ("pipe", "file"):
+        stated = {"kind": "trace", "name": str(tmp_path / name), "revision": inside.session.revision}
+        said[name] = inside.post("/api/beside", json=stated).text
+    assert {name for name, text in said.items() if "is no plain file" in text} == {"pipe"}
+
+
+@pytest.mark.parametrize("number", ["1", True, None, 1.5])
+def test_numbers_of_orders_are_whole(number):
+    with pytest.raises(TypeError):
+        _number({"revision": number}, "revision")
+    assert _number({"revision": 1}, "revision") == 1
