@@ -298,12 +298,14 @@ def test_a_corrected_model_needs_the_model(monkeypatch, target, model, written):
 
 def test_a_request_to_end_while_python_clears_up_keeps_the_exit_code(monkeypatch):
     ended = []
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    kept = {number: signal.getsignal(number) for number in numbers}
     monkeypatch.setattr("os._exit", ended.append)
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # as of a shell that ignores it for its commands
         halpipe.cli._leave_when_interrupted(7)
-        for number in kept:
+        for number in (signal.SIGINT, signal.SIGTERM):
             signal.raise_signal(number)
     finally:
         for number, handler in kept.items():
