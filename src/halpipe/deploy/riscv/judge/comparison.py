@@ -134,14 +134,12 @@ class Comparison:
                 continue
             nearest = _nearest(planned[transfer.source, transfer.target, transfer.size], transfer.begin)
             if nearest is None or nearest[1].transfers[nearest[2]] is not None:
-                self._foreign_transfer(transfer)
+                source, target = self._place(transfer.source), self._place(transfer.target)
+                message = f"{transfer.size} bytes from {source} to {target} at {self._run.since(transfer.begin)}"
+                path = self._channel(transfer.channel)
+                self.findings.add(codes.FOREIGN_TRANSFER(message, path=path, help=FROM_EXPORT))
             else:
                 nearest[1].transfers[nearest[2]] = transfer
-
-    def _foreign_transfer(self, transfer: Transfer) -> None:
-        source, target = self._place(transfer.source), self._place(transfer.target)
-        message = f"{transfer.size} bytes from {source} to {target} at {self._run.since(transfer.begin)}"
-        self.findings.add(codes.FOREIGN_TRANSFER(message, path=self._channel(transfer.channel), help=FROM_EXPORT))
 
     # ------------------------------------------------------------------------------------------ one job
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -276,14 +277,9 @@ class CoSimulation:
         return self._result()
 
     def _prepare(self, offset: int) -> None:
-        self._set(Word.MAGIC, MAGIC)
-        self._set(Word.CYCLES, self._cycles)
-        self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
-        self._set(Word.FIRST, self._modes.index(self._first))
-        self._set(Word.OFFSET, offset)
-        self._set(Word.UNHEALTHY, not self._health)
-        self._set(Word.REPORT, bool(self._leaves))
-        self._set(Word.EXIT, self._leaves)
+        first, execution = self._modes.index(self._first), EXECUTIONS.index(self._execution)
+        words = (MAGIC, self._cycles, execution, first, bool(self._leaves), self._leaves, offset, not self._health)
+        self._memory.write(self.site.control, struct.pack("<8Q", *words))
 
     def _result(self) -> Run:
         machine = self._machine

@@ -23,7 +23,6 @@ _FAULT = struct.Struct("<QQQQIIIIIBBH8x")
 class Word:
     """Words of the control block."""
 
-    MAGIC, CYCLES, EXECUTION, FIRST, REPORT, EXIT, OFFSET, UNHEALTHY = range(8)
     REQUEST, STATE, BASE, PLAYED, TABLE, TRACED, FAULTS, REFUSED = range(8, 16)
     CAUSE, EPC = 16, 17  # of a trap of the management core
     WORDS = 18
