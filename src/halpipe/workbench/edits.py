@@ -33,7 +33,8 @@ ROWS = {
 }
 """Attributes of the rows of a version, where the rows are, what they name, and the words for them."""
 LIMITS = ("max_latency", "max_reaction", "max_age")
-CHAIN_FIELDS = ("tasks", *LIMITS)
+ATTRIBUTES = {"task": ("tasks", TASK_FIELDS), "chain": ("chains", ("tasks", *LIMITS))}
+"""Where the elements of a kind are, and their attributes."""
 OPTIONAL = ("offset", "deadline", *LIMITS)
 """Attributes that an empty text removes."""
 NAMES = ("units", "tasks")
@@ -77,11 +78,11 @@ class Edit:
 def edited(model: TaskModel, edit: Edit) -> TaskModel:
     """Return the model with the edit; raise `HalpipeError` that says what cannot stand there."""
     makers: dict[str, Callable[[TaskModel, Edit], TaskModel]] = {
-        "task": _task,
+        "task": _attribute,
         "version": _version,
         "window": _row,
         "access": _row,
-        "chain": _chain,
+        "chain": _attribute,
         "mode": _mode,
         "add": _added,
         "remove": _removed,
@@ -91,10 +92,16 @@ def edited(model: TaskModel, edit: Edit) -> TaskModel:
     return makers[edit.kind](model, edit)
 
 
-def _task(model: TaskModel, edit: Edit) -> TaskModel:
-    _known(edit, edit.field, TASK_FIELDS)
-    task = _named(edit, model.tasks, edit.name)
-    return replace(model, tasks=_exchanged(model.tasks, task, _with(edit, task)))
+def _attribute(model: TaskModel, edit: Edit) -> TaskModel:
+    """Return the model with an edited attribute of a task or chain."""
+    rows, fields = ATTRIBUTES[edit.kind]
+    _known(edit, edit.field, fields)
+    elements = getattr(model, rows)
+    element = _named(edit, elements, edit.name)
+    for name in edit.words if edit.field == "tasks" else ():
+        _named(edit, model.tasks, name)
+    exchanged: Any = {rows: _exchanged(elements, element, _with(edit, element))}
+    return replace(model, **exchanged)
 
 
 def _version(model: TaskModel, edit: Edit) -> TaskModel:
@@ -125,14 +132,6 @@ def _row(model: TaskModel, edit: Edit) -> TaskModel:
         return replace(version, **exchanged)
 
     return _with_version(model, edit, change)
-
-
-def _chain(model: TaskModel, edit: Edit) -> TaskModel:
-    _known(edit, edit.field, CHAIN_FIELDS)
-    chain = _named(edit, model.chains, edit.name)
-    for name in edit.words if edit.field == "tasks" else ():
-        _named(edit, model.tasks, name)
-    return replace(model, chains=_exchanged(model.chains, chain, _with(edit, chain)))
 
 
 def _mode(model: TaskModel, edit: Edit) -> TaskModel:
