@@ -97,7 +97,7 @@ def rated_graphs(draw):
 @given(rated_graphs())
 def test_precedence_of_any_graph_is_acyclic_with_wide_enough_windows(text):
     findings = Findings()
-    wiring = Wiring.of(read_dot(text, "g.dot", findings))
+    wiring = Wiring(read_dot(text, "g.dot", findings))
     activations = activate(wiring, wiring.graph.rates, None, {}, findings)
     flow = order_by_data(wiring, activations, findings)
     after = {name: [edge.reader for edge in flow.edges if edge.publisher == name] for name in wiring.callbacks}

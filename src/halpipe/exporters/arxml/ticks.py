@@ -12,7 +12,7 @@ import math
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, seconds
 from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import BAD_COUNTER, NOT_ON_TICK
@@ -167,12 +167,10 @@ def _check_tick(tick: Duration, largest: Duration, found: list[tuple[str, str, D
             text = f"{what}, {time}, is between {below} and {below + tick}"
             off.setdefault(path, []).append(text)
     help = f"the nearest tick that fits is {_nearest(tick, largest)}; or schedule again with --tick {tick}"
-    problems = [
-        NOT_ON_TICK(f"{_shown(texts)}: no multiple of the tick {tick}", path=path, help=help)
-        for path, texts in off.items()
-    ]
-    if problems:
-        raise HalpipeError(*problems)
+    findings = Findings()
+    for path, texts in off.items():
+        findings.report(NOT_ON_TICK, f"{_shown(texts)}: no multiple of the tick {tick}", path=path, help=help)
+    findings.stop_on_errors()
 
 
 def _nearest(tick: Duration, largest: Duration) -> Duration:

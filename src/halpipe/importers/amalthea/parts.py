@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
@@ -19,7 +19,7 @@ from halpipe.importers.common.names import Names
 from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Evaluator
@@ -389,7 +389,7 @@ class _Drafting:
             for source in self.by_task.get(part.task, ()):
                 if source.part is not part or source in draft.after:
                     continue
-                if _reaches(source, draft):
+                if comes_after(source, draft, lambda each: each.after):
                     self.lost.append(cause)
                 else:
                     draft.after[source] = cause
@@ -448,17 +448,17 @@ def _triggered(source: Draft, count: Count, stimulus: Item) -> Activation:
     return Activation(period, None if offset is None else offset % period, stimulus)
 
 
-def _reaches(goal: Draft, start: Draft) -> bool:
-    """Return whether `goal` comes after `start` by the edges so far."""
-    seen, rest = {goal}, [goal]
-    while rest:
-        draft = rest.pop()
-        if draft is start:
-            return True
-        new = [source for source in draft.after if source not in seen]
+_Node = TypeVar("_Node")
+
+
+def comes_after(last: _Node, first: _Node, before: Callable[[_Node], Iterable[_Node]]) -> bool:
+    """Return whether `first` is `last`, or among what is before it, directly or through others."""
+    seen, rest = {last}, [last]
+    while rest and first not in seen:
+        new = [node for node in before(rest.pop()) if node not in seen]
         seen.update(new)
         rest += new
-    return False
+    return first in seen
 
 
 def _why(forest: Forest, task: Item) -> str:

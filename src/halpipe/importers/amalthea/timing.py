@@ -23,6 +23,7 @@ from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place, combined
+from halpipe.importers.amalthea.parts import comes_after
 from halpipe.importers.common.names import legal
 from halpipe.models import Anchor, Match, Origin, Precedence
 
@@ -82,13 +83,13 @@ def _with(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
         return model
     width = row.max - row.min
     pairs = source.period == target.period and width < _apart(target, row.to)
-    if pairs and not _reaches(model, source.name, target.name):
+    if pairs and not _is_after(model, source.name, target.name):
         return _added(model, target, row)
     if item.mapping != REACTION and not width < _apart(source, row.anchor):
         text = f"{item.mapping}: each source gets a target, but two may get the same one within a window of {width}"
         help = "state a narrower window, or deadlines and slack that keep the starts apart"
         findings.add(codes.REACTION(text, **where, help=help))
-    if _reaches(model, target.name, source.name):
+    if _is_after(model, target.name, source.name):
         text = (
             f'each target gets a source, not each source a target, since "{target.name}" comes after "{source.name}" '
             "by another constraint, too"
@@ -123,16 +124,10 @@ def _apart(task: Task, instant: Anchor) -> Duration:
     return max(by_slack, min((version.wcet or ZERO for version in task.versions), default=ZERO))
 
 
-def _reaches(model: TaskModel, start: str, goal: str) -> bool:
-    """Return whether `goal` is a predecessor of `start`, directly or through others."""
-    before = {task.name: {p.task for version in task.versions for p in version.precedences} for task in model.tasks}
-    seen, rest = {start}, [start]
-    while rest:
-        for name in before.get(rest.pop(), ()):
-            if name not in seen:
-                seen.add(name)
-                rest.append(name)
-    return goal in seen
+def _is_after(model: TaskModel, last: str, first: str) -> bool:
+    """Return whether a task is a predecessor of another, directly or through others."""
+    before = {task.name: [p.task for version in task.versions for p in version.precedences] for task in model.tasks}
+    return comes_after(last, first, lambda name: before.get(name, ()))
 
 
 _TASK_KINDS = ("Task", "ISR")

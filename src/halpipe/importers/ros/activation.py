@@ -61,21 +61,17 @@ class Wiring:
     triggered: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
     polling: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
 
-    @staticmethod
-    def of(graph: RosGraph) -> Wiring:
-        """Index `graph`."""
-        wiring = Wiring(graph)
-        for callback in graph.callbacks:
-            wiring.callbacks[callback.name] = callback
+    def __post_init__(self) -> None:
+        for callback in self.graph.callbacks:
+            self.callbacks[callback.name] = callback
             for topic in callback.inputs:
-                wiring.triggered[topic].append(callback.name)
+                self.triggered[topic].append(callback.name)
             for topic in callback.polled:
-                wiring.polling[topic].append(callback.name)
-        for publication in graph.publications:
-            wiring.publications[publication.topic].append(publication)
+                self.polling[topic].append(callback.name)
+        for publication in self.graph.publications:
+            self.publications[publication.topic].append(publication)
             for name in publication.callbacks:
-                wiring.topics_of[name].append(publication.topic)
-        return wiring
+                self.topics_of[name].append(publication.topic)
 
     def readers(self, topic: str) -> list[str]:
         """Return the callbacks that read `topic`."""
@@ -146,7 +142,7 @@ def settled(wiring: Wiring, activations: Activations) -> Wiring:
         else p
         for p in wiring.graph.publications
     )
-    return Wiring.of(replace(wiring.graph, publications=publications))
+    return Wiring(replace(wiring.graph, publications=publications))
 
 
 def _seed_from_overlay(wiring: Wiring, overlay: OverlayUse, task_names: Mapping[str, str], seeds: _Seeds) -> None:

@@ -308,7 +308,7 @@ class _Import:
         """Return the model of one graph; None if nothing in it has a period."""
         findings, coverage, overlay = self.findings, self.coverage, self.options.overlay
         names = task_names(part.graph, Names(findings, codes.RENAMED, mark="_"))
-        wiring = Wiring.of(prune(part.graph, overlay, names, coverage))
+        wiring = Wiring(prune(part.graph, overlay, names, coverage))
         activations = activate(wiring, [*self.rates, *part.graph.rates], overlay, names, findings)
         wiring = settled(wiring, activations)
         report_unknown_publishers(wiring, findings)
