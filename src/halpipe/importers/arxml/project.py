@@ -140,13 +140,10 @@ def _report_others(model: TaskModel, project: TaskModel, paths: Sequence[str], f
             continue
         now = next((other for other in new if _path(other) == _path(task)), None)
         if now is None:
-            findings.report(
-                codes.FOREIGN_PROJECT,
-                f"is in none of its files; it was imported from {_path(task) or 'nowhere'}",
-                at=task.origin.location if task.origin else Location(),
-                path=about(task=task.name),
-                help="name the project that the model was imported from",
-            )
+            message = f"is in none of its files; it was imported from {_path(task) or 'nowhere'}"
+            help = "name the project that the model was imported from"
+            at, path = task.origin.location if task.origin else Location(), about(task=task.name)
+            findings.report(codes.FOREIGN_PROJECT, message, at=at, path=path, help=help)
         else:
             new.remove(now)
             periods = f", with the period {now.period} for {task.period}" if now.period != task.period else ""
@@ -310,12 +307,10 @@ class _Reader:
         holders = [node for node in known if any(_in(path, node.path) for path in inside)] or known
         if len(holders) != 1:
             what = listed([node.path for node in holders]) if holders else "none"
-            self._findings.report(
-                codes.NO_CONFIGURATION,
-                f"there must be one configuration of {name} for the tasks of the model, but there is {what}",
-                at=holders[1].at if len(holders) > 1 else Location(),
-                help="name the project of one ECU, with its ECU configuration",
-            )
+            message = f"there must be one configuration of {name} for the tasks of the model, but there is {what}"
+            help = "name the project of one ECU, with its ECU configuration"
+            at = holders[1].at if len(holders) > 1 else Location()
+            self._findings.report(codes.NO_CONFIGURATION, message, at=at, help=help)
             self._findings.stop_on_errors()
         return holders[0].path
 

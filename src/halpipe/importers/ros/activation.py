@@ -239,14 +239,10 @@ def _report_several(wiring: Wiring, seeds: _Seeds, active: dict[str, Activation]
                 met.setdefault(period, source)
         if len(met) > 1:
             listed = ", ".join(f"{met[period]} ({period})" for period in sorted(met))
-            findings.add(
-                codes.SEVERAL_PERIODS(
-                    f"is triggered by {listed}; it takes the shortest period",
-                    at=callback.at,
-                    path=named("node" if callback.kind is Kind.NODE else "callback", callback.name),
-                    help="drop one of the sources in the overlay if it is not a trigger",
-                )
-            )
+            message = f"is triggered by {listed}; it takes the shortest period"
+            help = "drop one of the sources in the overlay if it is not a trigger"
+            at, path = callback.at, named("node" if callback.kind is Kind.NODE else "callback", callback.name)
+            findings.add(codes.SEVERAL_PERIODS(message, at=at, path=path, help=help))
 
 
 def _sources(wiring: Wiring, topic: str, seeds: _Seeds, active: dict[str, Activation]) -> dict[Duration, str]:

@@ -182,10 +182,8 @@ class Planner:
             counter, is_new = self._counter(unit, starts)
             new += [counter] if is_new else []
             placed += list(self._placed(unit, counter, starts))
-        findings = Findings()
         for item in placed:
-            check_table(item.table, _ticks_of(item.counter), findings)
-        self._findings.extend(findings.items)
+            check_table(item.table, _ticks_of(item.counter), self._findings)
         self._findings.stop_on_errors()
         return OntoPlan(tuple(self._together(placed)), tuple(new), self._actions)
 
@@ -228,13 +226,10 @@ class Planner:
             found.update(dict.fromkeys(self._of_call(task, alone)))
         for call in calls:
             if not call.os_task or not call.mapping:
-                self._findings.report(
-                    NOT_MAPPED,
-                    f"its event {call.event} is mapped to no OsTask of the project",
-                    at=self._project.place(call.mapping),
-                    path=about(task=task),
-                    help="map its event in the Rte configuration of the project",
-                )
+                message = f"its event {call.event} is mapped to no OsTask of the project"
+                help = "map its event in the Rte configuration of the project"
+                at, path = self._project.place(call.mapping), about(task=task)
+                self._findings.report(NOT_MAPPED, message, at=at, path=path, help=help)
                 continue
             self._check_core(task, call.os_task, units)
             found.update(dict.fromkeys(self._of_call(task, call)))
@@ -267,13 +262,10 @@ class Planner:
         for unit in sorted(units):
             if unit != bound:
                 where = f"is bound to {bound}" if bound else "is bound to no core"
-                self._findings.report(
-                    WRONG_CORE,
-                    f'runs on {unit}, but OsTask "{os_task}" {where}',
-                    at=self._project.items[os_task].at,
-                    path=about(task=task),
-                    help="bind its OsApplication to the core, import again, and schedule again",
-                )
+                message = f'runs on {unit}, but OsTask "{os_task}" {where}'
+                help = "bind its OsApplication to the core, import again, and schedule again"
+                at, path = self._project.items[os_task].at, about(task=task)
+                self._findings.report(WRONG_CORE, message, at=at, path=path, help=help)
 
     def _report_shared(self, starts: dict[str, tuple[Action, ...]]) -> None:
         by_action: dict[Action, list[str]] = {}
@@ -299,13 +291,10 @@ class Planner:
             actions = [action for call in other.calls if call.os_task for action in self._actions_of(call)]
             played = next((tasks[action] for action in actions if action in tasks), None)
             if played is not None and (played.period, played.offset) != (other.period, other.offset):
-                self._findings.report(
-                    OTHER_RATE,
-                    f"is started with {played.name} every {played.period}, but recurs every {other.period}",
-                    at=self._project.place(next(call.mapping for call in other.calls)),
-                    path=about(task=other.name),
-                    help="keep it in the model, with --granularity ostask, or give it an OsTask or OsEvent of its own",
-                )
+                message = f"is started with {played.name} every {played.period}, but recurs every {other.period}"
+                help = "keep it in the model, with --granularity ostask, or give it an OsTask or OsEvent of its own"
+                at, path = self._project.place(next(call.mapping for call in other.calls)), about(task=other.name)
+                self._findings.report(OTHER_RATE, message, at=at, path=path, help=help)
 
     # ------------------------------------------------------------------------------------------------ counters
 

@@ -157,12 +157,10 @@ def report_misspelt(document: Document, findings: Findings) -> None:
         if meant or space.lstrip("{") != NAMESPACE:
             why = "" if meant else f' of the namespace "{space.lstrip("{")}"'
             found = list(document.root.iter(tag))
-            findings.report(
-                codes.UNKNOWN_ELEMENT,
-                f'the element "{name}"{why} is not read, {len(found)} in all',
-                at=Location(document.name, found[0].sourceline or 0),
-                help=f"did you mean {meant}?" if meant else f"put them into {NAMESPACE}",
-            )
+            message = f'the element "{name}"{why} is not read, {len(found)} in all'
+            help = f"did you mean {meant}?" if meant else f"put them into {NAMESPACE}"
+            at = Location(document.name, found[0].sourceline or 0)
+            findings.report(codes.UNKNOWN_ELEMENT, message, at=at, help=help)
 
 
 @lru_cache(maxsize=4096)  # thousands of files use the same few hundred tags
@@ -317,12 +315,10 @@ def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
         message = f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them"
         findings.report(codes.OLD_RELEASE, message, at=Location(document.name, document.root.sourceline or 1))
         if count := drop_seconds(document.root):
-            findings.report(
-                codes.OLD_TIMES,
-                f"{count} times of its OS configuration are seconds, as in release 2, and are not read",
-                at=Location(document.name, document.root.sourceline or 1),
-                help="state the periods in the overlay (sources), or export the configuration as release 3 or 4",
-            )
+            message = f"{count} times of its OS configuration are seconds, as in release 2, and are not read"
+            help = "state the periods in the overlay (sources), or export the configuration as release 3 or 4"
+            at = Location(document.name, document.root.sourceline or 1)
+            findings.report(codes.OLD_TIMES, message, at=at, help=help)
     releases = sorted({document.release or "4" for document in documents})
     if len(releases) > 1:
         message = f"files of the releases {', '.join(releases)} are imported together"

@@ -135,13 +135,10 @@ class Container:
             return None
         number = parse_number(stated.text)
         if number is None or number < 0:
-            self._tree.findings.report(
-                codes.BAD_NUMBER,
-                f'{name} "{stated.text}" is no non-negative number',
-                at=stated.at,
-                path=named(self.kind, self.node.path),
-                help="write a number such as 20, 0x14 or 2.5E-8",
-            )
+            message = f'{name} "{stated.text}" is no non-negative number'
+            help = "write a number such as 20, 0x14 or 2.5E-8"
+            at, path = stated.at, named(self.kind, self.node.path)
+            self._tree.findings.report(codes.BAD_NUMBER, message, at=at, path=path, help=help)
             return None
         return number
 

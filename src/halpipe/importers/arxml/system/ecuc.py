@@ -401,12 +401,9 @@ def _repeats(containers: Containers, table: Container) -> bool:
         return False
     if repeating is not None and repeating.text.lower() in ("true", "1"):
         return True
-    containers.tree.findings.report(
-        codes.SINGLE_SHOT,
-        "is not repeating, so that it gives no task a period",
-        at=repeating.at if repeating else table.node.at,
-        path=named("OsScheduleTable", table.node.path),
-    )
+    message = "is not repeating, so that it gives no task a period"
+    at, path = repeating.at if repeating else table.node.at, named("OsScheduleTable", table.node.path)
+    containers.tree.findings.report(codes.SINGLE_SHOT, message, at=at, path=path)
     return False
 
 

@@ -349,13 +349,10 @@ def report_absent(tree: Tree) -> None:
     for node in tree.tagged("ECUC-VALUE-COLLECTION"):
         absent = [r for r in _collected(tree, node) if _STANDARD.search(r.path) and not tree.has(r.path, _MODULE)]
         if absent:
-            tree.findings.report(
-                ABSENT_MODULE,
-                f"names {listed([ref.path for ref in absent])}, which no file defines",
-                at=absent[0].at,
-                path=named("ECUC-VALUE-COLLECTION", node.path),
-                help="add the files of the ECU configuration that hold them",
-            )
+            message = f"names {listed([ref.path for ref in absent])}, which no file defines"
+            help = "add the files of the ECU configuration that hold them"
+            at, path = absent[0].at, named("ECUC-VALUE-COLLECTION", node.path)
+            tree.findings.report(ABSENT_MODULE, message, at=at, path=path, help=help)
 
 
 def _groups(tree: Tree) -> dict[str, list[str]]:

@@ -82,13 +82,9 @@ def cse_time(tree: Tree, node: Node, child: str, code: Code) -> Duration | None:
     unit, factor = (part.text if part else "" for part in parts)
     time = parse_cse(unit, factor)
     if time is None or (not time and code is codes.BAD_EXECUTION_TIME):
-        tree.findings.report(
-            code,
-            f'{child} with CSE-CODE "{unit}" and factor "{factor}" is not read',
-            at=parts[0].at if parts[0] else node.at,
-            path=named(node.tag, node.path),
-            help=CSE_HELP,
-        )
+        message = f'{child} with CSE-CODE "{unit}" and factor "{factor}" is not read'
+        at, path = parts[0].at if parts[0] else node.at, named(node.tag, node.path)
+        tree.findings.report(code, message, at=at, path=path, help=CSE_HELP)
     return time
 
 

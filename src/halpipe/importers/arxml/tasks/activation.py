@@ -199,12 +199,9 @@ def _named_apart(activations: list[Activation], findings: Findings) -> list[Acti
         name = legal(_full_name(activation) if activation.name in shared else activation.name)
         names[actor] = name
         if name != activation.name:
-            findings.report(
-                codes.RENAMED,
-                f'is called "{name}"',
-                at=activation.place.at,
-                path=named(activation.place.kind, activation.name),
-            )
+            message = f'is called "{name}"'
+            at, path = activation.place.at, named(activation.place.kind, activation.name)
+            findings.report(codes.RENAMED, message, at=at, path=path)
     chosen = ((activation, names[activation.actor]) for activation in activations)
     return [activation if name == activation.name else replace(activation, name=name) for activation, name in chosen]
 

@@ -210,12 +210,9 @@ def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], fin
     for group in groups:
         names = list(dict.fromkeys(draft.name for draft in group))
         if len(names) > 1 and group[0].os_task is not None:
-            findings.report(
-                codes.SAME_POSITION,
-                f"runs in no stated order: {listed(names)}",
-                at=group[0].place.at,
-                path=named("OsTask", group[0].os_task.place.path),
-            )
+            message = f"runs in no stated order: {listed(names)}"
+            at, path = group[0].place.at, named("OsTask", group[0].os_task.place.path)
+            findings.report(codes.SAME_POSITION, message, at=at, path=path)
 
 
 def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator[Edge]:
