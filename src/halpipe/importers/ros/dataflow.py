@@ -300,12 +300,9 @@ def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]
     what = f"{len(nodes)} nodes feed each other" if len(nodes) > 1 else "a node feeds itself"
     effect = f"precedence constraints lost: {len(costs)}" if costs else "no precedence constraint is lost"
     first = next(vertex for vertex in loop.vertices if vertex.kind == "callback")
-    return codes.FEEDBACK(
-        f"{what}: {_shortened(nodes, ', ')}; cut {'; cut '.join(places)}; {effect}",
-        at=wiring.callbacks[first.name].at,
-        path=named("node", nodes[0]),
-        help="state the precedence that you want under precedence: in an overlay if the loop is cut at the wrong place",
-    )
+    message = f"{what}: {_shortened(nodes, ', ')}; cut {'; cut '.join(places)}; {effect}"
+    help = "state the precedence that you want under precedence: in an overlay if the loop is cut at the wrong place"
+    return codes.FEEDBACK(message, at=wiring.callbacks[first.name].at, path=named("node", nodes[0]), help=help)
 
 
 def _shortened(names: list[str], separator: str) -> str:

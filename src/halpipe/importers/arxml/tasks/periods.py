@@ -194,12 +194,9 @@ class Periods:
         if number is None or number <= 0:
             texts = ", ".join(dict.fromkeys(value.text for value in values))
             why = f"its values are {texts}" if values else "no parameter of that name is configured"
-            return codes.SYMBOLIC_UNKNOWN(
-                f'PERIOD is the name "{stated.text}", but {why}',
-                at=stated.at,
-                path=_what(event),
-                help="add the ECU configuration of its module, or give a period in the overlay (sources)",
-            )
+            message = f'PERIOD is the name "{stated.text}", but {why}'
+            help = "add the ECU configuration of its module, or give a period in the overlay (sources)"
+            return codes.SYMBOLIC_UNKNOWN(message, at=stated.at, path=_what(event), help=help)
         period = seconds(number)
         message = f'PERIOD "{stated.text}" is {period}, stated at {values[0].at}'
         self._findings.report(codes.SYMBOLIC, message, at=stated.at, path=_what(event))
