@@ -245,9 +245,9 @@ WHOLE_JOB = warning(
     "HAL1520",
     "Limit of a runnable counts over its whole job",
     "The instants of a task model are the start and the end of jobs. A chain or order that begins or ends at a "
-    "runnable within a job, or an upper delay at one or at an access of a label, counts from the start, or to the end, "
-    "of the job: it is stricter than in AMALTHEA, and may have no schedule where the runnable is in time. A lower "
-    "delay alone counts between the jobs.",
+    "runnable within a job, or an upper delay at one, at an access of a label or at an event without a type, counts "
+    "from the start, or to the end, of the job: it is stricter than in AMALTHEA, and may have no schedule where the "
+    "runnable is in time. A lower delay alone counts between the jobs.",
 )
 RETURNS = warning(
     "HAL1423",

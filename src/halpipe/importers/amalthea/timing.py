@@ -131,7 +131,7 @@ def _is_after(model: TaskModel, last: str, first: str) -> bool:
 
 
 _TASK_KINDS = ("Task", "ISR")
-_NO_MAPPING = ("", "_undefined_")
+_UNSTATED = ("", "_undefined_")
 _UNREAD = (
     "EventSynchronizationConstraint",
     "EventChainSynchronizationConstraint",
@@ -272,13 +272,13 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             bad.append(item)
             continue
         to_end = target.is_end
-        if inner := [end for end, e in events.items() if e.kind == "LabelEvent" or entities.is_inner(e)]:
+        if inner := [end for end, event in events.items() if _is_open(event) or entities.is_inner(event)]:
             within.append(item)
             anchor = _widest(high, at_end=False) if "source" in inner else anchor
             to_end = _widest(high, at_end=True) is Anchor.END if "target" in inner else to_end
         windows = [Window(earlier, later, item, low or ZERO, high, anchor, to_end) for earlier, later in pairs]
         mapping = item.get("mappingType")
-        if mapping not in (*MAPPINGS, *_NO_MAPPING):
+        if mapping not in (*MAPPINGS, *_UNSTATED):
             help = f"write one of {', '.join(MAPPINGS)}"
             text = f"each target gets a source: the mapping {quoted(mapping)} is unknown"
             forest.report(codes.REACTION, text, item, help)
@@ -301,6 +301,12 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
     help = "let them name tasks, or runnables that begin or end their task"
     what = "delay constraints count from the start or to the end of a job, though they name what happens within it"
     forest.report_each(codes.WHOLE_JOB, what, within, help)
+
+
+def _is_open(event: Item) -> bool:
+    """Return whether an event may be any instant of a job: an access of a label, or one that is not stated."""
+    untyped = event.kind in ("ProcessEvent", "RunnableEvent") and event.get("eventType") in _UNSTATED
+    return untyped or event.kind == "LabelEvent"
 
 
 def _widest(high: Duration | None, *, at_end: bool) -> Anchor:

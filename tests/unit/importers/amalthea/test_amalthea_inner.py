@@ -115,6 +115,14 @@ def test_a_delay_between_accesses_of_a_label_counts_over_the_whole_jobs(tmp_path
         assert (row.anchor.value, row.to.value) == anchors
 
 
+def test_an_event_of_no_stated_type_may_be_any_instant_of_a_job(tmp_path):
+    events = EVENTS.replace('name="Ds" eventType="start"', 'name="Ds"')
+    imported = read(tmp_path, sw=SW, stimuli=PLAIN_STIMULI, events=events, constraints=delay("Ct", "Ds"))
+    assert len(found(imported.diagnostics, codes.WHOLE_JOB)) == 1
+    [row] = imported.model.task("U").versions[0].precedences
+    assert (row.anchor.value, row.to.value) == ("end", "end")
+
+
 @pytest.mark.parametrize(
     ("first", "last", "is_inner"),
     [("C", "D", False), ("BC", "DE", False), ("B", "D", True), ("C", "E", True), ("I", "D", False), ("B", "C", False)],
