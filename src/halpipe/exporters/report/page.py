@@ -260,7 +260,8 @@ def _tasks(model: TaskModel, schedule: Schedule) -> list[Row]:
 
     def used(task: Task, version: Version) -> str:
         keys = [(table.name, task.name, version.name) for table in schedule.modes]
-        return ", ".join(f"{key[0]} ({uses[key]}{_gaps(gaps[key])})" for key in keys if uses[key])
+        more = {key: f", {count} gaps" for key, count in gaps.items() if count}
+        return ", ".join(f"{key[0]} ({uses[key]}{more.get(key, '')})" for key in keys if uses[key])
 
     return [
         {
@@ -303,10 +304,6 @@ def _version(version: Version, used: str) -> Row:
         "precedences": [f"{p.min} – {p.max} {p.words}" for p in version.precedences],
         "used": used,
     }
-
-
-def _gaps(count: int) -> str:
-    return f", {count} gaps" if count else ""
 
 
 def _split(split: Split) -> str:

@@ -48,18 +48,13 @@ def read_sheets(path: str) -> list[Sheet]:
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise HalpipeError(NO_TABLE("is a workbook of Excel before 2007", at=Location(path), help="save it as .xlsx"))
     text = _text(data, path)
-    separator = max(",;\t", key=_lines_with_most(text).count)
+    separator = max(",;\t", key="\n".join(text.splitlines()[:20]).count)
     try:
         reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
         rows = ((reader.line_num, tuple(cell.strip() for cell in cells)) for cells in reader)
         return [Sheet(PurePath(path).stem, path, _bounded(rows, path))]
     except csv.Error as failure:
         raise HalpipeError(NO_TABLE(str(failure), at=Location(path), help="write plain CSV")) from None
-
-
-def _lines_with_most(text: str) -> str:
-    """Return the first lines, in which the separator occurs most."""
-    return "\n".join(text.splitlines()[:20])
 
 
 def _text(data: bytes, path: str) -> str:
