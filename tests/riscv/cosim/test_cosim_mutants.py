@@ -109,6 +109,7 @@ OTHERS = {
     "requests are read early": ("runtime.c", "(end - HP_DECISION)", "(end - HP_DECISION - 40U)", declared.WRONG_TABLE),
     "transactions of one byte": ("dma.c", "0x66000000U", "0U", declared.TRANSFER_OUTSIDE_PHASE),
     "channels are not given up": ("dma.c", "c->control = 0U;", "", declared.TRACE_DISAGREES),
+    "records with other words": ("runtime.c", "{MTIME, 0U, 0U};", "{MTIME, 1U, 0U};", declared.TRACE_DISAGREES),
     "records of other rows": ("runtime.c", "= current.row |", "= (current.row + 1U) |", declared.TRACE_DISAGREES),
     "records a tick late": (
         "runtime.c",

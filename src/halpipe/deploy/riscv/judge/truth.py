@@ -88,7 +88,10 @@ def _differing(what: str, seen: Sequence[object], recorded: Sequence[object]) ->
 
 
 def _instants(run: Run) -> Iterator[Diagnostic]:
-    """Yield the first record whose instant is not between those at which the one before and itself were written."""
+    """Yield the first record whose instant is not between those at which the one before and itself were written.
+
+    Records that have neither begin nor end state zeros.
+    """
     seen, records = run.recorder.traced, run.recording.records
     before = seen[0][0] if seen else 0
     for (now, woken), entry in zip(seen, records, strict=True):
@@ -96,6 +99,9 @@ def _instants(run: Run) -> Iterator[Diagnostic]:
         high = max(high, 0)  # the first table is begun before the run, and recorded at its instant
         if entry.kind != Kind.HEALTH and not min(low, high) <= entry.time <= high:
             yield _differs(f"it records an operation at tick {entry.time} that was begun from {low} to {high}")
+            return
+        if entry.kind not in (Kind.TABLE, Kind.STOP, Kind.HEALTH) and (entry.begin or entry.end):
+            yield _differs(f"the record of an operation at tick {entry.time} has a begin and an end, which it has not")
             return
         if entry.kind != Kind.HEALTH:  # what a rule does is a part of the operation that is recorded next
             before = now
