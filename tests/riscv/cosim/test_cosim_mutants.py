@@ -269,6 +269,11 @@ def _with_runtime(export, tmp_path, monkeypatch, what, instead, change=lambda te
             "(CONTROL->magic == HP_MAGIC) ? (uint32_t)CONTROL->first : 1U",
             '"calm" begins',
         ),
+        (
+            "clear(HP_CONTROL + (uint64_t)offsetof(hp_control, base), HP_CONTROL + (uint64_t)sizeof(hp_control));",
+            "(void)0;",
+            "counts what the memory held before a cold start",
+        ),
     ],
 )
 def test_a_runtime_that_does_not_prepare_memory_is_found_by_a_cold_start(

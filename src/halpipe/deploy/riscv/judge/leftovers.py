@@ -10,6 +10,7 @@ from halpipe.deploy.riscv.judge.conditions import REPORT
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation
 from halpipe.deploy.riscv.run.drivers import Plant
 from halpipe.deploy.riscv.run.injection import Saboteur
+from halpipe.deploy.riscv.run.recording import Word
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -103,11 +104,14 @@ def cold_start(target: Target, budget: Budget, limit: Duration) -> Iterator[Diag
     witness = _Witness([])
     simulation = CoSimulation(target, plant=witness, budget=budget)
     witness.buffers = list(simulation.site.buffers)
-    simulation.run(limit, is_cold=True)
+    run = simulation.run(limit, is_cold=True)
     first = target.schedule.modes[0].name
     if witness.first != first:
         does = f'"{witness.first}" begins' if witness.first else "no table begins"
         yield codes.COLD_START(f'after a cold start {does}; it has to be "{first}"', help=REPORT)
+    if run.word(Word.FAULTS) or run.word(Word.REFUSED):
+        message = "the control block counts what the memory held before a cold start"
+        yield codes.COLD_START(message, path="control", help=REPORT)
     for name in witness.full:
         message = "holds after a cold start what the memory held before"
         yield codes.COLD_START(message, path=named("buffer", name), help=REPORT)
