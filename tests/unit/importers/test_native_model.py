@@ -419,3 +419,13 @@ def test_what_is_wrong_is_not_explained_by_a_name_that_repeats():
 def test_a_missing_file_is_told(tmp_path):
     with pytest.raises(HalpipeError, match="No such file"):
         read_model(str(tmp_path / "none.xml"))
+
+
+def test_each_element_knows_its_line():
+    from halpipe.starters import first_model
+
+    found = parse_model(first_model()["model.xml"], "m.xml")
+    assert (found.at.file, found.tasks[0].at.file) == ("m.xml", "m.xml")
+    lines = [each.at.line for each in (*found.units, *found.tasks, *found.modes)]
+    assert lines[0] > 0
+    assert lines == sorted(set(lines))
