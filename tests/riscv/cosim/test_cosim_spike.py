@@ -1,5 +1,6 @@
 """Spike as an engine: it plays the functions of every job, and finds where it and the co-simulation differ."""
 
+import struct
 from importlib.util import find_spec
 
 import pytest
@@ -65,3 +66,8 @@ def test_without_spike_the_way_to_install_it_is_stated(sound, monkeypatch, refus
 
 def test_options_without_effect_are_refused(sound, refused):
     assert "margin" in refused(check, sound, margin=True)[0].message
+
+
+@pytest.mark.parametrize(("clint", "words"), [(0x02000000, (0, 0x02000000)), (0x1_02000000, (1, 0x02000000))])
+def test_a_timer_beyond_32_bits_has_its_place(clint, words):
+    assert struct.pack(">4I", *words, 0, 0xC0000) in spike.device_tree([1], clint)

@@ -26,6 +26,7 @@ NAME = "target.json"
 MAX_MEMORY = 1 << 31
 MAX_UNITS = 64
 CONTROL_SIZE = 18 * 8
+MAILBOX = 256
 MEMORIES = ("ispm", "dspm", "main")
 CLASSES = ("load", "load-byte", "multiply", "multiply-word", "divide", "taken", "mispredicted")
 """Instructions of jobs that take other times than simple ones."""
@@ -351,6 +352,9 @@ def _contradictions(site: Site) -> Iterator[tuple[str, str]]:
             yield name, f"overlaps {other}"
     if sum(area.size for _, area in areas) > MAX_MEMORY:  # devices are small
         yield "main", f"all memories together have more than {MAX_MEMORY} bytes"
+    for unit in site.units:
+        if not unit.dspm.base <= unit.reserved <= unit.mailbox <= unit.dspm.end - MAILBOX:
+            yield f"{unit.name} mailbox", f"{MAILBOX} bytes at {unit.mailbox:#x} are not in what its dspm reserves"
     shared = [("control", Area(site.control, CONTROL_SIZE)), ("entry", Area(site.entry, 4))]
     shared += [(n, Area(r.base, r.capacity * r.record)) for n, r in (("trace", site.trace), ("faults", site.faults))]
     shared += [(f'buffer "{name}"', area) for name, area in site.buffers.items()]

@@ -18,7 +18,7 @@ from halpipe.core.quantities import parse_address, parse_bandwidth, parse_ration
 from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
-from halpipe.deploy.riscv.target import CLASSES, MEMORIES, Area, DmaSite, each, watchdog_of
+from halpipe.deploy.riscv.target import CLASSES, MAILBOX, MEMORIES, Area, DmaSite, each, watchdog_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +34,7 @@ PROFILES = Path(__file__).parents[3] / "profiles"
 OWN_PROFILE = "profile.yaml"
 FLAT = "bundle.bin"
 AGAIN = "export the bundle again; edit the model or its sources, not the bundle"
-MAILBOX, RESERVED = 256, 4096
+RESERVED = 4096
 _LIKE = {"multiply-word": "multiply", "divide": "multiply", "load-byte": "load"}
 """Classes of instructions that take the time of another one, where the profile states none."""
 

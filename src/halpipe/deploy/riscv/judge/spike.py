@@ -189,7 +189,7 @@ def device_tree(harts: Iterable[int], clint: int) -> bytes:
     own: Node = {"riscv,isa": ISA, "riscv,pmpregions": [16], "riscv,pmpgranularity": [4]}
     cores: Node = {f"cpu@{hart:x}": own | {"device_type": "cpu", "reg": [hart]} for hart in harts}
     cells: Node = {"#address-cells": [2], "#size-cells": [2]}
-    timer: Node = {"clint": {"compatible": "riscv,clint0", "reg": [0, clint, 0, 0xC0000]}}
+    timer: Node = {"clint": {"compatible": "riscv,clint0", "reg": [*divmod(clint, 1 << 32), 0, 0xC0000]}}
     cpus = {"#address-cells": [1], "#size-cells": [0], "timebase-frequency": [10**7]} | cores
     names: dict[str, int] = {}
     body = b"".join(_node("", cells | {"cpus": cpus, "soc": cells | timer}, names)) + struct.pack(">I", _OVER)
