@@ -353,6 +353,8 @@ def _name(text: str) -> str:
 def _address(text: str) -> str:
     if not re.fullmatch(r"0x[0-9a-fA-F]{1,16}", text):
         raise ValueError(f"{quoted(text)} is no address; write it as 0xa0000000")
+    if int(text, 16) % 4:
+        raise ValueError(f"{quoted(text)} is no address of registers; use a multiple of 4")
     return text.lower()
 
 

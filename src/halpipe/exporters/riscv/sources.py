@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import posixpath
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -52,6 +53,10 @@ class SourceTree:
             if _DEFINE.fullmatch(define) is None:
                 help = "write NAME or NAME=value, without blanks and $"
                 self.findings.add(BAD_NAME(f'"{define[:60]}" is no definition', at=source.at, path=path, help=help))
+        names = Counter(define.partition("=")[0] for define in source.defines)
+        for name in (name for name, stated in names.items() if stated > 1):
+            text, help = f'"{name[:60]}" is defined twice', "keep one definition; a compiler takes the last"
+            self.findings.add(BAD_NAME(text, at=source.at, path=path, help=help))
         return self.take([Stated(name, source.at) for name in source.files], path)
 
     def take(self, files: Iterable[Stated[str]], path: str) -> list[str]:

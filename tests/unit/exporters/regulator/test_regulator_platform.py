@@ -101,6 +101,13 @@ def test_a_window_of_too_many_digits_is_no_shorter_one(tmp_path):
     assert "is no number of cycles" in found.message
 
 
+@pytest.mark.parametrize("base", ["0xa0000002", "a0000000"])
+def test_registers_have_an_address_of_words(tmp_path, base):
+    (found,) = refusal(platform_file(tmp_path, table={"base": base}))
+    assert f"'{base}' is no address" in found.message
+    assert platform(tmp_path, table={"base": "0xA0000004"}).base == 0xA0000004
+
+
 @pytest.mark.parametrize("burst", ["56B", "8B", "64B", "2048B"])
 def test_bursts_of_whole_beats_up_to_the_limit_are_taken(tmp_path, burst):
     assert platform(tmp_path, burst=burst).burst > 0

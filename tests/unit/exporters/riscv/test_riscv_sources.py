@@ -113,11 +113,13 @@ def test_entries_are_c_identifiers(tree, entry):
     assert codes(tree) == [BAD_NAME.id]
 
 
-@pytest.mark.parametrize("define", ["A B", "-DX", "A=$(rm)", "1=2", "-include/etc/passwd"])
-def test_definitions_are_definitions(tree, define):
+@pytest.mark.parametrize(
+    "defines", [("A B",), ("-DX",), ("A=$(rm)",), ("1=2",), ("-include/etc/passwd",), ("A=1", "B", "A=2")]
+)
+def test_definitions_are_definitions(tree, defines):
     (tree.folder / "scale.c").write_text("")
     version = deployed()
-    source = type(version.source)(files=("scale.c",), entry="scale", defines=(define,))
+    source = type(version.source)(files=("scale.c",), entry="scale", defines=defines)
     tree.add(type(version)(name="v", wcet=version.wcet, units=("u1",), source=source), "here")
     assert codes(tree) == [BAD_NAME.id]
 
