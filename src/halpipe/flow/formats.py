@@ -301,6 +301,11 @@ def check_bundle(path: str, options: CheckOptions) -> Checked:
     idle = [each.attribute for each in options_of(type(options)) if each.attribute not in checker.takes]
     refuse_unused(options, f"deploy check of a {target.bundle.kind} bundle", (*idle, *options.unused()))
     if options.seconds and not options.cycles:
-        once = sum((mode.hyperperiod.in_unit("s") for mode in target.schedule.modes), Fraction(0))
-        options = replace(options, cycles=max(1, int(options.seconds / once)))  # of all modes
+        options = replace(options, cycles=_cycles(target.schedule, options.seconds))
     return checker.check(target, options)
+
+
+def _cycles(schedule: Schedule, seconds: int) -> int:
+    """Return how often all modes can be played once in some seconds, at least once."""
+    once = sum((mode.hyperperiod.in_unit("s") for mode in schedule.modes), Fraction(0))
+    return max(1, int(seconds / once))
