@@ -261,7 +261,7 @@ class Memories:
         for item, peak in self._hardware.memories.items():
             if self._names[item] in used:
                 item.use()
-                found.append(Resource(name=self._names[item], bandwidth=None if peak is None else int(peak)))
+                found.append(Resource(name=self._names[item], bandwidth=int(peak or 0) or None))
         return tuple(found)
 
     def phases(self, amount: Amount, unit: Pu) -> list[Phase]:
