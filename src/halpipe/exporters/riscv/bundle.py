@@ -130,7 +130,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         plan = Plan(operations.programs, tables, backlog, images)
         elf = _program(shop, render, site, model.name, plan, monitors, drivers)
         files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
-        files |= ({DRIVERS: site.drivers.text} if site.drivers.drivers else {}) | site.inputs
+        files |= ({DRIVERS: site.drivers.text} if site.drivers else {}) | site.inputs
     files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
     files |= site.regulators
     facts = {

@@ -64,6 +64,9 @@ class Drivers:
     sources: tuple[Stated[str], ...] = ()
     text: bytes = b""
 
+    def __bool__(self) -> bool:
+        return bool(self.drivers)
+
     @property
     def functions(self) -> tuple[str, ...]:
         """The functions by their numbers."""
