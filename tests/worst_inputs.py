@@ -10,7 +10,7 @@ ARXML = "http://autosar.org/schema/r4.0"
 def times(size, piece, before="", after=""):
     """Repeat a piece, with {i} as its number, until the whole has `size` bytes, less than a piece more or less."""
     pieces, left = [], size - len(before) - len(after)
-    while left > 0 or not pieces:
+    while piece and (left > 0 or not pieces):
         pieces.append(piece.replace("{i}", str(len(pieces))))
         left -= len(pieces[-1])
     return before + "".join(pieces) + after
