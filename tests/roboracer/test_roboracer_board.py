@@ -1,6 +1,7 @@
 """The same drive on a simulated board: bundle, runtime, DMA and all, byte for byte what this computer drives."""
 
 import shutil
+from dataclasses import replace
 
 import drive as module
 import host
@@ -88,7 +89,10 @@ def test_modelled_execution_drives_the_same_way(bundle, here):
 def test_a_slow_memory_spoils_the_drive(bundle):
     """The loop is closed through the DMA engine: when transfers do not arrive in time, jobs compute with nothing."""
     drive = module.a_drive(1, 1, 0)
-    CoSimulation(open_target(bundle), plant=module.Track(drive), cycles=15, bandwidth=4_000_000).run()
+    target = open_target(bundle)
+    slow = tuple(replace(resource, bandwidth=4_000_000) for resource in target.model.resources)
+    target = replace(target, model=replace(target.model, resources=slow))
+    CoSimulation(target, plant=module.Track(drive), cycles=15).run()
     assert drive.world.car.distance == 0
 
 

@@ -144,7 +144,7 @@ def test_a_profile_from_qemu(export, tmp_path, monkeypatch, name):
         return plain(file, site, said)
 
     monkeypatch.setattr(qemu, "_read", read)
-    checked = DEPLOYMENT.check(target, CheckOptions(engine="qemu", inject="none"))
+    checked = DEPLOYMENT.check(target, CheckOptions(engine="qemu"))
     assert [d for d in checked.diagnostics if d.is_error] == []
     path = tmp_path / "mine.yaml"
     path.write_bytes(calibrate(target, kept["memory"], "dump.bin")[0])

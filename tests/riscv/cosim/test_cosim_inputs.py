@@ -57,7 +57,7 @@ def test_what_is_played_is_what_is_stated(export):
 @pytest.mark.parametrize("profile", ["fu540", "virt"])
 def test_both_engines_compute_the_same_of_the_first_sample(export, profile):
     target = export(profile=profile, inputs={"sample.bin": samples(7, 8)})
-    checked = check(target, engine="qemu")
+    checked = DEPLOYMENT.check(target, CheckOptions(engine="qemu"))
     assert "all buffers hold at the end what they hold in the co-simulation" in checked.lines
 
 

@@ -48,6 +48,6 @@ def test_data_is_not_compared_with_that_of_jobs_that_fail(tmp_path):
     """At the 100 MHz of virt the gang overruns; QEMU's clock is ten times as fast."""
     target = exported(tmp_path, "virt")
     assert codes.OVERRUN.id in {d.code for d in DEPLOYMENT.check(target, CheckOptions()).diagnostics}
-    found = DEPLOYMENT.check(target, CheckOptions(engine="qemu", inject="none")).diagnostics
+    found = DEPLOYMENT.check(target, CheckOptions(engine="qemu")).diagnostics
     assert {d.code for d in found} == {codes.NOT_JUDGED.id}
     assert any("was not compared" in d.message for d in found)
