@@ -98,7 +98,7 @@ tokens = st.lists(list_items, max_size=3).map(" ".join)
 origins = st.builds(Origin, xml_texts, st.integers(0, 10**20), xml_texts)
 interrupts = st.builds(Interrupt, name=names, distance=durations, wcet=durations, origin=maybe(origins))
 units = st.builds(Unit, name=names, type=names | st.just(""), interrupts=few(interrupts), origin=maybe(origins))
-resources = st.builds(Resource, name=names, bandwidth=maybe(sizes), origin=maybe(origins))
+resources = st.builds(Resource, name=names, bandwidth=maybe(sizes.filter(bool)), origin=maybe(origins))
 transfers = st.builds(Transfer, buffer=names, symbol=names, size=sizes)
 accesses = st.builds(
     Access,
