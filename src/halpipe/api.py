@@ -11,13 +11,12 @@ import functools
 import time
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, overload
 
-from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError
 from halpipe.core.options import from_keywords, refuse_unused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Checked
     from halpipe.importers.common.base import Imported

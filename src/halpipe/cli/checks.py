@@ -12,14 +12,13 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.options import ModelFile, ScheduleFile, codes, load_codes, takes
-from halpipe.core.diagnostics import REGISTER, Exit, sort_diagnostics
+from halpipe.core.diagnostics import REGISTER, Diagnostic, Exit, sort_diagnostics
 from halpipe.core.options import Values, refuse_unused
 from halpipe.core.suggest import counted, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.pipeline.explain.explanation import Explanation
 
 

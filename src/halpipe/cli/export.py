@@ -11,12 +11,11 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.app import FormatGroup
 from halpipe.cli.options import ModelFile, Output, ScheduleFile, command, parameter
-from halpipe.core.diagnostics import Exit
+from halpipe.core.diagnostics import Diagnostic, Exit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.options import Values
     from halpipe.exporters.common.base import Exporter, ExportOptions
     from halpipe.flow.formats import Exported

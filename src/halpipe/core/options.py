@@ -11,7 +11,7 @@ A field without `option` is none: callers set it, users cannot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field, fields
 from enum import Enum
 from pathlib import PurePath
@@ -21,14 +21,10 @@ from halpipe.core.diagnostics import Exit, HalpipeError, error
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_rational, quoted, whole
 from halpipe.core.records import record
-from halpipe.core.settings import BAD_VALUE
+from halpipe.core.settings import BAD_VALUE, Fields
 from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from halpipe.core.settings import Fields
-
     Reader = Callable[[str], Any]
 
 K = TypeVar("K")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from halpipe.core.diagnostics import Location, error
+from halpipe.core.diagnostics import Code, Findings, Location, error
 from halpipe.core.files import Number, YamlList, YamlMap, parse_json, parse_yaml
 from halpipe.core.quantities import quoted, whole
 from halpipe.core.records import record
@@ -16,7 +16,6 @@ from halpipe.core.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from halpipe.core.diagnostics import Code, Findings
 
 T = TypeVar("T")
 D = TypeVar("D")

@@ -6,13 +6,13 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Severity, about, error, warning
+from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.suggest import counted
-from halpipe.exporters.common.timeline import Window, shows_context, unroll, unroll_switch
+from halpipe.exporters.common.timeline import Placement, Window, shows_context, unroll, unroll_switch
 from halpipe.exporters.report.beside import Beside, Seen, Spread, Strip
 from halpipe.models.trace import NONE, Executions
-from halpipe.pipeline.compare import CompareOptions, compare, is_stated
+from halpipe.pipeline.compare import CompareOptions, Comparison, compare, is_stated
 from halpipe.pipeline.compare.codes import Kind
 from halpipe.pipeline.compare.histograms import histograms
 from halpipe.pipeline.compare.judging import Judge, Scope
@@ -20,12 +20,9 @@ from halpipe.pipeline.compare.judging import Judge, Scope
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.common.timeline import Placement
     from halpipe.exporters.report import ReportOptions
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.models.trace import Instant
-    from halpipe.pipeline.compare import Comparison
     from halpipe.pipeline.compare.matching import Matching
     from halpipe.pipeline.compare.tables import Due
 

@@ -12,7 +12,7 @@ from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, about, error, warning
@@ -24,7 +24,6 @@ from halpipe.pipeline.checked import refuse_invalid, validate_model
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from importlib.metadata import EntryPoint
 
     from halpipe.deploy.base import Checked, CheckOptions, Deployment, Target
     from halpipe.exporters.common.base import Exporter, ExportOptions

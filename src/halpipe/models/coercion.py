@@ -10,7 +10,7 @@ from enum import Enum
 from fractions import Fraction
 from functools import partial
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_rational
@@ -21,7 +21,6 @@ DurationLike = Duration | str
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-    from typing import Generic, TypeVar
 
     R = TypeVar("R", covariant=True)
     W = TypeVar("W", contravariant=True)

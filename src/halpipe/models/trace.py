@@ -7,7 +7,7 @@ bytes, and an `Execution` is made of it where one is looked at.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,7 +19,6 @@ from halpipe.core.durations import Duration
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Iterator, Mapping
     from fractions import Fraction
 
     Instant = int | Fraction

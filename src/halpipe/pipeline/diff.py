@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.models import Access, Precedence, Schedule, Split, TaskModel
+from halpipe.models import Access, Job, ModeSchedule, Precedence, Schedule, Split, TaskModel, TransitionTable
 from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Job, ModeSchedule, TransitionTable
 
 ADDED, REMOVED, CHANGED = "added", "removed", "changed"
 MOVED, PARTS, VERSION, UNITS = "moved", "parts", "version", "units"

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.models import HealthAction, Reaction, Status
+from halpipe.models import HealthAction, HealthRule, ModeSchedule, Reaction, Schedule, Status, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from halpipe.models import HealthRule, ModeSchedule, Schedule, TaskModel
 
 
 def with_reactions(model: TaskModel, schedule: Schedule) -> Schedule:

@@ -12,15 +12,12 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO, greatest_common_divisor, least_common_multiple
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple
 from halpipe.core.records import record
-from halpipe.models import Anchor, Match, ResourceKind
+from halpipe.models import Anchor, Interrupt, Match, Mode, Precedence, ResourceKind, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from halpipe.core.durations import Duration
-    from halpipe.models import Interrupt, Mode, Precedence, Task, TaskModel, Version
 
 
 @record

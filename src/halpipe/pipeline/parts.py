@@ -10,12 +10,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import Binding, Job, Part
+from halpipe.models import Access, Binding, Job, Part, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.models import Access, TaskModel, Unit, Version
 
 T = TypeVar("T", int, Duration)
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, HalpipeError, about, error
-from halpipe.pipeline.jobs import expand
+from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about, error
+from halpipe.pipeline.jobs import Expansion, expand
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
-    from halpipe.pipeline.jobs import Expansion
 
 UNMATCHED = error(
     "HAL0468",

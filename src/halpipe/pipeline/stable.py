@@ -14,9 +14,9 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError, about, note
-from halpipe.core.durations import ZERO
-from halpipe.models import Binding, Status
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, about, note
+from halpipe.core.durations import ZERO, Duration
+from halpipe.models import Binding, Job, Mode, Schedule, Status, Task, TaskModel, Unit
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.shipped import overlaps, staying
@@ -25,9 +25,6 @@ from halpipe.pipeline.solve.exact_goals import is_same
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.durations import Duration
-    from halpipe.models import Job, Mode, Schedule, Task, TaskModel, Unit
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 NEAR = note(

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.models import Chain, Run, Task, Unit, Version
+from halpipe.models import Chain, Run, Task, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from halpipe.core.durations import Duration
-    from halpipe.models import TaskModel
 
 T = TypeVar("T")
 

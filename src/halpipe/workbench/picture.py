@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import Diagnostic, HalpipeError
 from halpipe.exporters.report.chains import latency_of
 from halpipe.exporters.report.scene import scene
 from halpipe.flow.formats import EXPORTERS, formats
@@ -14,7 +14,6 @@ from halpipe.workbench.edits import LIMITS, ROWS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
     from halpipe.workbench.session import Session
 

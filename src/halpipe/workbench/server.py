@@ -22,13 +22,12 @@ from halpipe.core.options import from_keywords
 from halpipe.flow.formats import exporter
 from halpipe.workbench.edits import Edit, Pin
 from halpipe.workbench.picture import picture, plain
-from halpipe.workbench.session import LOWER
+from halpipe.workbench.session import LOWER, Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from halpipe.exporters.common.base import ExportOptions
-    from halpipe.workbench.session import Session
 
     Order = Callable[[Session], Any]
 

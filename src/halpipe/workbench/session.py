@@ -17,7 +17,7 @@ from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.stable import moved_jobs, settled
-from halpipe.workbench.edits import BAD_EDIT, edited
+from halpipe.workbench.edits import BAD_EDIT, Edit, Pin, edited
 from halpipe.workbench.journal import EDITS_LOST, Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from halpipe.exporters.report.beside import Beside
     from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
-    from halpipe.workbench.edits import Edit, Pin
 
 OUTDATED = error(
     "HAL0952",

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from halpipe.core.diagnostics import HalpipeError, Location, error
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, error
 from halpipe.core.files.protection import STDIO, note_input, was_input
 from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
 
 MAX_INPUT_BYTES = 256 * 2**20
 MOST_BESIDE = 1000

@@ -15,14 +15,13 @@ from halpipe.core.bundles import CHANGED_FILE
 from halpipe.core.diagnostics import Findings, Location, error, named
 from halpipe.core.durations import seconds
 from halpipe.core.files import parse_xml, read_bytes, sha256
-from halpipe.deploy.base import Checked
+from halpipe.deploy.base import Checked, Target
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
     from lxml import etree
 
-    from halpipe.deploy.base import Target
     from halpipe.models import ModeSchedule
 
 _AR = "{http://autosar.org/schema/r4.0}"

@@ -10,13 +10,13 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
 from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
-from halpipe.deploy.base import Checked
+from halpipe.deploy.base import Checked, CheckOptions, Target
 from halpipe.deploy.linux import codes
 from halpipe.deploy.regulator import with_tables
 from halpipe.models.modes import tour
@@ -28,8 +28,6 @@ from halpipe.pipeline.compare.judging import Scope
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.deploy.base import CheckOptions, Target
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.compare.chains import ChainRow
 

@@ -6,21 +6,19 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Code, Diagnostic, about
 from halpipe.core.files import sha256
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.regulator import codes, promise
-from halpipe.deploy.regulator.reading import DERIVED, FACTS, TABLES
+from halpipe.deploy.regulator.reading import DERIVED, FACTS, TABLES, Table, Tables, Unit
 from halpipe.devices import DEVICES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.deploy.base import Target
     from halpipe.deploy.regulator.promise import Phase, Row, Timeline
-    from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.models import ModeSchedule, TransitionTable
 
 _AGAIN = "export the bundle again; if it stays so, the exporter is wrong: report it"

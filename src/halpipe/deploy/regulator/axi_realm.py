@@ -17,13 +17,12 @@ from halpipe.deploy.regulator.codes import (
     GRANTS_DIFFER,
     SHARED_ISOLATION,
 )
-from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Range, check_loader, scripts_of, steps_of
+from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Case, Range, Write, check_loader, scripts_of, steps_of
 from halpipe.devices.registers import RegisterFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.deploy.regulator.loading import Case, Write
     from halpipe.deploy.regulator.reading import Table
 
 OPEN = 2**31 - 1

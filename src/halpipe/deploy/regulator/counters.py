@@ -13,23 +13,20 @@ from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import HalpipeError, Location, sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, sort_diagnostics
 from halpipe.core.quantities import parse_rational, quoted
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
+from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic, Planned
 from halpipe.deploy.regulator.codes import BROKEN_COUNTERS, USED_ABOVE_BUDGET, USED_ABOVE_CAPACITY
 from halpipe.deploy.regulator.promise import ZERO, promised_bursts
-from halpipe.deploy.regulator.reading import DIRECTIONS, read_tables
+from halpipe.deploy.regulator.reading import DIRECTIONS, Table, Tables, Unit, read_tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from fractions import Fraction
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
-    from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.reading import Table, Tables, Unit
 
 T = TypeVar("T")
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.deploy.regulator.codes import FORMS_DIFFER, OTHER_SCHEDULE, TOO_DEEP
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.regulator.reading import Tables, Unit
 
 FOLDER = "table"

@@ -19,14 +19,13 @@ from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_rational, parse_size
 from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.loading import choices, scripts_of, take
+from halpipe.deploy.regulator.loading import Case, Line, Script, choices, scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.loading import Case, Line, Script
     from halpipe.deploy.regulator.reading import Table
 
 PUT = (

@@ -14,8 +14,8 @@ from halpipe.core.diagnostics import about
 from halpipe.core.quantities import parse_frequency
 from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER
-from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Range, check_loader, scripts_of, steps_of
-from halpipe.deploy.regulator.promise import rate_steps
+from halpipe.deploy.regulator.loading import LOADER, SETUP, WORD, Case, Range, Write, check_loader, scripts_of, steps_of
+from halpipe.deploy.regulator.promise import Row, rate_steps
 from halpipe.deploy.regulator.reading import DIRECTIONS
 from halpipe.devices.registers import port_registers
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.deploy.regulator.arithmetic import Planned
-    from halpipe.deploy.regulator.loading import Case, Write
-    from halpipe.deploy.regulator.promise import Row
 
 STEPS = 4096
 PORTS, REGISTERS = port_registers("qos400")

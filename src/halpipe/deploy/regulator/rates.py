@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, GRANTS_DIFFER
-from halpipe.deploy.regulator.promise import ZERO, rate_steps
+from halpipe.deploy.regulator.promise import ZERO, Phase, Row, rate_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.loading import Case
-    from halpipe.deploy.regulator.promise import Phase, Row
     from halpipe.deploy.regulator.reading import Table
 
 

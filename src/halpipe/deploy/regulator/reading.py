@@ -9,7 +9,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import parse_bandwidth, parse_frequency, parse_rational, parse_size
 from halpipe.core.records import record
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.diagnostics import Diagnostic
 
 
 T = TypeVar("T")

@@ -12,17 +12,13 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 from math import ceil, floor
-from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import parse_bandwidth
 from halpipe.deploy.regulator import rates
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.loading import scripts_of, take
+from halpipe.deploy.regulator.loading import Case, Script, scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO
-
-if TYPE_CHECKING:
-    from halpipe.deploy.regulator.loading import Case, Script
 
 ROOT, REST = ".", "everything else"
 EIGHTH = 125_000_000

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe.core.caches import cache_folder, is_ours, keep
-from halpipe.core.diagnostics import HalpipeError, about
+from halpipe.core.diagnostics import Code, Diagnostic, HalpipeError, Location, about
 from halpipe.core.files import sha256
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
@@ -23,14 +23,12 @@ from halpipe.core.records import record
 from halpipe.deploy.regulator import codes, stimuli
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE
 from halpipe.deploy.regulator.forms import FOLDER, image_names, images
-from halpipe.deploy.regulator.reading import DIRECTIONS
+from halpipe.deploy.regulator.reading import DIRECTIONS, Table, Tables, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.diagnostics import Code, Diagnostic, Location
-    from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.deploy.regulator.stimuli import Expected, Run
 
 FIELDS = 13

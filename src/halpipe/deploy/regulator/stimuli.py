@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.deploy.regulator.forms import MOST_HEADERS, header_lines
-from halpipe.deploy.regulator.reading import DIRECTIONS, Entry
+from halpipe.deploy.regulator.reading import DIRECTIONS, Entry, Table, Tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.deploy.regulator.reading import Table, Tables
 
 GREEDY = 1
 LENGTHS, GAPS, CLUSTERS = 2, 4, 8

@@ -10,14 +10,13 @@ from lxml import etree
 
 from halpipe.core.embedding import properties_hash
 from halpipe.exporters.common.frozen import freeze_children
-from halpipe.models import ResourceKind
+from halpipe.models import ResourceKind, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.exporters.amalthea.stimuli import Stimulus
-    from halpipe.models import Task, TaskModel
 
 XSI = "http://www.w3.org/2001/XMLSchema-instance"
 XMI = "http://www.omg.org/XMI"

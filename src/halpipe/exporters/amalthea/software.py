@@ -6,24 +6,15 @@ import math
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
-from halpipe.exporters.amalthea.document import (
-    Unique,
-    add,
-    add_property,
-    named,
-    ref,
-)
-from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
-from halpipe.models import AccessKind, ResourceKind
+from halpipe.exporters.amalthea.document import Unique, Written, add, add_property, named, ref
+from halpipe.exporters.amalthea.stimuli import MODE_LABEL, Stimulus, equals, kind_of, version_label
+from halpipe.models import Access, AccessKind, ResourceKind, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from lxml import etree
 
-    from halpipe.exporters.amalthea.document import Written
-    from halpipe.exporters.amalthea.stimuli import Stimulus
-    from halpipe.models import Access, Task, TaskModel, Version
 
 _MODES = "SystemMode"
 

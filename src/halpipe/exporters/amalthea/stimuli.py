@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
-from halpipe.exporters.amalthea.document import Unique, add, add_property, add_time, named, ref
-from halpipe.models import Anchor
+from halpipe.exporters.amalthea.document import Unique, Written, add, add_property, add_time, named, ref
+from halpipe.models import Anchor, Chain, Job, Precedence, Schedule, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from lxml import etree
 
-    from halpipe.exporters.amalthea.document import Written
-    from halpipe.models import Chain, Job, Precedence, Schedule, Task, TaskModel
 
 MODE_LABEL = "mode"
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, named, warning
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, error, named, warning
 from halpipe.core.files import find_inputs, parse_xml, read_bytes
-from halpipe.exporters.arxml.document import CONTAINER, MODULE, Reference
+from halpipe.exporters.arxml.document import CONTAINER, MODULE, Box, Reference
 from halpipe.exporters.arxml.software import ShortNames
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.arxml.document import Box
 
 NO_DEFINITIONS = error(
     "HAL0870",

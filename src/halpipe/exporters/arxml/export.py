@@ -10,7 +10,7 @@ from halpipe.core.embedding import package_hash, pieces
 from halpipe.exporters.arxml.codes import BAD_PREFIX
 from halpipe.exporters.arxml.definitions import read_definitions
 from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, special
-from halpipe.exporters.arxml.options import RELEASES
+from halpipe.exporters.arxml.options import RELEASES, ArxmlOptions
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os, write_rte
 from halpipe.exporters.arxml.software import Layout, disabled_modes, write_modes, write_platform, write_software
 from halpipe.exporters.arxml.tables import make_plan
@@ -26,7 +26,6 @@ from halpipe.models.modes import require_mode
 if TYPE_CHECKING:
     from lxml import etree
 
-    from halpipe.exporters.arxml.options import ArxmlOptions
     from halpipe.models import Schedule, TaskModel
 
 _PREFIX = re.compile(r"(/[A-Za-z][A-Za-z0-9_]{0,127})+")

@@ -21,8 +21,8 @@ from halpipe.exporters.arxml.document import (
     seconds_text,
     write_box,
 )
-from halpipe.exporters.arxml.software import ShortNames
-from halpipe.exporters.arxml.tables import DEFAULT_START, SYSTEM
+from halpipe.exporters.arxml.software import Layout, ShortNames
+from halpipe.exporters.arxml.tables import DEFAULT_START, SYSTEM, Plan, Table, Work
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.exporters.arxml.definitions import Definitions
-    from halpipe.exporters.arxml.software import Layout
-    from halpipe.exporters.arxml.tables import Plan, Table, Work
     from halpipe.exporters.arxml.ticks import Hold
     from halpipe.models import TaskModel
 

@@ -11,20 +11,17 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.diagnostics import Findings, Path, about, named
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_EVENTS, TOO_MANY_POINTS
-from halpipe.exporters.arxml.software import ShortNames
+from halpipe.exporters.arxml.software import Layout, ShortNames
 from halpipe.exporters.common.priorities import levels_of, relation_of
-from halpipe.models import Binding
+from halpipe.models import Binding, Job, Schedule, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.core.durations import Duration
-    from halpipe.exporters.arxml.software import Layout
     from halpipe.exporters.arxml.ticks import Counter, Hold, Holds
-    from halpipe.models import Job, Schedule, TaskModel
 
 SYSTEM, DEFAULT_START = "OsOS", "OSDEFAULTAPPMODE"
 """Containers of the Os that have these names whatever the model."""

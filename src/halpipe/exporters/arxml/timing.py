@@ -5,23 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Diagnostic, about
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.arxml.codes import NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.document import add, add_time, freeze, named, package, ref
-from halpipe.exporters.arxml.software import ShortNames
+from halpipe.exporters.arxml.software import Layout, ShortNames
 from halpipe.exporters.common.timeline import delays_of
-from halpipe.models import Anchor, Match
+from halpipe.models import Anchor, Chain, Job, Match, ModeSchedule, Precedence, Schedule, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.durations import Duration
-    from halpipe.exporters.arxml.software import Layout
-    from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel
 
 _WEAKER = ("written as a window after any job", "left out")
 DEMANDS = "Requirements"

@@ -13,14 +13,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.common.timeline import versions_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
 
 Relation = dict[str, dict[str, set[str]]]

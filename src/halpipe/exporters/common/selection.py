@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about, version_of
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, KEEPS_NO_LET, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME
 from halpipe.exporters.common.timeline import versions_of
@@ -14,8 +14,6 @@ from halpipe.models.modes import require_mode
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from halpipe.core.diagnostics import Location
-    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel, TransitionTable
 
 REMAKE = "make the schedule again from this model"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
-from halpipe.models import Anchor, Match
+from halpipe.models import Anchor, Match, Mode, Precedence, Schedule, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import graphviz
 
     from halpipe.exporters.graph import GraphOptions
-    from halpipe.models import Mode, Precedence, Schedule, Task, TaskModel, Version
 
 FONT = "Helvetica,Arial,sans-serif"
 MANY_UNITS = 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.extent import Extent
 from halpipe.core.options import CPUS, SOURCES, Form, cpu_number, option
 from halpipe.core.quantities import whole
@@ -14,7 +14,6 @@ from halpipe.exporters.common.base import Exporter, ExportOptions
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 PRIORITY = 50

@@ -19,22 +19,19 @@ from halpipe.core.suggest import few
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.common.templates import environment
 from halpipe.exporters.linux.codes import BAD_TEXT, NO_START, NOT_A_CPU, NOT_ALONE
-from halpipe.exporters.linux.copies import copies_of
-from halpipe.exporters.linux.tables import is_followed, tables_of, thread_levels
+from halpipe.exporters.linux.copies import Copy, copies_of
+from halpipe.exporters.linux.tables import Tables, is_followed, tables_of, thread_levels
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator.embedded import embedded
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
-from halpipe.models import AccessKind
+from halpipe.models import AccessKind, Schedule, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.exporters.linux import LinuxOptions
-    from halpipe.exporters.linux.copies import Copy
-    from halpipe.exporters.linux.tables import Tables
     from halpipe.exporters.regulator.platform import Platform
-    from halpipe.models import Schedule, Task, TaskModel, Version
 
 
 FOLDER = Path(__file__).parent

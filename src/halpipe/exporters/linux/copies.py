@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about, version_of
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Findings, about, version_of
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.exporters.common.let import releases_of
 from halpipe.exporters.linux.codes import NO_COPIES
@@ -18,8 +18,6 @@ from halpipe.exporters.linux.codes import NO_COPIES
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
     from halpipe.exporters.linux.bundle import Program
     from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel
 

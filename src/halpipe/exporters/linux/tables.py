@@ -7,20 +7,16 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError, about, version_of
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.exporters.common.timeline import PhaseTimes
 from halpipe.exporters.linux.codes import EARLY_PHASE, NO_ORDER, NO_PIECES, TOO_LARGE
-from halpipe.models import HealthAction, HealthEvent
+from halpipe.models import HealthAction, HealthEvent, HealthRule, Job, Schedule, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-
-    from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
-    from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
 
 
 MOST, MOST_CPUS, MOST_NS = 2**16 - 1, 1024, 2**62

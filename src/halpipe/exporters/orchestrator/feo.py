@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Findings, about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import Exporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
 
 AGENT = 1_000_000

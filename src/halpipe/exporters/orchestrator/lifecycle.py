@@ -5,16 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Findings, about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import Exporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 from halpipe.models.words import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import HealthRule, Schedule, Task, TaskModel
 
 FALLBACK = "fallback_run_target"

@@ -6,7 +6,7 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Findings, about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.extent import Extent
 from halpipe.core.files import parse_yaml
 from halpipe.core.options import CPUS, Form, cpu_number, option, specific
@@ -16,7 +16,6 @@ from halpipe.exporters.common.base import Exporter, ExportOptions
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.bundles import MODEL, SCHEDULE
 from halpipe.core.files import MANIFEST
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
-from halpipe.exporters.regulator.platform import read_platform
+from halpipe.exporters.regulator.platform import Platform, read_platform
 
 if TYPE_CHECKING:
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.models import Schedule, TaskModel
 
 FOLDER = "regulator/"

@@ -15,13 +15,12 @@ from halpipe.core.diagnostics import NOWHERE, Location, Path, named
 from halpipe.core.records import record
 from halpipe.exporters.common.timeline import PhaseTimes
 from halpipe.exporters.regulator.platform import READ, WRITE
-from halpipe.models import AccessKind
+from halpipe.models import Access, AccessKind, Job, ModeSchedule, Schedule, TaskModel, TransitionTable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Access, Job, ModeSchedule, Schedule, TaskModel, TransitionTable
 
 MODE, TRANSITION = "mode", "transition"
 

@@ -14,16 +14,14 @@ from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK
 from halpipe.exporters.common.templates import environment
 from halpipe.exporters.common.timeline import Window
-from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
+from halpipe.exporters.regulator.frames import Frame, Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
 from halpipe.exporters.regulator.rates import segments
-from halpipe.exporters.report.axis import ticks
+from halpipe.exporters.report.axis import Tick, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.exporters.regulator.frames import Frame
-    from halpipe.exporters.report.axis import Tick
     from halpipe.models import Schedule, TaskModel
 
 COLUMNS = 900

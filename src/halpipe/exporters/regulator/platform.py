@@ -24,7 +24,7 @@ from halpipe.core.quantities import (
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Words
 from halpipe.core.suggest import did_you_mean
-from halpipe.devices import DEVICES, MOST
+from halpipe.devices import DEVICES, MOST, Setting
 from halpipe.exporters.regulator.codes import (
     NO_RESOURCE,
     NOT_A_PLATFORM,
@@ -32,13 +32,11 @@ from halpipe.exporters.regulator.codes import (
     SHARED_MANAGER,
 )
 from halpipe.exporters.regulator.words import BACKENDS
-from halpipe.models import ResourceKind
+from halpipe.models import ResourceKind, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from halpipe.devices import Setting
-    from halpipe.models import TaskModel
 
 T = TypeVar("T", int, str)
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Location, about
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
@@ -17,7 +17,6 @@ from halpipe.exporters.regulator.rounding import pieces
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.frames import Frame, Row
     from halpipe.exporters.regulator.tables import Table, Tables
 

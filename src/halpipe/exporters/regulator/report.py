@@ -13,14 +13,13 @@ from halpipe.core.files import load_json
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.regulator.codes import BELOW_BURST, OFF_GRID, SHORT_PHASE
-from halpipe.exporters.regulator.frames import TRANSITION
+from halpipe.exporters.regulator.frames import TRANSITION, Phase
 from halpipe.exporters.regulator.windows import cut
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.exporters.regulator.frames import Phase
     from halpipe.exporters.regulator.tables import Table, Tables
     from halpipe.exporters.regulator.writing import Backend
     from halpipe.models import TaskModel

@@ -19,12 +19,11 @@ from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.exporters.regulator.frames import MODE
+from halpipe.exporters.regulator.frames import MODE, Frame, Phase, Row
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from halpipe.exporters.regulator.frames import Frame, Phase, Row
 
 Bursts = dict["Row", list[int]]
 

@@ -10,7 +10,7 @@ from math import ceil
 from operator import ne
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.quantities import format_bandwidth, format_size
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean, few
@@ -24,8 +24,8 @@ from halpipe.exporters.regulator.codes import (
     UNKNOWN_UNIT,
     UNSAFE_DEFAULTS,
 )
-from halpipe.exporters.regulator.frames import MODE, Framer, Grid, Row, grid_of
-from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
+from halpipe.exporters.regulator.frames import MODE, Frame, Framer, Grid, Row, grid_of
+from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, Platform
 from halpipe.exporters.regulator.rounding import (
     Overload,
     controlled,
@@ -41,9 +41,6 @@ from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.frames import Frame
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.rounding import Bursts, Promise
     from halpipe.exporters.regulator.writing import Backend
     from halpipe.models import Schedule, TaskModel

@@ -5,16 +5,14 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Location, about
 from halpipe.core.durations import Duration, divisors, greatest_common_divisor, seconds
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, WINDOW_DOES_NOT_DIVIDE
-from halpipe.exporters.regulator.platform import LEAST_CYCLES
+from halpipe.exporters.regulator.platform import LEAST_CYCLES, Platform
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Location
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.models import Schedule
 
 MAX_WINDOWS = 2**20

@@ -9,29 +9,25 @@ from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from halpipe.core.bundles import seal
-from halpipe.core.diagnostics import HalpipeError, printable, sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, printable, sort_diagnostics
 from halpipe.core.files import sha256
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.devices import DEVICES
+from halpipe.devices import DEVICES, Device
 from halpipe.exporters.common.templates import environment
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator.codes import NOT_A_PLATFORM, UNKNOWN_BACKEND
 from halpipe.exporters.regulator.frames import MODE
-from halpipe.exporters.regulator.platform import read_platform
+from halpipe.exporters.regulator.platform import Platform, read_platform
 from halpipe.exporters.regulator.report import check_phases, describe_export, describe_tables, format_json, summarise
-from halpipe.exporters.regulator.tables import TableBuilder
+from halpipe.exporters.regulator.tables import Table, TableBuilder, Tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     import jinja2
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.devices import Device
     from halpipe.exporters.regulator import RegulatorOptions
-    from halpipe.exporters.regulator.platform import Platform
-    from halpipe.exporters.regulator.tables import Table, Tables
     from halpipe.models import Schedule, TaskModel
 
 K = TypeVar("K")

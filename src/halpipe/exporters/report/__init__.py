@@ -8,10 +8,9 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.extent import Extent
 from halpipe.core.options import option, specific
 from halpipe.core.records import record
-from halpipe.exporters.common.base import Exporter, TitledOptions
+from halpipe.exporters.common.base import Exporter, ExportOptions, TitledOptions
 
 if TYPE_CHECKING:
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.exporters.report.beside import Beside
     from halpipe.models import Schedule, TaskModel
 

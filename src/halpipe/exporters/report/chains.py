@@ -10,18 +10,16 @@ from bisect import bisect_left, bisect_right
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report.axis import decimal, elide, position, ticks
-from halpipe.models import Anchor
+from halpipe.models import Anchor, Chain, ChainLatency, Job, ModeSchedule, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from halpipe.core.durations import Duration
-    from halpipe.models import Chain, ChainLatency, Job, ModeSchedule, Task, TaskModel
 
 ROW_HEIGHT = 24
 AXIS_HEIGHT = 26

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from halpipe.exporters.report.axis import elide
-from halpipe.models import Status
+from halpipe.models import Schedule, Status, TaskModel, TransitionTable
 
 if TYPE_CHECKING:
-    from halpipe.models import Schedule, TaskModel, TransitionTable
-
     Point = tuple[int, int]
 
 MOST_MODES = 12

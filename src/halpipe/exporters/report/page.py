@@ -17,7 +17,7 @@ from halpipe.exporters.common.palette import FILLS, INK, tone
 from halpipe.exporters.common.templates import environment
 from halpipe.exporters.regulator.picture import draw_bounds
 from halpipe.exporters.report.axis import approximate, decimal, percent
-from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_latency, worst_reaction
+from halpipe.exporters.report.chains import Hop, latency_of, path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.modegraph import build_mode_graph
 from halpipe.exporters.report.scene import embedded, scene, waits
 from halpipe.models import Status
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.exporters.report import ReportOptions
-    from halpipe.exporters.report.chains import Hop
     from halpipe.models import (
         Chain,
         ChainLatency,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.common.palette import FILLS, RESOURCES, tone
 from halpipe.exporters.common.timeline import (
     PhaseTimes,
@@ -18,15 +18,12 @@ from halpipe.exporters.common.timeline import (
     unroll,
     unroll_switch,
 )
-from halpipe.exporters.report.beside import MARKS
-from halpipe.models import Anchor
+from halpipe.exporters.report.beside import MARKS, Beside, Strip
+from halpipe.models import Anchor, Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.durations import Duration
-    from halpipe.exporters.report.beside import Beside, Strip
-    from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
 
 Plain = dict[str, Any]
 Drawn = dict[str, tuple[Any, Plain]]

@@ -39,7 +39,7 @@ from halpipe.exporters.riscv.operations import (
     resets,
     too_short,
 )
-from halpipe.exporters.riscv.phases import check_phases, clock_of
+from halpipe.exporters.riscv.phases import Clock, check_phases, clock_of
 from halpipe.exporters.riscv.profile import MONITOR as MONITOR_ROOM
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Health, Renderer, health_of
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.operations import Program, Table
-    from halpipe.exporters.riscv.phases import Clock
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.models import Schedule, TaskModel
 

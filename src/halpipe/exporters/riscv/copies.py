@@ -12,23 +12,20 @@ from dataclasses import field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.exporters.common.let import releases_of
 from halpipe.exporters.riscv.codes import COPIES_UNFIT, OFF_GRID
-from halpipe.exporters.riscv.phases import COPIES, transfers_of
-from halpipe.models import AccessKind
+from halpipe.exporters.riscv.phases import COPIES, Clock, transfers_of
+from halpipe.models import AccessKind, Job, Schedule, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.cores import MainMemory, Shadow
     from halpipe.exporters.riscv.operations import Operation, Program, Release, Table
-    from halpipe.exporters.riscv.phases import Clock
     from halpipe.exporters.riscv.profile import Profile
-    from halpipe.models import Job, Schedule, Task, TaskModel, Version
 
 _COPY = "copy"
 

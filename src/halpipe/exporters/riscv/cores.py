@@ -6,7 +6,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about, version_of
+from halpipe.core.diagnostics import Diagnostic, Findings, about, version_of
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.quantities import format_size
 from halpipe.core.records import record
@@ -20,17 +20,14 @@ from halpipe.exporters.riscv.codes import (
     TOO_MANY_UNITS,
 )
 from halpipe.exporters.riscv.phases import COPIES, functions_of, moves_data, spans
-from halpipe.exporters.riscv.profile import MAILBOX, MONITOR, RESERVED, Region
-from halpipe.models import AccessKind
+from halpipe.exporters.riscv.profile import MAILBOX, MONITOR, RESERVED, Profile, Region
+from halpipe.models import AccessKind, Job, Schedule, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.images import Part
-    from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.toolchain import Elf
-    from halpipe.models import Job, Schedule, TaskModel, Version
 
 PROGRAM = 2 * 2**20
 """Bytes at the beginning of main memory for the runtime and its tables; the last page of them is the control block."""

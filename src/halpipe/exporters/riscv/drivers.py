@@ -19,17 +19,14 @@ from halpipe.core.records import record
 from halpipe.core.settings import Fields, Stated
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.riscv.codes import BAD_DRIVERS, BAD_INPUT, IDLE_DRIVER, MISSING_ENTRY
-from halpipe.exporters.riscv.images import compile_sources
-from halpipe.exporters.riscv.toolchain import Compile, read_elf
-from halpipe.models import AccessKind
+from halpipe.exporters.riscv.images import Part, compile_sources
+from halpipe.exporters.riscv.toolchain import Compile, Workshop, read_elf
+from halpipe.models import Access, AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.sources import SourceTree
-    from halpipe.exporters.riscv.toolchain import Workshop
-    from halpipe.models import Access
 
 VERSION = "1"
 FILE = "drivers.yaml"

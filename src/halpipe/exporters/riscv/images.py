@@ -5,7 +5,7 @@ from __future__ import annotations
 import posixpath
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, Path, version_of
+from halpipe.core.diagnostics import Code, Diagnostic, Findings, HalpipeError, Location, Path, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.quantities import format_size
 from halpipe.core.records import record
@@ -21,21 +21,17 @@ from halpipe.exporters.riscv.codes import (
     OVERWRITTEN,
     SYMBOL_TOO_SMALL,
 )
-from halpipe.exporters.riscv.cores import LINE, aligned, sizes_of, too_large
+from halpipe.exporters.riscv.cores import LINE, Core, aligned, sizes_of, too_large
 from halpipe.exporters.riscv.phases import functions_of, phases_of
-from halpipe.exporters.riscv.toolchain import Compile, Link, compiler_errors, read_elf
-from halpipe.models import AccessKind
+from halpipe.exporters.riscv.toolchain import Compile, Elf, Failure, Link, Workshop, compiler_errors, read_elf
+from halpipe.models import AccessKind, Transfer, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.core.diagnostics import Code
-    from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.render import Renderer
     from halpipe.exporters.riscv.sources import SourceTree
-    from halpipe.exporters.riscv.toolchain import Elf, Failure, Workshop
-    from halpipe.models import Transfer, Version
 
 MINIMAL = Compile("runtime/minimal.c", "build/runtime/minimal.o")
 

@@ -7,12 +7,12 @@ from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Findings, Location, about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, milliseconds
 from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, PHASE_TOO_SHORT, WATCHDOG_SHORT
-from halpipe.exporters.riscv.copies import Copies, lines_of
-from halpipe.exporters.riscv.cores import Shape, Slots, shape_of
+from halpipe.exporters.riscv.copies import Copies, Turn, lines_of
+from halpipe.exporters.riscv.cores import MainMemory, Shape, Slots, shape_of
 from halpipe.exporters.riscv.drivers import NONE, Drivers
 from halpipe.exporters.riscv.phases import (
     COPIES,
@@ -25,17 +25,13 @@ from halpipe.exporters.riscv.phases import (
     shares,
 )
 from halpipe.exporters.riscv.render import DECISION
-from halpipe.models import AccessKind
+from halpipe.models import Access, AccessKind, Job, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Findings, Location
-    from halpipe.exporters.riscv.copies import Turn
-    from halpipe.exporters.riscv.cores import MainMemory
     from halpipe.exporters.riscv.images import Image, Part
     from halpipe.exporters.riscv.profile import Profile
-    from halpipe.models import Access, Job, Schedule
 
 COPY, DONE, RUN, STOP = "copy", "done", "run", "stop"
 INPUT, OUTPUT = "input", "output"

@@ -22,14 +22,13 @@ from halpipe.exporters.riscv.codes import (
     SHARED_PHASE,
     UNDIVIDED,
 )
-from halpipe.models import AccessKind
+from halpipe.models import Access, AccessKind, TaskModel, Transfer, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.profile import Profile
-    from halpipe.models import Access, TaskModel, Transfer, Version
 
 
 @record

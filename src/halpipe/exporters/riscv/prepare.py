@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, version_of
+from halpipe.core.diagnostics import Diagnostic, Findings, version_of
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.records import record
@@ -16,25 +16,19 @@ from halpipe.exporters.riscv.bundle import stage
 from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
 from halpipe.exporters.riscv.copies import patience_of, turns_of
 from halpipe.exporters.riscv.cores import Core
-from halpipe.exporters.riscv.drivers import read_drivers
+from halpipe.exporters.riscv.drivers import Drivers, read_drivers
 from halpipe.exporters.riscv.images import Part, compile_parts, measure
-from halpipe.exporters.riscv.phases import clock_of, functions_of, load_of, memory_of, moves_data, shares, spans
-from halpipe.exporters.riscv.profile import read_profile
+from halpipe.exporters.riscv.phases import Clock, clock_of, functions_of, load_of, memory_of, moves_data, shares, spans
+from halpipe.exporters.riscv.profile import Profile, read_profile
 from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
-from halpipe.exporters.riscv.toolchain import Workshop, find_toolchain
-from halpipe.models import Access, AccessKind, Anchor, Resource, Source, Transfer
+from halpipe.exporters.riscv.toolchain import Elf, Workshop, find_toolchain
+from halpipe.models import Access, AccessKind, Anchor, Resource, Source, Task, TaskModel, Transfer, Version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.riscv import RiscvOptions
-    from halpipe.exporters.riscv.drivers import Drivers
-    from halpipe.exporters.riscv.phases import Clock
-    from halpipe.exporters.riscv.profile import Profile
-    from halpipe.exporters.riscv.toolchain import Elf
-    from halpipe.models import Task, TaskModel, Version
 
 FILE = "halpipe_dummy.c"
 SYMBOL = "dummy_words"

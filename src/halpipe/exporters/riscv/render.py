@@ -10,20 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.exporters.common.templates import environment
-from halpipe.exporters.riscv.cores import FAULT_RECORDS, LINE, TRACE_RECORDS
+from halpipe.exporters.riscv.cores import FAULT_RECORDS, LINE, TRACE_RECORDS, Core, MainMemory
 from halpipe.exporters.riscv.phases import functions_of
-from halpipe.exporters.riscv.profile import MONITOR
-from halpipe.models import HealthAction, HealthEvent
+from halpipe.exporters.riscv.profile import MONITOR, Profile
+from halpipe.models import HealthAction, HealthEvent, Schedule, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.exporters.riscv.bundle import Plan, Site
-    from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Part
-    from halpipe.exporters.riscv.profile import Profile
     from halpipe.exporters.riscv.toolchain import Workshop
-    from halpipe.models import Schedule, TaskModel
 
 _OVERRUN, _FAULT = ("FLAG_LATE", "FLAG_OVERRUN"), ("FLAG_FAULT", "FLAG_STUCK", "FLAG_ERROR")
 _FLAGS = {HealthEvent.OVERRUN: _OVERRUN, HealthEvent.FAULT: _FAULT, HealthEvent.ANY: (*_OVERRUN, *_FAULT)}

@@ -6,14 +6,13 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.quantities import format_rational
-from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
+from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS, Core, MainMemory
 from halpipe.exporters.riscv.phases import COPIES
 from halpipe.exporters.riscv.render import DECISION, margin
 
 if TYPE_CHECKING:
     from halpipe.exporters.riscv.bundle import Plan, Site
     from halpipe.exporters.riscv.copies import Copies
-    from halpipe.exporters.riscv.cores import Core, MainMemory
     from halpipe.exporters.riscv.images import Image
     from halpipe.exporters.riscv.operations import Table
     from halpipe.exporters.riscv.profile import Profile, Region, Watchdog

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.extent import ASPECTS, Extent
 from halpipe.core.options import CPUS, Form, cpu_number, option, positive_duration
 from halpipe.core.quantities import whole
@@ -15,7 +15,6 @@ from halpipe.exporters.common.base import Exporter, ExportOptions
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.trace import BoundCallback

@@ -10,18 +10,16 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.ros.codes import NO_EVENT, NO_TIME_LEFT
-from halpipe.models import Anchor
+from halpipe.models import Access, Anchor, Chain, Precedence, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.ros import RosOptions
-    from halpipe.models import Access, Chain, Precedence, TaskModel, Version
 
 _LIMITS = ("max_latency", "max_reaction", "max_age")
 

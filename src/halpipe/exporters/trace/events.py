@@ -10,7 +10,7 @@ import json
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
 from halpipe.exporters.common.timeline import (
     Link,
@@ -26,7 +26,6 @@ from halpipe.exporters.common.timeline import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.core.durations import Duration
     from halpipe.models import ModeSchedule, Schedule, TaskModel
 
 # Constraints that reach back further than this are left out of the flows, so that the trace stays small.

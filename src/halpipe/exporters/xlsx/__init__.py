@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import Exporter
+from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 

@@ -9,7 +9,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import HalpipeError, about, error, warning
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, about, error, warning
 from halpipe.core.durations import Duration
 from halpipe.exporters.common.rows import job_rows, latency_rows, load_rows, switch_rows
 from halpipe.models.attributes import SHARE, attributes
@@ -17,7 +17,6 @@ from halpipe.models.attributes import SHARE, attributes
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel, Version
 
 NO_WRITER = error(

@@ -13,12 +13,10 @@ from halpipe.core.extent import Extent
 from halpipe.core.options import option, specific
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.importers.common.base import PiecesOptions
+from halpipe.importers.common.base import Imported, ImportOptions, PiecesOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from halpipe.importers.common.base import Imported, ImportOptions
 
 
 @record(kw_only=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.entities import ENDS, combined
+from halpipe.importers.amalthea.entities import ENDS, Entities, combined
 from halpipe.importers.amalthea.graph import CALLS, everything, steps
 from halpipe.models import Anchor
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from halpipe.core.durations import Duration
-    from halpipe.importers.amalthea.entities import Entities
     from halpipe.importers.amalthea.parts import Draft
     from halpipe.importers.amalthea.xmi import Forest, Item
 

@@ -11,7 +11,7 @@ from halpipe.core.embedding import joined, properties_hash
 from halpipe.core.files import parse_xml, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.xmi import Forest, text_of
+from halpipe.importers.amalthea.xmi import Forest, Item, text_of
 from halpipe.importers.common.inputs import read_inputs
 from halpipe.importers.common.names import legal
 from halpipe.importers.native import parse_model
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.importers.amalthea.xmi import Item
     from halpipe.importers.common.base import Coverage, ImportOptions
     from halpipe.models import TaskModel
 

@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.modes import Conditions
+from halpipe.importers.amalthea.modes import Conditions, SystemMode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.importers.amalthea.hardware import Pu
-    from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 TIMED = ("Ticks", "RunnableInstructions", "InstructionsDeviation", "InstructionsConstant", "ExecutionNeed")

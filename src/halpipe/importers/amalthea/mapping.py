@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import seconds
+from halpipe.core.durations import Duration, seconds
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import CALLS, everything, steps
+from halpipe.importers.amalthea.graph import CALLS, Evaluator, everything, steps
 from halpipe.importers.common.names import Names, legal
 from halpipe.models import Interrupt
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.core.durations import Duration
-    from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.hardware import Hardware, Pu
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item

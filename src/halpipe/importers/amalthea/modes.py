@@ -14,13 +14,12 @@ from urllib.parse import unquote_plus
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.xmi import ROLE, text_of
+from halpipe.importers.amalthea.xmi import ROLE, Forest, Item, text_of
 from halpipe.importers.common.names import Names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from halpipe.importers.amalthea.xmi import Forest, Item
 
 DEFAULT = "default"
 _MOST_MODES = 64

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import GROUPS, everything, is_uninterrupted, steps
+from halpipe.importers.amalthea.graph import GROUPS, Evaluator, everything, is_uninterrupted, steps
 from halpipe.importers.amalthea.mapping import is_interrupt
 from halpipe.importers.amalthea.stimuli import MOST, TRIGGERED, Activation, Count, Triggers, activations_of, thinned
 from halpipe.importers.common.names import Names
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.core.durations import Duration
-    from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
     from halpipe.importers.overlay import OverlayUse

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, SWITCHES, call_count, candidates, most, steps
@@ -17,7 +17,6 @@ from halpipe.importers.amalthea.graph import CALLS, SWITCHES, call_count, candid
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.modes import Conditions
     from halpipe.importers.amalthea.xmi import Forest, Item
 

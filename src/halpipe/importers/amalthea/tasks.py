@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import everything
-from halpipe.importers.amalthea.timing import Window
-from halpipe.importers.amalthea.versions import preemption_of
+from halpipe.importers.amalthea.timing import Timing, Window
+from halpipe.importers.amalthea.versions import Instant, VersionMaker, preemption_of
 from halpipe.importers.common.names import legal
-from halpipe.models import Anchor, Binding, Chain, Match, Origin, Task
+from halpipe.models import Anchor, Binding, Chain, Match, Origin, Task, Version
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,11 +20,8 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.hardware import Hardware, Memories, Pu
     from halpipe.importers.amalthea.mapping import Allocations
     from halpipe.importers.amalthea.parts import Draft, Drafts, Part, Trigger
-    from halpipe.importers.amalthea.timing import Timing
-    from halpipe.importers.amalthea.versions import Instant, VersionMaker
     from halpipe.importers.amalthea.xmi import Forest, Item
     from halpipe.importers.common.base import Coverage
-    from halpipe.models import Version
 
 _MICROSECOND = Duration(1000)
 FREE = Fraction(1)

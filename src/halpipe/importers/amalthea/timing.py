@@ -16,24 +16,21 @@ import itertools
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Findings
+from halpipe.core.diagnostics import Diagnostic, Findings
 from halpipe.core.durations import ZERO, Duration, least_common_multiple
 from halpipe.core.quantities import quoted
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place, combined
-from halpipe.importers.amalthea.parts import comes_after
+from halpipe.importers.amalthea.parts import Draft, Drafts, comes_after
 from halpipe.importers.common.names import legal
-from halpipe.models import Anchor, Match, Origin, Precedence
+from halpipe.models import Anchor, Match, Origin, Precedence, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.importers.amalthea.parts import Draft, Drafts
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.models import Task, TaskModel
 
 REACTION, UNIQUE, ONE_TO_ONE = MAPPINGS = ("Reaction", "UniqueReaction", "OneToOne")
 

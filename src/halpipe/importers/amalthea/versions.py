@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import CALLS, GROUPS, SWITCHES, everything, steps
-from halpipe.importers.amalthea.hardware import Pu, length_of, placed
+from halpipe.importers.amalthea.graph import CALLS, GROUPS, SWITCHES, Amount, Evaluator, everything, steps
+from halpipe.importers.amalthea.hardware import Memories, Phase, Pu, length_of, placed
 from halpipe.importers.common.names import Names, legal, unique_name
 from halpipe.importers.common.pieces import cuts
 from halpipe.models import WHOLE, Access, AccessKind, Anchor, Split, Version
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from fractions import Fraction
 
-    from halpipe.importers.amalthea.graph import Amount, Evaluator
-    from halpipe.importers.amalthea.hardware import Memories, Phase
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.parts import Draft, Trigger
     from halpipe.importers.amalthea.xmi import Forest, Item

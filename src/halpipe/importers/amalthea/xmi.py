@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, NoReturn
 from urllib.parse import unquote_plus
 
-from halpipe.core.diagnostics import HalpipeError, Location, Path, Severity, Subject, named
+from halpipe.core.diagnostics import Code, Findings, HalpipeError, Location, Path, Severity, Subject, named
 from halpipe.core.durations import Duration
 from halpipe.core.files import TOO_MUCH
 from halpipe.core.quantities import quoted
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Code, Findings
     from halpipe.importers.amalthea.documents import Document
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]{1,60}(?:\.[0-9]{0,60})?|\.[0-9]{1,60})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")

@@ -15,33 +15,26 @@ from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mapp
 from halpipe.importers.arxml.embedded import find_embedded, read_embedded
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.files.words import listed
-from halpipe.importers.arxml.options import BUDGET
+from halpipe.importers.arxml.options import BUDGET, ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
-from halpipe.importers.arxml.tasks.activation import find_activations, group, slack_of
+from halpipe.importers.arxml.tasks.activation import Activation, Draft, find_activations, group, slack_of
 from halpipe.importers.arxml.tasks.calls import join_calls, report_other_rates, with_one_rate
-from halpipe.importers.arxml.tasks.dataflow import find_dataflow
-from halpipe.importers.arxml.tasks.order import find_edges
+from halpipe.importers.arxml.tasks.dataflow import DataFlow, find_dataflow
+from halpipe.importers.arxml.tasks.order import Edge, find_edges
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED, decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
-from halpipe.importers.arxml.tasks.requirements import Spacing, find_requirements
+from halpipe.importers.arxml.tasks.requirements import Requirements, Spacing, find_requirements
 from halpipe.importers.arxml.tasks.versions import Locking, find_locks, make_variants, report_kinds, used_times
-from halpipe.importers.common.base import Imported, imported
+from halpipe.importers.common.base import Coverage, Imported, imported
 from halpipe.importers.common.names import legal
-from halpipe.models import Anchor, Binding, Precedence, Task, TaskModel
+from halpipe.models import Anchor, Binding, Mode, Precedence, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Tree
-    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import System, Trigger
-    from halpipe.importers.arxml.tasks.activation import Activation, Draft
-    from halpipe.importers.arxml.tasks.dataflow import DataFlow
-    from halpipe.importers.arxml.tasks.order import Edge
-    from halpipe.importers.arxml.tasks.requirements import Requirements
     from halpipe.importers.arxml.tasks.versions import Lock, Variant
-    from halpipe.importers.common.base import Coverage
-    from halpipe.models import Mode
 
 
 def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:

@@ -11,9 +11,9 @@ from halpipe.core.files import STDIO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.sniff import read_whole
-from halpipe.importers.arxml.files.tree import qualified
+from halpipe.importers.arxml.files.tree import Node, Tree, qualified
 from halpipe.importers.arxml.files.words import NS, listed
-from halpipe.importers.arxml.system.containers import Containers, data_of
+from halpipe.importers.arxml.system.containers import Containers, Data, data_of
 from halpipe.importers.arxml.system.values import Place
 from halpipe.importers.common.names import legal
 from halpipe.importers.native import parse_model
@@ -21,8 +21,6 @@ from halpipe.importers.native import parse_model
 if TYPE_CHECKING:
     from lxml import etree
 
-    from halpipe.importers.arxml.files.tree import Node, Tree
-    from halpipe.importers.arxml.system.containers import Data
     from halpipe.importers.common.base import Coverage, ImportOptions
     from halpipe.models import TaskModel
 

@@ -13,13 +13,13 @@ from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.build import assemble
+from halpipe.importers.arxml.build import Built, assemble
 from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
-from halpipe.importers.arxml.files.tree import place
+from halpipe.importers.arxml.files.tree import Tree, place
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.files.words import NS, listed
-from halpipe.importers.arxml.options import GRANULARITIES
-from halpipe.importers.arxml.system.containers import Containers, standard_modules
+from halpipe.importers.arxml.options import GRANULARITIES, ArxmlImportOptions
+from halpipe.importers.arxml.system.containers import Container, Containers, standard_modules
 from halpipe.importers.arxml.system.ecuc import (
     Ticks,
     autostart_of,
@@ -31,19 +31,14 @@ from halpipe.importers.arxml.system.ecuc import (
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.versions import FULL
 from halpipe.importers.overlay import Overlay, OverlayUse
-from halpipe.models.project import Call, Item, LeftOut, Project, ProjectCounter, ProjectTask, Starter, Value
+from halpipe.models.project import Call, Deed, Item, LeftOut, Project, ProjectCounter, ProjectTask, Starter, Value
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.importers.arxml.build import Built
-    from halpipe.importers.arxml.files.tree import Tree
-    from halpipe.importers.arxml.options import ArxmlImportOptions
-    from halpipe.importers.arxml.system.containers import Container
     from halpipe.importers.arxml.system.values import Trigger
     from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.models import Task, TaskModel
-    from halpipe.models.project import Deed
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Code, Findings, HalpipeError, Location
 from halpipe.core.files import find_inputs, input_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from halpipe.core.diagnostics import Code, Findings
 
 Document = TypeVar("Document")
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Code, Findings, Location, named
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.core.diagnostics import Code, Findings, Location
 
 _ILLEGAL = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 _MAX_LENGTH = 1000  # as in the schema of task models

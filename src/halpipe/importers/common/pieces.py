@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError, about
+from halpipe.core.diagnostics import HalpipeError, Location, about
 from halpipe.core.files import TOO_MUCH
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Location
     from halpipe.core.durations import Duration
 
 MOST_PIECES = 20_000

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.durations import Duration
 from halpipe.core.options import positive_duration
 from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, whole
-from halpipe.core.settings import Words
+from halpipe.core.settings import Fields, Stated, Words
 from halpipe.models.attributes import (
     BANDWIDTH,
     BOUND,
@@ -36,7 +36,6 @@ from halpipe.models.attributes import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from halpipe.core.settings import Fields, Stated
     from halpipe.models.attributes import Attribute
 
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")

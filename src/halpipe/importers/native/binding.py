@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Findings, Location, error
 from halpipe.core.records import unchecked
-from halpipe.models.attributes import attributes_by_name, children
+from halpipe.models.attributes import Child, Codec, attributes_by_name, children
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.models.attributes import Child, Codec
 
 BAD_VALUE = error(
     "HAL0103",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location
 from halpipe.core.files import parse_xml, read_bytes, refuse_more_than, sha256
 from halpipe.importers.native.binding import Binder
 from halpipe.models import WHOLE, Split, Task, TaskModel, Version
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from lxml import etree
-
-    from halpipe.core.diagnostics import Diagnostic
 
 
 def read_model(path: str) -> TaskModel:

@@ -6,22 +6,17 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.core.diagnostics import NOWHERE, about
-from halpipe.importers.overlay.changes import Ranks, show
+from halpipe.core.diagnostics import NOWHERE, Location, about
+from halpipe.importers.overlay.changes import Changes, Ranks, show
 from halpipe.importers.overlay.codes import DOES_NOT_FIT, MOVED_INSIDE
-from halpipe.importers.overlay.entries import EVERYTHING
-from halpipe.models import WHOLE, Origin, Split, Task, Version
-from halpipe.models.attributes import attributes
+from halpipe.importers.overlay.entries import EVERYTHING, Overlay, TaskEntry, VersionEntry
+from halpipe.models import WHOLE, Access, Origin, Precedence, Split, Task, Version
+from halpipe.models.attributes import Attribute, attributes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.diagnostics import Location
     from halpipe.core.settings import Stated
-    from halpipe.importers.overlay.changes import Changes
-    from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry
-    from halpipe.models import Access, Precedence
-    from halpipe.models.attributes import Attribute
 
 E = TypeVar("E")
 Ranked = list[tuple[str, "TaskEntry"]]

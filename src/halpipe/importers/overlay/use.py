@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import about, sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, Location, about, sort_diagnostics
 from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.changes import Changes, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
-from halpipe.importers.overlay.entries import EVERYTHING, Overlay, Patterns, expand
+from halpipe.importers.overlay.entries import EVERYTHING, ModeEntry, Overlay, Patterns, expand
 from halpipe.importers.overlay.tasks import TaskMerger, constraints_by_task
 from halpipe.models import Anchor, Chain, Mode, Origin, Run
 from halpipe.models.attributes import attributes
@@ -17,11 +17,9 @@ from halpipe.models.attributes import attributes
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.core.durations import Duration
     from halpipe.core.settings import Stated
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.overlay.entries import ModeEntry
     from halpipe.models import HealthRule, Resource, Task, TaskModel, Transition, Unit, Version
 
 E = TypeVar("E", bound="Unit | Resource")

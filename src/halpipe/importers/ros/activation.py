@@ -12,7 +12,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Findings, named
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.dot import DEADLINE, STATISTICS
@@ -33,7 +33,6 @@ from halpipe.importers.ros.traced import TRACE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
     from halpipe.importers.overlay import OverlayUse
     from halpipe.importers.ros.graph import Rate, Tolerance

@@ -13,7 +13,7 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity, named
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, Severity, named
 from halpipe.core.durations import ZERO
 from halpipe.core.embedding import joined
 from halpipe.core.records import record
@@ -22,17 +22,17 @@ from halpipe.importers.common.base import Coverage, Imported, imported
 from halpipe.importers.common.names import Names, legal
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.activation import Wiring, activate, settled
+from halpipe.importers.ros.activation import Activations, Wiring, activate, settled
 from halpipe.importers.ros.calibrate import calibrate
 from halpipe.importers.ros.caret import read_caret
 from halpipe.importers.ros.coverage import Account, prune
-from halpipe.importers.ros.dataflow import Edge, chains_of, order_by_data, report_unknown_publishers
+from halpipe.importers.ros.dataflow import DataFlow, Edge, chains_of, order_by_data, report_unknown_publishers
 from halpipe.importers.ros.design import ModeGraph, ModeModel, merge_modes, read_design
 from halpipe.importers.ros.dot import read_dot
-from halpipe.importers.ros.graph import Group, Kind, task_names
-from halpipe.importers.ros.options import RESOURCES
+from halpipe.importers.ros.graph import Callback, Group, Kind, RosGraph, task_names
+from halpipe.importers.ros.options import RESOURCES, RosImportOptions
 from halpipe.importers.ros.rosbag import read_bag
-from halpipe.importers.ros.sniff import EXECUTORS_KEY, FileKind, find
+from halpipe.importers.ros.sniff import EXECUTORS_KEY, FileKind, Inputs, find
 from halpipe.importers.ros.traced import confront, graph_of
 from halpipe.importers.ros.yaml_reader import Reader
 from halpipe.importers.traces.ros2 import read_ros_trace
@@ -41,13 +41,7 @@ from halpipe.models import Access, Anchor, Mode, Origin, Precedence, Resource, R
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.files import YamlMap
-    from halpipe.importers.ros.activation import Activations
-    from halpipe.importers.ros.dataflow import DataFlow
-    from halpipe.importers.ros.graph import Callback, RosGraph
-    from halpipe.importers.ros.options import RosImportOptions
-    from halpipe.importers.ros.sniff import Inputs
 
 _EXECUTORS_VERSION = "2"
 _MODEL = "model-xml"

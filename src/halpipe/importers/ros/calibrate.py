@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError, Location, Severity, about
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity, about
 from halpipe.core.durations import Duration
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import format_rational
@@ -31,26 +31,21 @@ from halpipe.core.records import record
 from halpipe.core.samples import quantile, with_margin
 from halpipe.core.suggest import counted, did_you_mean, few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import printable
+from halpipe.importers.ros.graph import Callback, printable
 from halpipe.importers.ros.traced import measure
 from halpipe.importers.traces.codes import NO_EXECUTIONS, UNKNOWN_TRACE
 from halpipe.importers.traces.ctf import folders
-from halpipe.importers.traces.numbers import SCALES_NS
+from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign
 from halpipe.importers.traces.read import parse_traces
-from halpipe.importers.traces.ros2 import read_ros_trace
+from halpipe.importers.traces.ros2 import RosTrace, read_ros_trace
 from halpipe.importers.traces.table import ABSENT, require_columns, rows_of
-from halpipe.models import Origin
+from halpipe.models import Origin, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.graph import Callback
     from halpipe.importers.ros.options import RosImportOptions
-    from halpipe.importers.traces.numbers import DecimalSign
-    from halpipe.importers.traces.ros2 import RosTrace
-    from halpipe.models import Task, TaskModel
 
 
 FEWEST_SAMPLES = 10

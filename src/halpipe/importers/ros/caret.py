@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, Location, about, named
 from halpipe.core.durations import Duration
-from halpipe.core.files import refuse_more_than
+from halpipe.core.files import YamlMap, refuse_more_than
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
@@ -41,7 +41,6 @@ from halpipe.importers.ros.yaml_reader import Reader
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.files import YamlMap
     from halpipe.importers.common.base import Coverage
 
 

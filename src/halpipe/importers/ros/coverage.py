@@ -7,20 +7,18 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import NOWHERE
+from halpipe.core.diagnostics import NOWHERE, Diagnostic, Findings, Location
 from halpipe.core.suggest import few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Kind
+from halpipe.importers.ros.graph import Callback, Kind, Publication, Rate, RosGraph, Subscription
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic, Findings, Location
     from halpipe.importers.common.base import Coverage
     from halpipe.importers.overlay import OverlayUse
     from halpipe.importers.ros.activation import Activations, Wiring
     from halpipe.importers.ros.dataflow import DataFlow
-    from halpipe.importers.ros.graph import Callback, Publication, Rate, RosGraph, Subscription
 
 _TOOLS = re.compile(
     r"/(rqt|rviz|_ros2cli|rosbag2_recorder)[^/]*(/.*)?|(.*/)?(launch_ros_[0-9]+|transform_listener_impl_\w+)|/rosout"

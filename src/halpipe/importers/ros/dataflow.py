@@ -10,24 +10,21 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Diagnostic, Findings, named
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Certainty, Kind, Publication
+from halpipe.importers.ros.graph import Certainty, Kind, Publication, Step
 from halpipe.models import Chain, Origin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
-    from typing import Any
 
-    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.importers.common.base import Coverage
     from halpipe.importers.common.names import Names
     from halpipe.importers.ros.activation import Activations, Wiring
-    from halpipe.importers.ros.graph import Step
 
 
 _KINDS = {Kind.TIMER: "timer", Kind.SUBSCRIPTION: "subscription callback"}

@@ -11,22 +11,20 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import HalpipeError, Location, about, named, sort_diagnostics
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about, named, sort_diagnostics
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.files import YamlList, YamlMap
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Group, Kind, Node, Publication, RosGraph, Subscription, printable
-from halpipe.importers.ros.structure import PUBLISHER, SUBSCRIBER, Catalogue, Port, Structure, list_of
+from halpipe.importers.ros.structure import PUBLISHER, SUBSCRIBER, Catalogue, Entity, Instance, Port, Structure, list_of
 from halpipe.models import Mode, Run, Task, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.structure import Entity, Instance
 
 
 ONLY_MODE = "default"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.files import YamlList, YamlMap, parse_yaml
 from halpipe.importers.ros import codes
@@ -18,7 +18,6 @@ from halpipe.importers.ros.graph import Rate
 from halpipe.importers.ros.yaml_reader import Reader
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
 
 ROSBAG = "rosbag2 recording"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from halpipe.core.diagnostics import Location, named
+from halpipe.core.diagnostics import Findings, Location, named
 from halpipe.core.files import YamlList, YamlMap
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
@@ -22,8 +22,6 @@ from halpipe.importers.ros.yaml_reader import Reader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-
-    from halpipe.core.diagnostics import Findings
 
 
 FORMAT_KEY = "autoware_system_design_format"

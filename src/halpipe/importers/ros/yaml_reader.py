@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.settings import Fields
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import printable
@@ -12,7 +12,6 @@ from halpipe.importers.ros.graph import printable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.core.files import YamlMap
 
 

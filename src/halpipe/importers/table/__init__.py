@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.common.base import Imported, ImportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from halpipe.importers.common.base import Imported
 
 
 class TableFormat:

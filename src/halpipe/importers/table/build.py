@@ -11,7 +11,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about, error, warning
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import YamlList, YamlMap
 from halpipe.core.quantities import format_rational, parse_rational, quoted
 from halpipe.core.settings import BAD_VALUE, Fields
@@ -58,7 +58,6 @@ from halpipe.models import Version as TaskVersion
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from halpipe.core.durations import Duration
 
 UNKNOWN_COLUMN = warning(
     "HAL1482",

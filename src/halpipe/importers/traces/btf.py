@@ -13,7 +13,7 @@ from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs, Oddities, report_unused
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from fractions import Fraction
 
-    from halpipe.core.diagnostics import Findings
 
 TABLE_MARK = "STI_TABLE_"
 _MANY_DIGITS = 18

@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Job, Jobs, report_unused
 from halpipe.importers.traces.numbers import SCALES_NS, instant
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from fractions import Fraction
 
-    from halpipe.core.diagnostics import Findings
 
 BEGIN = re.compile(
     rb"(\xef\xbb\xbf)?(# tracer: |(#.*\n|\s)*.{1,32}[- ]\d+(/\d+)? +(\(.{7}\) +)?\[\d+\] "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.models.trace import NONE, Executions, column
@@ -18,7 +18,6 @@ from halpipe.models.trace import NONE, Executions, column
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Column, Instant, Times
 
 

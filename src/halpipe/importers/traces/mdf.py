@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.importers.traces import codes, table
 from halpipe.importers.traces.jobs import Jobs
 from halpipe.models.trace import Trace
@@ -17,7 +17,6 @@ from halpipe.models.trace import Trace
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Findings
 
 _HEAD = 64
 """Bytes of the identification, behind which the header stands."""

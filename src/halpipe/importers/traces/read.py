@@ -14,7 +14,7 @@ import zlib
 from itertools import chain
 from typing import TYPE_CHECKING, BinaryIO, cast
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location
 from halpipe.core.files import STDIO, TOO_LARGE, is_folder_without, open_input, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.traces import codes
@@ -25,7 +25,6 @@ from halpipe.models.trace import Executions, Trace
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
 
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
 _HEAD = 4096

@@ -10,16 +10,14 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+from halpipe.importers.traces.ctf import CtfError, Damage, Event, events, folders
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from halpipe.core.diagnostics import Findings
-    from halpipe.importers.traces.ctf import Event
 
 TIMER, SUBSCRIPTION, SERVICE = "timer", "subscription", "service"
 _KINDS = (TIMER, SUBSCRIPTION, SERVICE)

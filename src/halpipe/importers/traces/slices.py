@@ -16,7 +16,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.files import json_decoder
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import FEW, Marks, Oddities, report_unfinished, report_unused
@@ -26,7 +26,6 @@ from halpipe.models.trace import Executions, Trace
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Instant
 
 LARGEST_VALUE = 2**28

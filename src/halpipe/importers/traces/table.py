@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Jobs, report_unfinished
@@ -27,7 +27,6 @@ from halpipe.models.trace import NONE, Executions, Trace, column
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Instant
 
 TIMES = ("start", "end", "busy")

@@ -14,7 +14,7 @@ import struct
 import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.jobs import report_unused
@@ -22,7 +22,6 @@ from halpipe.importers.traces.jobs import report_unused
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.models.trace import Trace
 
 _CONVERT = "write it in version 6 with `trace-cmd convert --file-version 6`, or as text with `trace-cmd report`"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import refuse_more_than
 from halpipe.core.options import option, refuse_unused
@@ -22,7 +22,7 @@ from halpipe.core.records import record
 from halpipe.core.samples import quantile
 from halpipe.core.suggest import counted, did_you_mean
 from halpipe.models.modes import require_mode
-from halpipe.models.trace import NONE, Executions, column, groups, plain
+from halpipe.models.trace import NONE, Column, Executions, Trace, column, groups, plain
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
 from halpipe.pipeline.compare.chains import measured_chains
 from halpipe.pipeline.compare.codes import ALIGNED, DID_NOT_RUN, NEEDS_MODE, OTHER_MODEL, UNSCHEDULED, Kind
@@ -33,9 +33,7 @@ from halpipe.pipeline.compare.tables import played_tables, tables_of, unknown_ta
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
-    from halpipe.models.trace import Column, Trace
     from halpipe.pipeline.compare.chains import ChainRow
 
 MOST_NAMES = 100_000

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from halpipe.core.diagnostics import Severity, about
+from halpipe.core.diagnostics import Diagnostic, Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
 from halpipe.core.suggest import counted
-from halpipe.models import Anchor
-from halpipe.models.trace import NONE, column, groups, plain
+from halpipe.models import Anchor, Chain, ChainLatency, Schedule, TaskModel
+from halpipe.models.trace import NONE, Column, column, groups, plain
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import with_latencies
@@ -28,9 +28,6 @@ from halpipe.pipeline.measure.placement import Placement
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Chain, ChainLatency, Schedule, TaskModel
-    from halpipe.models.trace import Column
     from halpipe.pipeline.compare.matching import Matching, Ran
 
 FIGURES = ("latency", "reaction", "age")

@@ -5,12 +5,11 @@ from __future__ import annotations
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import error, note
+from halpipe.core.diagnostics import Code, error, note
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.diagnostics import Code
 
 NEEDS_MODE = error(
     "HAL1101",

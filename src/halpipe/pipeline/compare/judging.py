@@ -10,21 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from halpipe.core.diagnostics import NOWHERE, Path, Subject, about
+from halpipe.core.diagnostics import NOWHERE, Code, Diagnostic, Location, Path, Subject, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.suggest import counted
 from halpipe.models.trace import column, groups, plain
 from halpipe.pipeline.compare.codes import CODES, KINDS, Kind
-from halpipe.pipeline.compare.matching import Ran
+from halpipe.pipeline.compare.matching import Match, Matching, Ran
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Job, TaskModel
     from halpipe.models.trace import Column, Instant
-    from halpipe.pipeline.compare.matching import Match, Matching
 
 
 @record(kw_only=True)

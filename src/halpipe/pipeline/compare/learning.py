@@ -23,14 +23,13 @@ from halpipe.core.records import record
 from halpipe.core.samples import quantile, quantile_of, with_margin
 from halpipe.core.suggest import counted
 from halpipe.models.trace import column, groups
-from halpipe.pipeline.compare import CompareOptions
+from halpipe.pipeline.compare import CompareOptions, Comparison
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.models import TaskModel
     from halpipe.models.trace import Instant
-    from halpipe.pipeline.compare import Comparison
 
 _LEAST_STARTS = 4
 _FEW = 30

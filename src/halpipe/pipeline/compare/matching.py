@@ -13,14 +13,13 @@ import numpy as np
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.models.trace import NONE, column, groups, plain
-from halpipe.pipeline.compare.tables import repeated_table
+from halpipe.pipeline.compare.tables import Due, Lines, Starts, Table, repeated_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from halpipe.models import Job
     from halpipe.models.trace import Column, Execution, Executions, Instant
-    from halpipe.pipeline.compare.tables import Due, Lines, Starts, Table
 
 SAMPLE = 2000
 """Executions by which the zero of the schedule is sought; more would not change it and cost time."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from halpipe.core.diagnostics import NOWHERE, about
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.models.trace import NONE, column, groups
@@ -19,7 +19,6 @@ from halpipe.pipeline.compare.codes import Kind
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule
     from halpipe.models.trace import Column, Executions, Instant
     from halpipe.pipeline.compare.judging import Judge

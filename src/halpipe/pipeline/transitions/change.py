@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
-from halpipe.models import Anchor
-from halpipe.pipeline.transitions.line import Layer, Line
+from halpipe.models import Anchor, Task
+from halpipe.pipeline.transitions.line import GridMode, Layer, Line, LineJob, Window
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.models import Task
-    from halpipe.pipeline.transitions.line import GridMode, LineJob, Window
 
 MOST_CYCLES = 1000
 """Cycles of one mode that are looked at for one window, however wide it is or far back it reaches."""

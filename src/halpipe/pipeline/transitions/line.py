@@ -12,19 +12,15 @@ from functools import cached_property
 from itertools import combinations, islice, pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import greatest_common_divisor
+from halpipe.core.durations import Duration, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Anchor, Binding, Edge, Match
-from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.placement import Placement, Placing, grid_of
+from halpipe.models import Anchor, Binding, Edge, Match, ModeSchedule, TaskModel, Unit, Version
+from halpipe.pipeline.jobs import ActiveTask, Expansion, expand
+from halpipe.pipeline.measure.placement import PlacedJob, PlacedPart, PlacedPhase, Placement, Placing, grid_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from halpipe.core.durations import Duration
-    from halpipe.models import ModeSchedule, TaskModel, Unit, Version
-    from halpipe.pipeline.jobs import ActiveTask, Expansion
-    from halpipe.pipeline.measure.placement import PlacedJob, PlacedPart, PlacedPhase
     from halpipe.pipeline.parts import Service
 
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.pipeline.transitions.line import Line, LineJob
+from halpipe.pipeline.transitions.line import Line, LineJob, Shape, Window
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.pipeline.transitions.change import Change, Pace
-    from halpipe.pipeline.transitions.line import Shape, Window
 
 PATIENCE = 4
 MORE_PATIENCE = 300

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, about, error, warning
 from halpipe.core.records import record
-from halpipe.models import Job, Part, Status, TransitionTable
+from halpipe.models import Job, Part, Schedule, Status, TaskModel, Transition, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.pipeline.transitions.change import Change
-from halpipe.pipeline.transitions.line import on_common_grid
+from halpipe.pipeline.transitions.change import Change, Pace
+from halpipe.pipeline.transitions.line import LineJob, on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from halpipe.core.durations import Duration
-    from halpipe.models import Schedule, TaskModel, Transition
-    from halpipe.pipeline.transitions.change import Pace
-    from halpipe.pipeline.transitions.line import LineJob
 
 NO_TABLE = error(
     "HAL0410",

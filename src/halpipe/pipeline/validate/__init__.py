@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, sort_diagnostics
 from halpipe.pipeline.validate import accesses, chains, hyperperiod, load, precedence, structure, timing
 from halpipe.pipeline.validate.context import Check, Context, checks_of
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
 
 __all__ = ["CHECKS", "Check", "validate"]

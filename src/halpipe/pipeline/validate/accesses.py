@@ -8,22 +8,16 @@ from itertools import groupby, pairwise
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Diagnostic, about
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
-from halpipe.models import ResourceKind
-from halpipe.pipeline.parts import reserved_length, service_of
+from halpipe.models import Access, ResourceKind, Task, Version
+from halpipe.pipeline.parts import Service, reserved_length, service_of
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, version_path
+from halpipe.pipeline.validate.context import Context, check, place, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.durations import Duration
-    from halpipe.models import Access, Task, Version
-    from halpipe.pipeline.parts import Service
-    from halpipe.pipeline.validate.context import Context
 
 
 MAX_BITS = 4096

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import Anchor
+from halpipe.models import Anchor, Chain
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, quoted, repeated
+from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, check, place, quoted, repeated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Chain
-    from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 
 
 def _path(chain: Chain) -> str:

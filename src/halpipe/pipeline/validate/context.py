@@ -8,19 +8,17 @@ from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from halpipe.core.diagnostics import NOWHERE, Fix, Path, Subject, about
+from halpipe.core.diagnostics import NOWHERE, Code, Diagnostic, Fix, Location, Path, Subject, about
 from halpipe.core.durations import ZERO, Duration, least_common_multiple
 from halpipe.core.records import record
 from halpipe.core.suggest import nearest
-from halpipe.models import ResourceKind
+from halpipe.models import Access, Mode, ResourceKind, Run, Task, TaskModel, Version
 from halpipe.pipeline.jobs import demand_ranges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
     from types import ModuleType
 
-    from halpipe.core.diagnostics import Code, Diagnostic, Location
-    from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
 
 Named = TypeVar("Named")
 

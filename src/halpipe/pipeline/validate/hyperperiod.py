@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
 from halpipe.core.records import record
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, quoted
+from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, check, place, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Unit, Version
-    from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 
 MAX_JOBS = 10_000_000
 MAX_TICKS = 2**62

@@ -6,19 +6,17 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.core.diagnostics import Severity, about
+from halpipe.core.diagnostics import Diagnostic, Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
-from halpipe.pipeline.parts import reserved_length
+from halpipe.pipeline.parts import Service, reserved_length
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Task, Unit, Version
-    from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 
 _MAX_CLASSES = 200

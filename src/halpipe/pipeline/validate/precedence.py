@@ -6,17 +6,15 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, greatest_common_divisor
-from halpipe.models import Anchor, Match
+from halpipe.models import Anchor, Chain, Match, Precedence, Task, Version
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Chain, Precedence, Task, Version
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 
 MAX_CYCLES = 20

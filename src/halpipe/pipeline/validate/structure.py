@@ -5,17 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Path, Subject, about
-from halpipe.models import HealthAction
+from halpipe.core.diagnostics import Code, Diagnostic, Path, Subject, about
+from halpipe.models import HealthAction, HealthRule, TaskModel
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, repeated, task_path, version_path
+from halpipe.pipeline.validate.context import Context, check, place, repeated, task_path, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
-
-    from halpipe.core.diagnostics import Code, Diagnostic
-    from halpipe.models import HealthRule, TaskModel
-    from halpipe.pipeline.validate.context import Context
 
 
 @check("complete-model", codes.NO_UNITS, codes.NO_TASKS, codes.NO_MODES, codes.NO_VERSIONS, codes.VERSION_WITHOUT_UNITS)

@@ -5,21 +5,18 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Severity, about
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Diagnostic, Path, Severity, about
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
 from halpipe.models import WHOLE, Binding, Chain, Interrupt, Task, Version
 from halpipe.pipeline.jobs import common_sets
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
+from halpipe.pipeline.validate.context import ActiveMode, Context, check, place, quoted, task_path, version_path
 from halpipe.pipeline.validate.load import least_length
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.diagnostics import Diagnostic, Path
-    from halpipe.core.durations import Duration
-    from halpipe.pipeline.validate.context import ActiveMode, Context
 
 _STATE_WCET = "state it in the model, or in an overlay: tasks: {%s: {versions: {%s: {wcet: 1ms}}}}"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import Findings, sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, Findings, sort_diagnostics
 from halpipe.pipeline.verify import codes, reading
 from halpipe.pipeline.verify.chains import CHAIN
 from halpipe.pipeline.verify.figures import FIGURES, HEALTH, Health
@@ -23,7 +23,6 @@ from halpipe.pipeline.verify.transitions import SWITCH_RULES
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 __all__ = ["RULES", "Rule", "broken_rules", "verify", "verify_switches"]

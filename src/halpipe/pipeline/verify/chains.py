@@ -12,18 +12,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.precedence import LineInstants
-from halpipe.pipeline.verify.tables import READ, WRITE, Rule
+from halpipe.pipeline.verify.tables import READ, WRITE, Clock, Instants, ModeTable, Placed, Rule, Switch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Chain
-    from halpipe.pipeline.verify.tables import Clock, Instants, ModeTable, Placed, Switch
     from halpipe.pipeline.verify.ticks import Found
 
 

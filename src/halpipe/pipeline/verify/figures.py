@@ -8,22 +8,19 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import NOWHERE, Path, about
+from halpipe.core.diagnostics import NOWHERE, Diagnostic, Path, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.models import HealthAction, Reaction, Status
+from halpipe.models import CostTerms, HealthAction, HealthRule, ModeSchedule, Reaction, Schedule, Status, TaskModel
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.chains import measured
 from halpipe.pipeline.verify.sharing import Shared, excesses, resource_claims, unit_claims, wrap
-from halpipe.pipeline.verify.tables import Rule, common_denominator
+from halpipe.pipeline.verify.tables import Clock, ModeTable, Rule, common_denominator
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import CostTerms, HealthRule, ModeSchedule, Schedule, TaskModel
-    from halpipe.pipeline.verify.tables import Clock, ModeTable
     from halpipe.pipeline.verify.ticks import Found
 
 

@@ -6,19 +6,15 @@ from collections import Counter
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.records import record
-from halpipe.models import Binding
+from halpipe.models import Binding, TaskModel, Version
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.sharing import NAMED
-from halpipe.pipeline.verify.tables import Rule
+from halpipe.pipeline.verify.tables import ActiveTask, ModeTable, Placed, Rule, Switch
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
-
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import TaskModel, Version
-    from halpipe.pipeline.verify.tables import ActiveTask, ModeTable, Placed, Switch
 
 
 def check_complete(table: ModeTable) -> Iterator[Diagnostic]:

@@ -7,16 +7,14 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about, named
+from halpipe.core.diagnostics import Diagnostic, Location, about, named
 from halpipe.core.durations import ZERO
-from halpipe.models import Anchor, Match
+from halpipe.models import Access, Anchor, Interrupt, Match, Mode, Precedence, Task, TaskModel, Version
 from halpipe.pipeline.verify.codes import MODEL_FAULT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.diagnostics import Diagnostic, Location
-    from halpipe.models import Access, Interrupt, Mode, Precedence, Task, TaskModel, Version
     from halpipe.pipeline.verify.tables import ActiveTask
 
 

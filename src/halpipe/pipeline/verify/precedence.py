@@ -12,8 +12,8 @@ from itertools import chain
 from math import gcd
 from typing import TYPE_CHECKING, Protocol
 
-from halpipe.core.diagnostics import Subject
-from halpipe.models import Match
+from halpipe.core.diagnostics import Diagnostic, Subject
+from halpipe.models import Match, Precedence
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.tables import MAX_LINE, Rule, key_of, points_of, reached
 from halpipe.pipeline.verify.ticks import Future, Listed, Past
@@ -21,8 +21,6 @@ from halpipe.pipeline.verify.ticks import Future, Listed, Past
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Precedence
     from halpipe.pipeline.verify.tables import Clock, Key, ModeTable, Placed, Switch
     from halpipe.pipeline.verify.ticks import Found
 

@@ -7,17 +7,15 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import NOWHERE, about
+from halpipe.core.diagnostics import NOWHERE, Diagnostic, about
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.tables import TABLE, Rule
+from halpipe.pipeline.verify.tables import TABLE, Clock, ModeTable, Placed, Rule, Switch
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Part, Version
     from halpipe.pipeline.verify.jobs import Tables
-    from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
 
 
 def check_parts(table: ModeTable | Switch) -> Iterator[Diagnostic]:

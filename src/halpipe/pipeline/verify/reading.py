@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Edge, Match, ResourceKind, Status
 from halpipe.pipeline.verify import codes, modelfaults
@@ -25,16 +25,14 @@ from halpipe.pipeline.verify.tables import (
     common_denominator,
     switch_path,
 )
-from halpipe.pipeline.verify.ticks import Platform
+from halpipe.pipeline.verify.ticks import Platform, Service
 from halpipe.pipeline.verify.timing import release
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.models import Job, Mode, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
     from halpipe.pipeline.verify.tables import Stretch
-    from halpipe.pipeline.verify.ticks import Service
 
 
 def make_clock(model: TaskModel, schedule: Schedule) -> Clock | None:

@@ -7,19 +7,17 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeAlias
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Code, Diagnostic, Location, about
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.modelfaults import is_phase
-from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, ModeTable, Rule, common_denominator
+from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, Clock, ModeTable, Placed, Rule, Switch, common_denominator
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Version
-    from halpipe.pipeline.verify.tables import Clock, Placed, Switch
 
     Claim: TypeAlias = tuple[int, int, int, Placed]
 

@@ -12,17 +12,15 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
-from halpipe.core.diagnostics import Path, Subject, about
+from halpipe.core.diagnostics import Diagnostic, Location, Path, Subject, about
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
-from halpipe.models import Anchor
+from halpipe.models import Anchor, Chain, Job, ModeSchedule, Precedence, Task, TaskModel, TransitionTable, Version
 from halpipe.pipeline.verify.ticks import UNDISTURBED, Recurring, Service
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from halpipe.core.diagnostics import Diagnostic, Location
-    from halpipe.models import Chain, Job, ModeSchedule, Precedence, Task, TaskModel, TransitionTable, Version
     from halpipe.pipeline.verify.ticks import Found, Platform
 
 Checked = TypeVar("Checked", contravariant=True)

@@ -7,18 +7,14 @@ from itertools import accumulate, pairwise
 from math import floor
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
-from halpipe.models import Anchor
+from halpipe.core.diagnostics import Diagnostic, about
+from halpipe.models import Anchor, Task
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.tables import Rule
+from halpipe.pipeline.verify.tables import ActiveTask, Clock, ModeTable, Placed, Rule
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from fractions import Fraction
-
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Task
-    from halpipe.pipeline.verify.tables import ActiveTask, Clock, ModeTable, Placed
 
 
 def check_periodic(table: ModeTable) -> Iterator[Diagnostic]:

@@ -16,7 +16,7 @@ from halpipe.pipeline.verify.jobs import check_binding_on_line, check_unit, chec
 from halpipe.pipeline.verify.precedence import check_precedence_on_line
 from halpipe.pipeline.verify.preemption import check_nested_on_line, check_parts
 from halpipe.pipeline.verify.sharing import check_access, check_exclusive
-from halpipe.pipeline.verify.tables import TABLE, Rule, key_of, reached
+from halpipe.pipeline.verify.tables import TABLE, ActiveTask, Placed, Rule, Switch, key_of, reached
 from halpipe.pipeline.verify.timing import late_for_arrivals
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Precedence
-    from halpipe.pipeline.verify.tables import ActiveTask, Placed, Switch
 
 
 def check_length(switch: Switch) -> Iterator[Diagnostic]:

@@ -14,10 +14,10 @@ from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.models.modes import require_names
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.latency import members_of, worst_age, worst_latency, worst_reaction
+from halpipe.pipeline.measure.latency import Measure, members_of, worst_age, worst_latency, worst_reaction
 from halpipe.pipeline.measure.placement import PlacedJob, Placement
 from halpipe.pipeline.parts import parts_of, reserved_length, service_of
-from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif.trial import (
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel, TransitionTable, Version
-    from halpipe.pipeline.measure.latency import Measure
-    from halpipe.pipeline.solve.schedule import OnProgress
 
 
 @record(kw_only=True)

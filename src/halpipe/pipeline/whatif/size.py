@@ -13,8 +13,8 @@ from halpipe.models.modes import require_mode, require_names
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.optimise import lower_bound
-from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.pipeline.validate.context import Context, place, quoted
+from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
+from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, place, quoted
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.trial import (
     WINDOWS,
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
-    from halpipe.pipeline.solve.schedule import OnProgress
-    from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
     from halpipe.pipeline.whatif.trial import Bracket
 
 STEP = Fraction(1, 100)

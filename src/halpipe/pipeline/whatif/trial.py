@@ -10,7 +10,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Exit, HalpipeError, about
+from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.options import option
 from halpipe.core.quantities import parse_share, quoted, whole
@@ -27,7 +27,6 @@ from halpipe.pipeline.whatif import codes
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Access, Split, Task, TaskModel, Version
     from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import BROKEN_PROGRAM
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.diagnostics import Location
 
 _LOADED = 1
 _EXECUTABLE = 1

@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.deploy.riscv.board import block_hook, registers
 from halpipe.deploy.riscv.board.block_hook import Page
-from halpipe.deploy.riscv.board.memory import PAGE
+from halpipe.deploy.riscv.board.memory import PAGE, Memory
 from halpipe.deploy.riscv.board.registers import ADDRESS, Level, Protection, Right
-from halpipe.deploy.riscv.target import CLASSES
+from halpipe.deploy.riscv.target import CLASSES, Area
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.deploy.riscv.board.machine import Machine
-    from halpipe.deploy.riscv.board.memory import Memory
-    from halpipe.deploy.riscv.target import Area
 
 NEVER = 1 << 200
 """An instant that does not come."""

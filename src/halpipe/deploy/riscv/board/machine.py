@@ -16,20 +16,18 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.records import record
-from halpipe.deploy.riscv.board.bus import Bus
+from halpipe.deploy.riscv.board.bus import Bus, Gate
 from halpipe.deploy.riscv.board.devices import TRANSACTION, Clint, CopyWatcher, DmaPort, Register, Transfer, Uart
 from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
-from halpipe.deploy.riscv.target import CONTROL_SIZE
+from halpipe.deploy.riscv.target import CONTROL_SIZE, Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from halpipe.deploy.riscv.board.bus import Gate
     from halpipe.deploy.riscv.board.devices import Channel
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.observation import Recorder
-    from halpipe.deploy.riscv.target import Site
 
 MANAGEMENT = 0
 RUBBISH = b"\xa5"

@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.deploy.riscv.judge.figures import csv_of
-from halpipe.deploy.riscv.judge.tables import tables_of
+from halpipe.deploy.riscv.judge.figures import Row, csv_of
+from halpipe.deploy.riscv.judge.tables import Tables, tables_of
 from halpipe.deploy.riscv.run.cosimulation import plan
-from halpipe.deploy.riscv.run.recording import Flag, Kind, meaning, no_recording
+from halpipe.deploy.riscv.run.recording import Abandoned, Flag, Kind, Record, Recording, meaning, no_recording
 from halpipe.deploy.riscv.run.sequence import tables_named
-from halpipe.deploy.riscv.target import read_site
+from halpipe.deploy.riscv.target import Site, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.deploy.base import Target
-    from halpipe.deploy.riscv.judge.figures import Row
-    from halpipe.deploy.riscv.judge.tables import Tables
-    from halpipe.deploy.riscv.run.recording import Abandoned, Record, Recording
-    from halpipe.deploy.riscv.target import Site
     from halpipe.models import Job
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
@@ -22,18 +22,14 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.contents import AGAIN, OWN_PROFILE, machine_faults
 from halpipe.deploy.riscv.judge.figures import due_of, waits
 from halpipe.deploy.riscv.judge.tables import Tables
-from halpipe.deploy.riscv.run.cosimulation import load_program
-from halpipe.deploy.riscv.run.recording import Flag, Kind, measurements, read_calibration
-from halpipe.deploy.riscv.target import CLASSES, MEMORIES, read_site
+from halpipe.deploy.riscv.run.cosimulation import Run, load_program
+from halpipe.deploy.riscv.run.recording import Flag, Kind, Measured, Recording, measurements, read_calibration
+from halpipe.deploy.riscv.target import CLASSES, MEMORIES, Site, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
-    from halpipe.deploy.riscv.run.cosimulation import Run
-    from halpipe.deploy.riscv.run.recording import Measured, Recording
-    from halpipe.deploy.riscv.target import Site
 
 SLOWER, LONGER = Fraction(95, 100), Fraction(110, 100)
 WIDEST = Fraction(120, 100)

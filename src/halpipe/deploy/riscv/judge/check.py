@@ -9,39 +9,31 @@ from fractions import Fraction
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, Findings, sort_diagnostics
 from halpipe.core.durations import ZERO, Duration, milliseconds, seconds
-from halpipe.deploy.base import Checked
+from halpipe.deploy.base import Checked, CheckOptions, Target
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, Budget
 from halpipe.deploy.riscv.judge import conditions, containment, figures
 from halpipe.deploy.riscv.judge.calibration import wrong_measurements
-from halpipe.deploy.riscv.judge.comparison import Comparison
-from halpipe.deploy.riscv.judge.containment import Course, Injected
+from halpipe.deploy.riscv.judge.comparison import Comparison, Seen
+from halpipe.deploy.riscv.judge.containment import Course, Injected, Trial
 from halpipe.deploy.riscv.judge.contents import contradictions
 from halpipe.deploy.riscv.judge.figures import Dispatch, csv_of, measured, rows_of, summary_lines
 from halpipe.deploy.riscv.judge.leftovers import Rubbish, cold_start, leftovers
 from halpipe.deploy.riscv.judge.report import wrong_reports
 from halpipe.deploy.riscv.judge.tables import tables_of, wrong_operations
 from halpipe.deploy.riscv.judge.truth import tells_the_truth
-from halpipe.deploy.riscv.run.cosimulation import MEASURING, CoSimulation, load_program, plan, read_images
+from halpipe.deploy.riscv.run.cosimulation import MEASURING, CoSimulation, Run, load_program, plan, read_images
 from halpipe.deploy.riscv.run.drivers import REQUEST, Recorded, read_drivers, recorded_inputs
-from halpipe.deploy.riscv.run.expectation import Expectation
+from halpipe.deploy.riscv.run.expectation import Expectation, PlannedJob
 from halpipe.deploy.riscv.run.injection import CODES, SPACE, Injection, Kind, Saboteur, assign, delays
 from halpipe.deploy.riscv.run.regulators import hold_transfers
 from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
-from halpipe.deploy.riscv.target import read_site
+from halpipe.deploy.riscv.target import Site, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.deploy.base import CheckOptions, Target
-    from halpipe.deploy.riscv.judge.comparison import Seen
-    from halpipe.deploy.riscv.judge.containment import Trial
-    from halpipe.deploy.riscv.run.cosimulation import Run
-    from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.target import Site
 
     Make = Callable[[Site, Sequence[PlannedJob], Sequence[Injection]], Saboteur]
 

@@ -8,20 +8,17 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, about, named
+from halpipe.core.diagnostics import Code, Findings, about, named
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.board.devices import TRANSACTION, UNKNOWN
-from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.board.devices import TRANSACTION, UNKNOWN, Transfer
+from halpipe.deploy.riscv.run.observation import Execution, Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Code
     from halpipe.core.durations import Duration
-    from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
-    from halpipe.deploy.riscv.run.observation import Execution
 
 FROM_EXPORT = "export the bundle again; if it stays, the exporter or the runtime is at fault: report it"
 _MORE_TIME = "give the phase more time: `halpipe deploy prepare` with the profile that tells how fast the DMA engine is"

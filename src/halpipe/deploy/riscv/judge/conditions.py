@@ -6,22 +6,19 @@ from collections import defaultdict
 from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Path, about
+from halpipe.core.diagnostics import Diagnostic, Path, about
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.board.registers import TOP, Level, Right
+from halpipe.deploy.riscv.board.registers import TOP, Level, Protection, Right
 from halpipe.deploy.riscv.run.recording import Word
-from halpipe.deploy.riscv.run.sequence import DECISION
+from halpipe.deploy.riscv.run.sequence import DECISION, Played
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.deploy.riscv.board.registers import Protection
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.drivers import PlannedCall
     from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site, UnitSite
 
 _STATES = {

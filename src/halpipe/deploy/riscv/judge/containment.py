@@ -8,20 +8,19 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations, zip_longest
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, about
+from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import tick_of
 from halpipe.deploy.riscv.run.injection import Injection, Kind, consequence, victim
 from halpipe.deploy.riscv.run.recording import Flag, meaning
 from halpipe.deploy.riscv.run.recording import Kind as Recorded
-from halpipe.deploy.riscv.run.sequence import Request, Tour, Wish, played_tables
-from halpipe.models import HealthAction, HealthEvent
+from halpipe.deploy.riscv.run.sequence import Played, Request, Tour, Wish, played_tables
+from halpipe.models import HealthAction, HealthEvent, HealthRule, Schedule, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.judge.check import Outcome
@@ -29,9 +28,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
     from halpipe.deploy.riscv.run.recording import Abandoned
-    from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import Site
-    from halpipe.models import HealthRule, Schedule, TaskModel
 
 FROM_RUNTIME = "the runtime or a monitor is at fault: a job that fails like this on the board is not contained"
 PREFIX = "after faults were put into jobs: "

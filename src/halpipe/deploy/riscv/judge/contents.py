@@ -16,17 +16,15 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import parse_address, parse_bandwidth, parse_rational, parse_size
 from halpipe.core.settings import Fields
-from halpipe.deploy.riscv.board.elf import read_program
+from halpipe.deploy.riscv.board.elf import Program, read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
-from halpipe.deploy.riscv.target import CLASSES, MAILBOX, MEMORIES, Area, DmaSite, each, watchdog_of
+from halpipe.deploy.riscv.target import CLASSES, MAILBOX, MEMORIES, Area, DmaSite, Site, UnitSite, each, watchdog_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from halpipe.core.bundles import Bundle
-    from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.expectation import Image
-    from halpipe.deploy.riscv.target import Site, UnitSite
 
 T = TypeVar("T")
 

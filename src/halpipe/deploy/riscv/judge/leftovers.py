@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Diagnostic, named
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation
-from halpipe.deploy.riscv.run.drivers import Plant
-from halpipe.deploy.riscv.run.injection import Saboteur
+from halpipe.deploy.riscv.run.drivers import Board, Plant
+from halpipe.deploy.riscv.run.injection import Injection, Saboteur
 from halpipe.deploy.riscv.run.recording import Word
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.board.machine import Budget
     from halpipe.deploy.riscv.judge.comparison import Seen
-    from halpipe.deploy.riscv.run.drivers import Board
     from halpipe.deploy.riscv.run.expectation import Image, PlannedJob
-    from halpipe.deploy.riscv.run.injection import Injection
     from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.target import Site
 

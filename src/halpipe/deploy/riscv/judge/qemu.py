@@ -9,40 +9,31 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, named, sort_diagnostics
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, named, sort_diagnostics
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
-from halpipe.deploy.base import Checked
+from halpipe.deploy.base import Checked, CheckOptions, Target
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.machine import RUBBISH
 from halpipe.deploy.riscv.judge import conditions
 from halpipe.deploy.riscv.judge.check import CYCLES, simulate, static_findings, tolerance_of
-from halpipe.deploy.riscv.judge.comparison import Comparison
+from halpipe.deploy.riscv.judge.comparison import Comparison, Seen
 from halpipe.deploy.riscv.judge.records import observations, strangers
-from halpipe.deploy.riscv.judge.tables import tables_of
+from halpipe.deploy.riscv.judge.tables import Tables, tables_of
 from halpipe.deploy.riscv.run.cosimulation import MAGIC, PROGRAM, Run, TableSeen, read_images, silent
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
-from halpipe.deploy.riscv.run.expectation import Expectation
-from halpipe.deploy.riscv.run.observation import Observations, Outcome
+from halpipe.deploy.riscv.run.expectation import Expectation, PlannedExecution, PlannedJob
+from halpipe.deploy.riscv.run.observation import Execution, Observations, Outcome
 from halpipe.deploy.riscv.run.recording import Dump, Flag, Word, read_recording
 from halpipe.deploy.riscv.run.recording import Kind as Recorded
-from halpipe.deploy.riscv.run.sequence import Request, Tour, played_tables
-from halpipe.deploy.riscv.target import read_site
+from halpipe.deploy.riscv.run.sequence import Played, Request, Tour, played_tables
+from halpipe.deploy.riscv.target import Site, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.durations import Duration
-    from halpipe.deploy.base import CheckOptions, Target
-    from halpipe.deploy.riscv.judge.comparison import Seen
-    from halpipe.deploy.riscv.judge.tables import Tables
-    from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob
-    from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.run.recording import Memory
-    from halpipe.deploy.riscv.run.sequence import Played
-    from halpipe.deploy.riscv.target import Site
 
 EMULATOR = "qemu-system-riscv64"
 SECONDS = 6

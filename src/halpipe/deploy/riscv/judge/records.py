@@ -10,7 +10,7 @@ from halpipe.deploy.riscv.board.devices import Transfer
 from halpipe.deploy.riscv.judge.conditions import REPORT
 from halpipe.deploy.riscv.run.drivers import Call
 from halpipe.deploy.riscv.run.observation import Execution, Observations, Outcome, Trap
-from halpipe.deploy.riscv.run.recording import Flag, Kind
+from halpipe.deploy.riscv.run.recording import Abandoned, Flag, Kind, Record, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.riscv.judge.tables import Tables
     from halpipe.deploy.riscv.run.cosimulation import Run
-    from halpipe.deploy.riscv.run.recording import Abandoned, Record, Recording
 
 OUTCOMES = {Flag(0): Outcome.RETURNED, Flag.FAULT: Outcome.FAULT, Flag.OVERRUN: Outcome.OVERRUN}
 

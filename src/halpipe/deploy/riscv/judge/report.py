@@ -10,9 +10,9 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT
 from halpipe.deploy.riscv.run.cosimulation import CoSimulation, plan
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Saboteur, code_of, victim
-from halpipe.deploy.riscv.run.recording import CALIBRATION, Word
+from halpipe.deploy.riscv.run.recording import CALIBRATION, Memory, Word
 from halpipe.deploy.riscv.run.sequence import played_tables
-from halpipe.deploy.riscv.target import CONTROL_SIZE, read_site
+from halpipe.deploy.riscv.target import CONTROL_SIZE, Ring, Site, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.board.machine import Budget
-    from halpipe.deploy.riscv.run.recording import Memory
-    from halpipe.deploy.riscv.target import Ring, Site
 
 SEMIHOSTING, FINISHER = 1, 2
 _NO_CORE, _TRAPPED, _ILLEGAL = 3, 4, 2

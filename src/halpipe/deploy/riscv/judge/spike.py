@@ -19,23 +19,20 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, named, sort_diagnostics
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
-from halpipe.deploy.base import Checked
+from halpipe.deploy.base import Checked, CheckOptions, Target
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.elf import write_program
 from halpipe.deploy.riscv.board.hart import ILLEGAL
 from halpipe.deploy.riscv.judge.check import cycles_of, sabotage, simulate, static_findings
 from halpipe.deploy.riscv.judge.containment import Injected, sweeps
-from halpipe.deploy.riscv.run.injection import CODES, Saboteur
-from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.run.injection import CODES, Injection, Saboteur
+from halpipe.deploy.riscv.run.observation import Execution, Outcome
 from halpipe.deploy.riscv.run.sequence import tours
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.deploy.base import CheckOptions, Target
     from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.run.injection import Injection
-    from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.target import Site, UnitSite
 
 ISA = "rv64imac_zicntr"

@@ -16,9 +16,9 @@ from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
 from halpipe.deploy.riscv.judge.contents import AGAIN, BSS, stored
 from halpipe.deploy.riscv.run.cosimulation import load_program
 from halpipe.deploy.riscv.run.drivers import read_drivers
-from halpipe.deploy.riscv.run.recording import Flag, Kind
+from halpipe.deploy.riscv.run.recording import Abandoned, Flag, Kind, Record
 from halpipe.deploy.riscv.run.sequence import tables_named
-from halpipe.models import AccessKind, HealthAction, HealthEvent
+from halpipe.models import AccessKind, HealthAction, HealthEvent, Schedule, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.expectation import Expectation, Image, PlannedJob
-    from halpipe.deploy.riscv.run.recording import Abandoned, Record
     from halpipe.deploy.riscv.target import Site
-    from halpipe.models import Schedule, TaskModel
 
 _OPERATION = struct.Struct("<QQQQIBBHII")  # a byte behind the unit is zero
 _PROGRAM = struct.Struct("<QIIIHH")

@@ -10,7 +10,7 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT, tick_of
 from halpipe.deploy.riscv.judge.figures import due_of
 from halpipe.deploy.riscv.judge.records import OUTCOMES, observations, strangers
-from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.run.observation import Execution, Outcome
 from halpipe.deploy.riscv.run.recording import Flag, Kind, Word
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.riscv.judge.tables import Tables
     from halpipe.deploy.riscv.run.cosimulation import Run
-    from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.run.sequence import Played
 
 

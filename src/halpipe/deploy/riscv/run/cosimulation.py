@@ -13,17 +13,17 @@ from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.deploy.riscv.board.elf import read_program
+from halpipe.deploy.riscv.board.elf import Program, read_program
 from halpipe.deploy.riscv.board.hart import NEVER
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, RUBBISH, Budget, Machine
 from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
-from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, Plant, places, read_drivers, without_drivers
-from halpipe.deploy.riscv.run.expectation import Expectation, Image
-from halpipe.deploy.riscv.run.observation import Recorder
-from halpipe.deploy.riscv.run.recording import Word, meaning, read_recording
+from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, Call, Plant, places, read_drivers, without_drivers
+from halpipe.deploy.riscv.run.expectation import Expectation, Image, PlannedJob
+from halpipe.deploy.riscv.run.observation import Execution, Observations, Recorder, Trap
+from halpipe.deploy.riscv.run.recording import Memory, Recording, Word, meaning, read_recording
 from halpipe.deploy.riscv.run.regulators import RegulatorPort, Regulators, regulators_playing
-from halpipe.deploy.riscv.run.sequence import Request, tables_named
-from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
+from halpipe.deploy.riscv.run.sequence import Played, Request, tables_named
+from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, Site, read_site
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -31,15 +31,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.bundles import Bundle
     from halpipe.deploy.base import Target
-    from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.board.registers import Protection
-    from halpipe.deploy.riscv.run.drivers import Call
-    from halpipe.deploy.riscv.run.expectation import PlannedJob
     from halpipe.deploy.riscv.run.injection import Saboteur
-    from halpipe.deploy.riscv.run.observation import Execution, Observations, Trap
-    from halpipe.deploy.riscv.run.recording import Memory, Recording
-    from halpipe.deploy.riscv.run.sequence import Played
-    from halpipe.deploy.riscv.target import Site
 
 PROGRAM = "bundle.elf"
 MAGIC = 0x48414C5049504531

@@ -5,21 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.diagnostics import Findings, HalpipeError
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.settings import Fields
-from halpipe.deploy.riscv.board.elf import offset_of
+from halpipe.deploy.riscv.board.elf import Program, offset_of
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
-from halpipe.models import AccessKind
+from halpipe.models import Access, AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.durations import Duration
-    from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.target import Site
-    from halpipe.models import Access
 
 
 class Board(Protocol):

@@ -11,22 +11,20 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, Path, Subject, about
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.deploy.riscv.run.drivers import PlannedCall, read_drivers
 from halpipe.deploy.riscv.run.observation import Outcome
-from halpipe.models import AccessKind
+from halpipe.models import Access, AccessKind, Job, TaskModel, Transfer, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.durations import Duration
     from halpipe.deploy.riscv.board.elf import Program
     from halpipe.deploy.riscv.run.sequence import Played
     from halpipe.deploy.riscv.target import ImageSite, Site, Turn
-    from halpipe.models import Access, Job, TaskModel, Transfer, Version
 
 
 SCALAR = 8

@@ -10,7 +10,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.run.observation import Execution, Outcome
 from halpipe.deploy.riscv.run.recording import Flag
 from halpipe.models import AccessKind
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.board.memory import Memory
     from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
-    from halpipe.deploy.riscv.run.observation import Execution
     from halpipe.deploy.riscv.target import Site, UnitSite
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.deploy.riscv.board.hart import TIMER
-from halpipe.deploy.riscv.board.machine import MANAGEMENT
+from halpipe.deploy.riscv.board.machine import MANAGEMENT, Machine
 from halpipe.deploy.riscv.board.registers import Level
 from halpipe.deploy.riscv.judge.contents import BSS
 from halpipe.deploy.riscv.run.drivers import Call
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from halpipe.deploy.riscv.board.devices import Transfer
-    from halpipe.deploy.riscv.board.machine import Machine
     from halpipe.deploy.riscv.run.expectation import Image
     from halpipe.deploy.riscv.target import Area, Site
 

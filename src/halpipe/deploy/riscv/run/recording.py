@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Protocol
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import NO_RECORDING
-from halpipe.deploy.riscv.target import read_site
+from halpipe.deploy.riscv.target import Ring, Site, read_site
 
 if TYPE_CHECKING:
     from halpipe.core.bundles import Bundle
-    from halpipe.deploy.riscv.target import Ring, Site
 
 _RECORD = struct.Struct("<QQQIIIIIBBBx")
 _FAULT = struct.Struct("<QQQQIIIIIBBH8x")

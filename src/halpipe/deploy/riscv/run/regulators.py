@@ -12,7 +12,7 @@ from math import ceil
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, Location, about
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
@@ -20,16 +20,14 @@ from halpipe.deploy.regulator import regulators_of
 from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
 from halpipe.deploy.regulator.codes import PLAYED_ELSEWHERE
 from halpipe.deploy.regulator.counters import Judge, Sample
-from halpipe.deploy.regulator.reading import TABLES, read_tables
+from halpipe.deploy.regulator.reading import TABLES, Table, Tables, Unit, read_tables
 from halpipe.deploy.riscv.board.bus import Gate, Opening
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.deploy.base import Target
-    from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.deploy.riscv.board.devices import Transfer
     from halpipe.deploy.riscv.board.hart import Hart
     from halpipe.deploy.riscv.board.machine import Timing

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, named
+from halpipe.core.diagnostics import Code, Findings, named
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.exporters.arxml.codes import (
     CODE_STARTS,
@@ -20,20 +20,17 @@ from halpipe.exporters.arxml.codes import (
     RUNS_BESIDE,
     STARTS_ONCE,
 )
-from halpipe.exporters.arxml.document import seconds_text
+from halpipe.exporters.arxml.document import Box, seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.delta import Delta, mark
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits, apply_to_xdm
-from halpipe.exporters.arxml.onto.plan import XDM, Planner
+from halpipe.exporters.arxml.onto.plan import XDM, Action, OntoPlan, Placed, Planner
 from halpipe.exporters.arxml.osconfig import autostart, fill_counter, point_name
 from halpipe.exporters.native import paired
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Code
-    from halpipe.exporters.arxml.document import Box
-    from halpipe.exporters.arxml.onto.plan import Action, OntoPlan, Placed
     from halpipe.exporters.arxml.tables import Table
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.project import Call, Deed, Project, ProjectCounter, Starter

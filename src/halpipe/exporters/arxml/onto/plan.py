@@ -26,13 +26,12 @@ from halpipe.exporters.arxml.software import ShortNames, short
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
 from halpipe.exporters.common.priorities import relation_of
-from halpipe.models.project import ProjectCounter
+from halpipe.models.project import Call, Deed, Project, ProjectCounter, ProjectTask, Starter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.models import Job, Schedule, TaskModel
-    from halpipe.models.project import Call, Deed, Project, ProjectTask, Starter
 
 
 class _Gaps:

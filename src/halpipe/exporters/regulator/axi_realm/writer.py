@@ -16,19 +16,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.devices import DEVICES
 from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, SHORT_BURSTS, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import DIRECTIONS
+from halpipe.exporters.regulator.platform import DIRECTIONS, Platform
 from halpipe.exporters.regulator.writing import ALL, START, Check, Write, file_names, render, script
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Table, Tables
 
 DEVICE = "axi_realm"

@@ -17,20 +17,18 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.quantities import parse_rational, parse_size
 from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
+from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, Platform
 from halpipe.exporters.regulator.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
 from halpipe.exporters.regulator.writing import Backend, file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 
 LEAST_PERIOD = 1000

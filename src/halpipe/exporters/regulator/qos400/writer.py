@@ -12,14 +12,14 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.quantities import parse_frequency
 from halpipe.core.suggest import did_you_mean
 from halpipe.devices import DEVICES
 from halpipe.devices.registers import port_registers
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import DIRECTIONS
+from halpipe.exporters.regulator.platform import DIRECTIONS, Platform
 from halpipe.exporters.regulator.rates import (
     Segment,
     check_owners,
@@ -45,8 +45,6 @@ from halpipe.exporters.regulator.writing import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 
 STEPS = 4096

@@ -12,18 +12,16 @@ from functools import cached_property
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import APPROXIMATE, NO_MANAGER, RATE_DOES_NOT_FIT
-from halpipe.exporters.regulator.platform import levels_of
+from halpipe.exporters.regulator.platform import Platform, levels_of
 from halpipe.exporters.regulator.rates import check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.writing import Backend, falls_first, file_names, predecessors, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 
 EIGHTH = 125_000_000

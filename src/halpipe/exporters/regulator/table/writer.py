@@ -9,14 +9,13 @@ from importlib import resources
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.devices import DEVICES
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import LEAST_CYCLES
 from halpipe.exporters.regulator.writing import Backend, identifiers, render
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.tables import RegulatedUnit, Tables
 
 MOST_UNITS = 63

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import NS, path_of
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.sniff import Document
 
 

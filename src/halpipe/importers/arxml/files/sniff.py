@@ -18,7 +18,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.files import (
     MAX_INPUT_BYTES,
     STDIO,
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Findings
 
 _GENERATED = frozenset({"output", "generated"})
 _WORDS = {"true": "1", "false": "0"}

@@ -11,12 +11,12 @@ from dataclasses import field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location, named
+from halpipe.core.diagnostics import Code, Findings, Location, named
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.bases import Bases
-from halpipe.importers.arxml.files.sniff import NAMED
-from halpipe.importers.arxml.files.variants import apply_variant, conditional
+from halpipe.importers.arxml.files.sniff import NAMED, Document
+from halpipe.importers.arxml.files.variants import Choice, apply_variant, conditional
 from halpipe.importers.arxml.files.words import NS, compiled, listed, parse_double
 
 if TYPE_CHECKING:
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Code, Findings
-    from halpipe.importers.arxml.files.sniff import Document
-    from halpipe.importers.arxml.files.variants import Choice
 
 _NAMED = [NS + tag for tag in NAMED]
 _conditions = compiled("ancestor-or-self::*/ar:VARIATION-POINT[ar:SW-SYSCOND or ar:POST-BUILD-VARIANT-CONDITIONS]")

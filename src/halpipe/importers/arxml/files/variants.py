@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Location
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.bases import Bases
     from halpipe.importers.arxml.files.formulas import Value
     from halpipe.importers.arxml.files.sniff import Document

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.tree import Stated, local, place, qualified
+from halpipe.importers.arxml.files.tree import Node, Part, Stated, Tree, local, place, qualified
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.system.values import (
     Component,
@@ -25,7 +25,6 @@ from halpipe.importers.arxml.system.values import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.importers.arxml.files.tree import Node, Part, Tree
 
 _BEHAVIORS = ("SWC-INTERNAL-BEHAVIOR", "BSW-INTERNAL-BEHAVIOR")
 RUNNABLES = ("RUNNABLE-ENTITY", "BSW-SCHEDULABLE-ENTITY", "BSW-CALLED-ENTITY", "BSW-INTERRUPT-ENTITY")

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import named
-from halpipe.core.durations import seconds
+from halpipe.core.diagnostics import Location, named
+from halpipe.core.durations import Duration, seconds
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.codes import EDITED
-from halpipe.importers.arxml.files.tree import Stated, place, qualified
+from halpipe.importers.arxml.files.tree import Node, Ref, Stated, Tree, place, qualified
 from halpipe.importers.arxml.files.words import NS, child_text, module_with, parse_number, steps_of
 from halpipe.importers.arxml.system.values import Place
 
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.core.diagnostics import Location
-    from halpipe.core.durations import Duration
-    from halpipe.importers.arxml.files.tree import Node, Ref, Tree
 
 T = TypeVar("T")
 _PREFIX = "halpipe:"

@@ -12,7 +12,7 @@ from halpipe.core.diagnostics import named
 from halpipe.core.durations import Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import parse_number
-from halpipe.importers.arxml.system.containers import Container, Containers
+from halpipe.importers.arxml.system.containers import Container, Containers, Data
 from halpipe.importers.arxml.system.values import (
     Configuration,
     Core,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Stated, Tree
-    from halpipe.importers.arxml.system.containers import Data
 
 _PREFIXES, _CAUSES = ("Rte", "RteBsw"), ("SchTblExpiryPoint", "Alarm", "Event")
 _PERIODS = ("RtePeriod", "RteBswPeriod", "RteBswEventPeriod")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError, Location, named
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes
@@ -16,14 +16,12 @@ from halpipe.importers.arxml.codes import ABSENT_MODULE
 from halpipe.importers.arxml.files.words import listed, steps_of
 from halpipe.importers.arxml.system.components import COMPOSITION
 from halpipe.importers.arxml.system.containers import standard_modules
-from halpipe.importers.arxml.system.values import Component, Composition, Instance, RteInstance
+from halpipe.importers.arxml.system.values import Component, Composition, Ecu, Instance, RteInstance, System
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.tree import Node, Ref, Tree
-    from halpipe.importers.arxml.system.values import Ecu, System
 
 _MAX_DEPTH = 32
 MAX_INSTANCES = 20_000

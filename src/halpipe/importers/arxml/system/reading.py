@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
-from halpipe.importers.arxml.files.tree import Tree
+from halpipe.importers.arxml.files.tree import Node, Tree
 from halpipe.importers.arxml.files.words import parse_number
 from halpipe.importers.arxml.system.components import (
     is_component_type,
@@ -26,14 +26,12 @@ from halpipe.importers.arxml.system.containers import standard_modules
 from halpipe.importers.arxml.system.ecuc import read_configuration
 from halpipe.importers.arxml.system.instances import find_instances, keep_own, report_absent, select_ecu
 from halpipe.importers.arxml.system.timing import read_execution_times, read_orders, read_timing
-from halpipe.importers.arxml.system.values import Machine, ModeGroup, Place, Process, System
+from halpipe.importers.arxml.system.values import Component, Configuration, Machine, ModeGroup, Place, Process, System
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from halpipe.importers.arxml.files.tree import Node
     from halpipe.importers.arxml.files.variants import Choice
-    from halpipe.importers.arxml.system.values import Component, Configuration
 
 _ADAPTIVE = """
 ADAPTIVE-APPLICATION-SW-COMPONENT-TYPE EXECUTABLE FUNCTION-GROUP-SET MACHINE MACHINE-DESIGN PROCESS

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Code, named
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.files.tree import Stated, local, place
+from halpipe.importers.arxml.files.tree import Node, Stated, Tree, local, place
 from halpipe.importers.arxml.files.words import parse_cse
 from halpipe.importers.arxml.system.components import RUNNABLES, place_of
 from halpipe.importers.arxml.system.values import (
@@ -29,8 +29,6 @@ from halpipe.importers.arxml.system.values import (
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator
 
-    from halpipe.core.diagnostics import Code
-    from halpipe.importers.arxml.files.tree import Node, Tree
 
 # Where a worst-case time stands in each kind of execution time, the most trustworthy kind first.
 KINDS = {

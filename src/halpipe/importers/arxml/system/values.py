@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Code, Findings, Location, named
 from halpipe.core.records import record
 from halpipe.models import Origin
 
 if TYPE_CHECKING:
-    from halpipe.core.diagnostics import Code, Findings, Location
     from halpipe.core.durations import Duration
     from halpipe.importers.arxml.files.tree import Stated
 

@@ -10,8 +10,8 @@ from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Findings, named
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.common.names import legal, unique_name
@@ -21,8 +21,6 @@ from halpipe.models import Origin
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 
-    from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import (
         Arrival,
         Event,

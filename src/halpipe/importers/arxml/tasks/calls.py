@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about, named
-from halpipe.core.durations import ZERO, greatest_common_divisor
+from halpipe.core.diagnostics import Findings, about, named
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
 

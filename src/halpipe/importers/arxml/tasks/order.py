@@ -7,12 +7,12 @@ from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
-from halpipe.core.durations import ZERO, greatest_common_divisor
+from halpipe.core.diagnostics import Findings, named
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
-from halpipe.importers.arxml.tasks.activation import are_in_order
+from halpipe.importers.arxml.tasks.activation import Activation, Draft, are_in_order
 from halpipe.importers.arxml.tasks.periods import senders_of
 from halpipe.importers.arxml.tasks.requirements import Requirements, Spacing, paths_of, report_inner
 from halpipe.models import Anchor, Match
@@ -20,10 +20,7 @@ from halpipe.models import Anchor, Match
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import Order, Ordered, Place, Synchronisation, System
-    from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
 
 

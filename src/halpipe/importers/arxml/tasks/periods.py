@@ -11,23 +11,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import about, named
+from halpipe.core.diagnostics import Diagnostic, Findings, about, named
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import is_symbolic, parse_number, parse_seconds
 from halpipe.importers.arxml.system.containers import symbolic_values
-from halpipe.importers.arxml.tasks.activation import compare, polled, report_sporadic
-from halpipe.importers.arxml.tasks.dataflow import item_at
+from halpipe.importers.arxml.tasks.activation import Activation, compare, polled, report_sporadic
+from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow, item_at
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.importers.arxml.files.tree import Stated, Tree
     from halpipe.importers.arxml.system.values import Event, Place, System, Trigger
-    from halpipe.importers.arxml.tasks.activation import Activation
-    from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
     from halpipe.importers.overlay import OverlayUse
 
 NOT_SCHEDULED = {

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import named
+from halpipe.core.diagnostics import Findings, named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
 from halpipe.importers.arxml.tasks.dataflow import find_providers
@@ -21,7 +21,6 @@ from halpipe.models import Interrupt, Mode, Run, Transition, Unit
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.coverage import Ledger
     from halpipe.importers.arxml.system.values import ModeGroup, OsIsr, Place, Process, System
     from halpipe.importers.arxml.tasks.activation import Draft

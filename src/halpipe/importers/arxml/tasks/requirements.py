@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
-from halpipe.importers.arxml.tasks.activation import BEGINNINGS, are_in_order
+from halpipe.importers.arxml.tasks.activation import BEGINNINGS, Activation, Draft, are_in_order
 from halpipe.importers.common.names import legal, unique_name
 from halpipe.models import Anchor, Chain, Match
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import (
         Distance,
         EventChain,
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
         Synchronisation,
         System,
     )
-    from halpipe.importers.arxml.tasks.activation import Activation, Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
 
 _MOST_STEPS = 10_000

@@ -9,29 +9,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.core.diagnostics import Findings, about
-from halpipe.core.durations import ZERO
+from halpipe.core.diagnostics import Diagnostic, Findings, Location, about
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
-from halpipe.importers.arxml.options import BUDGET
+from halpipe.importers.arxml.options import BUDGET, ArxmlImportOptions
 from halpipe.importers.arxml.system.timing import ANALYSED
 from halpipe.importers.common.names import legal, unique_name
 from halpipe.importers.common.pieces import cuts
-from halpipe.models import WHOLE, Access, Resource, ResourceKind, Split, Version
+from halpipe.models import WHOLE, Access, Resource, ResourceKind, Split, Task, TaskModel, Version
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.core.diagnostics import Diagnostic, Location
-    from halpipe.core.durations import Duration
-    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
     from halpipe.importers.arxml.tasks.activation import Draft
     from halpipe.importers.arxml.tasks.dataflow import Actor
     from halpipe.importers.arxml.tasks.platform import Platform
     from halpipe.importers.common.base import Coverage
-    from halpipe.models import Task, TaskModel
 
 FULL = "FULL"
 
