@@ -160,8 +160,6 @@ class ModeSchedule:
             for share in (self.margin, self.margin_bound)
         )
         best = ", the best possible" if self.margin == self.margin_bound else f", at most {most} is possible"
-        if self.margin != self.margin_bound and any(job.parts for job in self.jobs):
-            best += "; not raised between the segments of preempted jobs"
         return now and now + (best if most else "")
 
 

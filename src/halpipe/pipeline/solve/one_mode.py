@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -22,15 +23,18 @@ from halpipe.pipeline.solve.optimise import POLISH_BUDGET, Finished, polish_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-    from fractions import Fraction
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.checkpoint import Kept
+    from halpipe.pipeline.solve.edf.search import Found as Tabled
+    from halpipe.pipeline.solve.edf.works import Mode
     from halpipe.pipeline.solve.kernel.search import Outcome, Search
+    from halpipe.pipeline.solve.kernel.slices import OnSlice
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.kernel.widen import Begin, Run, Wider
     from halpipe.pipeline.solve.lanes import Pins
     from halpipe.pipeline.solve.optimise import Polish, Reached
     from halpipe.pipeline.solve.problem import Problem
@@ -58,8 +62,11 @@ MOST_PARTS = 8
 SHARE = 20
 """A margin takes so many times fewer moves than the search for the valid schedule, if that was long."""
 
-POLISH_TABLES = 4000
-"""Whole tables of preemptive jobs that are tried at least to improve a valid one."""
+POLISH_TABLES, MARGIN_TABLES = 4000, 20
+"""Whole tables of preemptive jobs tried at least to improve a valid one, and for a margin with little effort."""
+
+TABLED_SHARE, TABLED_UNIT = 40, 10
+"""For a margin, so many times fewer preemptive jobs are placed than others; a tenth of a table stands for a move."""
 
 
 @record
@@ -198,6 +205,40 @@ class _Search:
         on_slice = lambda made, best: self.on_progress(self.name, made, made + 1, best)  # noqa: E731
         return improved(problem, jobs, self.polish, on_slice, self.earlier, self.kept)
 
+    @property
+    def widens(self) -> bool:
+        """Whether the margin is raised first; jobs that have shipped stay when no objectives are stated, too."""
+        stated = self.options.optimise
+        return stated is None or (stated[:1] == (Objective.MARGIN,) and not self.shipped)
+
+    def widened(self, begin: Begin, jobs: tuple[Job, ...], moves: int, allowed: int, unit: int, effort: int) -> Wider:
+        """Search for jobs with a larger margin than these, which were found in so many of the `allowed` moves.
+
+        A try gets some moves for each `unit`, all of them the `effort` or a share of the moves before.
+        """
+        from halpipe.pipeline.solve.kernel.widen import widened
+
+        wanted = self.margin_of(jobs), largest_margin(self.expansion)
+        tell = lambda made, best: self.on_progress(self.name, moves + made, allowed, best)  # noqa: E731
+        return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, self.kept)
+
+    def margin_of(self, jobs: Iterable[Job]) -> Fraction:
+        """Return the margin of valid jobs."""
+        return least_margin(Placement.of(self.expansion, jobs, self.model.units))
+
+    def better_of(self, jobs: tuple[Job, ...], others: Iterable[tuple[Job, ...] | None]) -> tuple[Job, ...]:
+        """Return the best of the jobs found first and others, none of whose objectives are worse than at first."""
+        assert self.polish is not None
+        judge = self.polish.judge
+        self.polish.first[:] = [first] = [judge.worth(jobs)]
+        best = first
+        for other in filter(None, others):
+            worth = judge.worth(other)
+            if judge.keeps(first, worth) and worth.values <= best.values:
+                jobs, best = other, worth
+                self.polish.on_better(best)
+        return jobs
+
     def report(self, jobs: tuple[Job, ...], status: Status) -> ModeSchedule:
         """Return the jobs with their figures; those of a group are measured with the other groups."""
         if self.part:
@@ -238,31 +279,79 @@ class _SplitJobs(_Search):
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.edf.fixed import fix
-        from halpipe.pipeline.solve.edf.search import Search
-        from halpipe.pipeline.solve.edf.trials import Effort
-        from halpipe.pipeline.solve.edf.works import works_of
 
-        expansion, options = self.expansion, self.options
-        check_tick(expansion, options.tick)
-        mode = works_of(self.model, expansion, options.tick or natural_tick(expansion))
+        check_tick(self.expansion, self.options.tick)
+        mode = self._mode(self.expansion, Fraction(1))
         fixed, changed = fix(mode, self.shipped)
         mode = replace(mode, fixed=fixed)
-        refuse_stuck(expansion, [work.name for work in mode.works if not work.ways])
-        tasks = max(1, len(expansion.tasks))
-        budget = options.placements(tasks, expansion.job_count)
-        effort = Effort(
-            budget,
-            max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count) if options.is_open else budget,
-            lambda placed, excess: self.on_progress(self.name, placed, budget, excess),
-        )
-        found = Search(mode, self.model, self.seed, self.pinned, effort, self.polish, self.kept).run()
-        self.on_progress(self.name, found.placed, budget, found.excess)
+        refuse_stuck(self.expansion, [work.name for work in mode.works if not work.ways])
+        found = self._searched(mode, None if self.widens else self.polish, self.kept)
+        self.on_progress(self.name, found.placed, self.budget, found.excess)
         notes = self.changed(changed, "number of jobs, version, units or parts")
-        table = self.report(found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
-        end = Finished(found.jobs)
-        if not found.excess:
-            end = self.finished(found.jobs, 0, lambda: True, is_free=False)
-        return Found(table, notes, found.placed, found.stopped, found.unimproved, reached=end.reached)
+        if found.excess:
+            return Found(self.report(found.jobs, Status.NOT_FOUND), notes, found.placed, found.stopped)
+        if self.widens and not found.stopped and not fixed.jobs:
+            found = self._wider(found)
+        end = self.finished(found.jobs, 0, lambda: True, is_free=False)
+        table, is_cut = self.report(end.jobs, Status.VALID), found.stopped or found.unimproved
+        return Found(table, notes, found.placed, unimproved=is_cut, reached=end.reached)
+
+    @cached_property
+    def budget(self) -> int:
+        """Jobs that may be placed."""
+        return self.options.placements(max(1, len(self.expansion.tasks)), self.expansion.job_count)
+
+    def _mode(self, expansion: Expansion, growth: Fraction) -> Mode:
+        from halpipe.pipeline.solve.edf.works import works_of
+
+        return works_of(self.model, expansion, self.options.tick or natural_tick(expansion), growth)
+
+    def _searched(self, mode: Mode, polish: Polish | None, kept: Kept | None) -> Tabled:
+        from halpipe.pipeline.solve.edf.search import Search
+        from halpipe.pipeline.solve.edf.trials import Effort
+
+        tell = lambda placed, excess: self.on_progress(self.name, placed, self.budget, excess)  # noqa: E731
+        least = max(POLISH_BUDGET * len(mode.works), POLISH_TABLES * self.expansion.job_count)
+        effort = Effort(self.budget, least if self.options.is_open else self.budget, tell)
+        return Search(mode, self.model, self.seed, self.pinned, effort, polish, kept).run()
+
+    def _wider(self, plain: Tabled) -> Tabled:
+        """Raise the margin of a table by others in which every part has more time than it takes."""
+        from halpipe.pipeline.solve.edf.search import Search
+        from halpipe.pipeline.solve.edf.trials import Effort
+        from halpipe.pipeline.solve.kernel.search import Outcome
+
+        expansion = self.expansion if self.polish is not None else _with_versions_of(plain.jobs, self.expansion)
+        plans = [plain.plan]
+
+        def begin(margin: Fraction, number: int, kept: Kept | None) -> Run:
+            def run(placed: int, tell: OnSlice) -> Outcome:
+                try:
+                    mode = self._mode(expansion, 1 + margin)
+                    if not all(work.ways for work in mode.works):
+                        return Outcome((), 1, 0, stopped=False)
+                    effort = Effort(placed, 0, tell)
+                    seed, plan = self.seed + number, plans[-1]
+                    found = Search(mode, self.model, seed, self.pinned, effort, kept=kept, before=plan).run()
+                except HalpipeError:  # too many ticks, or parts
+                    return Outcome((), 1, 0, stopped=False)
+                if not found.excess:
+                    plans.append(found.plan)
+                return Outcome(found.jobs, found.excess, found.placed, stopped=found.stopped)
+
+            return run
+
+        jobs = self.expansion.job_count
+        effort = max(self.options.spare // TABLED_SHARE, MARGIN_TABLES * jobs)
+        wider = self.widened(begin, plain.jobs, plain.placed, self.budget, max(1, jobs // TABLED_UNIT), effort)
+        found = replace(plain, placed=plain.placed + wider.moves, unimproved=wider.stopped)
+        if self.polish is None:
+            return replace(found, jobs=max((plain.jobs, wider.jobs or plain.jobs), key=self.margin_of))
+        if not wider.stopped:  # what else counts is improved where the segments keep their time
+            mode = self._mode(expansion, 1 + wider.margin if wider.jobs else Fraction(1))
+            last = self._searched(mode, self.polish, self.kept and self.kept.stage("wider"))
+            found = replace(last, placed=found.placed + last.placed)
+        return replace(found, jobs=self.better_of(plain.jobs, [wider.jobs, None if found.excess else found.jobs]))
 
 
 class _WholeJobs(_Search):
@@ -345,49 +434,32 @@ class _WholeJobs(_Search):
         unimproved = is_cut or end.stopped
         return Found(table, notes, outcome.moves, outcome.stopped, unimproved, reached=end.reached)
 
-    @property
-    def widens(self) -> bool:
-        """Whether the margin is raised first; jobs that have shipped stay when no objectives are stated, too."""
-        stated = self.options.optimise
-        return stated is None or (stated[:1] == (Objective.MARGIN,) and not self.shipped)
-
     def _wider(self, jobs: tuple[Job, ...], notes: list[Diagnostic], engine: str, moves: int) -> Found:
         """Raise the margin of valid jobs with little effort before their improvement, if any is stated."""
         if not self.widens:
             return self.bettered(jobs, notes, engine, moves)
         from halpipe.pipeline.solve.kernel.search import Search
-        from halpipe.pipeline.solve.kernel.widen import reserved, widened
+        from halpipe.pipeline.solve.kernel.widen import reserved
 
-        most = largest_margin(self.expansion)
-        least = least_margin(Placement.of(self.expansion, jobs, self.model.units))
         tick, expansion = self.tick, self.expansion
         if self.polish is None:
             expansion = _with_versions_of(jobs, expansion)
         elif tick is None:  # then starts may lie between the ticks, so that the bound is met
-            tick = natural_tick(self.expansion) / min(MOST_PARTS, most.denominator)
+            tick = natural_tick(expansion) / min(MOST_PARTS, largest_margin(expansion).denominator)
 
-        def begin(margin: Fraction, number: int, kept: Kept | None) -> Search:
+        def begin(margin: Fraction, number: int, kept: Kept | None) -> Run:
             def stated(*, grouped: bool) -> Problem:
                 plain = self._stated(tick, expansion, grouped=grouped and not self.shipped)
                 return reserved(plain, margin, plain.arrays)
 
             separate = partial(stated, grouped=False)
-            return Search(
-                stated(grouped=True), separate, self.seed + number, self.earlier, shipped=self.shipped, kept=kept
-            )
+            seed = self.seed + number
+            return Search(stated(grouped=True), separate, seed, self.earlier, shipped=self.shipped, kept=kept).run
 
         tasks = len(self.expansion.tasks)
-        effort = max(self.options.spare * tasks // max(1, self.expansion.job_count), moves // SHARE)
-        tell = lambda made, best: self.on_progress(self.name, moves + made, self.budget, best)  # noqa: E731
-        wider = widened(begin, tasks, (least, most), effort, tell, self.kept)
-        if self.polish is None:
-            jobs = wider.jobs or jobs
-        else:
-            judge = self.polish.judge
-            self.polish.first[:] = [first] = [judge.worth(jobs)]
-            if wider.jobs and judge.keeps(first, worth := judge.worth(wider.jobs)):
-                jobs = wider.jobs
-                self.polish.on_better(worth)
+        effort = self.options.spare * tasks // max(1, self.expansion.job_count)
+        wider = self.widened(begin, jobs, moves, self.budget, tasks, effort)
+        jobs = wider.jobs or jobs if self.polish is None else self.better_of(jobs, [wider.jobs])
         if wider.stopped:
             return Found(self.report(jobs, Status.VALID), notes, moves + wider.moves, unimproved=True, engine=engine)
         return self.bettered(jobs, notes, engine, moves + wider.moves)

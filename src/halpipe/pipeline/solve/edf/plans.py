@@ -183,6 +183,15 @@ def first_plan(mode: Mode, allowed: Sequence[tuple[Way, ...]]) -> Plan:
     return Plan(ways, phases, tuple(urgency), (0,) * len(phases))
 
 
+def adopted(plan: Plan, allowed: Sequence[tuple[Way, ...]]) -> Plan:
+    """Return a plan of the same tasks with the ways that are `allowed` now: on the same units, if they still are."""
+
+    def same(way: Way, ways: tuple[Way, ...]) -> Way:
+        return next((w for w in ways if (w.version.name, w.units) == (way.version.name, way.units)), ways[0])
+
+    return replace(plan, ways=tuple(map(same, plan.ways, allowed)))
+
+
 def _spread(mode: Mode, allowed: Sequence[tuple[Way, ...]]) -> tuple[Way, ...]:
     """Give every task the units that are loaded least, the heaviest tasks first."""
     loads = [Fraction(0)] * len(mode.units)

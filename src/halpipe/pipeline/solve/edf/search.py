@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.pipeline.solve.edf.plans import Moves, Plan, allowed_ways, first_plan, fits, together
+from halpipe.pipeline.solve.edf.plans import Moves, Plan, adopted, allowed_ways, first_plan, fits, together
 from halpipe.pipeline.solve.edf.trials import Effort, Trials, Try, followed
 from halpipe.pipeline.solve.integers import Draws, ints
 
@@ -99,6 +99,7 @@ SETTLING = 4
 class Found:
     """The best table of a search; `excess` is zero if no job in it is late and no chain beyond its limit."""
 
+    plan: Plan
     jobs: tuple[Job, ...]
     excess: int
     placed: int
@@ -109,7 +110,8 @@ class Found:
 class Search:
     """Search for a valid table of a mode, and with `polish` for better ones.
 
-    `pinned` tasks stay on their units. The search continues from what is `kept` of an earlier run.
+    `pinned` tasks stay on their units. A plan `before` it, of the same mode with other lengths, is tried first. The
+    search continues from what is `kept` of an earlier run.
     """
 
     def __init__(
@@ -121,6 +123,7 @@ class Search:
         effort: Effort,
         polish: Polish | None = None,
         kept: Kept | None = None,
+        before: Plan | None = None,
     ) -> None:
         self.mode = mode
         self.trials = Trials(mode, model, effort)
@@ -128,12 +131,13 @@ class Search:
         self.allowed = allowed_ways(mode, pinned)
         self.moves = Moves(mode, self.allowed, model.chains, Draws(seed))
         self.memory = Memory(kept, self.allowed)
+        self.before = before
 
     def run(self) -> Found:
         """Search for a valid table, then for better ones."""
         trials, state = self.trials, self.memory.recalled()
         if state is None:
-            best = current = self._nearer(self._settle(first_plan(self.mode, self.allowed)))
+            best = current = self._first()
         else:
             best, current = trials.evaluate(state.best), trials.evaluate(state.current)
             trials.placed, self.moves.draws = state.placed, Draws(state.draws)
@@ -143,9 +147,17 @@ class Search:
         if not best.excess and self.polish is not None and not trials.stopped and self.moves.free:
             best = self._climbed(self.polish, best, state if state is not None and state.first else None)
             unimproved, trials.stopped = trials.stopped, False
-        return Found(trials.jobs(best), best.excess, trials.placed, trials.stopped, unimproved)
+        return Found(best.plan, trials.jobs(best), best.excess, trials.placed, trials.stopped, unimproved)
 
     # ---- a valid table
+
+    def _first(self) -> Try:
+        """Return the table to begin with."""
+        earlier = None if self.before is None else self._settle(adopted(self.before, self.allowed))
+        if earlier is not None and not earlier.excess:
+            return earlier
+        first = self._nearer(self._settle(first_plan(self.mode, self.allowed)))
+        return first if earlier is None or first.excess < earlier.excess else earlier
 
     def _nearer(self, best: Try) -> Try:
         """Put the successive tasks of chains that are too long on one unit."""

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints
 
 
+PARTS = 8
+"""Parts of a tick at which a job may be preempted that executes for less than it was simulated to."""
+
 MOST_CYCLES = 8
 """Hyperperiods after which a table that still changes is given up."""
 
@@ -166,7 +169,20 @@ def _executed(mode: Mode, way: Way, where: int) -> Duration:
     if not way.anywhere:
         ends = (0, *way.ends)
         return way.bounds[ends.index(where)]
-    return way.bounds[-1] if where >= way.wcet else mode.tick * where
+    if where >= way.wcet or mode.growth == 1:
+        return way.bounds[-1] if where >= way.wcet else mode.tick * where
+    return _shortened(mode, way, where)
+
+
+def _shortened(mode: Mode, way: Way, where: int) -> Duration:
+    """Return what is executed where an execution of more was cut: an edge of a phase that was rounded to there, if any.
+
+    All else is rounded down to parts of a tick.
+    """
+    step, part = way.bounds[-1] / way.wcet, mode.tick / PARTS
+    edges = (edge for access in way.version.accesses for edge in (access.start, access.end))
+    edge = max((edge for edge in edges if edge <= step * where), default=ZERO)
+    return edge if edge > step * (where - 1) else max(edge, part * (step * where // part))
 
 
 def missed_by_fixed(mode: Mode, table: Table) -> dict[int, int]:
@@ -198,7 +214,8 @@ class ChainTimes:
         number = {work.name: task for task, work in enumerate(mode.works)}
         self.chains = tuple(chain for chain in chains if number.keys() >= set(chain.tasks))
         self._tasks = [[number[name] for name in chain.tasks] for chain in self.chains]
-        self._is_exact = natural_tick(mode.expansion) % mode.tick == ZERO and not mode.fixed.jobs
+        is_on_grid = mode.growth == 1 and natural_tick(mode.expansion) % mode.tick == ZERO
+        self._is_exact = not self.chains or (is_on_grid and not mode.fixed.jobs)
 
     def of(self, plan: Plan, table: Table) -> list[Latency]:
         """Return the latencies of the chains in a table that is closed; NEVER where no data reach the end."""
@@ -276,7 +293,9 @@ class Trials:
         self.placed = 0
         self.stopped = False
         self._simulator = Simulator(mode)
-        self._is_refined = bool(mode.expansion.locks) or any(True for _ in model.refinements())
+        ways = (way for work in mode.works for way in work.ways if mode.growth > 1)
+        is_shortened = any(way.phases or way.windows for way in ways)  # they begin and end before what is simulated
+        self._is_refined = is_shortened or bool(mode.expansion.locks) or any(True for _ in model.refinements())
         self._times = ChainTimes(mode, model.chains)
         self.limited = [chain for chain in model.chains if chain.max_reaction is not None or chain.max_age is not None]
         self._limits = ChainTimes(mode, self.limited)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import field, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
@@ -16,7 +17,6 @@ from halpipe.pipeline.solve.lanes import quanta_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from fractions import Fraction
 
     from halpipe.core.durations import Duration
     from halpipe.models import Access, Precedence, Task, TaskModel, Unit, Version
@@ -114,7 +114,10 @@ class Work:
 
 @record
 class Mode:
-    """All works of a mode on one grid; `capacity` has the quanta of each resource, `fixed` are jobs that stay."""
+    """All works of a mode on one grid; `capacity` has the quanta of each resource, `fixed` are jobs that stay.
+
+    Executions and resumptions last `growth` times as long as they must: what a job does not take of it is its margin.
+    """
 
     expansion: Expansion
     tick: Duration
@@ -124,19 +127,21 @@ class Mode:
     services: tuple[Service[Duration], ...]
     works: tuple[Work, ...]
     capacity: tuple[int, ...]
+    growth: Fraction = Fraction(1)
     fixed: Fixed = field(default_factory=Fixed)
 
 
-def works_of(model: TaskModel, expansion: Expansion, tick: Duration) -> Mode:
+def works_of(model: TaskModel, expansion: Expansion, tick: Duration, growth: Fraction = Fraction(1)) -> Mode:
     """Return the mode in ticks. What `tick` does not divide is rounded to the safe side (MODEL 8.1)."""
-    return _Builder(model, expansion, tick).build()
+    return _Builder(model, expansion, tick, growth).build()
 
 
 class _Builder:
-    def __init__(self, model: TaskModel, expansion: Expansion, tick: Duration) -> None:
+    def __init__(self, model: TaskModel, expansion: Expansion, tick: Duration, growth: Fraction) -> None:
         self.model = model
         self.expansion = expansion
         self.tick = tick
+        self.growth = growth
         self.units = {unit.name: unit for unit in model.units}
         self.unit_index = {name: number for number, name in enumerate(self.units)}
         self.resource_index = {resource.name: number for number, resource in enumerate(model.resources)}
@@ -159,6 +164,7 @@ class _Builder:
             services=tuple(service_of(self.units, [name]) for name in self.units),
             works=tuple(map(self._work, self.expansion.tasks)),
             capacity=tuple(self.capacity.values()),
+            growth=self.growth,
         )
 
     def _work(self, active: ActiveTask) -> Work:
@@ -208,7 +214,11 @@ class _Builder:
     def _way(self, version: Version, units: tuple[int, ...], service: Service[int], windows: tuple[Window, ...]) -> Way:
         split = version.split
         bounds = pieces(version)
-        ends = tuple(itertools.accumulate(self.up(end - start) for start, end in itertools.pairwise(bounds)))
+        lengths = (self.up((end - start) * self.growth) for start, end in itertools.pairwise(bounds))
+        ends = tuple(itertools.accumulate(lengths))
+        growth = self.growth
+        if split.anywhere and growth > 1:
+            growth = self.tick * ends[-1] / bounds[-1]  # by which what was executed is shortened again
         return Way(
             version=version,
             units=units,
@@ -218,20 +228,27 @@ class _Builder:
             ends=ends,
             bounds=bounds,
             anywhere=split.anywhere,
-            resume=self.up(split.resume),
+            resume=self.up(split.resume * growth),
             max_gaps=(ANY_NUMBER if split.max_gaps is None else split.max_gaps) if split.is_allowed else 0,
-            min_part=max(1, self.up(split.min_part or ZERO)),
-            phases=tuple(self._phases(version, bounds, ends)),
+            min_part=self.up(max(split.min_part or ZERO, self.tick) * growth) + (growth > 1),
+            phases=tuple(self._phases(version, bounds, ends, growth)),
             windows=windows,
         )
 
-    def _phases(self, version: Version, bounds: Sequence[Duration], ends: Sequence[int]) -> Iterable[Phase]:
-        """Yield the phases in grid time: inside a piece, they count from where the piece begins on the grid."""
+    def _phases(
+        self, version: Version, bounds: Sequence[Duration], ends: Sequence[int], growth: Fraction
+    ) -> Iterable[Phase]:
+        """Yield the phases in grid time: inside a piece, they count from where the piece begins on the grid.
+
+        Those that meet in execution times that grow still meet; what that rounds is seen by the cost of a table.
+        """
+        begun = self.down if growth == 1 else self.up
         for access in itertools.chain.from_iterable(self._within_pieces(a, bounds) for a in version.accesses):
             height = math.ceil(access.bound * self.capacity[access.resource])
             piece = next(n for n in range(len(ends)) if access.end <= bounds[n + 1])
             start = ends[piece - 1] if piece else 0
-            begin, end = start + self.down(access.start - bounds[piece]), start + self.up(access.end - bounds[piece])
+            begin = start + begun((access.start - bounds[piece]) * growth)
+            end = start + self.up((access.end - bounds[piece]) * growth)
             if height:
                 yield Phase(self.resource_index[access.resource], begin, max(end, begin + 1), height)
 
@@ -249,8 +266,8 @@ class _Builder:
                 yield self._aim(row, task, version)
                 continue
             most = self.down(row.max)
-            if row.anchor is Anchor.END and self._ends_early(task):
-                most -= 1  # the predecessor really ends up to one tick before the end that the grid shows
+            if row.anchor is Anchor.END:
+                most -= self._early(task)
             yield Window(task, self.up(row.min), most, row.anchor is Anchor.END)
 
     def _aim(self, row: Precedence, task: int, version: Version) -> Window:
@@ -266,13 +283,14 @@ class _Builder:
             return Window(task, 0, self.down(self.expansion.hyperperiod), False, is_aim=True)
         return Window(task, least, most, row.anchor is Anchor.END, is_aim=True)
 
-    def _ends_early(self, task: int) -> bool:
+    def _early(self, task: int) -> int:
+        """Return by how many ticks the jobs of a task may end before the end that the grid shows."""
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
-        return any(time % self.tick for version in versions for time in (*pieces(version), version.split.resume))
+        is_rounded = any(time % self.tick for version in versions for time in (*pieces(version), version.split.resume))
+        longest = max((pieces(version)[-1] + version.split.resume for version in versions), default=ZERO)
+        return is_rounded + self.up(longest * (self.growth - 1))
 
 
 def load_of(work: Work, way: Way, hyperperiod: int) -> Fraction:
     """Return the share of each of its units that a task takes under a way."""
-    from fractions import Fraction
-
     return Fraction(way.length * work.jobs, hyperperiod)

@@ -5,6 +5,7 @@ To begin again takes milliseconds; to move the jobs of a dense schedule apart ta
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from math import ceil
@@ -15,11 +16,11 @@ from halpipe.pipeline.solve.integers import ints
 from halpipe.pipeline.solve.kernel.slices import FIRST_STAGE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Generator
 
     from halpipe.models import Job
     from halpipe.pipeline.solve.checkpoint import Kept
-    from halpipe.pipeline.solve.kernel.search import Search
+    from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.slices import OnSlice
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
@@ -27,30 +28,35 @@ STEP, FIRST = Fraction(1, 64), Fraction(1, 8)
 """Margins are tried in such steps; a larger one at first, since most systems have it."""
 
 ROUNDS = (30, 300)
-"""Moves per task for one margin: few at first, for what is found easily."""
+"""Moves per task for one margin, or tenths of tables of preemptive jobs: few at first, for what is found easily."""
+
+
+Run = Callable[[int, "OnSlice"], "Outcome"]
+"""A search of so many moves."""
+
+Begin = Callable[[Fraction, int, "Kept | None"], Run]
+"""Returns the search for a margin in a round; it continues what is kept of it from an earlier run."""
 
 
 @record
 class Wider:
-    """The jobs with the largest margin that was found, if any; the moves made, and whether to stop."""
+    """The jobs with the largest margin that was found, if any, that margin, the moves made, and whether to stop."""
 
     jobs: tuple[Job, ...] | None
+    margin: Fraction
     moves: int
     stopped: bool
 
 
 def widened(
-    begin: Callable[[Fraction, int, Kept | None], Search],
-    tasks: int,
+    begin: Begin,
+    unit: int,
     wanted: tuple[Fraction, Fraction],
     moves: int,
     on_slice: OnSlice,
     kept: Kept | None,
 ) -> Wider:
-    """Search in so many moves for margins above the first one `wanted`, up to the second.
-
-    `begin` takes a margin, a round, and what is kept of the try in an earlier run.
-    """
+    """Search in so many moves for margins above the first one `wanted`, up to the second; a `unit` of each round."""
     jobs: tuple[Job, ...] | None = None
     (first, most), made, tries = wanted, 0, 0
     for number, each in enumerate(ROUNDS):
@@ -62,15 +68,15 @@ def widened(
                 made, granted = made + failed["moves"][0], False
                 continue
             tell = lambda now, _, before=made: on_slice(before + now, 0)  # noqa: E731
-            outcome = begin(margin, number, stage).run(min(each * tasks, moves - made), tell)
+            outcome = begin(margin, number, stage)(min(each * unit, moves - made), tell)
             made, granted = made + outcome.moves, not outcome.cost
             if outcome.stopped:
-                return Wider(jobs, made, stopped=True)
+                return Wider(jobs, first, made, stopped=True)
             if granted:
                 jobs, first = outcome.jobs, margin
             elif stage:
                 stage.stage(FIRST_STAGE).note({"moves": ints([outcome.moves])})
-    return Wider(jobs, made, stopped=False)
+    return Wider(jobs, first, made, stopped=False)
 
 
 def margins(found: Fraction, most: Fraction) -> Generator[Fraction, bool | None, None]:
