@@ -552,8 +552,8 @@ def parts_of_a_tick_for_margins(count):
     """The bound of a margin in so many parts is met; of more, the grid has no more than the limit."""
     mode, ticks = MagicMock(tick=None, options=fake(spare=1), expansion=fake(tasks=[1], job_count=1)), []
     mode._stated.side_effect = lambda tick, *_, **__: ticks.append(tick) or fake(arrays=None)
-    bounds = {"largest_margin": lambda _: Fraction(1, count), "least_margin": lambda _: Fraction(0)}
-    kernel = {"reserved": MagicMock(), "widened": lambda begin, *_: begin(Fraction(1), 0, None)}
+    mode.widened = lambda begin, *_: begin(Fraction(1), 0, None)
+    bounds, kernel = {"largest_margin": lambda _: Fraction(1, count)}, {"reserved": MagicMock()}
     search = patched("pipeline.solve.kernel.search", Search=MagicMock())
     with patched("pipeline.solve.one_mode", **bounds), patched("pipeline.solve.kernel.widen", **kernel), search:
         named("pipeline.solve.one_mode:_WholeJobs")._wider(mode, (), [], "", 0)
