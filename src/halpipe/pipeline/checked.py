@@ -225,27 +225,16 @@ def _at_first(model: TaskModel, schedule: Schedule, row: Reached) -> Reached:
 
 def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid, on_progress: OnProgress) -> Scheduled:
     """Schedule the model as bandwidth regulators serve it, and hold the result to the model as it is."""
-    from halpipe.pipeline.parts import has_whole_jobs
-    from halpipe.pipeline.solve.codes import GRID_BREAKS, GRID_TICK, GRID_TIGHT, GRID_WHOLE
-    from halpipe.pipeline.solve.quantise import describe, quantise, restore
+    from halpipe.pipeline.solve.codes import GRID_BREAKS
+    from halpipe.pipeline.solve.quantise import restore, served_model, too_tight
 
-    path = about(model=model.name)
-    if not has_whole_jobs(model):
-        help = "omit --quantise; the export rounds budgets to the safe side"
-        raise HalpipeError(GRID_WHOLE("has jobs that may be split or interrupted", at=model.at, path=path, help=help))
-    if options.tick is not None and options.tick % grid.window:
-        near = grid.window * max(1, round(options.tick / grid.window))
-        message = f"the tick {options.tick} is not a multiple of the window {grid.window} of platform {grid.name}"
-        raise HalpipeError(GRID_TICK(message, at=model.at, path=path, help=f"omit --tick, or use {near}"))
-    served = quantise(model, grid)
+    served = served_model(model, grid, options.tick)
     try:
         scheduled = schedule_model(served, replace(options, grid=None), on_progress)
     except HalpipeError as failure:
         if failure.exit is not Exit.INFEASIBLE:
             raise
-        help = "use longer windows, less overshoot, lower bounds, or omit --quantise"
-        tight = GRID_TIGHT(describe(model, grid), at=model.at, path=path, help=help)
-        raise HalpipeError(tight, *failure.diagnostics, exit=failure.exit) from None
+        raise HalpipeError(too_tight(model, grid), *failure.diagnostics, exit=failure.exit) from None
     schedule = restore(model, scheduled.schedule)
     if scheduled.is_complete:
         asked = replace(
@@ -254,7 +243,8 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
         broken = [found for found in verify_schedule(asked, schedule) if found.is_error]
         if broken and not any(found.is_error for found in scheduled.diagnostics):
             help = "try another --seed, or a shorter window"
-            breaks = GRID_BREAKS(f"verify finds {len(broken)} violations", at=model.at, path=path, help=help)
+            text, path = f"verify finds {len(broken)} violations", about(model=model.name)
+            breaks = GRID_BREAKS(text, at=model.at, path=path, help=help)
             raise HalpipeError(breaks, *broken, exit=Exit.NOT_FOUND)
     return replace(scheduled, schedule=schedule)
 

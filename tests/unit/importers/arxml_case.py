@@ -14,6 +14,8 @@ NAMESPACE = "http://autosar.org/schema/r4.0"
 class Overlay:
     """Stands in for an overlay in use: what it drops and which sources it gives a period."""
 
+    names_units = False
+
     def __init__(self, sources, drop):
         self.sources = sources
         self.drop = drop

@@ -13,6 +13,8 @@ FIXTURES = Path(__file__).parent / "ros_fixtures"
 class Overlay:
     """Stands in for an overlay in use: what it drops and which sources it gives a period."""
 
+    names_units = False
+
     def __init__(self, sources=None, drop=(), periods=None):
         self.sources = sources or {}
         self.periods = periods or {}

@@ -47,9 +47,14 @@ def test_platform_replaces_the_guessed_one_and_tasks_move_to_it(tmp_path):
     result, diagnostics = OverlayUse(overlay(tmp_path, BOARD)).apply(imported(), coverage)
     assert [unit.name for unit in result.units] == ["big0", "big1", "pl0"]
     assert {v.units for t in result.tasks for v in t.versions} == {("big0", "big1", "pl0")}
-    assert [d.message for d in of(diagnostics, codes.REPLACED)] == ["the overlay's replace those of the source: core0"]
+    assert not of(diagnostics, codes.REPLACED)  # none of the source
     assert {d.what for d in coverage.defaulted_values} == {"units"}
     assert len(coverage.defaulted_values) == len(result.tasks)
+
+
+def test_units_of_the_source_that_the_platform_replaces_are_reported(tmp_path):
+    _, diagnostics = OverlayUse(overlay(tmp_path, BOARD)).apply(imported(), Coverage())
+    assert [d.message for d in of(diagnostics, codes.REPLACED)] == ["the overlay's replace those of the source: core0"]
 
 
 def test_units_that_the_platform_keeps_stay_and_lost_ones_are_reported(tmp_path):

@@ -229,8 +229,8 @@ def test_the_smallest_steps_and_which_are_proven():
     texts = remedies(system, ["a", "b"])
     proven = "; the next smaller step is proven not to suffice)"
     assert f'slack of "a" >= 0.09 (found sufficient, in steps of 1/100{proven}' in texts
-    assert f'WCET of "a" at most 1ms instead of 1.5ms (found sufficient, in steps of 50us{proven}' in texts
-    assert f'WCET of "b" at most 1.5ms instead of 2ms (found sufficient, in steps of 50us{proven}' in texts
+    assert f'WCET of "a" at most 1ms instead of 1.5ms (found sufficient, in steps of 500us{proven}' in texts
+    assert f'WCET of "b" at most 1.5ms instead of 2ms (found sufficient, in steps of 500us{proven}' in texts
 
 
 def test_many_tasks_are_shortened_by_one_factor():

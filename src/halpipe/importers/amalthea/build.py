@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.parts import Drafts
     from halpipe.importers.amalthea.tasks import Built
     from halpipe.importers.amalthea.xmi import Item
+    from halpipe.importers.overlay import OverlayUse
     from halpipe.models import Chain, Interrupt
 
 _MEANING = Path(__file__).with_name("meaning.yaml")
@@ -302,7 +303,7 @@ def _model(
     )
     makers.report()
     memories.report()
-    _report(forest, model, evaluator, coverage)
+    _report(forest, model, evaluator, coverage, options.overlay)
     account(forest, drafts, memories, evaluator.accesses, coverage)
     return model, Reactions(timing.reactions)
 
@@ -386,7 +387,9 @@ def _modes(modes: Sequence[SystemMode], built: Built) -> tuple[Mode, ...]:
 # ---------------------------------------------------------------------------------------------- reports
 
 
-def _report(forest: Forest, model: TaskModel, evaluator: Evaluator, coverage: Coverage) -> None:
+def _report(
+    forest: Forest, model: TaskModel, evaluator: Evaluator, coverage: Coverage, overlay: OverlayUse | None
+) -> None:
     help = "state the WCET in an overlay, if no job takes the longest branch of all"
     forest.report_each(codes.BRANCHES, "switches choose at run time", list(evaluator.branched), help)
     help = "state the WCET in an overlay"
@@ -400,6 +403,8 @@ def _report(forest: Forest, model: TaskModel, evaluator: Evaluator, coverage: Co
         forest.findings.add(codes.NO_WCET(message, at=at, help="give them in an overlay (tasks: wcet)"))
     if model.units == (Unit(name=UNIT),):
         coverage.defaulted("platform", "units", UNIT)
+        if overlay is not None and overlay.names_units:
+            return
         cure = "add the file with the hardware model"
         if forest.kinds("HWModel"):
             cure = "let the hardware model define processing units"

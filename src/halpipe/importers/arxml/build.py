@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.system.values import System, Trigger
     from halpipe.importers.arxml.tasks.versions import Lock, Variant
+    from halpipe.importers.overlay import OverlayUse
 
 
 def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
@@ -119,7 +120,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
         if draft.os_task is not None and not draft.os_task.schedule:
             at = draft.os_task.place.at
             coverage.defaulted(f'task "{draft.name}"', "OsTaskSchedule", "NON: jobs run in one piece", at)
-    report_assumptions(model, drafts, platform, paths, findings, coverage)
+    report_assumptions(model, drafts, platform, paths, findings, coverage, options.overlay)
     report_kinds(variants, Location(paths[0]), findings)
     report_dataflow(system, dataflow, findings)
     return Built(model, coverage, tuple(drafts), platform, system.configuration.triggers, locks)
@@ -304,16 +305,17 @@ def report_assumptions(
     paths: Sequence[str],
     findings: Findings,
     coverage: Coverage,
+    overlay: OverlayUse | None,
 ) -> None:
     """Report and account for what the files do not state: units, bindings, execution times, windows."""
     at = Location(paths[0])
     if platform.assumed:
         names = ", ".join(platform.assumed)
-        findings.report(
-            codes.DEFAULT_UNIT, f"no core is configured; assumed {names}", at=at, help="name units in the overlay"
-        )
+        if overlay is None or not overlay.names_units:
+            text, help = f"no core is configured; assumed {names}", "name units in the overlay"
+            findings.report(codes.DEFAULT_UNIT, text, at=at, help=help)
         for unit in platform.assumed:
-            coverage.defaulted(f'unit "{unit}"', "unit", unit)
+            coverage.defaulted("platform", "units", unit)
     for draft in drafts:
         if draft.members[0].is_inherited:
             coverage.defaulted(f'task "{draft.name}"', "period", str(draft.period), draft.place.at)

@@ -26,12 +26,20 @@ E = TypeVar("E", bound="Unit | Resource")
 
 
 def platform_part(
-    what: str, imported: tuple[E, ...], stated: Stated[tuple[E, ...]] | None, changes: Changes
+    what: str,
+    imported: tuple[E, ...],
+    stated: Stated[tuple[E, ...]] | None,
+    changes: Changes,
+    assumed: Collection[str] = (),
 ) -> tuple[E, ...]:
-    """Return the units or resources that hold: those of the overlay if it lists any, else the imported ones."""
+    """Return the units or resources that hold: those of the overlay if it lists any, else the imported ones.
+
+    Those that the importer `assumed` are none of the source, so that their end is not reported.
+    """
     if stated is None:
         return imported
-    changes.replaced(f"platform {what}", imported, stated.value, (e.name for e in imported), stated.at)
+    own = [each for each in imported if each.name not in assumed]
+    changes.replaced(f"platform {what}", own, stated.value, (each.name for each in own), stated.at)
     return stated.value
 
 
@@ -272,6 +280,11 @@ class OverlayUse:
         self._matched_sources.update(pattern for pattern, _ in found)
         return found[0][1] if found else None
 
+    @property
+    def names_units(self) -> bool:
+        """Whether the overlay lists the units, so that none need be assumed."""
+        return self._overlay.units is not None
+
     def states_interrupt(self, name: str) -> bool:
         """Return whether the overlay states when and how long the interrupt `name` comes, and on which units."""
         listed = self._overlay.units.value if self._overlay.units else ()
@@ -309,10 +322,11 @@ class OverlayUse:
         model = without(model, dropped_now, changes)
         changes.tasks = frozenset(task.name for task in model.tasks)
         changes.dropped = tuple(name for name, dropped in self._answers.items() if dropped)
-        if overlay.units is not None:  # the unit that an importer stands in is gone
-            own = [d for d in coverage.defaulted_values if (d.element, d.what) != ("platform", "units")]
-            coverage.defaulted_values[:] = own
-        units = platform_part("units", model.units, keeping_interrupts(overlay.units, model.units), changes)
+        assumed = [d for d in coverage.defaulted_values if (d.element, d.what) == ("platform", "units")]
+        if overlay.units is not None:  # the units that an importer stands in are gone
+            coverage.defaulted_values[:] = [d for d in coverage.defaulted_values if d not in assumed]
+        stated = keeping_interrupts(overlay.units, model.units)
+        units = platform_part("units", model.units, stated, changes, {d.value for d in assumed})
         units = with_interrupts(units, overlay, changes)
         resources = platform_part("resources", model.resources, overlay.resources, changes)
         merger = TaskMerger(

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.core.files import YamlMap
+    from halpipe.importers.overlay import OverlayUse
 
 _EXECUTORS_VERSION = "2"
 _MODEL = "model-xml"
@@ -312,7 +313,7 @@ class _Import:
         if not activations.of:
             return None
         tasks_of = {callback: names[callback] for callback in wiring.callbacks if callback in activations.of}
-        model = _Model(wiring, activations, flow, tasks_of, findings, coverage).of(part.units)
+        model = _Model(wiring, activations, flow, tasks_of, findings, coverage, overlay).of(part.units)
         groups = (*wiring.graph.groups, *default_groups(wiring.graph, coverage))
         return _System(model, {callback: names[callback] for callback in activations.of}, groups, part.graph.callbacks)
 
@@ -336,6 +337,7 @@ class _Model:
     tasks_of: Mapping[str, str]
     findings: Findings
     coverage: Coverage
+    overlay: OverlayUse | None
 
     def of(self, placed: Mapping[str, str]) -> TaskModel:
         """Return the model; `placed` is the compute unit of nodes that have one."""
@@ -386,10 +388,13 @@ class _Model:
         return constraints
 
     def _report_units(self, units: list[str], count: int, at: Location) -> None:
+        if UNIT in units:
+            self.coverage.defaulted("platform", "units", UNIT)
+        if self.overlay is not None and self.overlay.names_units:
+            return
         help = "name the units of the computer under platform: in an overlay"
         stated = [unit for unit in units if unit != UNIT]
         if UNIT in units:
-            self.coverage.defaulted("platform", "units", UNIT)
             some = counted(count, "task") if not stated else "tasks without a compute unit"
             self.findings.add(codes.DEFAULT_UNIT(f"{some} put on one unit, {UNIT}", at=at, help=help))
         if stated:

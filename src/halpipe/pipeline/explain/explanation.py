@@ -24,11 +24,12 @@ from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
 from halpipe.pipeline.solve.exact import Answer
+from halpipe.pipeline.solve.quantise import BurstGrid, restore, served_model, too_tight, with_ends
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
@@ -88,6 +89,13 @@ class ExplainOptions:
         is_path=True,
         takes=(Schedule,),
     )
+    grid: BurstGrid | None = option(
+        None,
+        "Regulator platform whose starts and bounds the schedule has to keep, as with `schedule`.",
+        name="quantise",
+        metavar="FILE",
+        is_path=True,
+    )
     time_limit: Duration | None = option(
         None, "Time after which no new search begins, such as 30s.", time_limit_of, metavar="TIME", otherwise="none"
     )
@@ -96,7 +104,9 @@ class ExplainOptions:
         """Return the options of the searches that are explained."""
         from halpipe.pipeline.solve.schedule import SearchOptions
 
-        return SearchOptions(seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near, optimise=())
+        return SearchOptions(
+            seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near, grid=self.grid, optimise=()
+        )
 
 
 EXITS = {
@@ -149,17 +159,19 @@ def explain(
     if errors:
         verdict = Verdict.INFEASIBLE if proves_infeasible(model, errors) else Verdict.INVALID
         return Explanation(tuple((m.name, verdict) for m in model.modes), tuple(errors))
+    served = model if options.grid is None else served_model(model, options.grid, options.tick)
     verdicts: list[tuple[str, Verdict]] = []
     diagnostics: list[Diagnostic] = []
     for chosen in model.modes:
         if options.mode in ("", chosen.name):
-            verdict, found = _Question(model, chosen, options, options.search(), budget, go_on).answer()
+            verdict, found = _Question(model, served, chosen, options, options.search(), budget, go_on).answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found
     if len(verdicts) > 1 and {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE} and go_on():
         from halpipe.pipeline.explain.switches import failed_switches
 
-        switches = failed_switches(model, options.search(), go_on, remedies=options.remedies)
+        search = replace(options.search(), grid=None)
+        switches = failed_switches(served, search, go_on, remedies=options.remedies)
         diagnostics += switches.diagnostics
         return Explanation(tuple(verdicts), tuple(diagnostics), switches.missing, switches.hopeless)
     return Explanation(tuple(verdicts), tuple(diagnostics))
@@ -167,8 +179,9 @@ def explain(
 
 @record
 class _Question:
-    """One mode to explain, and how."""
+    """One mode to explain, and how; with a grid, `model` is on it, while remedies change the `stated` one."""
 
+    stated: TaskModel
     model: TaskModel
     mode: Mode
     options: ExplainOptions
@@ -181,13 +194,12 @@ class _Question:
         from halpipe.pipeline.stable import broken as broken_rules
 
         for hopeless in find_witnesses(self.model, [self.mode.name]):
-            tasks = hopeless.tasks
-            return Verdict.INFEASIBLE, [*hopeless.diagnostics, *self._remedies(tasks)]
+            return Verdict.INFEASIBLE, self._infeasible(hopeless.diagnostics, hopeless.tasks)
         if proofs := self._of_options():
             tasks = tuple(task.name for task in self.model.tasks if Subject("task", task.name) in proofs[0].subjects)
-            return Verdict.INFEASIBLE, [*proofs, *self._remedies(tasks)]
+            return Verdict.INFEASIBLE, self._infeasible(proofs, tasks)
         best, notes = self._best()
-        broken = broken_rules(self.model, best)
+        broken = broken_rules(self.model, best) or self._broken_off_grid(best)
         if not broken:
             return Verdict.SCHEDULABLE, [*notes, self._schedulable("the search finds one")]
         found = self._not_found(best, broken)
@@ -198,12 +210,23 @@ class _Question:
             return Verdict.SCHEDULABLE, [self._schedulable("the exact engine finds one", help)]
         if conflict is not None and conflict.kept is not None:
             tasks = tuple(active.name for active in conflict.kept.tasks)
-            return Verdict.INFEASIBLE, [describe(self.mode, conflict), *self._remedies(tasks)]
+            return Verdict.INFEASIBLE, self._infeasible([describe(self.mode, conflict)], tasks)
         return Verdict.NOT_FOUND, [*found, *self._remedies(tasks_of(self.model, broken))]
 
     def _schedulable(self, how: str, help: str = "nothing to do") -> Diagnostic:
         text = f"has a valid schedule; {how}"
         return codes.SCHEDULABLE(text, at=place(self.mode), path=about(mode=self.mode.name), help=help)
+
+    def _infeasible(self, proofs: Iterable[Diagnostic], tasks: tuple[str, ...]) -> list[Diagnostic]:
+        """Return proofs, after what the grid makes of the model, and what would help."""
+        grid = self.search.grid
+        return [*([] if grid is None else [too_tight(self.stated, grid)]), *proofs, *self._remedies(tasks)]
+
+    def _broken_off_grid(self, best: Schedule) -> list[Diagnostic]:
+        """Return what verify finds where jobs end as in the stated model."""
+        from halpipe.pipeline.stable import broken as broken_rules
+
+        return [] if self.search.grid is None else broken_rules(self.stated, restore(self.stated, best))
 
     def _remedies(self, tasks: tuple[str, ...]) -> list[Diagnostic]:
         if not self.options.remedies:
@@ -212,7 +235,7 @@ class _Question:
         tick = self.search.tick or natural_tick(expansion)
         search = replace(self.search, near=None)
         trials = Trials(self.mode.name, expansion.job_count, self.go_on, tick, search, self.options.exact)
-        return find_remedies(self.model, tasks, trials)
+        return find_remedies(self.stated, tasks, trials)
 
     def _of_options(self) -> list[Diagnostic]:
         """Return the proofs that the options leave no schedule: jobs that stay exclude each other, or a coarse tick."""
@@ -233,7 +256,8 @@ class _Question:
         schedule = self.options.schedule
         tables = [t for t in schedule.modes if t.name == self.mode.name] if schedule else []
         if schedule is not None and tables:
-            return schedule.alone(tuple(tables)), ()
+            served = (replace(table, jobs=with_ends(self.model, table.jobs)) for table in tables)
+            return schedule.alone(tuple(tables if self.search.grid is None else served)), ()
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
         options = replace(self.search, budget=budget, modes=(self.mode.name,))

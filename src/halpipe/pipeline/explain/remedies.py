@@ -22,6 +22,7 @@ from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.exact import Effort, is_installed
+from halpipe.pipeline.solve.quantise import quantise, restore
 from halpipe.pipeline.solve.relay import solve_after
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.stable import broken
@@ -61,7 +62,7 @@ EXACT_JOBS, EXACT_WORK = 100, 0.5
 """Jobs up to which the exact engine is asked, and its deterministic seconds for each changed model."""
 
 PARTS = 10
-"""Parts of a step in which the WCETs of short tasks are shortened at last."""
+"""Parts of the grid in which a WCET is shortened that is too long even as one step of it."""
 
 THOUSAND = 1000
 
@@ -91,20 +92,33 @@ class Trials:
 
     def schedule(self, model: TaskModel) -> ModeSchedule | None:
         """Return a verified schedule of the mode in a changed model; None where none is found, or effort is spent."""
-        if not self.go_on() or any(d.is_error for d in validate(model)) or self.is_refuted(model):
+        if not self.go_on() or any(d.is_error for d in validate(model)):
+            return None
+        served = self._served(model)
+        if served is None or self.is_refuted(model):
             return None
         self.left -= 1
         if self.left < 0:
             return None
         budget = max(20, min(2000, WORK // max(1, self.jobs)))
         try:
-            tick = self.search.tick or self._grid(model)
+            tick = self.search.tick or self._grid(served)
             options = replace(self.search, budget=budget, modes=(self.mode,), tick=tick)
-            tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
+            tables = schedule_model(served, options, lambda *_: self.go_on()).schedule
         except HalpipeError:  # such as numbers that have become too large for the search
             return None
-        is_found = all(table.status is Status.VALID for table in tables.modes) and not broken(model, tables)
-        return tables.modes[0] if tables.modes and is_found else self._exactly(model)
+        is_found = all(table.status is Status.VALID for table in tables.modes) and not broken(served, tables)
+        found = tables.modes[0] if tables.modes and is_found else self._exactly(served)
+        if found is None or self.search.grid is None:
+            return found
+        return None if broken(model, restore(model, tables.alone((found,)))) else found
+
+    def _served(self, model: TaskModel) -> TaskModel | None:
+        """Return a changed model on the grid of the regulators, if any; None where it has no place there."""
+        try:
+            return model if self.search.grid is None else quantise(model, self.search.grid)
+        except HalpipeError:
+            return None
 
     def _exactly(self, model: TaskModel) -> ModeSchedule | None:
         """Return a schedule of the exact engine, whose answer does not depend on the luck of a short search."""
@@ -127,25 +141,22 @@ class Trials:
 
     def is_refuted(self, model: TaskModel) -> bool:
         """Tell whether a witness proves that a changed model has no schedule."""
-        return bool(find_witnesses(model, [self.mode]))
+        served = self._served(model)
+        return served is not None and bool(find_witnesses(served, [self.mode]))
 
-    def smallest(self, change: Change, most: int, coarse: int = 1) -> tuple[int, ModeSchedule] | None:
-        """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule.
-
-        So many `coarse` steps, of which `most` is a multiple, are tried at once at first.
-        """
+    def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
+        """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
         found = self.schedule(change(most))
         if found is None:
             return None
         below, enough = 0, most
-        for size in dict.fromkeys((coarse, 1)):
-            while enough - below > size:
-                middle = below + (enough - below) // (2 * size) * size
-                better = self.schedule(change(middle))
-                if better is None:
-                    below = middle
-                else:
-                    enough, found = middle, better
+        while enough - below > 1:
+            middle = (below + enough) // 2
+            better = self.schedule(change(middle))
+            if better is None:
+                below = middle
+            else:
+                enough, found = middle, better
         return enough, found
 
 
@@ -170,20 +181,23 @@ class Remedy:
 
 @record(kw_only=True)
 class Relaxation:
-    """A parameter that is relaxed in 1 to `most` steps: the changed model, and the text of a number of steps."""
+    """A parameter that is relaxed in 1 to `most` steps: the changed model, and the text of a number of steps.
+
+    If no number of steps suffices, `finer` ones are tried, which end where the parameter is next to nothing.
+    """
 
     change: Change
     most: int
     text: Callable[[int], str]
     subjects: tuple[Subject, ...]
     steps: str = ""
-    coarse: int = 1
+    finer: Relaxation | None = None
 
     def tried(self, trials: Trials) -> Remedy | None:
         """Return the smallest number of steps that suffices; None if none does."""
-        found = trials.smallest(self.change, self.most, self.coarse) if self.most > 0 else None
+        found = trials.smallest(self.change, self.most) if self.most > 0 else None
         if found is None:
-            return None
+            return None if self.finer is None else self.finer.tried(trials)
         smaller = self.change(found[0] - 1)
         return Remedy(text=self.text(found[0]), subjects=self.subjects, smaller=smaller, steps=self.steps)
 
@@ -479,26 +493,26 @@ def _window(model: TaskModel, task: Task, row: Precedence, trials: Trials) -> It
 
 
 def _wcet(model: TaskModel, task: Task, trials: Trials) -> Relaxation:
-    """Shorten one task: in steps of the grid first, then in parts of one."""
+    """Shorten one task to multiples of the grid; where all of them are too long, to parts of it."""
+    return _shortened(model, task, trials.tick, _shortened(model, task, trials.tick / PARTS))
+
+
+def _shortened(model: TaskModel, task: Task, unit: Duration, finer: Relaxation | None = None) -> Relaxation:
+    """Shorten one task: its longest version to the next multiple of a unit, then by one unit more with each step."""
     longest = _longest([task])
-    parts = 1 if longest // trials.tick >= FINE else PARTS
-    unit = trials.step(longest)
+    most = -(-longest // unit) - 1
 
     def shortened(steps: int) -> TaskModel:
-        factor = 1 - Fraction((unit * steps).ns) / (longest.ns * parts)
-        return changes.with_wcet(model, [task.name], factor, unit / parts) if steps else model
+        if not steps:
+            return model
+        return changes.with_wcet(model, [task.name], Fraction((unit * (most + 1 - steps)).ns) / longest.ns, unit)
 
     def text(steps: int) -> str:
         pairs = zip(shortened(steps).task(task.name).versions, task.versions, strict=True)
         return f'WCET of "{task.name}" at most ' + ", ".join(f"{new.wcet} instead of {old.wcet}" for new, old in pairs)
 
     return Relaxation(
-        change=shortened,
-        most=(-(-longest // unit) - 1) * parts,
-        text=text,
-        subjects=tasks_named([task.name]),
-        steps=str(unit / parts),
-        coarse=parts,
+        change=shortened, most=most, text=text, subjects=tasks_named([task.name]), steps=str(unit), finer=finer
     )
 
 

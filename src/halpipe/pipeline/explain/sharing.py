@@ -198,13 +198,13 @@ def _units_short(facts: ModeFacts, model: TaskModel, units: list[str], steps: tu
     kind = f" of type {' or '.join(quoted([t]) for t in types)}" if types else ""
     short = format_rational(Fraction(needed) - len(units))
     help = f"necessary: {short} more unit{kind} for them, {_relief(facts, steps)}, or jobs that may be split"
-    return _meeting_witness(
-        facts, codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help), steps
-    )
+    found = codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
+    return Witness(found, _names(steps))
 
 
-def _meeting_witness(facts: ModeFacts, found: Diagnostic, steps: tuple[Step, ...]) -> Witness:
-    return Witness(found, tuple(dict.fromkeys(step.part.task for step in steps)))
+def _names(steps: tuple[Step, ...]) -> tuple[str, ...]:
+    """Return the tasks that meet, each once."""
+    return tuple(dict.fromkeys(step.part.task for step in steps))
 
 
 def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
@@ -266,7 +266,7 @@ def _resource_short(facts: ModeFacts, resource: str, steps: tuple[Step, ...]) ->
     relief = _relief(facts, steps).replace("WCET", "access time")
     help = f"necessary: lower bounds that sum to at most 1, {relief}, or jobs that may be split before their phases"
     found = codes.PHASES_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
-    return _meeting_witness(facts, found, steps)
+    return Witness(found, _names(steps))
 
 
 # ------------------------------------------------------------------------------------------------ bound tasks

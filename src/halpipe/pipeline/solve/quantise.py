@@ -37,6 +37,8 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.models import AccessKind, Anchor
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import mode_report
+from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve.codes import GRID_BOUND, GRID_PERIOD, GRID_RESOURCE, GRID_ROOM, GRID_WINDOW
 
 if TYPE_CHECKING:
@@ -77,6 +79,21 @@ class BurstGrid:
         return self.window * (duration // self.window)
 
 
+def served_model(model: TaskModel, grid: BurstGrid, tick: Duration | None) -> TaskModel:
+    """Return the model on the grid, as `quantise` does; refuse preemptive jobs and a tick off the grid, too."""
+    path = about(model=model.name)
+    if not has_whole_jobs(model):
+        help = "omit --quantise; the export rounds budgets to the safe side"
+        raise HalpipeError(
+            codes.GRID_WHOLE("has jobs that may be split or interrupted", at=model.at, path=path, help=help)
+        )
+    if tick is not None and tick % grid.window:
+        near = grid.window * max(1, round(tick / grid.window))
+        message = f"the tick {tick} is not a multiple of the window {grid.window} of platform {grid.name}"
+        raise HalpipeError(codes.GRID_TICK(message, at=model.at, path=path, help=f"omit --tick, or use {near}"))
+    return quantise(model, grid)
+
+
 def quantise(model: TaskModel, grid: BurstGrid) -> TaskModel:
     """Return the model on the grid; raise `HalpipeError` with everything that cannot be put there, and the numbers."""
     rounding = _Rounding(model, grid)
@@ -87,19 +104,28 @@ def quantise(model: TaskModel, grid: BurstGrid) -> TaskModel:
 
 def restore(model: TaskModel, schedule: Schedule) -> Schedule:
     """Return a schedule of the quantised model as one of the original: real ends, and figures of the original."""
-    wcets = {(task.name, version.name): version.wcet for task in model.tasks for version in task.versions}
-
-    def real(jobs: tuple[Job, ...]) -> tuple[Job, ...]:
-        return tuple(replace(job, end=job.start + (wcets[job.task, job.version] or ZERO)) for job in jobs)
 
     def mode(table: ModeSchedule) -> ModeSchedule:
-        return mode_report(model, expand(model, model.mode(table.name)), real(table.jobs), table.status)
+        return mode_report(model, expand(model, model.mode(table.name)), with_ends(model, table.jobs), table.status)
 
     return replace(
         schedule,
         modes=tuple(mode(table) for table in schedule.modes),
-        transitions=tuple(replace(table, jobs=real(table.jobs)) for table in schedule.transitions),
+        transitions=tuple(replace(table, jobs=with_ends(model, table.jobs)) for table in schedule.transitions),
     )
+
+
+def with_ends(model: TaskModel, jobs: tuple[Job, ...]) -> tuple[Job, ...]:
+    """Return jobs that last as long as their versions in a model; a job without a version there stays as it is."""
+    wcets = {(task.name, version.name): version.wcet or ZERO for task in model.tasks for version in task.versions}
+    lengths = (wcets.get((job.task, job.version), job.end - job.start) for job in jobs)
+    return tuple(replace(job, end=job.start + length) for job, length in zip(jobs, lengths, strict=True))
+
+
+def too_tight(model: TaskModel, grid: BurstGrid) -> Diagnostic:
+    """Return the error that a model has no schedule as the regulators serve it."""
+    help = "use longer windows, less overshoot, lower bounds, or omit --quantise"
+    return codes.GRID_TIGHT(describe(model, grid), at=model.at, path=about(model=model.name), help=help)
 
 
 def describe(model: TaskModel, grid: BurstGrid) -> str:

@@ -28,6 +28,8 @@ PLAIN_STIMULI = '<stimuli xsi:type="am:PeriodicStimulus" name="p10"><recurrence 
 class Overlay:
     """Stands in for an overlay in use."""
 
+    names_units = False
+
     def __init__(self, sources=None, drop=(), periods=None):
         self.sources, self.drop, self.periods = sources or {}, drop, periods or {}
 

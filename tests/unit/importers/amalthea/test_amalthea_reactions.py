@@ -145,6 +145,8 @@ def test_an_overlay_may_change_the_periods_before(tmp_path):
     from halpipe.importers.amalthea import FORMAT, AmaltheaImportOptions
 
     class Overlay:
+        names_units = False
+
         def drops(self, name):
             return False
 

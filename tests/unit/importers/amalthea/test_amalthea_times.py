@@ -4,6 +4,8 @@ import pytest
 from amalthea_case import HARDWARE, call, found, read, reasons, refusal, runnable, task, ticks, wcets
 
 from halpipe.importers.amalthea import codes
+from halpipe.importers.overlay import OverlayUse, read_overlays
+from halpipe.importers.overlay.codes import REPLACED
 
 A, B = "A?type=ProcessingUnitDefinition", "B?type=ProcessingUnitDefinition"
 
@@ -105,6 +107,16 @@ def test_no_hardware_means_one_unit_for_all(tmp_path):
     imported = read(tmp_path, sw=task("T", ticks(4)), hw="")
     assert imported.model.task("T").versions[0].units == ("core0",)
     assert len(found(imported.diagnostics, codes.DEFAULT_UNIT)) == 1
+
+
+def test_no_unit_is_assumed_where_the_overlay_names_units(tmp_path):
+    (tmp_path / "o.yaml").write_text("halpipe-overlay: 1\nplatform: {units: [{name: big}]}\n")
+    given = OverlayUse(read_overlays([str(tmp_path / "o.yaml")]))
+    imported = read(tmp_path, sw=task("T", ticks(4)), hw="", overlay=given)
+    assert not found(imported.diagnostics, codes.DEFAULT_UNIT)
+    model, changes = given.apply(imported.model, imported.coverage)
+    assert [unit.name for unit in model.units] == ["big"]
+    assert not found(changes, REPLACED)
 
 
 # ------------------------------------------------------------------------------------- branches and modes
