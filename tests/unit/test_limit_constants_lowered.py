@@ -1,6 +1,7 @@
 """Limit constants that are too large to be reached in a test: lowered, then tried at the limit and one beyond."""
 
 import io
+import json
 from contextlib import redirect_stdout, suppress
 from fractions import Fraction
 from importlib import import_module
@@ -165,6 +166,19 @@ def bytes_of_metadata(count):
         text_of(b" " * count)
     except CtfError as refused:
         raise ValueError(str(refused)) from None
+
+
+@lowered("importers.traces.perfetto:MOST_TRACKS", 3, "at most 3 are read")
+def tracks_with_slices(count):
+    reader = named("importers.traces.perfetto:_Reader")("t.pftrace", Findings())
+    for track in range(count):
+        reader._event({9: [1], 11: [track]}, fake(names={}, track=0), 5)
+
+
+@lowered("importers.traces.jobs:MOST_PROCESSES", 3, "at most 3 are read")
+def processes_with_slices(count):
+    events = [{"ph": "X", "ts": 1, "dur": 1, "pid": process, "name": "a"} for process in range(count)]
+    named("importers.traces.slices:read")([json.dumps(events)], "t.json", Findings())
 
 
 @lowered("importers.traces.read:MOST_COLUMNS", 3, "more than 3 columns")

@@ -40,7 +40,7 @@ ATTEMPTS = 32
 ATTEMPTED_JOBS = 20_000
 """Jobs, times placements, that are tried for them: large systems get fewer placements."""
 PATIENCE = 16
-"""Progress reports of a search before a proof of infeasibility is looked for."""
+"""Progress reports, and moves per task, before a proof of infeasibility is looked for: large systems report often."""
 
 
 @record(kw_only=True)
@@ -101,7 +101,8 @@ class _Doubt:
     def on_progress(self, mode: str, moves: int, allowed: int, cost: int) -> bool:
         """Pass a report on; False also if the system is proven infeasible."""
         self._reports += cost != 0  # later ones are about a schedule that is valid
-        if self._reports > PATIENCE and self._found():
+        is_long = self._reports > PATIENCE and moves > PATIENCE * len(self._model.tasks)
+        if is_long and self._found():
             return False
         return self._tell(mode, moves, allowed, cost)
 

@@ -1,7 +1,10 @@
 """Binary traces and texts of the kernel: the same run has the same jobs in each form, and damage has a code."""
 
+import io
+import re
 import sys
 import zlib
+from collections import Counter
 from itertools import pairwise
 
 import pytest
@@ -11,7 +14,7 @@ from hypothesis import strategies as st
 
 import ctf_writer
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.importers.traces import codes, read_traces
+from halpipe.importers.traces import codes, perfetto, read_traces
 from halpipe.importers.traces.read import parse_traces
 
 WRITERS = {
@@ -268,6 +271,47 @@ def test_damaged_traces_are_read_or_refused_with_a_code(seed, changes, length):
         parse_traces(bytes(data[: int(length * len(data)) or len(data)]), "t")
     except HalpipeError:
         return  # with codes; anything else would escape
+
+
+@pytest.mark.parametrize(
+    ("packet", "due"),
+    [
+        (forms.message((60, 5)), "a number stands where a text or a message is due"),
+        (forms.message((50, 5)), "a number stands where a text or a message is due"),
+        (
+            forms.message((1, forms.message((4, forms.message((1, b"\1"), (2, b""), (3, b""), (6, b"")))))),
+            "unlike lengths",
+        ),
+        (b"\x40\x80", "a number is cut off"),
+    ],
+)
+def test_damage_of_perfetto_names_the_packet_its_byte_and_what_is_due(packet, due):
+    sound = forms.perfetto_slices()
+    count = sum(1 for _ in perfetto._packets(io.BytesIO(sound)))
+    found = parse_traces(sound + forms.trace(packet) + sound, "t")
+    (said,) = (d.message for d in found.diagnostics if d.code == codes.CUT_OFF.id)
+    assert said.startswith(f"packet {count + 1}, from byte {len(sound)} on, cannot be read: ")
+    assert said.endswith(f"; what comes after packet {count} is not used")
+    assert due in said
+
+
+PYTHON = re.compile(r"object|argument|index|unpack|subscript|NoneType|codec|literal|attribute|zip\(|Error|^'|: '\w+'$")
+"""Words of Python's exceptions, which say nothing to those who have the file."""
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_words_of_python_stand_in_what_is_said_of_damage(seed):
+    said = Counter()
+    for place in range(0, len(seed), len(seed) // 400 + 1):
+        for value in (0, 1, 5, 0x7F, 0xFF, seed[place] ^ 2):
+            data = bytearray(seed)
+            data[place] = value
+            try:
+                said.update(each.message for each in parse_traces(bytes(data), "t").diagnostics)
+            except HalpipeError as refused:
+                said.update(each.message for each in refused.diagnostics)
+    assert [message for message in said if PYTHON.search(message)] == []
+    assert len(said) > 3
 
 
 def test_buffers_behind_the_end_of_the_file_are_refused():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files import read_bytes
 from halpipe.core.records import record
+from halpipe.importers.common.damage import reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -102,8 +103,7 @@ def _workbook(data: bytes, path: str) -> list[Sheet]:
     except HalpipeError:
         raise
     except Exception as failure:  # noqa: BLE001  whatever the library makes of a broken file
-        reason = str(failure).splitlines()[0][:200] if str(failure) else type(failure).__name__
-        message = f"is no workbook: {reason}"
+        message = f"is no workbook: {reason(failure)}"
         raise HalpipeError(NO_TABLE(message, at=Location(path), help="save it anew as .xlsx")) from None
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.files import refuse_more_than
 from halpipe.core.suggest import counted
 from halpipe.importers.traces import codes
 from halpipe.models.trace import NONE, Executions, column
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from halpipe.models.trace import Column, Instant, Times
+
+    Rows = Column | list[int]
 
 
 def report_unused(counts: Mapping[str, int], file: str, findings: Findings) -> None:
@@ -32,6 +35,19 @@ def report_unfinished(count: int, noun: str, file: str, findings: Findings) -> N
     """Report how many jobs or slices still ran when the trace ended."""
     if count:
         findings.add(codes.UNFINISHED(f"{counted(count, noun)} without an end", at=Location(file)))
+
+
+def line_of(process: int | str, lines: dict[Any, Executions], file: str) -> Executions:
+    """Return the executions of a process, which begin empty."""
+    if (found := lines.get(process)) is None:
+        found = lines[process] = Executions(file)
+        refuse_more_than(MOST_PROCESSES, len(lines), "or more processes with slices", Location(file))
+    return found
+
+
+def unfinished(ends: Rows) -> int:
+    """Return how many slices have no end."""
+    return ends.count(-1) if isinstance(ends, list) else int((ends < 0).sum())
 
 
 class Oddities:
@@ -50,6 +66,9 @@ class Oddities:
             message = what + (f"; {count} times, this is the first" if count > 1 else "")
             findings.add(codes.ODD_SEQUENCE(message, at=Location(file, line), path=path, help=help))
 
+
+MOST_PROCESSES = 4000
+"""Processes with slices: each has a line of time of its own, which is compared alone."""
 
 FEW = 64
 """Begins and ends below which columns cost more than they save."""
@@ -77,10 +96,11 @@ class Marks:
         self.thread.append(thread)
         self.line.append(line)
 
-    def slices(self, names: Sequence[Any], odd: Oddities) -> tuple[Column, Column]:
+    def slices(self, names: Sequence[Any], odd: Oddities) -> tuple[Rows, Rows]:
         """Return the rows of the begin and the end of each slice, the end of -1 where it has none.
 
         Ends alone are `odd`. In a text that is not in the order of time, ends come before begins of the same instant.
+        A few are lists, since a trace may have as many tracks as slices, and columns of one row cost the most.
         """
         if len(self.at) < FEW:
             few: Iterable[int] = range(len(self.at))
@@ -108,23 +128,25 @@ class Marks:
         return np.concatenate((first, rows[left])), np.concatenate((last, np.full(left.sum(), -1)))
 
     def put(
-        self, found: Executions, begins: Column, ends: Column, names: Sequence[str], units: Sequence[tuple[str, ...]]
+        self, found: Executions, begins: Rows, ends: Rows, names: Sequence[str], units: Sequence[tuple[str, ...]]
     ) -> None:
         """Add slices to executions, by the names and the units that are numbered."""
         if len(begins) < FEW:
-            for row, last in zip(begins.tolist(), ends.tolist(), strict=True):
+            for row, last in zip(begins, ends, strict=True):
                 begin, over = self.at[row], None if last < 0 else self.at[last]
                 ran = None if over is None or not self.is_busy else over - begin
                 found.add(names[self.task[row]], units[self.thread[row]], begin, over, ran, self.line[row])
             return
         task, thread, line = (np.asarray(each)[begins] for each in (self.task, self.thread, self.line))
-        start, end = column(self.at)[begins], np.where(ends < 0, NONE, column(self.at)[ends])
-        busy = np.where((ends < 0) | (not self.is_busy), NONE, end - start)
+        is_open = np.asarray(ends) < 0
+        start, end = column(self.at)[begins], np.where(is_open, NONE, column(self.at)[ends])
+        busy = np.where(is_open | (not self.is_busy), NONE, end - start)
         found.add_all(names, units, task=task, on=thread, start=start, end=end, busy=busy, line=line)
 
-    def _by_name(self, rows: Iterable[int], names: Sequence[Any], odd: Oddities) -> tuple[Column, Column]:
+    def _by_name(self, rows: Iterable[int], names: Sequence[Any], odd: Oddities) -> tuple[list[int], list[int]]:
         begun: list[int] = []
-        found: list[tuple[int, int]] = []
+        first: list[int] = []
+        last: list[int] = []
         for row in rows:
             if self.begins[row]:
                 begun.append(row)
@@ -135,9 +157,9 @@ class Marks:
             if place < 0:
                 odd.add("a slice ends that did not begin", self.line[row], names[self.task[row]])
             else:
-                found.append((begun.pop(place), row))
-        first, last = zip(*found, *((row, -1) for row in begun), strict=True) if found or begun else ((), ())
-        return np.array(first, dtype=np.int64), np.array(last, dtype=np.int64)
+                first.append(begun.pop(place))
+                last.append(row)
+        return first + begun, last + [-1] * len(begun)
 
 
 class Job:

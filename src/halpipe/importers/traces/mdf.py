@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.importers.common.damage import reason
 from halpipe.importers.traces import codes, table
 from halpipe.importers.traces.jobs import Jobs
 from halpipe.models.trace import Trace
@@ -41,7 +42,7 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     except HalpipeError:
         raise
     except Exception as failure:  # noqa: BLE001 whatever the library raises on a damaged file
-        message = f"the library asammdf cannot read it: {failure}"
+        message = f"the library asammdf cannot read it: {reason(failure)}"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="save it again")) from None
 
 

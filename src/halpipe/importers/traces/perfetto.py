@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from halpipe.core.diagnostics import HalpipeError, Location
-from halpipe.core.files import MAX_INPUT_BYTES
+from halpipe.core.files import MAX_INPUT_BYTES, refuse_more_than
+from halpipe.importers.common.damage import reason
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
-from halpipe.importers.traces.jobs import Marks, Oddities, report_unfinished, report_unused
+from halpipe.importers.traces.jobs import Marks, Oddities, line_of, report_unfinished, report_unused, unfinished
 from halpipe.models.trace import Executions, Trace
 
 if TYPE_CHECKING:
@@ -41,20 +42,24 @@ _NANOSECOND_CLOCKS = (0, 1, 2, 3, 4, 5, 6)
 _PLAIN = frozenset((8, 10, 11, 58))
 """Fields of packets that change nothing for those after them."""
 _CACHED = 10_000
+MOST_TRACKS = 500_000
+"""Tracks with slices, each of which takes as long as many slices of one."""
 
 
 def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
     """Return a line of time for each process with slices, and one for the threads of the kernel."""
-    reader, count = _Reader(file, findings), 0
+    reader, count, at = _Reader(file, findings), 0, 0
     try:
-        for count, packet in enumerate(_packets(stream), 1):  # noqa: B007 counted up to the damage
+        for end, packet in _packets(stream):
             reader.take(packet)
+            count, at = count + 1, end
     except _MALFORMED as failure:
+        message = f"packet {count + 1}, from byte {at} on, cannot be read: {reason(failure)}"
         if count and (traces := reader.traces()):
-            message = f"packet {count + 1} cannot be read: {failure}; what comes after packet {count} is not used"
+            message += f"; what comes after packet {count} is not used"
             findings.add(codes.CUT_OFF(message, at=Location(file), help="stop the session before copying the trace"))
             return traces
-        message = f"this trace of Perfetto in protobuf cannot be read: {failure}"
+        message = f"this trace of Perfetto in protobuf cannot be read: {message}"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help="record it again")) from None
     return reader.traces()
 
@@ -97,12 +102,12 @@ def fields_of(data: bytes) -> Fields:
     return found
 
 
-def _packets(stream: BinaryIO) -> Iterator[bytes]:
-    """Yield the packets of a trace: field 1 of it, over and over."""
-    data, at = b"", 0
+def _packets(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Yield the packets of a trace, field 1 of it over and over, each with the byte at which it ends."""
+    data, at, before = b"", 0, 0
     while True:
         if len(data) - at < _LONGEST_HEAD:
-            data, at = data[at:] + stream.read(_CHUNK), 0
+            data, at, before = data[at:] + stream.read(_CHUNK), 0, before + at
         if not data:
             return
         key, begin, size = data[at], at + 2, data[at + 1] if len(data) > at + 1 else 0x80
@@ -112,11 +117,11 @@ def _packets(stream: BinaryIO) -> Iterator[bytes]:
         if key != (1 << 3 | 2) or size > MAX_INPUT_BYTES:
             raise ValueError("it is no list of packets")
         if begin + size > len(data):
-            data, begin = data[begin:] + stream.read(max(size, _CHUNK)), 0
+            data, begin, before = data[begin:] + stream.read(max(size, _CHUNK)), 0, before + begin
         if size > len(data) - begin:
-            raise ValueError("the last packet is cut off")
-        yield data[begin : begin + size]
+            raise ValueError(f"it is cut off, with {len(data) - begin} of {size} bytes")
         at = begin + size
+        yield before + at, data[begin:at]
 
 
 def _one(fields: Fields, number: int, default: int) -> int:
@@ -215,37 +220,49 @@ class _Reader:
                 known[0].add(stamp, *known[1:])
                 return
         fields = fields_of(packet)
-        if not _PLAIN.issuperset(fields):
+        if is_plain := _PLAIN.issuperset(fields):
+            sequence = self._sequence(fields)
+        else:
             self.known.clear()  # names, defaults or clocks may be others now
-        found = self._packet(fields, is_packed=is_packed)
-        if rest and len(found) == 1 and found[0][1] == stamp and len(self.known) < _CACHED:
-            marks, _, *others = found[0]
-            self.known[rest] = (marks, *others)
+            sequence = self._state(fields)
+        now = sequence.time(fields)
+        found = [each for event in _messages(fields, 11) if (each := self._event(event, sequence, now)) is not None]
+        for marks, *mark in found:
+            marks.add(*mark)
+        if is_plain:
+            if rest and len(found) == 1 and found[0][1] == stamp and len(self.known) < _CACHED:
+                marks, _, *others = found[0]
+                self.known[rest] = (marks, *others)
+            return
+        for packed in fields.get(50, ()):
+            if is_packed:
+                raise ValueError("packets are compressed twice")
+            self._unpack(packed)
 
-    def _packet(self, fields: Fields, *, is_packed: bool) -> list[tuple[Any, ...]]:
-        """Take one packet, or those that it holds compressed; return what its events add where, if they are plain."""
+    def _sequence(self, fields: Fields) -> _Sequence:
+        """Return the writer of a packet."""
         number = _one(fields, 10, 0)
-        if number not in self.sequences or _one(fields, 13, 0) & 1 or 41 in fields:
-            self.sequences[number] = _Sequence(self.offsets)
-        sequence = self.sequences[number]
+        return self.sequences.get(number) or self.sequences.setdefault(number, _Sequence(self.offsets))
+
+    def _state(self, fields: Fields) -> _Sequence:
+        """Take what a packet states beside its events; return its writer."""
+        if _one(fields, 13, 0) & 1 or 41 in fields:
+            self.sequences.pop(_one(fields, 10, 0), None)
+        sequence = self._sequence(fields)
         self.has_lost = self.has_lost or 42 in fields
         for number in () if self.taken.keys().isdisjoint(fields) else self.taken:
             for value in fields.get(number, ()):
                 self.taken[number](fields_of(value), sequence)
-        at = sequence.time(fields)
-        found = [each for event in _messages(fields, 11) if (each := self._event(event, sequence, at)) is not None]
-        for marks, *mark in found:
-            marks.add(*mark)
-        for packed in fields.get(50, ()):
-            if is_packed:
-                raise ValueError("packets are compressed twice")
-            inner = zlib.decompressobj()
-            data = inner.decompress(packed, MAX_INPUT_BYTES)
-            if not inner.eof:
-                raise ValueError("compressed packets are cut off, or too large")
-            for packet in _packets(io.BytesIO(data)):
-                self.take(packet, is_packed=True)
-        return found if _PLAIN.issuperset(fields) else []
+        return sequence
+
+    def _unpack(self, packed: bytes) -> None:
+        """Take the packets that one holds compressed."""
+        inner = zlib.decompressobj()
+        data = inner.decompress(packed, MAX_INPUT_BYTES)
+        if not inner.eof:
+            raise ValueError("compressed packets are cut off, or too large")
+        for _, packet in _packets(io.BytesIO(data)):
+            self.take(packet, is_packed=True)
 
     def _snapshot(self, snapshot: Fields, sequence: _Sequence) -> None:
         """Take the clocks of a writer by the nanoseconds of the first builtin clock beside them."""
@@ -294,7 +311,9 @@ class _Reader:
         stated = _text(event, 23) or sequence.names.get(_one(event, 10, 0), "") or "(no name)"
         name = stated if kind == _BEGIN else ""
         track = _one(event, 11, sequence.track)
-        marks = self.marks.get(track) or self.marks.setdefault(track, Marks())
+        if (marks := self.marks.get(track)) is None:
+            marks = self.marks[track] = Marks()
+            refuse_more_than(MOST_TRACKS, len(self.marks), "or more tracks of slices", Location(self.file))
         return marks, at, kind == _BEGIN, self.names.setdefault(name, len(self.names))
 
     def _bundle(self, bundle: Fields, _: _Sequence) -> None:
@@ -312,6 +331,8 @@ class _Reader:
         """Take switches in columns; each leaves the thread that the one before it entered."""
         names = [value.decode("utf-8", "replace") for value in fields.get(5, ())]
         columns = [list(_packed(fields, number)) for number in (1, 2, 3, 6)]
+        if len(counts := {*map(len, columns)}) > 1:
+            raise ValueError(f"columns of switches have unlike lengths, {min(counts)} to {max(counts)}")
         at, left = 0, _UNKNOWN
         for delta, state, entered, name in zip(*columns, strict=True):
             at += delta
@@ -353,12 +374,12 @@ class _Reader:
         names, odd, left = [*self.names], Oddities(), 0
         for track in [*self.marks]:
             marks = self.marks.pop(track)
-            found = lines.setdefault(self._process_of(track), Executions(self.file))
+            found = line_of(self._process_of(track), lines, self.file)
             unit = (self.tracks[track][2] if track in self.tracks else "") or str(track)
             begins, ends = marks.slices(names, odd)
             marks.is_busy = True
             marks.put(found, begins, ends, names, [(unit,)])
-            left += int((ends < 0).sum())
+            left += unfinished(ends)
         odd.report(self.file, self.findings)
         report_unfinished(left, "slice", self.file, self.findings)
         for found in lines.values():

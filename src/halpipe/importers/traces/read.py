@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location
 from halpipe.core.files import STDIO, TOO_LARGE, is_folder_without, open_input, read_bytes
 from halpipe.core.records import record
+from halpipe.importers.common.damage import reason
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import METADATA, folders
 from halpipe.importers.traces.numbers import separator_of
@@ -84,7 +85,7 @@ def _read(stream: BinaryIO, file: str) -> Recording:
             packed.seek(0)
             traces = _of_form(head, packed, file, findings)
         except (EOFError, OSError, zlib.error) as failure:
-            message = f"what gzip compressed cannot be read: {failure}"
+            message = f"what gzip compressed cannot be read: {reason(failure)}"
             raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file), help="copy the file again")) from None
     else:
         traces = _of_form(head, stream, file, findings)

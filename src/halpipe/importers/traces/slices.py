@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.files import json_decoder
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.jobs import FEW, Marks, Oddities, report_unfinished, report_unused
+from halpipe.importers.traces.jobs import FEW, Marks, Oddities, line_of, report_unfinished, report_unused, unfinished
 from halpipe.importers.traces.numbers import instant, plain
 from halpipe.models.trace import Executions, Trace
 
@@ -243,8 +243,7 @@ class _Reader:
             self._name(event)
             return
         process = _key(event.get("pid"))
-        if process not in self.found:
-            self.found[process] = Executions(self.file)
+        line_of(process, self.found, self.file)
         if phase not in _PHASES:
             self.others[f"phase {phase[:20]}"] += 1
             return
@@ -288,11 +287,11 @@ class _Reader:
         for key in [*self.marks]:
             marks = self.marks.pop(key)
             begins, ends = marks.slices(names, odd)
-            left += int((ends < 0).sum())
+            left += unfinished(ends)
             if len(begins) >= FEW and not marks.arguments:
                 marks.put(self.found[key[1]], begins, ends, names, units)
                 continue
-            for row, last in zip(begins.tolist(), ends.tolist(), strict=True):
+            for row, last in zip(map(int, begins), map(int, ends), strict=True):
                 end = None if last < 0 else marks.at[last]
                 name, on, own = names[marks.task[row]], names[marks.thread[row]], marks.arguments.get(row, {})
                 self._slice(_Slice(marks.at[row], end, name, key[1], on, own, marks.line[row]))

@@ -15,6 +15,7 @@ import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.importers.common.damage import reason
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.jobs import report_unused
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 _CONVERT = "write it in version 6 with `trace-cmd convert --file-version 6`, or as text with `trace-cmd report`"
 _INSTALL = f"pip install 'halpipe[zstd]', or {_CONVERT}"
 _FIELD = re.compile(r"field:.*?(\w+)(?:\[\w*\])?;\s*offset:(\d+);\s*size:(\d+);")
-_MALFORMED = (struct.error, IndexError, ValueError, KeyError, UnicodeDecodeError, zlib.error, EOFError)
+_MALFORMED = (struct.error, IndexError, ValueError, KeyError, OverflowError, zlib.error, EOFError)
 _DONE, _BUFFER, _HEADER, _FORMATS = 0, 3, 16, 18
 """Options of version 7."""
 _PACKED = 1
@@ -51,7 +52,7 @@ def read(stream: BinaryIO, file: str, findings: Findings) -> list[Trace]:
         for at, cpu, left, goes_on, entered, name in heapq.merge(*cpus):
             switches.switch(cpu, at, left, goes_on, entered, name, 0)
     except _MALFORMED as failure:
-        message = f"this trace.dat cannot be read: {failure}"
+        message = f"this trace.dat cannot be read: {reason(failure)}"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=_CONVERT)) from None
     report_unused({"other kinds": trace.others} if trace.others else {}, file, findings)
     if trace.is_cut:
@@ -252,8 +253,8 @@ def _unpacker(algorithm: str, file: str) -> Callable[[bytes, int], bytes]:
         try:
             with ZstdDecompressor().stream_reader(data) as stream:
                 found: bytes = stream.read(size + 1)
-        except ZstdError as failure:
-            raise ValueError(str(failure)) from None
+        except ZstdError:
+            raise ValueError("what it holds compressed is damaged") from None
         return found
 
     return unpack

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about
@@ -447,10 +447,15 @@ class _WholeJobs(_Search):
         elif tick is None:  # then starts may lie between the ticks, so that the bound is met
             tick = natural_tick(expansion) / min(MOST_PARTS, largest_margin(expansion).denominator)
 
+        @cache  # of a large system, stating the problem takes longer than the search for one margin
+        def plain(*, grouped: bool) -> Problem:
+            is_stated = grouped and tick == self.tick and expansion is self.expansion
+            return self.problem if is_stated else self._stated(tick, expansion, grouped=grouped)
+
         def begin(margin: Fraction, number: int, kept: Kept | None) -> Run:
             def stated(*, grouped: bool) -> Problem:
-                plain = self._stated(tick, expansion, grouped=grouped and not self.shipped)
-                return reserved(plain, margin, plain.arrays)
+                problem = plain(grouped=grouped and not self.shipped)
+                return reserved(problem, margin, problem.arrays)
 
             separate = partial(stated, grouped=False)
             seed = self.seed + number
@@ -509,6 +514,9 @@ def _with_versions_of(jobs: Iterable[Job], expansion: Expansion) -> Expansion:
 
     def kept(active: ActiveTask) -> ActiveTask:
         found = tuple(v for v in active.versions if (active.name, v.name) in used)
-        return replace(active, versions=found) if found and active.name not in demanders else active
+        is_less = 0 < len(found) < len(active.versions) and active.name not in demanders
+        return replace(active, versions=found) if is_less else active
 
-    return replace(expansion, tasks=tuple(map(kept, expansion.tasks)))
+    tasks = tuple(map(kept, expansion.tasks))
+    is_same = all(new is old for new, old in zip(tasks, expansion.tasks, strict=True))
+    return expansion if is_same else replace(expansion, tasks=tasks)
