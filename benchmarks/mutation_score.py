@@ -235,7 +235,7 @@ class Trace:
             return None
         now = self._now
 
-        def step(frame, event, argument):
+        def step(frame, _event, _argument):
             now.add((name, frame.f_lineno))
             return step
 

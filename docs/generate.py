@@ -414,7 +414,7 @@ def _schema(kind: str) -> str:
     types = {node.get("name"): node for node in schema.iterchildren(f"{XS}complexType")}
     parts = [f"## {kind.replace('-', ' ').capitalize()}: `{name}`", f"Namespace `{schema.get('targetNamespace')}`."]
     parts.append(_documentation(schema))
-    parts += [_element(element, type, types) for element, type in _elements(schema, types)]
+    parts += [_element(element, type) for element, type in _elements(schema, types)]
     simple = [f"| `{t.get('name')}` | {_form(t)} |" for t in schema.iterchildren(f"{XS}simpleType")]
     parts += [f"### Values of a {kind.replace('-', ' ')}", "\n".join(("| type | form |", "|---|---|", *simple))]
     return "\n\n".join(part for part in parts if part)
@@ -437,7 +437,7 @@ def _elements(
         ahead = ([] if type is None else list(type.iterfind(f"{XS}sequence/{XS}element"))) + ahead
 
 
-def _element(element: etree._Element, type: etree._Element | None, types: dict[str | None, etree._Element]) -> str:
+def _element(element: etree._Element, type: etree._Element | None) -> str:
     parts = [f"### `<{element.get('name')}>`", _documentation(element)]
     parts.append("" if type is None else _documentation(type))
     attributes = [] if type is None else type.findall(f"{XS}attribute")

@@ -216,8 +216,8 @@ def _tables(root: Fields, platform: Platform) -> Tables:
     )
 
 
-def _word(f: Fields, key: str, least: int = 0) -> int:
-    return f.number(key, least, MAX_WORD)
+def _word(f: Fields, key: str) -> int:
+    return f.number(key, 0, MAX_WORD)
 
 
 def _rational(f: Fields, key: str) -> Fraction:

@@ -145,7 +145,7 @@ def _label(parent: etree._Element, name: str, mode: str, initial: str, role: str
     add_property(element, "role", role)
 
 
-def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: str, *, is_timed: bool = False) -> None:
+def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: str, *, is_timed: bool) -> None:
     """Append the transfers of a direction; what is not written is read."""
     for phase in accesses:
         if (phase.kind is AccessKind.WRITE) is (access == "write"):

@@ -96,7 +96,7 @@ def over_limit(
     return [RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)]
 
 
-def coarse(tables: Tables, table: Table, unit: str, given: Fraction, promised: Fraction) -> list[Diagnostic]:
+def coarse(table: Table, unit: str, given: Fraction, promised: Fraction) -> list[Diagnostic]:
     """Return a finding if a unit is given more than it was promised, by a quarter or more."""
     if not promised or given * 4 < promised * 5:
         return []

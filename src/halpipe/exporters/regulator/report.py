@@ -69,10 +69,10 @@ ZERO = Fraction(0)
 
 def check_phases(model: TaskModel, tables: Tables) -> list[Diagnostic]:
     """Return what is odd about the phases: below a burst, off the grid, too short for their transfers."""
-    return [*_below_burst(model, tables), *_off_grid(model, tables), *_short(model, tables)]
+    return [*_below_burst(tables), *_off_grid(model, tables), *_short(model, tables)]
 
 
-def _below_burst(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
+def _below_burst(tables: Tables) -> Iterator[Diagnostic]:
     """Report the bounds that give less than one burst per window, where bursts are rationed."""
     p, seen = tables.platform, set()
     for table in tables.tables:

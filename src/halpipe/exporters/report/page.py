@@ -313,11 +313,9 @@ def _split(split: Split) -> str:
     return f", split {where}" + (f", {split.resume} to resume" if split.resume else "")
 
 
-def _some(names: tuple[str, ...], most: int = 6) -> str:
+def _some(units: tuple[str, ...]) -> str:
     """Return the names, of many only the first and how many there are."""
-    if len(names) <= most:
-        return ", ".join(names)
-    return f"{', '.join(names[: most // 2])} … ({len(names)} units)"
+    return ", ".join(units) if len(units) <= 6 else f"{', '.join(units[:3])} … ({len(units)} units)"
 
 
 # ---------------------------------------------------------------------------------------------- account of the import

@@ -109,7 +109,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
                 shop.write(f"runtime/{Path(name).name}", site.regulators[f"{FOLDER}{name}"])
         slots = slots_of(schedule, site.cores, site.copies.tasks)
         shop.write("runtime/platform.h", render.platform(site, slots.count, len(schedule.modes)))
-        needs = compile_parts(shop, site.parts, tree, render)
+        needs = compile_parts(shop, site.parts, tree)
         measured = measure(shop, needs, profile, render)
         drivers = compile_drivers(shop, site.drivers, site.driver_sources, tree)
         monitors = _monitors(shop, render, site)

@@ -82,9 +82,7 @@ class Image:
         return begin, self.elf.address("hp_bss_end") - begin
 
 
-def compile_parts(
-    shop: Workshop, parts: Iterable[Part], tree: SourceTree, render: Renderer
-) -> dict[Part, tuple[str, ...]]:
+def compile_parts(shop: Workshop, parts: Iterable[Part], tree: SourceTree) -> dict[Part, tuple[str, ...]]:
     """Compile every source once for each set of definitions; return the objects of every part.
 
     Raise `HalpipeError` with everything that the compiler refuses.

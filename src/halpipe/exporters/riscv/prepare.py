@@ -226,7 +226,7 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
     with scratch_folder() as folder:
         shop = Workshop(Path(folder), toolchain)
         stage(shop, tree)
-        measured = measure(shop, compile_parts(shop, parts, tree, render), profile, render)
+        measured = measure(shop, compile_parts(shop, parts, tree), profile, render)
     drivers = read_drivers(options.drivers)
     turns = turns_of(
         model, [(part.task, part.version) for part in measured], clock_of(model, profile), patience_of(model, profile)

@@ -286,9 +286,7 @@ def _model(
     )
     mapping = Allocations(forest) if options.mapping == "stated" else None
     timing = read_timing(forest, drafts)
-    builder = TaskBuilder(
-        forest, hardware, units, mapping=mapping, versions=makers, memories=memories, coverage=coverage
-    )
+    builder = TaskBuilder(forest, hardware, mapping=mapping, versions=makers, coverage=coverage)
     built = builder.build(drafts, timing)
     interrupts = interrupts_of(forest, drafts.routines, hardware, mapping, evaluator, modes, options.overlay)
     runs = _modes(modes, built)

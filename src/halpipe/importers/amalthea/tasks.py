@@ -17,7 +17,7 @@ from halpipe.models import Anchor, Binding, Chain, Match, Origin, Task, Version
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.importers.amalthea.hardware import Hardware, Memories, Pu
+    from halpipe.importers.amalthea.hardware import Hardware, Pu
     from halpipe.importers.amalthea.mapping import Allocations
     from halpipe.importers.amalthea.parts import Draft, Drafts, Part, Trigger
     from halpipe.importers.amalthea.xmi import Forest, Item
@@ -49,11 +49,9 @@ class TaskBuilder:
         self,
         forest: Forest,
         hardware: Hardware,
-        units: Mapping[Item, str],
         *,
         mapping: Allocations | None,
         versions: VersionMaker,
-        memories: Memories,
         coverage: Coverage,
     ) -> None:
         self._forest = forest

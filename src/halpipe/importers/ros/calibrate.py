@@ -88,7 +88,7 @@ def calibrate(
     findings.stop_on_errors()
     aliases = {**tasks_of, **{task.name: task.name for task in model.tasks}}
     first = trace.file if trace is not None else options.calibrate[0]
-    samples = _by_task(measured, aliases, first, findings, coverage)
+    samples = _by_task(measured, aliases, findings, coverage)
     tasks = tuple(_calibrated(task, samples.get(task.name, []), options, findings) for task in model.tasks)
     _report_unmeasured(model, samples, first, findings)
     return replace(model, tasks=tasks)
@@ -105,7 +105,7 @@ def estimate(samples: Sequence[Sample], share: Fraction, margin: Fraction) -> Es
 
 
 def _by_task(
-    measured: Measurements, aliases: Mapping[str, str], file: str, findings: Findings, coverage: Coverage
+    measured: Measurements, aliases: Mapping[str, str], findings: Findings, coverage: Coverage
 ) -> dict[str, list[Sample]]:
     samples: dict[str, list[Sample]] = {}
     strangers = []

@@ -107,7 +107,7 @@ def sum_of_latencies(model: TaskModel, placement: Placement) -> Fraction:
     )
 
 
-def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:
+def sum_of_jitters(_model: TaskModel, placement: Placement) -> Fraction:
     """Return the sum of the start jitters of all periodic tasks, in nanoseconds."""
     total = 0
     for active in placement.expansion.tasks:
@@ -120,7 +120,7 @@ def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:
     return Fraction(placement.tick.ns) * total
 
 
-def number_of_gaps(model: TaskModel, placement: Placement) -> Fraction:
+def number_of_gaps(_model: TaskModel, placement: Placement) -> Fraction:
     """Return how often jobs are preempted."""
     return Fraction(sum(len(job.parts) - 1 for job in placement.jobs if job.parts))
 

@@ -224,7 +224,7 @@ def _check_shares(tables: Tables, table: Table) -> Iterator[Diagnostic]:
             help = "lower the bound, or measure the level of a higher value"
             found.append(RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help=help))
         else:
-            found += coarse(tables, table, unit, given[unit], rate)
+            found += coarse(table, unit, given[unit], rate)
     yield from found
     if not any(d.is_error for d in found):
         other = "use a processor with finer steps, or the back-end table or axi-realm"

@@ -125,14 +125,14 @@ def _number(type: Int | Float) -> Decoder:
     unpack = struct.Struct(type.order + _code(type)).unpack_from
     size, mask = type.size // 8, max(type.align, 8) // 8 - 1
 
-    def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
+    def read(data: bytes, at: int, _scope: Scope) -> tuple[Any, int]:
         at = (at + mask) & ~mask
         return unpack(data, at)[0], at + size
 
     return read
 
 
-def _string(data: bytes, at: int, scope: Scope) -> tuple[str, int]:
+def _string(data: bytes, at: int, _scope: Scope) -> tuple[str, int]:
     end = data.index(b"\0", at)
     return data[at:end].decode("utf-8", "replace"), end + 1
 
@@ -171,7 +171,7 @@ def _structure(type: Struct) -> Decoder:
     if len(steps) == 1 and steps[0][0] is not None:  # numbers only, as most are
         ((unpack_all, whole, _),) = steps
 
-        def read_numbers(data: bytes, at: int, scope: Scope) -> tuple[dict[str, Any], int]:
+        def read_numbers(data: bytes, at: int, _scope: Scope) -> tuple[dict[str, Any], int]:
             at = (at + mask) & ~mask
             return dict(zip(names, unpack_all(data, at), strict=True)), at + whole
 
