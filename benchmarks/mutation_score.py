@@ -114,7 +114,10 @@ ROOMS = {
     "transitions": ("pipeline/transitions", "unit/pipeline/test_transitions*"),
     "whatif": (
         "pipeline/whatif",
-        "unit/pipeline/test_whatif_* cli/test_cli_whatif* properties/test_whatif_* properties/test_growth_*",
+        (
+            "unit/pipeline/test_whatif_* cli/test_cli_whatif* properties/test_whatif_* properties/test_growth_* "
+            "unit/test_options*"
+        ),
     ),
     "solve": ("pipeline/solve", "unit/pipeline/test_*"),
 }

@@ -39,6 +39,19 @@ def test_from_a_model_to_tables(place, capsys):
     assert (table["rounding"], table["windows"]) == ("whole", 40)
 
 
+def test_counters_beyond_their_budget_are_the_result(place, capsys):
+    assert invoke(["schedule", "model.xml", "--quantise", "platform.yaml", "-o", "s.xml", "-q"]) == 0
+    command = ["export", "regulator", "model.xml", "s.xml", "--platform", "platform.yaml", "-o", "cfg", "-q"]
+    assert invoke(command) == 0
+    (table,) = json.loads((place / "cfg" / "tables.json").read_text())["tables"]
+    (place / "c.csv").write_text(f"table,unit,direction,window,bytes\n{table['name']},c1,read,0,1000000\n")
+    capsys.readouterr()
+    assert invoke(["compare", "cfg", "c.csv"]) == 1
+    shown = capsys.readouterr()
+    assert "error[" in shown.out
+    assert shown.err == ""
+
+
 def test_quiet_prints_nothing(place, capsys):
     assert invoke(["schedule", "model.xml", "-o", "s.xml", "-q"]) == 0
     assert invoke(["export", "regulator", "model.xml", "s.xml", "--platform", "platform.yaml", "-o", "cfg", "-q"]) == 0

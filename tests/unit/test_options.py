@@ -66,6 +66,11 @@ def flags(verb, name):
     return {flag.removeprefix("--") for flag in long if not flag.startswith("--no-")}
 
 
+def test_a_switch_is_off_unless_it_is_set():
+    switches = [(key, each) for key, kind in KINDS.items() for each in options_of(kind) if each.form is Form.SWITCH]
+    assert [each.name for _, each in switches if each.default is not False] == ["exact", "remedies"]  # of explain
+
+
 @pytest.mark.parametrize(("verb", "name"), KINDS)
 def test_a_command_has_the_options_of_its_kind_and_no_others(verb, name):
     known = set(names_of(KINDS[verb, name]))

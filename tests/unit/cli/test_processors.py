@@ -13,7 +13,7 @@ def system(tmp_path, monkeypatch):
     """Make a system with 8 processors and the given files of control groups."""
     monkeypatch.setattr(searching, "GROUPS", tmp_path / "cgroup")
     monkeypatch.setattr(searching, "MEMBERSHIP", tmp_path / "membership")
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(0 if process else 8)), raising=False)
 
     def make(membership, **files):
         (tmp_path / "membership").write_text(membership)

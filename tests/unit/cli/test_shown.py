@@ -151,3 +151,18 @@ def test_a_sensitivity_has_no_sarif_form(tmp_path):
             (tmp_path / name).write_bytes(content)
     done = run_here(tmp_path, "sensitivity", "model.xml", "s.xml", "--format", "sarif")
     assert (done.returncode, "sarif" in done.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(("total", "is_shown"), [(None, False), (import_._LARGE, False), (import_._LARGE + 1, True)])
+def test_a_bar_is_shown_while_a_large_input_is_read(total, is_shown, monkeypatch):
+    made = []
+
+    def start(progress):
+        made.append(progress)
+
+    monkeypatch.setattr(output, "is_terminal", lambda stream: True)
+    monkeypatch.setattr("rich.progress.Progress.start", start)
+    with import_._progress() as show:
+        if total:
+            show(1, total)
+        assert [task.visible for task in made[0].tasks] == [is_shown]

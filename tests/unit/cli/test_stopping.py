@@ -1,10 +1,13 @@
 """What ends a search from outside: once politely, twice at once; afterwards all is as it was."""
 
+import itertools
 import pickle
+import re
 import signal
 
 import pytest
 
+from halpipe.cli import invoke
 from halpipe.cli.searching import Stop
 from halpipe.core.durations import seconds
 
@@ -34,3 +37,12 @@ def test_each_search_has_the_whole_time_limit_also_elsewhere(monkeypatch):
     second = stop.clock()
     now[0] += 1
     assert (first(), second()) == (False, True)
+
+
+def test_the_time_of_a_search_is_from_its_begin_to_its_end(tmp_path, monkeypatch, capsys):
+    now = itertools.count(100, 3)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("halpipe.cli.searching.time.monotonic", lambda: next(now))
+    assert invoke(["new", "first"]) == 0
+    assert invoke(["schedule", "first/model.xml", "-o", "s.xml"]) == 0
+    assert 0 < float(re.search(r"moves? in ([0-9.]+) s", capsys.readouterr().err)[1]) <= next(now) - 100

@@ -63,10 +63,11 @@ def test_the_zero_is_found_though_the_first_job_starts_late_in_its_table(numbere
 
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("has_units", [True, False])
-def test_jobs_of_a_task_that_start_at_once_are_matched_one_to_one(stated, has_units):
+@pytest.mark.parametrize("latest_first", [True, False])
+def test_jobs_of_a_task_that_start_at_once_are_matched_one_to_one(stated, has_units, latest_first):
     twice = table("all", 20, job("a", 0, 1, 3), job("a", 1, 1, 3, "c2"), job("b", 0, 8, 9))
     seen = [replace(execution, job=None) for execution in play([("all", twice)] * 2, stated=stated)]
-    seen = sorted(seen, key=lambda e: (e.start.ns, e.units[::-1]), reverse=True)
+    seen = sorted(seen, key=lambda e: (e.start.ns, e.units[::-1]), reverse=latest_first)
     seen = seen if has_units else [replace(execution, units=()) for execution in seen]
     plan = Schedule(model="m", model_sha256="", modes=(twice,))
     answer = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
@@ -248,6 +249,30 @@ def test_a_job_that_ran_twice(stated):
     seen = play([("race", RACE)] * 3, stated=stated)
     again = replace(seen[0], start=ms(7), end=ms(8))
     assert codes.EXTRA_JOB.id in found([*seen, again], origin=ZERO, mode="race")
+
+
+@pytest.mark.parametrize(("starts", "extra"), [((3, 5), 5), ((3, 6), 6), ((2, 5), 2), ((2, 3), 2)])
+def test_of_two_executions_the_closer_one_is_the_job_and_of_two_as_close_the_first(starts, extra):
+    seen = [each for each in play([("race", RACE)]) if each.task != "b"]
+    twice = [Execution("b", ("c1",), ms(start), ms(start + 1), table="race", cycle=0, job=0) for start in starts]
+    messages = [found.message for found in deviations([*seen, *twice], origin=ZERO) if found.code == codes.EXTRA_JOB.id]
+    assert messages == [f"ran at {extra}ms of the trace, where no job of it is due"]
+
+
+@pytest.mark.parametrize(("end", "missing"), [(15, 1), (7, 1), (6, 0), (None, 0)])
+def test_a_job_is_due_if_it_would_end_before_the_last_end_of_the_trace(end, missing):
+    mode = table("all", 20, job("a", 0, 0, 15), job("b", 0, 4, 6, "c2"))
+    seen = Execution(task="a", units=("c1",), start=ZERO, end=None if end is None else ms(end))
+    answer = compare(replace(PLAN, modes=(mode,), transitions=()), Trace(name="", executions=(seen,)), CompareOptions())
+    assert answer.counts[Kind.MISSING] == missing
+
+
+@pytest.mark.parametrize("origin", [ZERO, ms(7), ZERO - ms(3)])
+@pytest.mark.parametrize("by", [ZERO, ms(2), ZERO - ms(2)])
+def test_the_instant_that_a_recorder_planned_is_that_of_the_schedule(origin, by):
+    seen = play(origin=origin)
+    planned = moved(seen, 1, planned=seen[1].start + by)
+    assert compared(planned, origin=origin).counts == ({Kind.PLAN: 1} if by else {})
 
 
 def test_jobs_of_one_unit_in_another_order_and_at_once():

@@ -61,12 +61,13 @@ def test_a_faithful_recording_has_the_verified_figures():
 
 
 def test_quantiles_are_samples():
-    """One of 200 paths is long: the 99th of 100 samples does not see it, the worst does."""
+    """Three of 200 paths are long: the 99th of 100 samples is the shortest of them, the worst the longest."""
     seen = ran(200)
-    late = next(n for n, e in enumerate(seen) if e.task == "b" and e.start > ms("500ms"))
-    seen[late] = replace(seen[late], end=seen[late].end + ms("1ms"))
+    late = [n for n, e in enumerate(seen) if e.task == "b" and e.start > ms("500ms")]
+    for n, more in zip(late, ("3ms", "1ms", "2ms"), strict=False):
+        seen[n] = replace(seen[n], end=seen[n].end + ms(more))
     age = figures(compared(seen))["age"]
-    assert (age.median, age.p99, age.worst, age.count) == (ms("8ms"), ms("8ms"), ms("9ms"), 200)
+    assert (age.median, age.p99, age.worst, age.count) == (ms("8ms"), ms("9ms"), ms("11ms"), 200)
     first = figures(compared(ran(200)[:-1]))["age"]
     assert first.count == 199
 

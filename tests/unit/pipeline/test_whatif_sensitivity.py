@@ -2,6 +2,9 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
+
+import pytest
 
 from halpipe.core.durations import Duration
 from halpipe.models import Interrupt, Part, Split
@@ -105,6 +108,29 @@ def test_the_mode_that_leaves_least_counts_and_is_named():
         assert growth(system, plan) == (ms(3), 'mode "one": unit "u1": "b" job 0 starts at 5ms')
 
 
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_of_modes_that_leave_as_much_the_first_is_named(is_whole):
+    grown = version("v", 2)
+    a, b = task("a", 10, grown if is_whole else replace(grown, split=Split(points=(ms(1),)))), task("b", 10, grown)
+    system = model(a, b, modes=[mode("one", [a, b]), mode("two", [a, b])])
+    jobs = job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1")
+    one, two = (schedule(system, 10, *jobs, mode_name=name) for name in ("one", "two"))
+    for first, second in ((one, two), (two, one)):
+        grows, reason = growth(system, replace(one, modes=(*first.modes, *second.modes)))
+        assert (grows, reason.partition(" ")[0]) == (ms(3), "mode")
+        assert f'mode "{first.modes[0].name}"' in reason
+
+
+def test_a_chain_bounds_nothing_in_a_mode_without_all_of_its_tasks():
+    a, b = task("a", 10, version("v", 2)), task("b", 10, version("v", 1, "u2"))
+    chains = [chain("c", "a b", age=6), chain("d", "b", age=2)]
+    system = model(a, b, units="u1 u2", chains=chains, modes=[mode("one", [a, b]), mode("two", [a])])
+    one = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u2"), mode_name="one")
+    two = schedule(system, 10, job(system, "a", 0, 0, "u1"), mode_name="two")
+    both = replace(one, modes=(*one.modes, *two.modes))
+    assert growth(system, both) == (ms(3), 'mode "one": chain "c": data age 6ms')
+
+
 def test_a_window_from_a_while_after_the_end():
     """Neither job of the other version ends in the window, which is as wide as its limits are apart."""
     either = task("a", 10, version("v", 2), version("w", 2, "u2"))
@@ -138,6 +164,22 @@ def test_search_starts_from_what_the_schedule_shows():
     row, found = look(system, plan, "b")
     assert row.growth == ms(1)
     assert (found.found, found.bound) == (ms(3), ms(3))
+
+
+@pytest.mark.parametrize(("at", "longest"), [(3, 3), (5, 5), (2, 2)])
+def test_a_search_without_success_leaves_what_the_schedule_shows(at, longest):
+    system = model(task("a", 10, version("v", 2)), task("b", 10, version("v", 1)))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, at, "u1"))
+    blind = SimpleNamespace(finds=lambda changed: False)
+    assert searched(system, rows(system, plan)["a", "v"], blind, Fraction(1, 10)).found == ms(longest)
+
+
+def test_a_version_that_is_not_used_has_no_limit():
+    system = model(task("a", 10, version("v", 2), version("w", 3)), task("b", 10, version("v", 1)))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"))
+    row, found = look(system, plan, "a", "w")
+    assert row.growth is None
+    assert (found.found, found.bound) == (None, None)
 
 
 def test_no_limit_where_another_version_takes_over():

@@ -184,6 +184,12 @@ def test_largest_factor_is_exact_on_its_grid(step, found):
     assert (answer.found, answer.bound) == (Fraction(found), Fraction(found))
 
 
+def test_a_version_that_cannot_be_chosen_any_more_bounds_no_factor():
+    system = model(task("a", 10, version("fast", 2), version("slow", 6)))
+    answer = ask(largest_factor(system), search())
+    assert (answer.found, answer.bound) == (Fraction(5), Fraction(5))
+
+
 def test_a_factor_below_one_where_the_model_has_too_much_work():
     tasks = [task(name, 10, version("v", 8, "c1")) for name in "ab"]
     answer = ask(largest_factor(model(*tasks, units="c1")), search())

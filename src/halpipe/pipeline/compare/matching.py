@@ -57,7 +57,7 @@ class Match:
         return [(start + by, end + by) for start, end in self.job.occupations()]
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class Matching:
     """Executions by the slots of the jobs in the lines; `extra` are rows without a job, `missing` slots without a row.
 

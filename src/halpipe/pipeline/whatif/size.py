@@ -179,14 +179,15 @@ def lowest_bandwidth(model: TaskModel, resource: str, step: Fraction = STEP) -> 
     def peak(active: ActiveTask) -> Fraction:
         return max(Fraction(peak_bound(version, resource)) for version in active.versions)
 
+    most = max(Fraction(1), *(_most_at_once(mode, peak) for mode in Context(model).active))
+
     def at(share: Fraction) -> Changed:
         return with_bandwidth(model, resource, share)
 
-    needed = max((_most_at_once(mode, peak) for mode in Context(model).active), default=Fraction(1))
     return Question(
         what=f'bandwidth of resource "{resource}"',
         hardest=1,
-        easiest=max(math.ceil(1 / step), math.ceil(needed / step)),
+        easiest=math.ceil(most / step),
         step=step,
         now=Fraction(1),
         at=at,
