@@ -75,6 +75,14 @@ def test_the_header_names_the_unit(header, nanoseconds):
 
 
 @pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("1 days 02:03:04.5", "93784.5"), ("00:01:00", "60"), ("01:00:00", "3600"), ("2 days 00:00:00", "172800")],
+)
+def test_a_time_of_pandas_has_days_hours_minutes_and_seconds(text, seconds):
+    assert samples(f"callback,duration\na,{text}\n")[0] == {"a": [int(Fraction(seconds) * 10**9)]}
+
+
+@pytest.mark.parametrize(
     ("text", "nanoseconds"),
     [("0.4", 0), ("0.5", 1), ("1.5", 2), ("2.4999", 2), ("25e-1", 3), ("-0.4", 0), ("1234567.5", 1234568), ("3.", 3)],
 )

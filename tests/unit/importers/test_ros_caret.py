@@ -174,6 +174,18 @@ def test_contexts_tell_the_publisher():
     assert warning.message.endswith('assumed: subscription callback "/mixer/fast"')
 
 
+@pytest.mark.parametrize(
+    ("kind", "publisher"),
+    [(kind, "slow") for kind in ("callback_chain", "inherit_unique_stamp", "tilde")] + [("use_latest_message", "fast")],
+)
+def test_a_context_that_carries_a_message_names_the_readers_of_its_topic(tmp_path, kind, publisher):
+    text = (FIXTURES / "contexts.yaml").read_text()
+    text = text.replace("use_latest_message, subscription_topic_name: /slow", f"{kind}, subscription_topic_name: /slow")
+    service = "  - {callback_name: /mixer/help, callback_type: service_callback, service_name: /slow, symbol: g}\n"
+    text = text.replace("  - {callback_name: /mixer/slow", service + "  - {callback_name: /mixer/slow")
+    assert predecessors(read(write(tmp_path, text, "a.yaml")))["/latest_reader"] == [f"/mixer/{publisher}"]
+
+
 LATEST = """
 named_paths:
 - path_name: through

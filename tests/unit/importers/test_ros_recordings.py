@@ -61,6 +61,7 @@ def test_an_empty_or_short_recording_has_no_rate(refused, duration, start, count
         ('"- deadline:\\n    sec: 0\\n    nsec: 20000000"', "20ms"),
         ('"- deadline: {sec: 1, nsec: 0}\\n- deadline: {sec: 0, nsec: 500000000}"', "500ms"),
         ("[{deadline: {sec: 0, nsec: 100000000}}]", "100ms"),
+        ("[{deadline: {sec: 31535999, nsec: 0}}]", "31535999s"),
     ],
 )
 def test_an_offered_deadline_stands_in_for_a_rate(imported, qos, period):
@@ -78,6 +79,7 @@ def test_an_offered_deadline_stands_in_for_a_rate(imported, qos, period):
         "3",
         "'- deadline: {sec: -1, nsec: 0}'",
         "[{deadline: {sec: 0, nsec: 0}}]",
+        "[{deadline: {sec: 31536000, nsec: 0}}]",
         "~",
     ],
 )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from halpipe.core.diagnostics import Diagnostic, Findings, named
@@ -320,10 +321,7 @@ def _node(vertex: Vertex, wiring: Wiring) -> str:
 
 def _ring(cycle: Sequence[Vertex], wiring: Wiring) -> list[str]:
     """Return the nodes of a cycle in order, each stay in a node once."""
-    ring: list[str] = []
-    for node in _nodes(cycle, wiring):
-        if not ring or ring[-1] != node:
-            ring.append(node)
+    ring = [node for node, _ in groupby(_nodes(cycle, wiring))]
     return ring[:-1] if len(ring) > 1 and ring[0] == ring[-1] else ring
 
 
