@@ -60,6 +60,8 @@ EQUIVALENT = {
     ("size.py", "largest = max((1 - margin for margin in margins if margin is not None), default=Fraction(0))"): CHOICE,
     ("size.py", "return Question(what='common factor of all WCETs', hardest=hardest, easiest=1, step=step, now=Fraction(1), at=at, relaxed=at, ignored=WINDOWS, likely=min(0, hardest - math.floor(largest / step)))"): CHOICE,
     ("dataflow.py", "return ring[:-1] if len(ring) > 2 and ring[0] == ring[-1] else ring"): "two in a row differ, so a ring of two is none",
+    ("session.py", "return parse_model(format_model(model), self.path, is_checked=False)"): "what the writer has checked is checked again",
+    ("session.py", "def __init__(self, path: str, workers: int=2) -> None:"): "any number of workers finds the same",
     ("sensitivity.py", "return max(rooms)"): "a room beyond the true one is only searched longer",
     ("matching.py", "left[due] = -2"): "only whether it is negative counts",
     ("matching.py", "of, place = (np.where(place == _NO_JOB, -2, line[at]), np.where(is_exact, place, near))"): "only whether it is negative counts",

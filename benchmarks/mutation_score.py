@@ -27,6 +27,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -247,11 +248,13 @@ class Trace:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
         self._now, begin = set(), time.perf_counter()
+        threading.settrace(self._enter)  # a server answers in threads of its own
         sys.settrace(self._enter)
         try:
             return (yield)
         finally:
             sys.settrace(None)
+            threading.settrace(None)  # type: ignore[arg-type]
             self.lines[item.nodeid], self.seconds[item.nodeid] = sorted(self._now), time.perf_counter() - begin
 
 

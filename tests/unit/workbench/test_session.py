@@ -1,8 +1,10 @@
 """The workbench without a server: edits, pins, history, variants, saving."""
 
 import os
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +17,7 @@ from halpipe.exporters.report import scene as drawing
 from halpipe.exporters.report.scene import scene
 from halpipe.importers.native import parse_model, read_model
 from halpipe.pipeline.checked import verify_schedule
+from halpipe.pipeline.whatif.sensitivity import sensitivities
 from halpipe.starters import first_model
 from halpipe.workbench.edits import Edit, Pin, edited
 from halpipe.workbench.journal import EDITS_LOST
@@ -74,6 +77,7 @@ def test_a_dragged_job_is_drawn_at_its_place_before_it_is_solved(session):
     session.pin(Pin("drive", "logging", 0, Duration.parse("3ms"), "core2"))
     [job] = [job for job in session.shown.schedule.mode("drive").jobs if job.task == "logging"]
     assert (job.start, job.units, session.shown.is_valid) == (Duration.parse("3ms"), ("core2",), False)
+    assert job.end - job.start == session.shown.model.task("logging").version("only").wcet
 
 
 def test_an_edit_that_no_file_can_state_is_refused_and_changes_nothing(session):
@@ -285,13 +289,44 @@ def test_exports_are_of_what_is_shown_and_valid(session):
 
 
 def test_margins_are_shares_of_the_wcet(session):
-    assert set(session.margins()) <= {task.name for task in session.state.model.tasks}
-    assert all(share >= 0 for share in session.margins().values())
+    shares = defaultdict(set)
+    for row in sensitivities(session.state.model, session.state.schedule, frozenset()):
+        if row.growth is not None:
+            shares[row.task].add(float(row.growth / row.wcet))
+    assert any(len(each) > 1 for each in shares.values())
+    assert session.margins() == {task: min(each) for task, each in shares.items()}
 
 
 def test_why_there_is_no_schedule(session):
     session.edit(Edit("chain", "see-and-brake", "max_reaction", "5ms"))
     assert any("see-and-brake" in found.message + found.path for found in session.why("drive"))
+
+
+def test_a_question_is_answered_until_it_is_cancelled(session, monkeypatch):
+    goes_on = []
+
+    def explain(model, options, is_asked):
+        goes_on.append(is_asked())
+        session.cancel()
+        goes_on.append(is_asked())
+        return SimpleNamespace(diagnostics=())
+
+    monkeypatch.setattr("halpipe.pipeline.explain.explanation.explain", explain)
+    session.why("drive")
+    session.why("drive")
+    assert goes_on == [True, False, True, False]
+
+
+def test_forms_have_the_values_of_the_model_and_none_where_it_has_none(session):
+    forms = {(form["table"], form["edit"]["name"]): form["cells"] for form in picture(session)["forms"]}
+    chain, mode = session.state.model.chains[0], session.state.model.modes[0]
+    tasks, *limits = [cell for cell in forms["chains", chain.name] if "field" in cell]
+    assert tasks == {"field": "tasks", "value": " ".join(chain.tasks), "wide": True}
+    stated = {each["field"]: getattr(chain, each["field"]) for each in limits}
+    assert {value is None for value in stated.values()} == {True, False}
+    words = {field: "" if value is None else str(value) for field, value in stated.items()}
+    assert limits == [{"field": field, "value": value, "wide": False} for field, value in words.items()]
+    assert forms["modes", mode.name][1]["wide"]
 
 
 def test_the_picture_has_every_job_once(session):
