@@ -1,6 +1,7 @@
 """The graph of modes, the slowest ways through chains, and the account of the import, as the page draws them."""
 
 import json
+import re
 from dataclasses import replace
 from itertools import combinations, pairwise
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from exporter_samples import many, roboracer, two_modes
 from hypothesis import given
 from hypothesis import strategies as st
 
+from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.common.codes import NO_IMPORT_REPORT
@@ -17,6 +19,7 @@ from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.exporters.report.chains import path_chart, worst_age, worst_latency, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
 from halpipe.exporters.report.page import build_account
+from halpipe.exporters.report.scene import figures
 from halpipe.importers.common.base import Coverage, Imported, format_account
 from halpipe.models import Anchor, Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
 from halpipe.pipeline.jobs import expand
@@ -50,6 +53,39 @@ def test_no_two_modes_are_drawn_on_each_other(count):
     for node in graph["nodes"]:
         assert NODE_WIDTH // 2 <= node["x"] <= WIDTH - NODE_WIDTH // 2
         assert NODE_HEIGHT // 2 <= node["y"] <= graph["height"] - NODE_HEIGHT // 2
+
+
+def test_graphs_of_modes_are_those_of_the_golden_file():
+    lines = []
+    for count in (2, 3, 5, 8):
+        switches = [(f"m{a}", f"m{b}") for a in range(count) for b in range(count) if a != b]
+        graph = build_mode_graph(*system_of(count, switches))
+        lines += [f"{count} modes, height {graph['height']}"]
+        lines += [f"{node['title']} at {node['x']} {node['y']}" for node in graph["nodes"]]
+        lines += [f"{a['title'].split(':')[0]}: {a['path']}, label at {a['x']} {a['y']}" for a in graph["arrows"]]
+    assert_golden("report-modes.txt", "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("count", range(2, MOST_MODES + 1))
+def test_arrows_lead_from_box_to_box_and_never_on_each_other(count):
+    switches = [(f"m{a}", f"m{b}") for a in range(count) for b in range(count) if a != b]
+    graph = build_mode_graph(*system_of(count, switches))
+    at = {node["title"]: (node["x"], node["y"]) for node in graph["nodes"]}
+    width, height = NODE_WIDTH // 2 + 3, NODE_HEIGHT // 2 + 3
+    ends = [[int(n) for n in re.findall(r"-?[0-9]+", arrow["path"])] for arrow in graph["arrows"]]
+    for (source, target), (ax, ay, _, _, bx, by) in zip(switches, ends, strict=True):
+        for x, y, (middle_x, middle_y) in ((ax, ay, at[source]), (bx, by, at[target])):
+            across, down = abs(x - middle_x), abs(y - middle_y)
+            assert across <= width + 1
+            assert down <= height + 1
+            assert across == width or down == height
+    assert len({(arrow["x"], arrow["y"]) for arrow in graph["arrows"]}) == len(switches)
+
+
+@pytest.mark.parametrize(("parts", "gaps"), [([0, 0], 0), ([1], 0), ([2], 1), ([3, 0, 2], 3)])
+def test_gaps_lie_between_the_parts_of_jobs(parts, gaps):
+    jobs = [SimpleNamespace(parts=(None,) * count) for count in parts]
+    assert figures(SimpleNamespace(period=None), jobs, ms(10)) == {"jobs": len(parts), "gaps": gaps}
 
 
 @pytest.mark.parametrize("count", [0, 1, MOST_MODES + 1])

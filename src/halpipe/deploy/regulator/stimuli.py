@@ -119,7 +119,7 @@ TRAFFIC = (
     Traffic(name="greedy", greedy=True),
     Traffic(name="random lengths and gaps", flags=LENGTHS | GAPS, by_software=True),
     Traffic(name="clusters, shallow queues", flags=LENGTHS | CLUSTERS, depth=2, latency=45),
-    Traffic(name="greedy, shallow queues", flags=0, depth=1, latency=3, by_software=True),
+    Traffic(name="greedy, shallow queues", depth=1, latency=3, by_software=True),
     Traffic(name="each manager different", mixed=True, depth=8),
     Traffic(name="data of writes waits", depth=512, is_owing=True),
 )

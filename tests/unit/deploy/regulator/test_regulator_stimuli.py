@@ -1,16 +1,37 @@
 """The script of the software in a simulation, and which table must be played in every window because of it."""
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import halpipe
 import regulator_bundles as bundles
 from halpipe.deploy.regulator import stimuli
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.stimuli import NOT_RUNNING, STEPPED, TRAFFIC, Traffic, plan
 from profiles import examples
+
+REGISTERS = {
+    "unit": {"PARAMS": "PARAMS", "UNIT_WINDOW": "WINDOW", "UNIT_DEF_READ": "DEF_RD", "UNIT_DEF_WRITE": "DEF_WR",
+             "UNIT_REQUEST": "REQ_TABLE"},
+    "arrays": {"UNIT_HEADERS": "HDR", "UNIT_ENTRIES": "TAB"},
+    "windows": {"FRAME_ID": "ID", "FRAME_GO": "CTRL", "FRAME_WINDOW": "WINDOW", "FRAME_CYCLES": "CYCLES",
+                "FRAME_REQUEST": "REQ_TABLE", "FRAME_EXTRA": "EXTRA", "FRAME_OF": "OF", "FRAME_LONGEST": "LONGEST"},
+}  # fmt: skip
+"""The addresses that the software of a simulation uses, and the registers of the description that they are of."""
+
+
+@pytest.mark.parametrize("block", REGISTERS)
+def test_addresses_are_those_of_the_description_of_the_registers(block):
+    described = Path(halpipe.__file__).with_name("exporters").joinpath("regulator", "table", "registers.j2").read_text()
+    (lines,) = re.findall(rf"set {block} = \[\n(.*?)\n\] %}}", described, re.DOTALL)
+    known = dict(re.findall(r'^  \("(\w+)", (?:"\w+", )?(0x[0-9a-f]+),', lines, re.MULTILINE))
+    used = {name: getattr(stimuli, name) for name in REGISTERS[block]}
+    assert used == {name: int(known[register], 16) for name, register in REGISTERS[block].items()}
 
 
 def tables_of(folder, *, window="64"):
