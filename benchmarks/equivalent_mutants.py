@@ -62,6 +62,7 @@ EQUIVALENT = {
     ("dataflow.py", "return ring[:-1] if len(ring) > 2 and ring[0] == ring[-1] else ring"): "two in a row differ, so a ring of two is none",
     ("session.py", "return parse_model(format_model(model), self.path, is_checked=False)"): "what the writer has checked is checked again",
     ("session.py", "def __init__(self, path: str, workers: int=2) -> None:"): "any number of workers finds the same",
+    ("size.py", "most = max(Fraction(2), *(_most_at_once(mode, peak) for mode in Context(model).active))"): MORE,
     ("sensitivity.py", "return max(rooms)"): "a room beyond the true one is only searched longer",
     ("matching.py", "left[due] = -2"): "only whether it is negative counts",
     ("matching.py", "of, place = (np.where(place == _NO_JOB, -2, line[at]), np.where(is_exact, place, near))"): "only whether it is negative counts",

@@ -254,7 +254,8 @@ def test_a_job_that_ran_twice(stated):
 @pytest.mark.parametrize(("starts", "extra"), [((3, 5), 5), ((3, 6), 6), ((2, 5), 2), ((2, 3), 2)])
 def test_of_two_executions_the_closer_one_is_the_job_and_of_two_as_close_the_first(starts, extra):
     seen = [each for each in play([("race", RACE)]) if each.task != "b"]
-    twice = [Execution("b", ("c1",), ms(start), ms(start + 1), table="race", cycle=0, job=0) for start in starts]
+    label = {"task": "b", "units": ("c1",), "table": "race", "cycle": 0, "job": 0}
+    twice = [Execution(start=ms(start), end=ms(start + 1), **label) for start in starts]
     messages = [found.message for found in deviations([*seen, *twice], origin=ZERO) if found.code == codes.EXTRA_JOB.id]
     assert messages == [f"ran at {extra}ms of the trace, where no job of it is due"]
 
@@ -271,8 +272,9 @@ def test_a_job_is_due_if_it_would_end_before_the_last_end_of_the_trace(end, miss
 @pytest.mark.parametrize("by", [ZERO, ms(2), ZERO - ms(2)])
 def test_the_instant_that_a_recorder_planned_is_that_of_the_schedule(origin, by):
     seen = play(origin=origin)
-    planned = moved(seen, 1, planned=seen[1].start + by)
-    assert compared(planned, origin=origin).counts == ({Kind.PLAN: 1} if by else {})
+    trace = Trace(name="", executions=tuple(sorted(moved(seen, 1, planned=seen[1].start + by), key=lambda e: e.start)))
+    scope = Scope(codes={Kind.PLAN: codes.WRONG_START})
+    assert compare(PLAN, trace, CompareOptions(origin=origin), scope=scope).counts == ({Kind.PLAN: 1} if by else {})
 
 
 def test_jobs_of_one_unit_in_another_order_and_at_once():
