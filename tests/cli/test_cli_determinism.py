@@ -66,6 +66,7 @@ def test_surroundings_change_no_byte(tmp_path):
         assert other == one
 
 
+@pytest.mark.slow
 def test_another_hash_seed_and_locale_change_no_byte(tmp_path):
     few = (COMMANDS[0], COMMANDS[1], COMMANDS[7])
     one = made(tmp_path / "one", {"PYTHONHASHSEED": "1", "LC_ALL": "C"}, few)

@@ -118,6 +118,7 @@ def test_models_are_never_written_over(folder):
     assert content(folder) == {name: format_model(variant(20 + number)) for number, name in enumerate(NAMES)}
 
 
+@pytest.mark.slow
 def test_the_key_of_a_variant_is_the_same_in_every_process(folder):
     """Hashes of texts differ between processes, and so does the order of what stands in sets."""
     (folder / "platform.yaml").write_text(PLATFORM)

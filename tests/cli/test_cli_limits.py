@@ -34,6 +34,7 @@ def test_a_verb_without_room_for_files_ends_in_order(place, verb):
     assert wrong == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["selftest", "export report"])
 def test_a_full_disk_is_told(place, verb):
     _, wrong = limits.tried(place, limits.VERBS[verb], resource.RLIMIT_FSIZE, [100])

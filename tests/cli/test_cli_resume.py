@@ -63,6 +63,7 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
     assert resumed.schedule == straight.schedule
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aim", [("cost", "chains"), ("margin",), tuple(AIMS)])
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""

@@ -24,6 +24,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_the_checkers_agree_and_both_verdicts_occur(halpipe):
     said = halpipe("selftest", "--mutants", "60")
     assert said.returncode == 0, said.stdout
@@ -54,11 +55,13 @@ def test_each_rule_that_is_switched_off_is_noticed(monkeypatch, name):
     assert name in outcome.unseen
 
 
+@pytest.mark.slow
 def test_each_edge_breaks_its_rule_alone():
     assert run(1, 1).unseen == []
     assert {rule for edge in edges() for rule in edge.rules} == {*JUDGED, "reading"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", [True, False])
 def test_a_checker_that_is_wrong_is_told(halpipe, monkeypatch, verdict):
     monkeypatch.setattr(second, "accepts", lambda *_: verdict)
@@ -68,6 +71,7 @@ def test_a_checker_that_is_wrong_is_told(halpipe, monkeypatch, verdict):
     assert run_package is run
 
 
+@pytest.mark.slow
 def test_evidence_is_made_again_to_the_same_bytes(halpipe, tmp_path):
     for name in ("one", "two"):
         assert halpipe("selftest", "--mutants", "20", "--evidence", str(tmp_path / name)).returncode == 0
@@ -86,6 +90,7 @@ def test_evidence_is_made_again_to_the_same_bytes(halpipe, tmp_path):
     assert untested == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mark", "code"), [("", 0), ("<failure/>", 1)])
 def test_results_reach_the_evidence_and_failures_the_exit_code(halpipe, tmp_path, mark, code):
     file = "tests.unit.pipeline.test_verify_split_switches"
@@ -123,6 +128,7 @@ def test_the_list_of_malfunctions_is_that_of_this_release():
     assert {row[1] for row in rows} <= {use.name for use in confidence.USES} | {"all"}
 
 
+@pytest.mark.slow
 def test_the_walk_names_files_of_the_folder_and_their_results():
     outcome = Outcome(valid=3, broken=4, differing=["x"])
     files = evidence.folder(outcome, 5, 1)

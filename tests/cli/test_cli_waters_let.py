@@ -48,6 +48,7 @@ def scheduled():
     return system, found.schedule
 
 
+@pytest.mark.slow
 def test_the_published_latencies_and_reaction_times(scheduled):
     _, plan = scheduled
     rows = {row["chain"]: (row["latency_ms"], row["reaction_ms"]) for row in api.latencies(plan)}

@@ -462,6 +462,7 @@ def test_parts_and_gaps_on_this_machine(tmp_path, split):
         assert all(ran.end - ran.planned >= ms(3) for ran in seen)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_programs_that_do_not_compile_and_compilers_that_are_not_there(tmp_path, monkeypatch):
     owner = system()
@@ -479,6 +480,7 @@ def sourced_wrongly(owner):
     return replace(owner, tasks=tuple(sourced(t, "both", ("STEP=@",)) for t in owner.tasks))
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_missing_rights_are_named_with_their_remedy(tmp_path):
     """Two units on one CPU are refused by the export, and by the start, which may state other CPUs."""

@@ -73,6 +73,7 @@ def play(bundle, *options, device="/dev/zero", program="dispatcher", **environme
     return first, done, [tuple(map(int, line.split())) for line in log.read_text().splitlines()]
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_regulators_begin_and_switch_with_the_tables_of_the_dispatcher(bundle):
     """Whenever the switches are made: each table of the unit begins with that of the jobs, within the stated bound."""

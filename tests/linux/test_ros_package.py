@@ -133,6 +133,7 @@ def test_the_package_of_an_example_is_built_by_its_own_cmake_files(tmp_path, exa
     assert built_with_cmake(tmp_path, examples[""], distribution) == ""
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_packages_of_the_examples_compile(tmp_path, examples):
     """Their containers are one file; rows and tables differ."""
@@ -145,6 +146,7 @@ def test_the_packages_of_the_examples_compile(tmp_path, examples):
         assert (said or "", plain.stderr) == ("", "")
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(("distribution", "condition"), [(HUMBLE, "1"), (JAZZY, "0")])
 def test_the_timer_of_the_other_distribution_does_not_compile(tmp_path, distribution, condition):
@@ -173,6 +175,7 @@ def any_package(seed):
     )
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_rows_and_tables_of_random_packages_compile(tmp_path):
     """The rows of all stand in one file, each in a namespace of its own, since the executor is the same."""

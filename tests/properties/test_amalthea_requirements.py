@@ -102,6 +102,7 @@ def simulate(count, first, folder):
     return with_schedule
 
 
+@pytest.mark.slow
 def test_valid_schedules_of_imported_models_keep_their_requirements(tmp_path):
     assert simulate(20, 0, tmp_path) > 5
 

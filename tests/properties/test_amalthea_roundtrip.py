@@ -36,6 +36,7 @@ def edits(imported):
     return [d for d in imported.diagnostics if d.code == codes.EDITED.id or d.severity is Severity.ERROR]
 
 
+@pytest.mark.slow
 @FAST
 @given(strategies.task_models.map(grounded).filter(lambda model: model.tasks), st.sampled_from(RELEASES))
 def test_a_model_comes_back_as_it_was(tmp_path_factory, model, release):

@@ -174,6 +174,7 @@ def switched_by_priorities():
     return system, split_switches.plan(system)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [switched, switched_by_priorities])
 @pytest.mark.parametrize("way", [0, 1])
 def test_no_part_is_late_and_no_access_early_across_a_switch(case, way):

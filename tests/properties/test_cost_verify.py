@@ -64,6 +64,7 @@ def test_wild_schedules(block):
     assert any(results)
 
 
+@pytest.mark.slow
 def test_schedules_valid_by_construction_cost_nothing():
     assert not any(check(*systems.valid_system(random.Random(seed))) for seed in range(150))
 

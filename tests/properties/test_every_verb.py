@@ -18,6 +18,7 @@ def driven(tmp_path, first, count, every=1):
     return ends, codes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7, 47, 142, 203])
 def test_verbs_agree(tmp_path, seed):
     driven(tmp_path, seed, 1)

@@ -298,6 +298,7 @@ def test_each_better_schedule_is_told():
     assert told[-1] == (system.modes[0].name, f"margin {value_text(reached.objective, reached.value)}")
 
 
+@pytest.mark.slow
 def test_each_better_schedule_of_split_jobs_is_told():
     rows = (("a", 10, 4, 2), ("b", 20, 4, 2), ("c", 10, 1, None))
     tasks = [

@@ -244,6 +244,7 @@ def test_costs_hold_through_cycles_and_their_restarts():
     check_profiles(problem, state)
 
 
+@pytest.mark.slow
 def test_many_linked_tasks_are_built_up_anew_in_each_cycle_and_cycles_get_longer():
     """Where tasks were before is tried first in a few cycles, and then no more."""
     tasks = [task("t0", 40, version("v", 1))]

@@ -73,6 +73,7 @@ def fractions(count, first):
     return judged
 
 
+@pytest.mark.slow
 def test_remedies_of_some_systems_are_least():
     judged = fractions(2, 13)
     assert judged

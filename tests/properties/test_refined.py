@@ -85,6 +85,7 @@ def compare(tmp_path, seed, count):
     return verdicts
 
 
+@pytest.mark.slow
 def test_three_checkers_agree(tmp_path):
     verdicts = compare(tmp_path, 1, 300)
     assert verdicts["valid"] > 60
@@ -141,6 +142,7 @@ def test_figures_of_chains_agree():
     assert min(seen["let"], seen["implicit"]) > 15
 
 
+@pytest.mark.slow
 def test_what_has_a_schedule_is_called_neither_invalid_nor_hopeless():
     """validate and the proofs of explain are sound: the oracle knows a schedule."""
     kept = 0
@@ -153,6 +155,7 @@ def test_what_has_a_schedule_is_called_neither_invalid_nor_hopeless():
     assert kept > 60
 
 
+@pytest.mark.slow
 def test_what_the_search_calls_valid_verifies_for_preemptive_jobs_and_switches():
     found = Counter()
     for system, _ in cases(4, 60):

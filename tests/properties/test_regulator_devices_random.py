@@ -49,6 +49,7 @@ def settings(rng, device, units):
     return f"{device}: {{{', '.join(kept)}}}" if kept else ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", ["axi-realm", "qos400", "memguard", "resctrl"])
 def test_random_platforms_pass_their_check_or_are_refused(tmp_path, device):
     exported = 0

@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scheduler_systems import random_model
@@ -31,6 +32,7 @@ def scheduled(system, grid):
     return found if found.is_complete else None
 
 
+@pytest.mark.slow
 @examples(150)
 @given(
     st.integers(0, 2**32),

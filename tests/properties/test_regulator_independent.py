@@ -24,6 +24,7 @@ def found(files):
     return {finding.code for finding in checked.diagnostics}
 
 
+@pytest.mark.slow
 def test_what_the_exporter_makes_of_random_systems_passes(tmp_path):
     cycles, loads = set(), set()
     for seed in range(SYSTEMS):

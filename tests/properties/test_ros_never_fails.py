@@ -53,6 +53,7 @@ def ends_with_a_model_or_reasons(paths, **options):
     assert all(read == mapped + ignored for _, read, mapped, ignored in imported.coverage.rows())
 
 
+@pytest.mark.slow
 @FAST
 @given(damaged([path.read_text() for path in DESIGN]))
 def test_damaged_designs(tmp_path_factory, texts):

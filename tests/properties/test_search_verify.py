@@ -109,6 +109,7 @@ def count_unsolved(seeds, **options):
     return unsolved, tried
 
 
+@pytest.mark.slow
 def test_schedules_are_found_where_they_exist():
     unsolved, tried = count_unsolved(range(300))
     assert tried > 250
@@ -151,6 +152,7 @@ def modest(seeds):
             yield system
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slice_work", [1, 140, 20_000])
 def test_the_bytes_do_not_depend_on_the_slices(monkeypatch, slice_work):
     """Slices of 1 move, of some, and of many."""
@@ -200,6 +202,7 @@ def test_a_budget_too_small_to_place_all_jobs_is_survived(seed, budget):
     check(system, found(system, budget=budget))
 
 
+@pytest.mark.slow
 def test_units_that_cannot_be_dealt_out_are_searched_one_by_one(monkeypatch):
     deal = dealing.assign_units
     refused = []

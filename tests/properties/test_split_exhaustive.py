@@ -169,6 +169,7 @@ def test_no_proof_against_what_has_a_schedule_at_length():
     assert counted["HAL0432"] > 0, counted
 
 
+@pytest.mark.slow
 def test_no_proof_against_phases_that_can_lie_apart():
     counted = judge_all(range(30), drawn_apart)
     assert counted["HAL0432"] > 1, counted

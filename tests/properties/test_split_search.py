@@ -47,6 +47,7 @@ def test_a_job_waits_for_one_on_another_unit_that_needs_the_same_resource():
     assert schedule_model(owner, SearchOptions(budget=1000), lambda *_: True).is_complete
 
 
+@pytest.mark.slow
 def test_what_is_called_valid_is():
     """Deadlines are longer than periods, tasks have several jobs on a unit; every table is the reference's."""
     searched = [seed for seed in range(60) if is_searched(seed)]

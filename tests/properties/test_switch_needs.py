@@ -2,6 +2,8 @@
 
 import random
 
+import pytest
+
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO
 from halpipe.pipeline.checked import schedule_model
@@ -27,6 +29,7 @@ def system(rng):
     return model(*tasks, units="u0 u1 u2", modes=modes, transitions=[("before", "after", None)])
 
 
+@pytest.mark.slow
 def test_tables_are_as_long_as_entering_tasks_need():
     tight = tables = 0
     for seed in range(60):

@@ -47,6 +47,7 @@ def test_a_bound_task_has_versions_of_several_gang_sizes_in_a_table():
     assert [d for d in verify_schedule(read(system), found) if d.is_error] == []
 
 
+@pytest.mark.slow
 def test_hundreds_of_tasks_demand_each_other_in_a_row():
     row = [task("t0", 100, version("v", "1us", "u1", after("t1", 0, 100)))]
     row += [task(f"t{n}", None, version("v", "1us", "u1", after(f"t{n + 1}", 0, 100))) for n in range(1, 1100)]
@@ -103,6 +104,7 @@ def test_numbers_are_writable_up_to_the_length_that_is_read(value, is_short):
     assert is_writable(value) is is_short
 
 
+@pytest.mark.slow
 def test_demanders_may_be_phased_further_apart_than_a_hyperperiod():
     """Jobs on demand were released out of order then, and one started before it was released."""
 

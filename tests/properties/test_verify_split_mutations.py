@@ -64,6 +64,7 @@ def test_no_witness_against_what_has_a_schedule(rng):
     assert not found, told(found)
 
 
+@pytest.mark.slow
 @examples(60)
 @given(RANDOMS)
 def test_jobs_of_a_task_with_a_late_deadline_may_follow_closely_but_not_meet(rng):

@@ -98,6 +98,7 @@ def plain(model):
     return tasks, [bare(unit) for unit in model.units], [bare(m) for m in model.modes], model.transitions
 
 
+@pytest.mark.slow
 @EVERY
 def test_the_merged_project_imports_to_the_same_model(tmp_path, put):
     directory, granularity, model, _, onto, _ = put
@@ -105,6 +106,7 @@ def test_the_merged_project_imports_to_the_same_model(tmp_path, put):
     assert plain(imported(tmp_path, directory, granularity)) == plain(model)
 
 
+@pytest.mark.slow
 @EVERY
 def test_the_merged_project_starts_what_the_schedule_says_and_nothing_else(put):
     directory, _, model, schedule, onto, _ = put
@@ -125,6 +127,7 @@ def test_the_counts_are_those_of_the_project(put):
     assert len(listed) == len(onto.changes)
 
 
+@pytest.mark.slow
 @EVERY
 def test_every_reference_of_the_delta_leads_into_the_project(put):
     directory, _, _, _, onto, _ = put
@@ -150,6 +153,7 @@ def test_strict_validation_takes_the_delta_beside_the_project(put):
     assert list(warnings) == []
 
 
+@pytest.mark.slow
 @EVERY
 def test_nothing_that_a_generator_owns_is_written(put):
     directory, _, _, _, onto, _ = put
@@ -191,6 +195,7 @@ def test_tables_have_the_starts_of_the_schedule_in_ticks_of_their_counters(put):
     assert sorted(map(sorted, units.values())) == sorted(map(sorted, expected.values()))
 
 
+@pytest.mark.slow
 @EVERY
 def test_a_second_delta_beside_the_first_is_refused(put):
     directory, _, model, schedule, onto, _ = put

@@ -30,6 +30,7 @@ def short(model, schedule, programs):
     return driven(model, schedule, programs)
 
 
+@pytest.mark.slow
 def test_the_car_drives_a_lap_overtakes_and_stops_without_a_scratch(short):
     drive, _ = short
     assert drive.succeeded

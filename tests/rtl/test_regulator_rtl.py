@@ -95,6 +95,7 @@ def test_no_traffic_gets_more_than_its_budget(files, tables, player, traffic, se
     assert result.run.switches >= 1
 
 
+@pytest.mark.slow
 @icarus
 def test_greedy_masters_get_exactly_what_is_promised(files, tables, player):
     run = plan(tables, TRAFFIC[0], 3, windows=230)
@@ -393,6 +394,7 @@ def for_the_proof():
             yield pytest.param(mutant, marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @formal
 @pytest.mark.parametrize("mutant", [*for_the_proof()])
 def test_faults_of_the_verilog_are_refuted(files, mutant):

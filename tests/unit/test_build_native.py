@@ -54,6 +54,7 @@ def check(builder, made):
         assert found.decode() == fingerprint((builder.SOURCE / place).parent)
 
 
+@pytest.mark.slow
 def test_the_machines_compiler_has_nothing_to_say(builder, tmp_path, monkeypatch, capsys):
     if builder.own_compiler() is None:
         pytest.skip("this machine has no C compiler")

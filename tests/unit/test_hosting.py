@@ -102,6 +102,7 @@ def shell(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_the_action_reports_findings_and_fails_with_them(shell, tmp_path):
     action = parsed("action.yml")
     _, check = action["runs"]["steps"]
@@ -137,6 +138,7 @@ def test_forms_ask_for_input_and_judge():
         assert all(field["attributes"]["label"] for field in document["body"])
 
 
+@pytest.mark.slow
 def test_the_hook_validates_every_model_of_a_commit(shell, tmp_path):
     (hook,) = parsed(".pre-commit-hooks.yaml")
     assert hook["id"] == "halpipe-validate"

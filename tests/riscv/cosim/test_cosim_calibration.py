@@ -46,6 +46,7 @@ def profile(measured, tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_what_is_found_is_what_the_board_has(profile):
     found = read_profile(str(profile))
     for memory, rate in RATES.items():
@@ -59,11 +60,13 @@ def test_what_is_found_is_what_the_board_has(profile):
     assert found.clock == 10**8
 
 
+@pytest.mark.slow
 def test_a_bundle_for_the_new_profile_works(export, profile):
     checked = DEPLOYMENT.check(export(profile=str(profile)), CheckOptions())
     assert [d for d in checked.diagnostics if d.is_error] == []
 
 
+@pytest.mark.slow
 def test_a_calibrating_bundle_plays_its_schedule(measured):
     checked = DEPLOYMENT.check(measured[0], CheckOptions(inject="none"))
     assert [d for d in checked.diagnostics if d.is_error] == []
@@ -96,6 +99,7 @@ def refusal(target, memory):
     return found.code, found.message
 
 
+@pytest.mark.slow
 def test_what_is_missing_or_failed_is_named(measured, sound, tmp_path):
     target, memory = measured
     site = read_site(target.bundle)

@@ -50,6 +50,7 @@ def test_it_takes_as_much_longer_as_an_instruction_does(sound, worst):
     assert worst.worst * Fraction(9, 5) < slow.worst < worst.worst * Fraction(11, 5)
 
 
+@pytest.mark.slow
 def test_a_profile_that_reserves_too_little_is_told(export, tmp_path_factory):
     target = with_profile(export, tmp_path_factory, ("service: 6500ns", "service: 400ns"))
     checked = check.check_by_simulation(target, CheckOptions(inject="none"))
@@ -58,6 +59,7 @@ def test_a_profile_that_reserves_too_little_is_told(export, tmp_path_factory):
     assert any("enough up to 0." in line for line in checked.lines)
 
 
+@pytest.mark.slow
 def test_cycles_of_an_instruction_are_the_profiles(export, tmp_path_factory, worst):
     target = with_profile(export, tmp_path_factory, ("service:", "cpi: 1.5\nservice:"))
     found = check.simulate(target, tours(target.schedule, 2)[0])
@@ -73,6 +75,7 @@ def cycles_of(run, execution):
 EACH = "bandwidth: {ispm: 100MB/s, dspm: 200MB/s, main: 50MB/s}, bus: 400MB/s"
 
 
+@pytest.mark.slow
 def test_each_direction_has_its_bandwidth(export, tmp_path_factory):
     target = with_profile(export, tmp_path_factory, ("bandwidth: 400MB/s, bus: 800MB/s", EACH))
     found = check.simulate(target, tours(target.schedule, 2)[0])
@@ -94,6 +97,7 @@ def test_each_direction_has_its_bandwidth(export, tmp_path_factory):
     assert all(time.fraction == nanoseconds[memory] * size for memory, size, time in lasted)
 
 
+@pytest.mark.slow
 def test_roles_have_their_own_cycles(export, tmp_path_factory, worst):
     change = ("service: 6500ns", "cpi: {jobs: 1, management: 2, multiply: 11}\nservice: 13us")
     sources = {"act.c": MULTIPLYING}
@@ -112,6 +116,7 @@ def test_roles_have_their_own_cycles(export, tmp_path_factory, worst):
         assert {one - more for one in cycles[0]} == cycles[1]
 
 
+@pytest.mark.slow
 def test_a_slow_memory_makes_the_management_core_slower_alone(export, tmp_path_factory, worst):
     """About a third of its instructions load or store; cores that execute from their scratchpads wait for nothing."""
     target = with_profile(export, tmp_path_factory, ("service:", "latency: 20ns\nservice:"))
@@ -125,6 +130,7 @@ def test_a_slow_memory_makes_the_management_core_slower_alone(export, tmp_path_f
 SCRATCHPAD = ("ispm:", "scratchpad: {base: 0x01000000, size: 32KiB}\nispm:")
 
 
+@pytest.mark.slow
 def test_a_scratchpad_of_hart_0_has_the_runtime_and_its_tables(export, tmp_path_factory, worst):
     slow = ("service:", "latency: 200ns\nservice:")
     target = with_profile(export, tmp_path_factory, slow, SCRATCHPAD)
@@ -145,6 +151,7 @@ def test_a_scratchpad_that_is_too_small_is_refused(export, tmp_path_factory, ref
     assert "too large for the scratchpad of hart 0" in found.message
 
 
+@pytest.mark.slow
 def test_a_bundle_with_a_scratchpad_of_hart_0_is_sound(export, tmp_path_factory):
     checked = DEPLOYMENT.check(with_profile(export, tmp_path_factory, SCRATCHPAD), CheckOptions())
     assert [d for d in checked.diagnostics if d.is_error] == []

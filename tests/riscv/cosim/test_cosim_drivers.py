@@ -71,6 +71,7 @@ def test_what_the_plant_puts_in_is_what_the_job_reads(driven):
     assert [int.from_bytes(data, "little") for data in read] == [1, 2]
 
 
+@pytest.mark.slow
 def test_a_driver_of_one_short_instruction_leaves_what_follows_it(export):
     """What takes the place of a driver that does nothing is no longer than it."""
     empty = "".join(f"void {name}(void *data, unsigned long size) {{}}\n" for name in ("command_write", "sample_read"))
@@ -78,6 +79,7 @@ def test_a_driver_of_one_short_instruction_leaves_what_follows_it(export):
     assert [d for d in DEPLOYMENT.check(board, CheckOptions(inject="none")).diagnostics if d.is_error] == []
 
 
+@pytest.mark.slow
 def test_nothing_is_found_and_drivers_are_reported(driven):
     checked = DEPLOYMENT.check(driven, CheckOptions())
     assert [d for d in checked.diagnostics if d.is_error] == []
@@ -201,6 +203,7 @@ def _asked(export, expression):
     return export(drivers=ASKING, sources={"board.c": BOARD, "act.c": ACT % expression})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "expected"),
     [
@@ -217,12 +220,14 @@ def test_a_task_asks_for_a_mode(export, mode, expected):
     assert [table.name for table in run.tables] == expected
 
 
+@pytest.mark.slow
 def test_what_tasks_ask_for_is_played_and_held_in_the_check(export):
     checked = DEPLOYMENT.check(_asked(export, "2"), CheckOptions())
     assert [str(d) for d in checked.diagnostics if d.is_error] == []
     assert any("tasks asked" in line and "led to 1 switches" in line for line in checked.lines)
 
 
+@pytest.mark.slow
 def test_a_request_at_the_last_instant_counts_and_a_later_one_waits(export):
     # act 1 ends at 10.5 ms, after the decision of its cycle; act 0 at 5.5 ms before it. Only the first job asks.
     run = CoSimulation(_asked(export, "2"), cycles=3).run()

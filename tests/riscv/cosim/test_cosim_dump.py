@@ -75,6 +75,7 @@ def test_a_record_of_nothing_is_refused(sound, run, memory):
 TRAP = 'unsigned long smooth[8], command;\nvoid act(void) { __asm__ volatile(".word 0xc0001073"); }\n'
 
 
+@pytest.mark.slow
 def test_both_rings_wrap(export, monkeypatch):
     """Rings of fewer records hold the last ones, in order: each was written when the simulator saw it counted."""
     for module in (cores, render, target):

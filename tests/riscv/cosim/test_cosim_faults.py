@@ -91,6 +91,7 @@ void act(void) { volatile uint64_t first[1] = {0}; command = deep(first); }
     assert "store to memory" in find(play(export(sources={"act.c": source})), declared.FAULT)[0].message
 
 
+@pytest.mark.slow
 def test_a_job_that_takes_too_long(export, play):
     outcomes = play(export(change=lambda text: text.replace('ROUNDS=20"', 'ROUNDS=40000"')))
     overrun = find(outcomes, declared.OVERRUN)[0]

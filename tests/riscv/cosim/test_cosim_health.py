@@ -46,6 +46,7 @@ def test_rules_fire_when_they_have_to_and_not_otherwise(ruled):
     assert tried(ruled) == []
 
 
+@pytest.mark.slow
 def test_the_trials_switch_restart_and_stop(ruled):
     """So that the test before says something: each kind of consequence is among them."""
     names, stops, restarts = set(), 0, 0
@@ -66,6 +67,7 @@ def test_the_trials_switch_restart_and_stop(ruled):
     assert restarts
 
 
+@pytest.mark.slow
 def test_of_two_rules_the_first_of_the_model_prevails(mutant):
     change = lambda text: text.replace("  </transitions>\n</task-model>", RULES)  # noqa: E731
     forgets = mutant("health.c", "priority = rule->priority;", "", change=change)

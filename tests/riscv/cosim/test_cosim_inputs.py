@@ -29,6 +29,7 @@ def check(target, **options):
     return DEPLOYMENT.check(target, CheckOptions(inject="none", **options))
 
 
+@pytest.mark.slow
 def test_a_job_that_is_slow_with_data_only(export):
     """The loop of the third sample needs 4 ms at two instructions a turn; the job has less than 2."""
     plain = check(export(sources={"sense.c": SLOW}))
@@ -45,6 +46,7 @@ def test_a_job_that_is_slow_with_data_only(export):
     assert late(cycles=2) == []
 
 
+@pytest.mark.slow
 def test_what_is_played_is_what_is_stated(export):
     target = export(sources={"sense.c": SLOW}, inputs={"sample.bin": samples(100, 3000)})
     lines = check(target).lines

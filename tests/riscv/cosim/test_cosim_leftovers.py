@@ -17,6 +17,7 @@ def test_a_sound_bundle_depends_on_no_leftovers(sound):
     assert found_in(sound) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "size"),
     [
@@ -33,6 +34,7 @@ def test_bytes_without_a_value_that_leave_the_core(export, body, size):
     assert all('task "act"' in d.path and f"{size} of 8 bytes" in d.message and '"command"' in d.message for d in found)
 
 
+@pytest.mark.slow
 def test_a_job_that_takes_what_an_earlier_job_left_reads_it_in_one_run_only(export):
     """sense leaves a word in its stack; act, on the same core, tells whether it is there."""
     sense = """#include <stdint.h>

@@ -128,6 +128,7 @@ class World(Plant):
         self.seen.append((int(now.in_unit("ms")), buffer, int.from_bytes(words.pop(), "little")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("execution", ["real", "modelled"])
 def test_data_are_those_of_the_reference(sound, execution):
     world = World()
@@ -137,6 +138,7 @@ def test_data_are_those_of_the_reference(sound, execution):
     assert len({value for _, buffer, value in played if buffer == "two"}) == 6
 
 
+@pytest.mark.slow
 def test_when_jobs_run_does_not_change_the_data(made):
     others = {"first": ["2.9ms", "7ms"], "second": ["0.2ms"], "third": ["1.5ms", "8.9ms"]}
     seen = []
@@ -147,6 +149,7 @@ def test_when_jobs_run_does_not_change_the_data(made):
     assert seen[0] == seen[1]
 
 
+@pytest.mark.slow
 def test_the_check_holds_copies_to_their_instants(sound):
     checked = DEPLOYMENT.check(sound, CheckOptions())
     assert checked.diagnostics == ()
@@ -154,6 +157,7 @@ def test_the_check_holds_copies_to_their_instants(sound):
     assert starts[0].startswith("4400")  # the job, not its copies
 
 
+@pytest.mark.slow
 def test_a_core_restarts_beside_copies(made):
     """It has been given other images since it began, and what the rule does is a record of its own."""
     rule = '<health><rule task="first" on="overrun" count="2" cycles="3" action="restart"/></health></task-model>'
@@ -162,6 +166,7 @@ def test_a_core_restarts_beside_copies(made):
     assert any(line.startswith("health rules: ") for line in checked.lines)
 
 
+@pytest.mark.slow
 def test_a_target_without_an_engine_copies_as_well(made):
     target = made(profile="virt")
     world = World()
@@ -227,6 +232,7 @@ def test_a_board_tells_jobs_from_copies(sound):
     assert next(row for row in rows if ",second," in row).split(",")[5] == "4400000"
 
 
+@pytest.mark.slow
 def test_a_runtime_that_releases_a_job_over_the_copies_of_the_last_is_found(made, tmp_path, monkeypatch):
     shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
     path = tmp_path / "runtime" / "runtime.c"

@@ -209,6 +209,7 @@ def test_images_described_wrongly(sound, tmp_path, key):
     assert declared.FOREIGN_CONTENT.id in found_in(spoil(sound, tmp_path, change), inject="none")
 
 
+@pytest.mark.slow
 def test_faults_are_injected_into_every_job_and_contained(sound):
     checked = DEPLOYMENT.check(sound, CheckOptions(inject="all"))
     assert checked.diagnostics == ()
@@ -264,6 +265,7 @@ def _with_runtime(export, tmp_path, monkeypatch, what, instead, change=lambda te
     return export(change=change)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "instead", "said"),
     [
@@ -290,6 +292,7 @@ def test_a_runtime_that_does_not_prepare_memory_is_found_by_a_cold_start(
     assert all(said in d.message for d in found)
 
 
+@pytest.mark.slow
 def test_a_runtime_that_takes_requests_without_a_table_is_found(export, tmp_path, monkeypatch):
     what, instead = "if (index != HP_NO_TABLE) {", "if (index != 0U) {"
     checked = DEPLOYMENT.check(_with_runtime(export, tmp_path, monkeypatch, what, instead), CheckOptions(inject="none"))
@@ -337,6 +340,7 @@ def two_channels(text):
     return text.replace(known, known + known.replace("memory", "sensors"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [lambda text: text, two_channels])
 def test_a_transfer_late_by_up_to_a_hyperperiod_holds_its_channel_and_unit(export, change):
     checked = DEPLOYMENT.check(export(change=change), CheckOptions())

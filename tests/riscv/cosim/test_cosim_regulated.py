@@ -39,6 +39,7 @@ def regulated(export):
     return export(platform=PLATFORM)
 
 
+@pytest.mark.slow
 def test_programs_and_tables_are_checked_together(regulated):
     assert regulated.bundle.facts["regulator"] == "table"
     checked = DEPLOYMENT.check(regulated, CheckOptions(inject="none"))
@@ -65,6 +66,7 @@ def guaranteeing(export, rate):
     return export(platform=PLATFORM.replace("guaranteed: 400MB/s", f"guaranteed: {rate}"))
 
 
+@pytest.mark.slow
 def test_budgets_that_just_suffice_hold_nobody_back(export):
     """A phase of 50 us is granted 6 bursts for 64 B; each cycle has windows of its own."""
     checked = DEPLOYMENT.check(guaranteeing(export, "8MB/s"), CheckOptions(inject="none"))
@@ -73,6 +75,7 @@ def test_budgets_that_just_suffice_hold_nobody_back(export):
     assert line == "regulators: halt, right, write: 3 phases, 1200 B promised, 1344 B granted, 24 B used"
 
 
+@pytest.mark.slow
 def test_transfers_pass_the_tables_and_come_late_where_these_grant_too_little(export, play):
     """One burst of 64 B, or two, in a window of 50 us: an image of 312 B needs three windows, its phase has two."""
     bundle = guaranteeing(export, "2MB/s")
@@ -86,6 +89,7 @@ def test_transfers_pass_the_tables_and_come_late_where_these_grant_too_little(ex
         assert seen.end - seen.begin == free[seen.size].end - free[seen.size].begin + seen.held
 
 
+@pytest.mark.slow
 def test_memory_phases_are_written_as_csv(export, tmp_path):
     bundle = guaranteeing(export, "8MB/s")
     file = tmp_path / "phases.csv"
@@ -126,6 +130,7 @@ def driven(export):
     return export(platform=DRIVEN)
 
 
+@pytest.mark.slow
 def test_the_runtime_starts_and_switches_the_regulators(driven):
     """Their first table begins a cycle after that of the runtime, and so do their switches: HAL1507 compares them."""
     checked = DEPLOYMENT.check(driven, CheckOptions(inject="none"))
@@ -136,6 +141,7 @@ def test_the_runtime_starts_and_switches_the_regulators(driven):
 SLOW = DRIVEN.replace("100MHz", "4MHz").replace("5000", "200").replace("400MB", "16MB").replace("440MB", "17.6MB")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("iverilog") is None, reason="iverilog is not installed")
 def test_the_verilog_plays_what_the_runtime_writes(export, tmp_path):
     """Every table begins a cycle after that of the runtime; the timer has a tick in 4 cycles."""

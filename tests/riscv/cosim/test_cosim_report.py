@@ -31,6 +31,7 @@ def test_a_console_that_prints_something_else_is_found(mutant, what, instead, pa
     assert all(d.path == path for d in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("profile", "what"),
     [
@@ -46,6 +47,7 @@ def test_a_console_that_does_not_wait_for_the_line_is_found(mutant, export, prof
     assert found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "instead", "profile"),
     [("0x5555U", "0x5556U", "virt"), ("slli x0, x0, 0x1f", "slli x0, x0, 0x20", "vcu118")],
@@ -55,6 +57,7 @@ def test_an_end_that_no_emulator_takes_is_found(mutant, what, instead, profile):
     assert (codes.TRACE_DISAGREES.id, "exit") in {(d.code, d.path) for d in found}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "what", "instead"),
     [
@@ -67,6 +70,7 @@ def test_a_runtime_that_does_not_tell_why_it_stops_is_found(mutant, file, what, 
     assert [(d.code, d.path) for d in found] == [(codes.TRACE_DISAGREES.id, "state")]
 
 
+@pytest.mark.slow
 def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):
     target = mutant("runtime.c", "    calibrate();\n", "", calibrate=True)
     found = {d.code for d in DEPLOYMENT.check(target, CheckOptions(inject="none")).diagnostics if d.is_error}
@@ -91,6 +95,7 @@ def test_a_runtime_that_only_other_machines_or_rings_would_show_is_found(mutant,
     assert any(said in d.message for d in found if d.is_error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "what", "instead", "said"),
     [

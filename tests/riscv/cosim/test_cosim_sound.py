@@ -54,6 +54,7 @@ def test_starts_are_late_by_microseconds_only(sound, play):
     assert max(late) <= ms("10us")
 
 
+@pytest.mark.slow
 def test_the_trace_is_the_same_in_every_run_and_says_what_was_seen(sound):
     first, second = (DEPLOYMENT.check(sound, CheckOptions()) for _ in range(2))
     assert first == second
@@ -65,6 +66,7 @@ def test_the_trace_is_the_same_in_every_run_and_says_what_was_seen(sound):
     assert 3_900_000 <= int(end) <= 4_000_000
 
 
+@pytest.mark.slow
 def test_the_result_says_what_was_played(sound):
     checked = DEPLOYMENT.check(sound, CheckOptions(cycles=3))
     assert checked.diagnostics == ()
@@ -188,6 +190,7 @@ def test_without_the_emulator_the_way_to_install_it_is_told(sound, monkeypatch):
     assert "pip install ziglang pyelftools unicorn" in found.help
 
 
+@pytest.mark.slow
 def test_the_command_ends_with_0_for_a_sound_bundle_and_writes_the_trace(sound, tmp_path, capsys):
     trace = tmp_path / "trace.csv"
     assert invoke(["deploy", "check", sound.bundle.path, "--trace", str(trace)]) == 0

@@ -29,6 +29,7 @@ def test_every_function_and_fault_ends_as_in_the_cosimulation(export, profile):
     assert checked.lines[-1].endswith("all end as in the co-simulation: status, cause, pc, value, and every byte")
 
 
+@pytest.mark.slow
 def test_a_value_that_spike_has_not_is_reported(sound, monkeypatch):
     judged = Hart._as_cores_do
     monkeypatch.setattr(Hart, "_as_cores_do", lambda *args: (judged(*args)[0], 0xBAD))
@@ -51,6 +52,7 @@ def test_a_byte_that_spike_has_not_is_reported(sound, monkeypatch):
     assert {d.code for d in found} == {codes.SPIKE_DIFFERS.id}
 
 
+@pytest.mark.slow
 def test_a_job_that_sleeps_is_not_judged(export):
     checked = check(export(sources={"act.c": SLEEPS}))
     assert any(line.endswith("Spike does not trap wfi in user mode, Rocket does") for line in checked.lines)

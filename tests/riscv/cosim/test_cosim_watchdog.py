@@ -26,12 +26,14 @@ def errors(target, **options):
     return {d.code: d.message for d in checked.diagnostics if d.is_error}, checked.lines
 
 
+@pytest.mark.slow
 def test_it_is_written_in_time(export, profile):
     found, lines = errors(export(profile=profile()))
     assert found == {}
     assert "the watchdog resets the board 12ms after hart 0 has begun its last table" in lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "instead"), [(KICK, ";"), ("HP_WATCHDOG_VALUE;", "HP_WATCHDOG_VALUE + 1U;")])
 def test_a_runtime_that_does_not_write_it_is_found(mutant, profile, what, instead):
     found, _ = errors(mutant("runtime.c", what, instead, profile=profile()))
@@ -39,6 +41,7 @@ def test_a_runtime_that_does_not_write_it_is_found(mutant, profile, what, instea
     assert "is written 0 times in " in found[codes.WATCHDOG_RESETS.id]
 
 
+@pytest.mark.slow
 def test_a_runtime_that_writes_it_too_seldom_is_found(mutant, profile):
     found, _ = errors(
         mutant("runtime.c", KICK, f"if ((current.cycle < 1U) || (current.cycle > 2U)) {{ {KICK} }}", profile=profile())
@@ -46,6 +49,7 @@ def test_a_runtime_that_writes_it_too_seldom_is_found(mutant, profile):
     assert ", and resets the board at " in found[codes.WATCHDOG_RESETS.id]
 
 
+@pytest.mark.slow
 def test_a_hart_0_that_stops_is_reset(mutant, profile):
     found, _ = errors(mutant("runtime.c", PLAYED, f"{PLAYED} __builtin_trap();", profile=profile()))
     assert "; the watchdog resets the board at 11." in found[codes.NOT_FINISHED.id]  # written 1 ms before the run
@@ -74,5 +78,6 @@ def test_a_profile_that_cannot_be_right_is_refused(export, profile, refused, lin
     assert said in found.message
 
 
+@pytest.mark.slow
 def test_without_an_engine_coherence_does_not_matter(export, profile):
     assert export(profile=profile("coherence: none", "virt")).bundle.files["profile.yaml"]

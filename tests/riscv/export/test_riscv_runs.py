@@ -96,6 +96,7 @@ def test_several_functions_share_a_job(bundle):
     assert int.from_bytes(read("output")[4:], "little") == 5
 
 
+@pytest.mark.slow
 def test_nothing_survives_in_a_scratchpad(bundle):
     text = SCALE.replace("void scale", "static uint32_t zero, one = 1;\nvoid scale").replace(
         "numbers[i] * 3;", "zero++ * 1000 + one++;"
@@ -204,6 +205,7 @@ def test_the_fault_says_where(bundle):
     assert abandoned.epc in range(image.ispm.base, image.ispm.base + image.ispm.size)
 
 
+@pytest.mark.slow
 def test_faults_in_a_job_whose_image_has_two_parts(bundle):
     """Code and data are loaded one after the other; a late load is that of the last one."""
     text = SCALE.replace("void scale", "static volatile uint32_t three = 3;\nvoid scale").replace("* 3;", "* three;")

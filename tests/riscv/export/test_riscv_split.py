@@ -81,6 +81,7 @@ def bundle(build, tmp_path):
     return make
 
 
+@pytest.mark.slow
 def test_a_job_goes_on_after_others_ran_in_its_gaps(bundle):
     """Short fills its memory with other things; what long keeps in .bss is still there for its next piece."""
     system = system_of(POINTS)

@@ -56,6 +56,7 @@ def entered(run):
     ]
 
 
+@pytest.mark.slow
 def test_both_switches_are_played_with_all_pieces(bundle):
     checked = DEPLOYMENT.check(bundle(), CheckOptions(inject="all"))
     assert checked.diagnostics == ()
@@ -87,6 +88,7 @@ def test_both_switches_are_played_by_qemu(bundle):
     assert "as scheduled" in checked.lines[-1]
 
 
+@pytest.mark.slow
 def test_dummies_have_a_function_for_each_piece(tmp_path):
     """A model without sources becomes a bundle with gaps, of tables that the search finds, and plays its switches."""
     tasks = [

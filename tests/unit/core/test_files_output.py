@@ -353,6 +353,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_a_killed_writer_leaves_a_whole_file_and_its_rest_is_swept(tmp_path):
     """Kill -9 at twenty instants spread over the writer's loop."""
     target = tmp_path / "schedule.xml"

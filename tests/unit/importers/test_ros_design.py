@@ -298,6 +298,7 @@ def test_what_contains_itself_is_refused(tmp_path):
     assert any("its own base" in d.message for d in found(based.diagnostics, codes.MALFORMED))
 
 
+@pytest.mark.slow
 def test_exponential_designs_are_stopped(tmp_path):
     modules = {
         f"M{n}__module": "instances:\n" + "".join(f"  - {{name: i{k}, entity: M{n + 1}.module}}\n" for k in range(30))

@@ -201,6 +201,7 @@ def simulated(members, begin, end):
     return {name: sorted(values) for name, values in found.items()}
 
 
+@pytest.mark.slow
 @examples(1000)
 @given(st.lists(SPANS, min_size=1, max_size=4), st.sampled_from([(0, 1), (0, 0), (1, 1), (1, 0)]))
 def test_measured_figures_are_those_of_an_own_simulator(drawn, instants):

@@ -240,6 +240,7 @@ def test_many_tasks_are_shortened_by_one_factor():
     assert text.startswith("WCETs of 8 tasks times 0.961 (found sufficient, in steps of 1/1000")
 
 
+@pytest.mark.slow
 def test_windows_offsets_and_limits():
     late = task("b", "10ms", version("v", "1ms", "u2", after("a", 0, 2)), offset="5ms")
     system = model(task("a", "10ms", version("v", "3ms", "u1"), offset="0ms"), late, units="u1 u2")
@@ -264,6 +265,7 @@ def test_the_lower_end_of_a_window_is_tried_too():
     assert any(t.startswith('window of "c" on "b" up to 5ms instead of 2ms (found sufficient, in steps') for t in texts)
 
 
+@pytest.mark.slow
 def test_a_split_task_may_need_one_more_gap():
     """Three jobs of a lie in the 14 ms of b, which ends in time only with a gap for each."""
     split = Split(points=tuple(ms(n) for n in range(1, 9)), max_gaps=1)

@@ -102,6 +102,7 @@ def test_slower_tasks_of_a_chain_come_where_faster_ones_wait_for_them():
     assert (starts(problem, state)["slow"] - starts(problem, state)["fast"]) % 5 == 1
 
 
+@pytest.mark.slow
 def test_many_windows_of_one_cycle_are_placed_in_a_row_within_a_move_for_each_task():
     rows = [replace(after(f"t{n - 1}", 0, 100, "end"), match=Match.CYCLE) for n in range(1, 300)]
     system = model(

@@ -68,6 +68,7 @@ def test_a_search_ends_with_its_budget():
     assert state.register[MOVES] == 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 4])
 def test_modes_are_searched_at_the_same_time_with_the_same_result(workers):
     """Modes start from the placements of modes before, which some of them have to wait for."""

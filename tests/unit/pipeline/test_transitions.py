@@ -221,6 +221,7 @@ def test_modes_of_many_tasks_with_other_phases_are_switched():
     assert [d.message for d in verify_schedule(system, whole) if d.is_error] == []
 
 
+@pytest.mark.slow
 def test_processes_find_the_same_tables(monkeypatch):
     monkeypatch.setattr(tables_module, "SPREAD", 1)
     system = large_modes(12)

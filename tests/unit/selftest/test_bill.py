@@ -39,6 +39,7 @@ def test_what_only_developers_need_is_left_out():
     assert not names & {"pytest", "mypy", "ruff", "sphinx", "hypothesis", "hatchling"}
 
 
+@pytest.mark.slow
 def test_what_is_not_installed_is_in_no_list(monkeypatch):
     def without(name):
         if name == "markupsafe":
@@ -69,6 +70,7 @@ def test_own_libraries_are_parts_of_halpipe():
     assert part["hashes"] == [{"alg": "SHA-256", "content": "1" * 64}]
 
 
+@pytest.mark.slow
 def test_the_number_follows_from_the_contents():
     assert made() == made()
     assert made()["serialNumber"] != bills.bill(HASHES, "2026-01-02T03:04:06Z")["serialNumber"]

@@ -20,6 +20,7 @@ def unnoticed(*words):
     return missed, int(lines[-1].partition(" ")[0])
 
 
+@pytest.mark.slow
 def test_the_edges_show_a_sample_of_the_conditions_of_verify():
     assert unnoticed("--sample", "6") == ([], 6)
 

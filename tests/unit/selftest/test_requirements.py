@@ -26,6 +26,7 @@ def rows(results=NO_RUN):
     return {row["id"]: row for row in requirements.requirements(results)}
 
 
+@pytest.mark.slow
 def test_each_requirement_is_tested_by_functions_that_exist():
     for row in rows().values():
         assert row["result"] == "not run"
@@ -36,6 +37,7 @@ def test_each_requirement_is_tested_by_functions_that_exist():
             assert f"def {name.rpartition('::')[2]}(" in (requirements.ROOT / path).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_rule_has_the_codes_of_its_own_function():
     by_id = rows()
     assert by_id["verify/version"]["codes"] == ["HAL0323"]
@@ -43,6 +45,7 @@ def test_a_rule_has_the_codes_of_its_own_function():
     assert {f"verify/{rule.name}" for rule in verify.RULES} <= by_id.keys()
 
 
+@pytest.mark.slow
 def test_what_a_test_uses_of_its_file_counts_and_a_fixture_is_known_by_its_folder():
     source = """
 TABLE = ["HAL0201"]
@@ -63,6 +66,7 @@ class TestAll:
     assert "tests/unit/pipeline/test_validate_fixtures.py::test_fixture_has_exactly_the_findings_it_names" in tests
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("marks", "result"),
     [
@@ -82,12 +86,14 @@ def test_one_failure_decides(junit, marks, result):
     assert rows(results)["verify/deadline"]["result"] == "not run"
 
 
+@pytest.mark.slow
 def test_several_runs_count_together(junit):
     results = read_results([junit(""), junit("", "<failure/>")])
     assert results.counts(BINDING, []) == {"passed": 2, "failed": 1}
     assert [(file["passed"], file["failed"]) for file in results.files] == [(1, 0), (1, 1)]
 
 
+@pytest.mark.slow
 def test_a_case_that_names_a_code_counts_for_that_code_only(tmp_path):
     module, name = "tests.unit.pipeline.test_validate_fixtures", "test_fixture_has_exactly_the_findings_it_names"
     cases = (("HAL0218-a", "<failure/>"), ("HAL0245-b", ""))
@@ -98,6 +104,7 @@ def test_a_case_that_names_a_code_counts_for_that_code_only(tmp_path):
     assert results == ["failed", "passed", "not run"]
 
 
+@pytest.mark.slow
 def test_a_file_without_a_known_test_is_refused(junit):
     with pytest.raises(HalpipeError) as refused:
         read_results([junit("", name="test_of_another_project")])

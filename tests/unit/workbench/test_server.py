@@ -175,6 +175,7 @@ LIVE = {("keep", "name"), ("save", "path"), ("edit", "value"), ("export/report",
 """Fields that take other texts or numbers, too."""
 
 
+@pytest.mark.slow
 def test_a_thousand_wrong_orders_leave_the_server_as_it_was(inside, monkeypatch):
     """Orders that are right but for one field: with a wrong value, missing, too many, or of another state."""
     monkeypatch.setattr(inside.session, "_solved", lambda *_: pytest.fail("a wrong order is not solved"))

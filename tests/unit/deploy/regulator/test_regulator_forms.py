@@ -43,6 +43,7 @@ def test_a_missing_form_is_found(files, name):
     assert finding.at.file == f"cfg/{name}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IMAGES)
 def test_every_digit_of_an_image_counts(files, name):
     data = files[name]

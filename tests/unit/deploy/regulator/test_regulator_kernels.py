@@ -75,6 +75,7 @@ def given(kernel, value, peak):
     return Fraction(numerator * EIGHTH if kernel.kind == "amd" else numerator * peak, denominator)
 
 
+@pytest.mark.slow
 def test_ten_thousand_platforms_grant_what_the_kernel_makes_of_their_values(tmp_path):
     """Each group is granted its promise by the least value that does, as the kernel stores and shows it."""
     rng = random.Random(39)
@@ -261,6 +262,7 @@ def test_the_model_reads_back_as_the_kernel_shows(tmp_path):
     assert Path(found[0].at.file).name == "0-m.sh"
 
 
+@pytest.mark.slow
 def test_ten_thousand_platforms_grant_what_memguard_counts(tmp_path):
     """Limits are events of a cache line per period; one direction brings lines of the other, and 0 is not taken."""
     rng = random.Random(39)
