@@ -1,12 +1,14 @@
 """What a board leaves of a run, read from a dump of its memory, or as the runtime prints it."""
 
 import struct
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from halpipe import cli
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.deploy.riscv import CoSimulation, codes
 from halpipe.deploy.riscv.judge.board import board_trace
 from halpipe.deploy.riscv.run.cosimulation import Word
@@ -75,20 +77,42 @@ def test_a_record_of_nothing_is_refused(sound, run, memory):
 TRAP = 'unsigned long smooth[8], command;\nvoid act(void) { __asm__ volatile(".word 0xc0001073"); }\n'
 
 
-@pytest.mark.slow
-def test_both_rings_wrap(export, monkeypatch):
-    """Rings of fewer records hold the last ones, in order: each was written when the simulator saw it counted."""
-    for module in (cores, render, target):
-        monkeypatch.setattr(module, "TRACE_RECORDS", 48)
-        monkeypatch.setattr(module, "FAULT_RECORDS", 4)
-    run = CoSimulation(export(sources={"act.c": TRAP}), cycles=4).run()
+@contextmanager
+def short_rings():
+    """Export bundles whose rings have few records."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (cores, render, target):
+            patch.setattr(module, "TRACE_RECORDS", 48)
+            patch.setattr(module, "FAULT_RECORDS", 4)
+        yield
+
+
+def ring_faults(target):
+    """Return why short rings do not hold the last records in order, each written when the simulator saw it counted."""
+    run = CoSimulation(target, cycles=4, health=False).run(Duration.parse("100ms"))
     records, seen = run.recording.records, run.recorder.traced
-    assert run.recording.lost == len(seen) - 48 + run.word(Word.FAULTS) - 4
-    assert (len(records), len(run.recording.abandoned)) == (48, 4)
-    assert len(seen) > 2 * 48
+    if (len(records), len(run.recording.abandoned)) != (48, 4) or len(seen) <= 2 * 48:
+        return "not full"
+    if run.recording.lost != len(seen) - 48 + run.word(Word.FAULTS) - 4:
+        return "counts"
     ticks = [(now - run.zero) // run.tick for now, _ in seen[-49:]]
     timed = [(low, r, high) for low, r, high in zip(ticks, records, ticks[1:], strict=False) if r.kind != Kind.TABLE]
-    assert all(low <= r.time <= high for low, r, high in timed)
+    if not all(low <= r.time <= high for low, r, high in timed):
+        return "order"
     failed = [(r.cycle, r.release) for r in records if r.flags & Flag.FAULT]
-    assert [(a.cycle, a.release) for a in run.recording.abandoned][-len(failed) :] == failed[-4:]
-    assert failed
+    abandoned = [(a.cycle, a.release) for a in run.recording.abandoned]
+    return "" if failed and abandoned[-len(failed) :] == failed[-4:] else "failures"
+
+
+@pytest.mark.slow
+def test_both_rings_wrap(export):
+    with short_rings():
+        short = export(sources={"act.c": TRAP})
+    assert ring_faults(short) == ""
+
+
+@pytest.mark.parametrize(("what", "instead"), [("cursor = TRACE;\n    }", "}"), ("count % HP_FAULT_CAPACITY", "count")])
+def test_a_ring_that_does_not_wrap_is_found(mutant, what, instead):
+    with short_rings():
+        short = mutant("runtime.c", what, instead, sources={"act.c": TRAP})
+    assert ring_faults(short)

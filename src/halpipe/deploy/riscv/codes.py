@@ -24,7 +24,7 @@ ENGINE_ABSENT = error(
 ENGINE_UNFIT = error(
     "HAL1033",
     "Engine cannot play this bundle",
-    "QEMU has no machine for the profile, or the program that was started did not do its work.",
+    "QEMU has no machine for the profile, a memory lies where Spike has devices, or the program did not do its work.",
 )
 NOT_FINISHED = error(
     "HAL1034",

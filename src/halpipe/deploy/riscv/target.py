@@ -26,6 +26,9 @@ NAME = "target.json"
 MAX_MEMORY = 1 << 31
 MAX_UNITS = 64
 CONTROL_SIZE = 18 * 8
+DECISION = 2
+"""Ticks before the end of a hyperperiod at which the mailbox is read."""
+
 MAILBOX = 256
 MEMORIES = ("ispm", "dspm", "main")
 CLASSES = ("load", "load-byte", "multiply", "multiply-word", "divide", "taken", "mispredicted")
@@ -196,9 +199,24 @@ def read_site(bundle: Bundle) -> Site:
     findings.stop_on_errors()
     site = _site(top)
     findings.stop_on_errors()
+    _derived(top, site)
     findings.extend(BROKEN_TARGET(message, at=at, path=path, help=help) for path, message in _contradictions(site))
     findings.stop_on_errors()
     return site
+
+
+def _derived(top: Fields, site: Site) -> None:
+    """Complain of numbers that only repeat others: where they differ, a reader of target.json is misled."""
+    names = [table.text("name") for table in top.items("tables")]
+    for place, table in enumerate(top.items("tables")):
+        ends = [names[table.number(key, 0, len(names) - 1)] for key in ("from", "to") if key in table]
+        if "->".join(ends or [names[table.number("mode", place, place)]]) != names[place]:
+            table.complain(BROKEN_TARGET, f'"from" and "to" are those of {"->".join(ends)}', "from")
+    for unit, found in zip(top.items("units"), site.units, strict=True):
+        if _at(unit, "monitor") != found.ispm.base:
+            unit.complain(BROKEN_TARGET, f"is not {found.ispm.base:#x}, the begin of its ispm", "monitor")
+    for key, ticks in (("decision", DECISION), ("margin", -(-2 * site.timebase // 10**6))):
+        top.number(key, ticks, ticks)
 
 
 _ADDRESS = re.compile(r"0[xX][0-9a-fA-F]{1,14}")

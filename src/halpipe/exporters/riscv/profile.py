@@ -59,6 +59,9 @@ CLASSES = {
 CLINT_SIZE = 0x10000
 """Bytes of the CLINT, which one entry of the memory protection keeps from jobs."""
 
+REACH = 2**31 - PAGE
+"""Bytes within which instructions name addresses."""
+
 _KEYS = (
     "halpipe-profile",
     "summary",
@@ -350,6 +353,7 @@ def _faults(p: Profile) -> Iterator[str]:
     for (name, region), (other, its) in combinations(places.items(), 2):
         if region.meets(its):
             yield f"{name} and {other} overlap"
+    yield from _far(p)
     if p.clint % CLINT_SIZE:
         yield f"clint does not begin at a multiple of {CLINT_SIZE:#x}"
     if p.watchdog and (p.watchdog.address % 4 or p.watchdog.value >> 32):
@@ -360,6 +364,17 @@ def _faults(p: Profile) -> Iterator[str]:
         yield f"ispm has no room beside the monitor's {MONITOR} bytes"
     if p.data_room <= 0 or p.stack % 16:
         yield "dspm has no room beside stack and mailbox, or the stack is no multiple of 16 bytes"
+
+
+def _far(p: Profile) -> Iterator[str]:
+    """Yield memories that code does not reach, which names addresses at most 2 GiB from itself."""
+    pairs = [(f"dspm of core {i + 1}", p.dspm.of(i), f"ispm of core {i + 1}", p.ispm.of(i)) for i in range(p.cores)]
+    if p.scratchpad:
+        pairs.append(("scratchpad", p.scratchpad, "the first page of main", Region(p.main.base, PAGE)))
+    for name, memory, code, own in pairs:
+        if max(memory.end, own.end) - min(memory.base, own.base) > REACH:
+            low, high = max(own.end - REACH, 0), own.base + REACH - memory.size
+            yield f"{name} is more than 2 GiB from {code}, whose code names it; begin it from {low:#x} to {high:#x}"
 
 
 def _devices(p: Profile) -> dict[str, Region]:

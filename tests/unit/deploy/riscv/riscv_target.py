@@ -24,6 +24,8 @@ TARGET = {
         "setup": "2us",
     },
     "finisher": "",
+    "decision": 2,
+    "margin": 2,
     "service": "1500ns",
     "cpi": "1",
     "latency": "0ns",

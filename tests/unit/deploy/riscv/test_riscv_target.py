@@ -105,10 +105,22 @@ def change(path, value):
         (("images", 0, "symbols"), {"scan": 3}, "must be a mapping"),
         (("halpipe-target",), 1, "from 2 to 2"),
         (("cpi",), "0.5", "no number from 1 to 1000"),
+        (("tables", 0, "mode"), 1, "from 0 to 0"),
+        (("units", 0, "monitor"), "0x1821000", "is not 0x1820000, the begin of its ispm"),
+        (("decision",), 3, "from 2 to 2"),
+        (("margin",), 3, "from 2 to 2"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(path, value, said):
     assert any(said in d.message for d in refused(change(path, value)))
+
+
+def test_the_ends_of_a_transition_are_those_of_its_name():
+    spoilt = target()
+    spoilt["tables"].append({"name": "all->all", "from": 0, "to": 0, "length": 0, "lateness": "3us"})
+    assert [table.name for table in read_site(bundle(spoilt)).tables] == ["all", "all->all"]
+    spoilt["tables"][1]["to"] = 1
+    assert [d.message for d in refused(spoilt)] == ['"from" and "to" are those of all->all->all']
 
 
 def test_one_figure_is_for_all_memories_and_instructions():

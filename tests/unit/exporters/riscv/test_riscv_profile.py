@@ -80,6 +80,8 @@ def test_unknown_profile_names_the_nearest():
         ("base: 0x64000000", "base: 0x0200c000", "clint and uart overlap"),
         ("clint:", "finisher: 0x64000800\nclint:", "uart and finisher overlap"),
         ("base: 0x64000000", "base: 0xffffffffff", "uart ends beyond 2^40"),
+        ("base: 0x01040000", "base: 0xc0000000", "dspm of core 1 is more than 2 GiB from ispm of core 1"),
+        ("clint:", "scratchpad: {base: 0x0, size: 64KiB}\nclint:", "scratchpad is more than 2 GiB from the first page"),
     ],
 )
 def test_contradictions_are_told(tmp_path, old, new, said):

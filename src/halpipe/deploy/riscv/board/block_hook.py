@@ -62,7 +62,7 @@ class Page(ctypes.Structure):
         ),
         ("full", INTEGER),
         ("stop", ctypes.c_void_p),
-        *((name, INTEGER) for name in ("misaligned", "stores", "strict", "weight", "near", "end")),
+        *((name, INTEGER) for name in ("misaligned", "stores", "weight", "near", "end")),
         ("cycles", INTEGER * (len(CLASSES) + 1)),
         ("watched", INTEGER * MAX_WATCHED),
         ("region", Region * MAX_REGIONS),

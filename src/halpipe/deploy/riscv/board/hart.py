@@ -73,6 +73,7 @@ class Hart:
         self._raised: tuple[int, int] | None = None
         self._left_open = (0, 0)  # at the last mret: mcounteren and mstatus.FS, which user mode does not let us read
         self.has_user_mode = True
+        self.is_restless = self._has_dozed = False  # whether each sleep ends once without a cause
         self.is_fenced = True  # the instruction cache has seen what was loaded
         self.is_ordered = True  # others see what it has stored for them
         self.has_looked = False  # at the answer of another one, without a fence since then
@@ -190,6 +191,9 @@ class Hart:
             self.world.reached(self, address)
         elif not page.full:
             self._page.take_back(pc)  # a block does not end where the core goes to sleep
+            self._has_dozed = self.is_restless and not self._has_dozed
+            if self._has_dozed:
+                return True
             self.asleep = True
             self._enabled = self._interrupts_enabled()
             assert self.world is not None
@@ -319,6 +323,11 @@ class Hart:
         if not self.is_fenced:
             yield "no fence.i since its code was loaded"
 
+    def enable_interrupts(self) -> None:
+        """Enable all interrupts, as boot ROMs may leave them."""
+        self._set("MIE", 1 << SOFTWARE | 1 << TIMER)
+        self._set("MSTATUS", self._register("MSTATUS") | _ENABLED)
+
     def scramble(self) -> None:
         """Put something else into every general register, as boot ROMs and jobs may leave it."""
         for number in range(1, 32):
@@ -405,7 +414,6 @@ class Hart:
         page = self._page
         page.block = page.skip = page.hit = -1
         page.cycles[:] = [1] * len(page.cycles)
-        page.strict = self.number > 0
         start = self.number * block_hook.HEADER
         page.span = self._memory.size - start
         placed = self._memory.placed()

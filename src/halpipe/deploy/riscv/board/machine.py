@@ -123,6 +123,7 @@ class Machine:
                 hart.weigh(0, None, **{name: math.ceil(n / Fraction(jobs)) for name, n in site.classes.items()})
             hart.pc = program.entry
             hart.scramble()
+            hart.enable_interrupts()
         latency = math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.management)
         self.management.weigh(latency, site.scratchpad)
         self._power_up()

@@ -258,8 +258,9 @@ def try_rule(target: Target, trial: Trial, found: Injected) -> None:
         jobs = plan(target, site, tables)
         return jobs, containment.failing(trial, target.model, jobs)
 
-    course = containment.course_of(target, site, trial.mode, (), trial.tables, failing)
-    outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)
+    requests = containment.rivalling(trial, target)
+    course = containment.course_of(target, site, trial.mode, requests, trial.tables, failing)
+    outcome = simulate(target, Tour(trial.mode, requests, trial.tables), course=course)
     found.trials += 1
     found.take(outcome)
 
@@ -352,7 +353,7 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     # After a wrong turn everything else is judged by the tables that are really played, so that it is one finding.
     played = tables_named(target.schedule, [table.name for table in run.tables])
     findings.extend(conditions.decides(run, played, tolerance))
-    findings.extend([*conditions.starts_afresh(run), *conditions.feeds(run)])
+    findings.extend([*conditions.starts_afresh(run), *conditions.feeds(run), *conditions.refuses(run, course.tables)])
     expectation = Expectation(target.bundle, target.model, run.site, simulation.images)
     jobs = expectation.jobs(played)
     findings.extend(expectation.findings.items)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Diagnostic, Path, about
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.registers import TOP, Level, Protection, Right
-from halpipe.deploy.riscv.run.recording import Word
-from halpipe.deploy.riscv.run.sequence import DECISION, Played
+from halpipe.deploy.riscv.run.recording import Flag, Word
+from halpipe.deploy.riscv.run.sequence import Played
+from halpipe.deploy.riscv.target import DECISION, Site, UnitSite
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.drivers import PlannedCall
     from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.target import Site, UnitSite
 
 _STATES = {
     0: "the management core did not come to the first table",
@@ -108,12 +108,21 @@ def plays(run: Run, expected: Sequence[Played], tolerance: Duration) -> Iterator
 def decides(run: Run, played: Sequence[Played], tolerance: Duration) -> Iterator[Diagnostic]:
     """Yield the first table at whose end requests were taken at another instant than the interface promises."""
     modes = [table for table in played if not table.is_transition]
-    for table, now in zip(modes, run.recorder.decisions, strict=False):
+    for table, (now, woken) in zip(modes, run.recorder.decisions, strict=False):
         due, seen = table.start + table.length - run.site.tick * DECISION, run.since(now)
-        if not due <= seen <= due + tolerance:
+        if not due <= seen <= due + tolerance or run.since(woken) >= due + run.site.tick:
             message = f'at the end of "{table.name}" requests are taken at {seen}, it has to be at {due}'
             yield codes.WRONG_TABLE(message, path=f"cycle {table.cycle}", help=REPORT)
             return
+
+
+def refuses(run: Run, expected: Sequence[Played]) -> Iterator[Diagnostic]:
+    """Yield that not so many requests were refused as have to be: those without a table, or against a health rule."""
+    records = sum(bool(entry.flags & Flag.REFUSED) for entry in run.recording.records)
+    counted, number = run.word(Word.REFUSED), sum(table.refused for table in expected)
+    if counted != number or (records != number and not run.recording.lost):
+        message = f"{counted} requests for modes are counted as refused and {records} recorded, {number} have to be"
+        yield codes.TRACE_DISAGREES(message, path="refused", help=REPORT)
 
 
 def feeds(run: Run) -> Iterator[Diagnostic]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from itertools import combinations, zip_longest
 from typing import TYPE_CHECKING
 
@@ -160,8 +161,8 @@ def prefixed(found: Sequence[Diagnostic]) -> list[Diagnostic]:
 RULE_AT_FAULT = "the runtime is at fault: on the board this rule of the model would not do what it says"
 OVERRUNS = (Kind.SPIN, Kind.LATE_DMA)
 MOST_SWITCHES = 64
-_TICKS = 8
-"""Between an event and the instant that is recorded for its rule, at one cycle an instruction."""
+_TICKS, _ANEW = 8, 800
+"""Ticks from an event to what is recorded for its rule, at one cycle each; instructions until a monitor begins anew."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -332,19 +333,34 @@ def failing(trial: Trial, model: TaskModel, jobs: Sequence[PlannedJob]) -> list[
     return found
 
 
+def rivalling(trial: Trial, target: Target) -> tuple[Request, ...]:
+    """Return a request for another mode than the rule's in the table in which it fires: the rule goes first."""
+    rule = target.model.health[trial.rule]
+    others = [m.name for m in target.schedule.modes if m.name not in (trial.mode, rule.mode)]
+    if rule.action is not HealthAction.SWITCH or trial.beside is not None or not others:
+        return ()
+    hyperperiod = target.schedule.mode(trial.mode).hyperperiod
+    return (Request(hyperperiod * Fraction(2 * max(trial.cycles, default=0) + 1, 2), others[0]),)
+
+
 # ---------------------------------------------------------------------------------------------------- what happened
 
 
 def rules_recorded(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Iterator[Diagnostic]:
     """Yield where the runtime's record of rules that fired, or what cores did after them, is not what has to follow."""
     yield from _fired(run, model, firings)
-    restarts = any(model.health[f.rule].action is HealthAction.RESTART for f in firings)
-    seen = sum(run.recorder.restarts.values())
-    if bool(seen) != restarts and not run.recording.lost:
-        message = f"cores began anew {seen} times; " + (
-            "a rule that fired has them" if restarts else "no rule has them"
-        )
+    due = [f.tick for f in firings if model.health[f.rule].action is HealthAction.RESTART]
+    ticks = [tick_of(run, now) for now in run.recorder.restarts]
+    slack = _slack(run) + math.ceil(_ANEW * max(run.site.cpi, 1) * run.site.timebase / run.site.clock)
+    is_lacking = any(not any(tick <= seen <= tick + slack for seen in ticks) for tick in due)
+    if (is_lacking or bool(ticks) != bool(due)) and not run.recording.lost:
+        message = f"cores began anew at ticks {ticks[:8]}, they have to at {due[:8]}, when rules fire"
         yield codes.WRONG_HEALTH(message, path="health", help=RULE_AT_FAULT)
+
+
+def _slack(run: Run) -> int:
+    """Return the ticks by which the runtime may come later to what it does: it looks at the clock then."""
+    return math.ceil(_TICKS * run.site.management_cpi)
 
 
 def _fired(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Iterator[Diagnostic]:
@@ -355,8 +371,7 @@ def _fired(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Iterator[Di
     records = [r for r in recording.records if r.kind == Recorded.HEALTH]
     seen = Counter((order[r.begin], r.time) for r in records if r.begin < len(order))
     wanted = Counter((f.rule, f.tick) for f in firings)
-    # The runtime looks at the clock when it comes to it, so its instant may be some ticks later.
-    slack = math.ceil(_TICKS * run.site.management_cpi)
+    slack = _slack(run)
     for (rule, tick), number in sorted(wanted.items()):
         near = [key for key in seen if key[0] == rule and tick <= key[1] <= tick + slack]
         if sum(seen[key] for key in near) < number:

@@ -6,6 +6,7 @@ has to be the one that the profile describes.
 
 from __future__ import annotations
 
+import struct
 from dataclasses import fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -46,7 +47,7 @@ def contradictions(
     for image in images.values():
         yield from _image(bundle, program, image)
     for unit in site.units:
-        yield from _monitor(bundle, program, unit.hart)
+        yield from _monitor(bundle, program, unit)
 
 
 # ------------------------------------------------------------------------------------------------ the machine
@@ -207,9 +208,12 @@ def _image(bundle: Bundle, program: Program, image: Image) -> Iterator[Diagnosti
 BSS = ("hp_bss_begin", "hp_bss_end")
 
 
-def _monitor(bundle: Bundle, program: Program, hart: int) -> Iterator[Diagnostic]:
+_UNIT = struct.Struct("<4Q")  # of hp_units: both scratchpads, place and size of the monitor
+
+
+def _monitor(bundle: Bundle, program: Program, unit: UnitSite) -> Iterator[Diagnostic]:
     """Hold the monitor's own file against the program; what it does is seen when it is played."""
-    name = f"images/monitor{hart}.elf"
+    name = f"images/monitor{unit.hart}.elf"
     at = bundle.at(name)
     if name not in bundle.files:
         yield FOREIGN_CONTENT(f"the bundle has no {name}", at=at, help=AGAIN)
@@ -219,6 +223,9 @@ def _monitor(bundle: Bundle, program: Program, hart: int) -> Iterator[Diagnostic
     except HalpipeError as failure:
         yield from failure.diagnostics
         return
-    for segment in monitor.segments:
-        if segment.data and not any(segment.data in whole.data for whole in program.segments):
-            yield FOREIGN_CONTENT("its code is not in bundle.elf", at=at, help=AGAIN)
+    rows = program.symbols.get("hp_units", (0, 0))[0]
+    row = stored(program, rows + (unit.hart - 1) * _UNIT.size, _UNIT.size) or bytes(_UNIT.size)
+    ispm, dspm, place, size = _UNIT.unpack(row)
+    own = (monitor.entry, [(s.target, s.data) for s in monitor.segments if s.data])
+    if (ispm, dspm) != (unit.ispm.base, unit.dspm.base) or own != (ispm, [(ispm, stored(program, place, size))]):
+        yield FOREIGN_CONTENT("its code, or where that is put, is another in bundle.elf", at=at, help=AGAIN)

@@ -109,6 +109,10 @@ def cold_start(target: Target, budget: Budget, limit: Duration) -> Iterator[Diag
     if run.word(Word.FAULTS) or run.word(Word.REFUSED):
         message = "the control block counts what the memory held before a cold start"
         yield codes.COLD_START(message, path="control", help=REPORT)
+    found, wanted = [run.word(word) for word in range(1, 9)], [0, 0, 0, 0, 0, max(run.site.timebase // 1000, 1), 0, 0]
+    if found != wanted or run.recorder.states != [0, 1]:
+        message = f"words 1 to 8 are {found} and the states {run.recorder.states} after a cold start; they have to be "
+        yield codes.COLD_START(f"{message}{wanted} and [0, 1]", path="control", help=REPORT)
     for name in witness.full:
         message = "holds after a cold start what the memory held before"
         yield codes.COLD_START(message, path=named("buffer", name), help=REPORT)

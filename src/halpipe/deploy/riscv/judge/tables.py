@@ -42,6 +42,9 @@ _EVENTS = {
     HealthEvent.FAULT: Flag.FAULT | Flag.STUCK | Flag.ERROR,
     HealthEvent.ANY: Flag.LATE | Flag.OVERRUN | Flag.FAULT | Flag.STUCK | Flag.ERROR,
 }
+_ENDS = ("source", "target", "size", "limit")
+_UNUSED: dict[int, tuple[str, ...]] = {Kind.RUN: ("channel",), Kind.DONE: _ENDS, Kind.STOP: (*_ENDS, "channel")}
+_UNUSED |= dict.fromkeys((Kind.INPUT, Kind.OUTPUT), ("limit", "channel"))  # fields of operations that mean nothing
 _ACTIONS = {HealthAction.SWITCH: 1, HealthAction.RESTART: 2, HealthAction.STOP: 3}
 _MOST = 1 << 20
 
@@ -229,14 +232,14 @@ _Key = tuple[str, *tuple[int, ...]]
 def _wanted(job: PlannedJob, images: Mapping[tuple[str, str, str], Image]) -> Counter[_Key]:
     """Return the operations that a job has to have; of transfers the phase is stated, for each begins as it can."""
     wanted: Counter[_Key] = Counter()
+    units = {images[job.job.task, job.job.version, unit].hart: unit for unit in job.job.units}
     for t in job.transfers:
         begin, end = t.begin - job.begin, t.end - job.begin
         wanted["copy", t.source, t.target, t.size, t.channel, t.hart, begin, end] += 1
-        wanted["done", t.channel, end] = 1
+        wanted["done", t.channel, end, next(iter(units))] = 1
     for call in job.calls:
         word = "input" if call.driver.kind is AccessKind.READ else "output"
         wanted[f"{word} {call.driver.function}", call.data, call.size, call.begin - job.begin] += 1
-    units = {images[job.job.task, job.job.version, unit].hart: unit for unit in job.job.units}
     for e in job.executions:
         begin, end = e.begin - job.begin, e.end - job.begin
         symbols = images[job.job.task, job.job.version, units[e.hart]].program.symbols
@@ -250,7 +253,11 @@ def _wanted(job: PlannedJob, images: Mapping[tuple[str, str, str], Image]) -> Co
 def _found(operations: Sequence[Operation], job: PlannedJob, driver: Callable[[int], str]) -> Counter[_Key]:
     found: Counter[_Key] = Counter()
     phases = {(t.begin - job.begin, t.end - job.begin, t.channel) for t in job.transfers}
-    for o in operations:
+    for number, o in enumerate(operations):
+        if any(getattr(o, name) for name in _UNUSED.get(o.kind, ())) or (
+            o.kind != Kind.RUN and (o.rank, o.ranks) != (0, 1)
+        ):
+            found["not zero where nothing is meant: operation", number] += 1
         if o.kind == Kind.COPY:
             begin, end = next(
                 ((b, e) for b, e, c in phases if c == o.channel and b <= o.at < e), (o.at, o.at + o.limit)
@@ -258,9 +265,9 @@ def _found(operations: Sequence[Operation], job: PlannedJob, driver: Callable[[i
             within = o.at + o.limit <= end
             found["copy", o.source, o.target, o.size, o.channel, o.hart, begin, end if within else o.at + o.limit] += 1
         elif o.kind == Kind.DONE:
-            found["done", o.channel, o.at] = 1
+            found["done", o.channel, o.at, o.hart] = 1
         elif o.kind == Kind.RUN:
-            clear = (o.target, o.size) if o.target else (0, 0)
+            clear = (o.target, o.size) if o.target or o.size else (0, 0)
             found["run", o.at, o.hart, o.source, o.limit, o.rank, o.ranks, *clear] += 1
         elif o.kind == Kind.STOP:
             found["stop", o.at, o.hart] += 1

@@ -6,6 +6,7 @@ from bisect import bisect_right
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from halpipe.core.durations import ZERO, seconds
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import REPORT, tick_of
 from halpipe.deploy.riscv.judge.figures import due_of
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.sequence import Played
 
+_CORE, _CHECK = "the management core", 0
+"""Where operations take place, and the order of checks."""
+
+_TAIL = 200
+"""Instructions of a monitor from the end of a function to where it waits for the next, at most."""
+
+_WAKING, _LOADS = 60, 8
+"""Instructions, and accesses to devices, from where the management core wakes up to where it looks at the clock."""
+
 
 def tells_the_truth(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
     """Yield where records and observations differ: a recorded instant lies between two that were seen."""
@@ -35,6 +45,7 @@ def tells_the_truth(run: Run, tables: Tables, played: Sequence[Played]) -> Itera
     if unknown:
         yield from unknown
         return
+    yield from ends_in_time(run)
     recorded, seen = observations(run.recording, tables), run.recorder
     yield from _executions(run, recorded.executions)
     calls = [[(call.function, call.data, call.size) for call in each.calls] for each in (seen, recorded)]
@@ -46,12 +57,36 @@ def tells_the_truth(run: Run, tables: Tables, played: Sequence[Played]) -> Itera
             "transfers", *([(t.source, t.target, t.size) for t in e] for e in (moved, recorded.transfers))
         )
     records = run.recording.records
-    begun = [r.begin for r in records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
-    yield from _differing("tables", [int(table.start / run.site.tick) for table in run.tables], begun)
+    begun = [(r.begin, r.end, r.table) for r in records if r.kind == Kind.TABLE and not r.flags]
+    yield from _differing("tables", [*_begun(run)], begun)
+    if any((r.release, r.program, r.operation, r.hart) != (0, 0, 0, 1) for r in records if r.kind == Kind.TABLE):
+        yield _differs("the record of a table names a job, which it has not")
     if run.word(Word.PLAYED) not in (len(run.tables), len(run.tables) - 1):
         yield _differs(f"it counts {run.word(Word.PLAYED)} tables, {len(run.tables)} were seen to begin")
     yield from _instants(run)
-    yield from _slept(run, tables, played)
+    yield from _delayed(run, tables, played)
+
+
+def ends_in_time(run: Run) -> Iterator[Diagnostic]:
+    """Yield the first execution that keeps its core longer than its function, or, if modelled, not up to its margin."""
+    site = run.site
+    spare = seconds(_TAIL * max([site.cpi, *site.classes.values()]) / site.clock)
+    margin = -(-2 * site.timebase // 10**6)
+    for execution in run.executions:
+        due = max(execution.left, (execution.deadline - margin) * run.tick if run.is_modelled else 0)
+        waits = run.length(execution.end - due)
+        if execution.outcome is Outcome.RETURNED and execution.end and not ZERO <= waits <= spare:
+            message = f"{site.unit_of(execution.hart).name} is free at {run.since(execution.end)} after an execution "
+            yield _differs(f"{message}that is over at {run.since(due)}", "mailbox")
+            return
+
+
+def _begun(run: Run) -> Iterator[tuple[int, int, int]]:
+    """Yield begin, end and number of the tables that were seen to begin."""
+    numbers = {table.name: number for number, table in enumerate(run.site.tables)}
+    for table in run.tables:
+        begin, number = int(table.start / run.site.tick), numbers[table.name]
+        yield begin, begin + run.site.tables[number].length, number
 
 
 def _executions(run: Run, recorded: Sequence[Execution]) -> Iterator[Diagnostic]:
@@ -106,23 +141,35 @@ def _instants(run: Run) -> Iterator[Diagnostic]:
             before = now
 
 
-def _slept(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
-    """Yield the first operation at whose instant the management core slept; a transfer may have waited for others."""
-    starts = [int(table.start / run.site.tick) for table in played]
+def _delayed(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
+    """Yield the first operation that the management core sleeps or waits through, or that follows one due later.
+
+    Transfers may have waited for others. Checks are the first of their tick, so that nothing delays them.
+    """
+    site, starts = run.site, [int(table.start / run.site.tick) for table in played]
     ends = sorted(transfer.end for transfer in run.recorder.transfers)
+    spare = int((seconds(_WAKING * site.management_cpi / site.clock) + site.latency * _LOADS) / site.tick)
+    before, last = (0, 0), 0
     for (now, woken), entry in [*zip(run.recorder.traced, run.recording.records, strict=False)][1:]:
-        is_none = entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts)
-        if is_none or (entry.kind == Kind.COPY and (entry.flags or run.site.dma.kind == "copy")):
+        if entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts):
             continue
-        tick, wake = due_of(tables, entry, starts)[0], tick_of(run, woken)
+        due, wake = due_of(tables, entry, starts), tick_of(run, woken)
+        tick, is_first, last = due[0], woken != last, woken
         if entry.kind == Kind.COPY:
-            last = ends[: bisect_right(ends, now)][-1:]  # it may have ended after the core woke up for it
-            tick = max([tick, *(-(-(end - (run.zero or 0)) // run.tick) for end in last)])
-        if tick < wake:
-            due = run.site.tick * tick
-            message = f"the management core sleeps from before {due}, when it has something to do, until "
-            yield codes.SLOW_DISPATCH(f"{message}{run.site.tick * wake}", path="the management core", help=REPORT)
+            arrived = ends[: bisect_right(ends, now)][-1:]  # it may have ended after the core woke up for it
+            tick = max([tick, *(-(-(end - (run.zero or 0)) // run.tick) for end in arrived)])
+            tick = max(tick, wake) if entry.flags or site.dma.kind == "copy" else tick
+        message = f"the management core sleeps from before {site.tick * tick} to {site.tick * wake}, though it is due"
+        if tick >= wake:
+            message = "" if due >= before else f"begins after what is due at {site.tick * before[0]}"
+            if is_first and due == (wake, _CHECK) and entry.time > tick + spare:
+                message = f"begins at {site.tick * entry.time}, though the management core woke for it"
+            if entry.kind == Kind.COPY and entry.time > due[0]:
+                continue
+        if message:
+            yield codes.SLOW_DISPATCH(f"{message}: an operation of {site.tick * due[0]}", path=_CORE, help=REPORT)
             return
+        before = due
 
 
 def _differs(message: str, path: str = "trace") -> Diagnostic:

@@ -243,6 +243,16 @@ class CoSimulation:
         self._machine.overwrite(MANAGEMENT, self.program.source(address), bytes(4))
         return address
 
+    def break_monitor(self) -> None:
+        """Put an illegal instruction where the monitor of the first core begins, before it is put there."""
+        row = self.program.source(self.program.symbols["hp_units"][0])
+        self._machine.overwrite(MANAGEMENT, self._memory.word(row + 16), bytes(4))
+
+    def disturb(self) -> None:
+        """Have every core wake up from each sleep without a cause first, as the architecture allows."""
+        for hart in self._machine.harts:
+            hart.is_restless = True
+
     def withdraw_user_mode(self) -> None:
         """Have the application cores be cores without user mode."""
         for hart in self._machine.harts:
@@ -309,7 +319,7 @@ class CoSimulation:
         for now, value in self._asked:
             tick = (now - (self._zero or 0)) // self._machine.timing.tick
             place = bisect_right(due, tick)
-            mode = self._modes[value - 1] if value <= len(self._modes) else ""
+            mode = self._modes[value - 1] if value <= len(self._modes) else f"mode {value}"
             yield Request(self.site.tick * (due[place - 1] if place else tick), mode)
 
     def _duration(self, units: int) -> Duration:
@@ -324,6 +334,8 @@ class CoSimulation:
     # ------------------------------------------------------------------------------------------ following the run
 
     def _told(self, word: int, value: int, now: int) -> None:
+        if word == Word.STATE:
+            self._recorder.states.append(value)
         if word == Word.STATE and value not in (0, RUNNING):
             if self._leaves:  # the first records show how they are printed, and a full ring how older ones are left out
                 traced, faults = (self._memory.word(self.site.control + 8 * w) for w in (Word.TRACED, Word.FAULTS))
@@ -336,7 +348,7 @@ class CoSimulation:
         elif word == Word.REQUEST and value:
             self._asked.append((now, value))
         elif word == Word.REQUEST and self._zero is not None:
-            self._recorder.decisions.append(now)
+            self._recorder.decisions.append((now, self._machine.management.woken))
         elif word == Word.TABLE and self._zero is not None:
             self._table(value, now)
         elif word == Word.TRACED and value:

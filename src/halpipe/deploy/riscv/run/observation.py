@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -87,12 +86,13 @@ class Observations:
     traps: list[Trap] = field(default_factory=list)
     disturbances: list[tuple[Transfer, Execution]] = field(default_factory=list)  # of scratchpads in use
     traced: list[tuple[int, int]] = field(default_factory=list)  # of every record: now, and when hart 0 woke up last
-    restarts: Counter[int] = field(default_factory=Counter)
+    restarts: list[int] = field(default_factory=list)  # when monitors began anew
     unfenced: set[int] = field(default_factory=set)  # cores whose monitors began without fence.i
     unordered: set[str] = field(
         default_factory=set
     )  # what the management core did before a fence made its stores visible
-    decisions: list[int] = field(default_factory=list)  # when the management core took the requests
+    decisions: list[tuple[int, int]] = field(default_factory=list)  # of requests: when taken, and when hart 0 woke up
+    states: list[int] = field(default_factory=list)  # that the control block was given
     kicks: list[int] = field(default_factory=list)  # when the management core wrote to the watchdog
     stale: list[tuple[Transfer, str]] = field(default_factory=list)
 
@@ -150,7 +150,7 @@ class Recorder(Observations):
         running = self._running.get(hart)
         if running is None and address == self._site.unit_of(hart).ispm.base:
             if hart in self._begun:
-                self.restarts.update([hart])
+                self.restarts.append(now)
             elif not self.machine.harts[hart].is_fenced:
                 self.unfenced.add(hart)
             self._begun.add(hart)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
+from halpipe.deploy.riscv.target import DECISION
 from halpipe.models.modes import tour
 
 if TYPE_CHECKING:
@@ -19,13 +20,13 @@ if TYPE_CHECKING:
 
     from halpipe.models import Job, Schedule
 
-DECISION = 2
-"""Ticks before the end of a hyperperiod at which the mailbox is read."""
-
 
 @record
 class Played:
-    """A table in a run: the `cycle`-th, from `start` for `length`; a mode, or ``a->b`` for a transition."""
+    """A table in a run: the `cycle`-th, from `start` for `length`; a mode, or ``a->b`` for a transition.
+
+    At its end so many requests have to be `refused`.
+    """
 
     cycle: int
     name: str
@@ -33,6 +34,7 @@ class Played:
     length: Duration
     jobs: tuple[Job, ...]
     source: str = ""
+    refused: int = 0
 
     @property
     def is_transition(self) -> bool:
@@ -86,16 +88,18 @@ def played_tables(
     mode, now = first, ZERO
     while len(found) < tables and (stop is None or now < stop):
         table = schedule.mode(mode)
-        found.append(Played(len(found), mode, now, table.hyperperiod, table.jobs))
-        now += table.hyperperiod
-        wanted = ""
+        start, now = now, now + table.hyperperiod
+        wanted = mode
         while waiting and waiting[0].instant <= now - tick * DECISION:
             wanted = waiting.popleft().mode
         due = [wish for wish in left if wish.instant <= now - tick * DECISION]
         left = left[len(due) :]
         healthy = min(due, key=lambda wish: wish.priority).mode if due else mode
+        refused = int(mode != wanted != healthy != mode)
         wanted = healthy if healthy != mode else wanted
         switch = switches.get((mode, wanted))
+        refused += wanted != mode and switch is None
+        found.append(Played(len(found), mode, start, table.hyperperiod, table.jobs, refused=refused))
         if switch is not None and len(found) < tables and (stop is None or now < stop):
             found.append(Played(len(found), switch.name, now, switch.length, switch.jobs, source=mode))
             now += switch.length
@@ -137,7 +141,8 @@ def tours(schedule: Schedule, cycles: int) -> list[Tour]:
 def _tour(schedule: Schedule, walk: list[str], cycles: int) -> Tour:
     """Request every further mode of `walk` in the middle of the last hyperperiod of the one before.
 
-    In the first hyperperiod of each, where there are more, a mode is requested to which no table leads.
+    In the first hyperperiod of each, where there are more, a mode is requested to which no table leads; at the end of
+    the walk the mode that is played, which has no effect.
     """
     lengths = {(t.source, t.target): t.length for t in schedule.transitions}
     requests = []
@@ -148,8 +153,8 @@ def _tour(schedule: Schedule, walk: list[str], cycles: int) -> Tour:
         refused = next((m.name for m in schedule.modes if (mode, m.name) not in lengths and m.name != mode), "")
         if refused and cycles > 1:
             requests.append(Request(now + hyperperiod / 2, refused))
+        requests.append(Request(now + hyperperiod * Fraction(2 * cycles - 1, 2), walk[min(i + 1, len(walk) - 1)]))
         if i + 1 < len(walk):
-            requests.append(Request(now + hyperperiod * Fraction(2 * cycles - 1, 2), walk[i + 1]))
             now += hyperperiod * cycles + lengths[mode, walk[i + 1]]
             tables += 1
     return Tour(walk[0], tuple(requests), tables)

@@ -62,11 +62,7 @@ static void measure_transfers(void) {
 /* Has the first core execute something as it does jobs; the management core sleeps meanwhile. Returns 0 if it failed. */
 static uint64_t executed(uint64_t entry) {
     volatile hp_mailbox *box = (volatile hp_mailbox *)((hp_units[0].dspm + HP_DSPM_SIZE) - MAILBOX_SIZE);
-    box->entry = entry;
-    box->bss = 0U;
-    box->bss_end = 0U;
-    box->ranks = 1UL << 32U;
-    box->finish = 0U;
+    box->entry = entry; /* the rest of it is zero since the start */
     box->deadline = MTIME + (1000UL * HP_TICKS_PER_MS);
     fence();
     box->request = box->request + 1U;
@@ -86,7 +82,6 @@ static void measure_instructions(void) {
     for (uint64_t i = 0U; i < size; i += 8U) {
         *(volatile uint64_t *)(at + i) = *(const uint64_t *)((uint64_t)hp_loops + i);
     }
-    fence();
     for (uint32_t i = 0U; i < CALIBRATE_LOOPS; i++) {
         note(CALIBRATE_LOOP + i, CALIBRATE_TURNS, executed(at + hp_loop_places[i]));
     }

@@ -102,7 +102,6 @@ void run_monitor(void) {
     WRITE_CSR(mtvec, (uint64_t)monitor_trap);
     WRITE_CSR(mcounteren, 0U);
     lock();
-    MSIP(hp_site[HART]) = 0U;
     idle();
     mailbox()->ready = has_user_mode();
     serve();

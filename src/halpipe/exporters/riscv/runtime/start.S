@@ -47,6 +47,7 @@ manage:
 
     .balign 4
 trapped:                           # a fault of the management core itself: leave its cause where it can be read
+    csrw mie, zero                 # sleep from then on
     csrr t0, mhartid
     bnez t0, 5f
     la t1, halpipe_control
@@ -56,6 +57,5 @@ trapped:                           # a fault of the management core itself: leav
     sd t2, 136(t1)
     li t2, 4
     sd t2, 72(t1)
-    csrw mie, zero
 5:  wfi
     j 5b

@@ -34,7 +34,6 @@ typedef struct {
     int (*stop)(void *engine); /* uc_emu_stop */
     int64_t misaligned; /* the address of an access that is not aligned, -1 for none */
     int64_t stores;     /* 1 if that is a store */
-    int64_t strict;     /* 1 where an access that is not aligned traps */
     int64_t weight;     /* what a load or store counts beyond one, */
     int64_t near;       /* but from this address */
     int64_t end;        /* up to this one */
@@ -165,7 +164,7 @@ EXPORTED void halpipe_before_access(void *engine, int kind, uint64_t address, in
     Page *page = data;
     (void)value;
     if (!((int64_t)address >= page->near && (int64_t)address < page->end)) page->count += page->weight;
-    if (page->strict && (address & (uint64_t)(size - 1)) != 0 && page->misaligned < 0) {
+    if ((address & (uint64_t)(size - 1)) != 0 && page->misaligned < 0) {
         page->misaligned = (int64_t)address;
         page->stores = kind == 17; /* UC_MEM_WRITE */
         page->stop(engine);
