@@ -131,9 +131,16 @@ class World:
         return True
 
 
+class Line(Uart):
+    """A serial line that is never busy, as that of the tiles here: the program does not wait for it."""
+
+    def store(self, hart, offset, size, value):
+        self.text.append(value & 0xFF)
+
+
 def on_our_hart(segments):
     memory = Memory((Region("main", MAIN, SIZE),), 1)
-    clint, uart = Clint(0x2000000, 1000, lambda *_: None), Uart(UART)
+    clint, uart = Clint(0x2000000, 1000, lambda *_: None), Line(UART)
     hart = Hart(0, memory, [clint, uart], 1, 1000)
     clint.harts, hart.world, hart.pc = [hart], World(), MAIN
     for segment in segments:
