@@ -367,18 +367,96 @@ CONDITIONS = {
 }  # fmt: skip
 """Faults of benchmarks/conditions.py that change no verdict of verify, in the same form."""
 
-MEASURED = "measures the same with other sizes of transfers, or another scratchpad of the same kind"
+MEASURED = (
+    "measures the same with other or further sizes, pauses and repetitions, or with another scratchpad of the same kind"
+)
+TRUTH = "only whether it is zero is looked at"
+AWAKE = "waits awake, or does nothing awake, where nothing else is left to do"
+HARDWIRED = "the further bit is reserved or hard-wired to zero, or already has that value"
+SAME = "both ways give the same there"
+LATER = "the same bytes in smaller pieces, or the same look at a transfer once more"
 
 RUNTIME = {
-    "calibrate.c:50: 0 -> 1 in uint64_t code = hp_units[0].ispm + PAGE;": MEASURED,
-    "calibrate.c:51: 0 -> 1 in uint64_t data = hp_units[0].dspm;": MEASURED,
-    "calibrate.c:52: 8 -> 9 in const uint64_t shares[3] = {64U, 8U, 1U};": MEASURED,
-    "calibrate.c:53: 0 -> 1 in for (uint32_t i = 0U; i < 3U; i++) {": MEASURED,
-    "dma.c:6: 8 -> 9 in #define UNIT_BITS 8U": "eight bits of the unit are compared, and the bit above is zero",
-    "monitor.c:133: wait_for_interrupt(); -> ; in wait_for_interrupt();": "the loop ends at the same instant, awake",
-    "runtime.c:197: + -> - in uint64_t next = ((now + 1U) < end) ? (((now + 1U) << 2U) | (o->key & ORDER)) : (end << 2U);": "the last try, of a transfer that could not be complete any more",
-    "runtime.c:438: 0 -> 1 in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt of a thousand less",
-    "start.S:13: li t0, 8 -> nop in li t0, 8                       # wake on the software interrupt, without taking it": "the address in t0 has that bit, and the core looks at what woke it",
-    "runtime.c:439: 1 -> 2 in wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));": "looks at a core that starts a tick later",
+    "calibrate.c: 3 -> 4 in #define REPEATS 3U": MEASURED,
+    "calibrate.c: 32768 -> 32769 in #define LARGEST 32768UL": SAME,
+    "calibrate.c: < -> <= in static uint64_t limited(uint64_t size) { return (size < LARGEST) ? size : LARGEST; }": SAME,
+    "calibrate.c: 0 -> 1 in uint64_t code = hp_units[0].ispm + PAGE;": MEASURED,
+    "calibrate.c: 0 -> 1 in uint64_t data = hp_units[0].dspm;": MEASURED,
+    "calibrate.c: 64 -> 65 in const uint64_t shares[3] = {64U, 8U, 1U};": MEASURED,
+    "calibrate.c: 8 -> 9 in const uint64_t shares[3] = {64U, 8U, 1U};": MEASURED,
+    "calibrate.c: 1 -> 2 in const uint64_t shares[3] = {64U, 8U, 1U};": MEASURED,
+    "calibrate.c: 0 -> 1 in for (uint32_t i = 0U; i < 3U; i++) {": MEASURED,
+    "calibrate.c: 0 -> 1 in for (uint32_t i = 0U; i < REPEATS; i++) {": MEASURED,
+    "calibrate.c: < -> <= in for (uint32_t i = 0U; i < REPEATS; i++) {": MEASURED,
+    "calibrate.c: 2 -> 3 in uint64_t into_code = limited(HP_ISPM_SIZE / 2U) / shares[i];": MEASURED,
+    "calibrate.c: 2 -> 3 in uint64_t into_data = limited(HP_DSPM_SIZE / 2U) / shares[i];": MEASURED,
+    "calibrate.c: 63 -> 64 in measure_transfer(CALIBRATE_ISPM, main, code, into_code & ~63UL);": SAME,
+    "calibrate.c: 63 -> 64 in measure_transfer(CALIBRATE_DSPM, main, data, into_data & ~63UL);": SAME,
+    "calibrate.c: 63 -> 64 in measure_transfer(CALIBRATE_MAIN, data, main, into_data & ~63UL);": SAME,
+    "calibrate.c: 1000 -> 1001 in box->deadline = MTIME + (1000UL * HP_TICKS_PER_MS);": "a later deadline of what ends long before",
+    "calibrate.c: 1 -> 2 in MTIMECMP(0U) = MTIME + 1U + (HP_TICKS_PER_MS / 10U);": MEASURED,
+    "calibrate.c: 10 -> 11 in MTIMECMP(0U) = MTIME + 1U + (HP_TICKS_PER_MS / 10U);": MEASURED,
+    "calibrate.c: < -> <= in for (uint64_t i = 0U; i < size; i += 8U) {": "eight bytes more behind the loops, which nothing executes",
+    "calibrate.c: + -> - in loop *own = (loop *)((uint64_t)hp_loops + hp_loop_places[0]);": SAME,
+    "console.c: > -> >= in return (count > capacity) ? (count - capacity) : 0U;": SAME,
+    "console.c: MTIMECMP(0U) = NEVER; -> ; in MTIMECMP(0U) = NEVER;": AWAKE,
+    "console.c: wait_for_interrupt(); -> ; in wait_for_interrupt();": AWAKE,
+    "console.c: 0x80000000 -> 0x80000001 in while ((*transmit & 0x80000000U) != 0U) {": HARDWIRED,
+    "dma.c: 8 -> 9 in #define UNIT_BITS 8U": "eight bits of the unit are compared, and the bit above is zero",
+    "dma.c: 0x66000000 -> 0x66000001 in #define TRANSACTIONS_OF_64 0x66000000U": HARDWIRED,
+    "dma.c: <= -> < in while ((done + WORD) <= size) {": LATER,
+    "dma.c: > -> >= in size = (size > PIECE) ? PIECE : size;": SAME,
+    "dma.c: 1 -> 2 in worked = 1U;": TRUTH,
+    "halpipe.h: 100 -> 101 in hp_calibration entries[100];": SAME,
+    "halpipe.h: 0 -> 1 in #define DMA_NONE 0U": LATER,
+    "halpipe.h: 2 -> 3 in #define DMA_FAILED 2U": "another name for the same state",
+    "halpipe.h: 2 -> 3 in #define DMA_THIS 2U": "another name for the same state",
+    "health.c: < -> <= in if ((wanted == 0U) || (rule->priority < priority)) {": "no two rules have the same priority",
+    "health.c: 1 -> 2 in m->is_full = 1U;": TRUTH,
+    "health.c: 1 -> 2 in fires = 1U;": TRUTH,
+    "health.c: 1 -> 2 in is_stopping = 1U;": TRUTH,
+    "loops.S: 3 -> 4 in li t1, -3": "operands of another product",
+    'monitor.c: 8 -> 9 in __asm__ volatile("csrci mstatus, 8" ::: "memory");': HARDWIRED,
+    'monitor.c: 8 -> 9 in __asm__ volatile("fence\\n fence.i\\n csrsi mstatus, 8" ::: "memory");': HARDWIRED,
+    "monitor.c: MTIMECMP(hp_site[HART]) = NEVER; -> ; in MTIMECMP(hp_site[HART]) = NEVER;": "the timer's interrupt is masked there",
+    "monitor.S: csrs mstatus, t0 -> nop in csrs mstatus, t0": "in user mode interrupts of machine mode are enabled whatever it says",
+    "monitor.S: 0x80 -> 0x81 in li t0, 0x80                    # mstatus.MPIE": HARDWIRED,
+    "monitor.S: 0x1800 -> 0x1801 in li t0, 0x1800                  # mstatus.MPP = user": HARDWIRED,
+    "runtime.c: 1000 -> 1001 in #define ATTEMPTS 1000U": "one attempt more",
+    "runtime.c: 1 -> 2 in uint64_t hp_monitors[HP_UNITS + 1U] HP_SHARED;": "an entry more than is used",
+    "runtime.c: < -> <= in if (MTIME < instant) {": SAME,
+    "runtime.c: 1 -> 2 in uint32_t is_trap = (((flags & (FLAG_FAULT | FLAG_OVERRUN)) != 0U) && (box->done == box->request)) ? 1U : 0U;": TRUTH,
+    "runtime.c: 1 -> 2 in s->is_over = 1U;": TRUTH,
+    "runtime.c: 1 -> 2 in is_suspect = 1U;": TRUTH,
+    "runtime.c: 1 -> 2 in boxes[o->unit]->restart = 1U;": TRUTH,
+    "runtime.c: 0 -> 1 in for (uint32_t i = 0U; i < program->count; i++) {": "a program begins with the transfer of its image",
+    "runtime.c: is_suspect = found; -> ; in is_suspect = found;": LATER,
+    "runtime.c: 1 -> 2 in return (found == DMA_THIS) ? 1U : 0U;": TRUTH,
+    "runtime.c: + -> - in uint64_t next = ((now + 1U) < end) ? (((now + 1U) << 2U) | (o->key & ORDER)) : (end << 2U);": "the last try, of a transfer that could not be complete any more",
+    "runtime.c: > -> >= in if ((program->slots > 1U) && (keys[place] != IDLE)) {": "the one slot of a unit is idle when its next job is released",
+    "runtime.c: 0 -> 1 in static uint64_t releases = 0U;": "owners have other numbers, none of them zero",
+    "runtime.c: > -> >= in instants at = {(now > base) ? (now - base) : 0U, begin, end};": SAME,
+    "runtime.c: 1 -> 2 in current.is_decided = 1U;": TRUTH,
+    "runtime.c: 0 -> 1 in uint64_t key = 0U;": "overwritten before it is used",
+    "runtime.c: < -> <= in if (keys[i] < key) {": "of equals another slot is first; nothing promises an order of slots",
+    "runtime.c: < -> <= in for (uint64_t at = 0U; at < u->code_size; at += 8U) {": "eight bytes more of the page that is the monitor's",
+    "runtime.c: 0 -> 1 in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt of a thousand less",
+    "runtime.c: < -> <= in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt more",
+    "runtime.c: 1 -> 2 in wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));": "looks at a core that starts a tick later",
+    "runtime.c: 1 -> 2 in return (boxes[unit]->ready != 0U) ? 1U : 0U;": TRUTH,
+    "runtime.c: < -> <= in for (uint32_t place = 0U; place < HP_SLOTS; place++) {": "the entry of the table is set before it is looked at",
+    "start.S: csrw mie, zero -> nop in csrw mie, zero": "the next instruction switches interrupts off, and mie is written before every sleep",
+    "start.S: 8 -> 9 in csrci mstatus, 8               # boot ROMs may enter with interrupts enabled": HARDWIRED,
+    "start.S: li t0, 8 -> nop in li t0, 8                       # wake on the software interrupt, without taking it": "the address in t0 has that bit, and the core looks at what woke it",
+    "start.S: 8 -> 9 in li t0, 8                       # wake on the software interrupt, without taking it": HARDWIRED,
+    "start.S: wfi -> nop in 1:  wfi": AWAKE,
+    "start.S: 8 -> 9 in andi t1, t1, 8": HARDWIRED,
+    "start.S: wfi -> nop in 4:  wfi": "runtime does not return",
+    "start.S: j 4b -> nop in j 4b": "runtime does not return",
+    "start.S: wfi -> nop in 5:  wfi": AWAKE,
+}  # fmt: skip
+RUNTIME |= {
+    "calibrate.c: 0 -> 1 in const hp_operation o = {0U, source, target, size, 0U, 0U, 0U, 0U, 0U, 0U, 0U};" + nth: "a start of the engine reads none of these"
+    for nth in ("", *(f" ({n})" for n in range(2, 9)))
 }  # fmt: skip
 """Faults of benchmarks/mutants.py that change nothing that the runtime promises, as it prints them."""
