@@ -165,6 +165,7 @@ OTHERS = {
     ),
     "cores go where nothing sends them": ("start.S", "    beqz t1, 1b\n", "", declared.TRACE_DISAGREES),
     "faults before the monitor": ("start.S", "    bnez t0, 5f\n", "", declared.TRACE_DISAGREES),
+    "counters as they were": ("monitor.c", "    WRITE_CSR(mcounteren, 0U);\n", "", declared.WRONG_CALL),
     "states of before": ("runtime.c", "    CONTROL->state = STATE_BOOTING;\n", "", declared.COLD_START),
     "requests are never read": ("runtime.c", 'amoswap.d %0, zero, (%1)"', 'li %0, 0"', declared.WRONG_TABLE),
 }

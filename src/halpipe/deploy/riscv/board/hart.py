@@ -324,7 +324,8 @@ class Hart:
             yield "no fence.i since its code was loaded"
 
     def enable_interrupts(self) -> None:
-        """Enable all interrupts, as boot ROMs may leave them."""
+        """Enable all interrupts, and counters for jobs, as boot ROMs may leave them."""
+        self._set("MCOUNTEREN", 7)
         self._set("MIE", 1 << SOFTWARE | 1 << TIMER)
         self._set("MSTATUS", self._register("MSTATUS") | _ENABLED)
 
