@@ -10,7 +10,6 @@ from halpipe.core.diagnostics import Diagnostic, Path, about
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.registers import TOP, Level, Protection, Right
 from halpipe.deploy.riscv.run.recording import Flag, Word
-from halpipe.deploy.riscv.run.sequence import Played
 from halpipe.deploy.riscv.target import DECISION, Site, UnitSite
 
 if TYPE_CHECKING:
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.run.cosimulation import Run
     from halpipe.deploy.riscv.run.drivers import PlannedCall
     from halpipe.deploy.riscv.run.expectation import PlannedJob
+    from halpipe.deploy.riscv.run.sequence import Played
 
 _STATES = {
     0: "the management core did not come to the first table",

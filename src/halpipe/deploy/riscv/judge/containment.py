@@ -351,7 +351,7 @@ def rules_recorded(run: Run, model: TaskModel, firings: Sequence[Firing]) -> Ite
     yield from _fired(run, model, firings)
     due = [f.tick for f in firings if model.health[f.rule].action is HealthAction.RESTART]
     ticks = [tick_of(run, now) for now in run.recorder.restarts]
-    slack = _slack(run) + math.ceil(_ANEW * max(run.site.cpi, 1) * run.site.timebase / run.site.clock)
+    slack = _slack(run) + math.ceil(_ANEW * run.site.cpi * run.site.timebase / run.site.clock)
     is_lacking = any(not any(tick <= seen <= tick + slack for seen in ticks) for tick in due)
     if (is_lacking or bool(ticks) != bool(due)) and not run.recording.lost:
         message = f"cores began anew at ticks {ticks[:8]}, they have to at {due[:8]}, when rules fire"

@@ -14,7 +14,6 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.tables import PER_SLOT, Tables
 from halpipe.deploy.riscv.run.drivers import recorded_inputs
 from halpipe.deploy.riscv.run.recording import Flag, Kind, Record
-from halpipe.deploy.riscv.run.sequence import Played
 from halpipe.deploy.riscv.target import DECISION, Site
 from halpipe.models import AccessKind
 
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.judge.check import Outcome
     from halpipe.deploy.riscv.judge.comparison import Seen
     from halpipe.deploy.riscv.run.cosimulation import Run
+    from halpipe.deploy.riscv.run.sequence import Played
 
 _HEADER = ("table", "played", "jobs", "worst start", "worst execution", "of its time", "DMA busy")
 
