@@ -102,6 +102,16 @@ def test_segments_of_preempted_jobs_have_a_margin_that_they_do_not_have_at_first
     assert mode.margin_words.endswith("% is possible")
 
 
+def test_a_margin_of_zero_is_worth_a_finer_grid():
+    """On their tick of a millisecond, a job of one cannot last longer."""
+    parts = replace(version("v", 12), split=Split(anywhere=True, max_gaps=8))
+    owner = model(task("a", 20, parts), task("b", 5, version("v", 1)))
+    assert margins(owner, optimise=(), tick=ms(1)) == margins(owner, tick=ms(1)) == [0]
+    (mode,) = found(owner).schedule.modes
+    assert any(job.parts for job in mode.jobs)
+    assert mode.margin == mode.margin_bound == Fraction(1, 4)
+
+
 def test_a_margin_that_is_asked_for_first_is_no_smaller_for_preempted_jobs():
     (least,) = margins(PREEMPTIVE[0])
     scheduled = found(PREEMPTIVE[0], optimise=(Objective.MARGIN, Objective.CHAINS), budget=200)

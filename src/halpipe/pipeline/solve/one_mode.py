@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.checkpoint import Kept
+    from halpipe.pipeline.solve.edf.plans import Plan
     from halpipe.pipeline.solve.edf.search import Found as Tabled
     from halpipe.pipeline.solve.edf.works import Mode
     from halpipe.pipeline.solve.kernel.search import Outcome, Search
@@ -211,16 +212,20 @@ class _Search:
         stated = self.options.optimise
         return stated is None or (stated[:1] == (Objective.MARGIN,) and not self.shipped)
 
-    def widened(self, begin: Begin, jobs: tuple[Job, ...], moves: int, allowed: int, unit: int, effort: int) -> Wider:
+    def widened(
+        self, begin: Begin, jobs: tuple[Job, ...], moves: int, allowed: int, unit: int, effort: int, stage: str = ""
+    ) -> Wider:
         """Search for jobs with a larger margin than these, which were found in so many of the `allowed` moves.
 
-        A try gets some moves for each `unit`, all of them the `effort` or a share of the moves before.
+        A try gets some moves for each `unit`, all of them the `effort` or a share of the moves before. What is kept of
+        it is kept in a `stage`.
         """
         from halpipe.pipeline.solve.kernel.widen import widened
 
         wanted = self.margin_of(jobs), largest_margin(self.expansion)
         tell = lambda made, best: self.on_progress(self.name, moves + made, allowed, best)  # noqa: E731
-        return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, self.kept)
+        kept = self.kept.stage(stage) if self.kept is not None and stage else self.kept
+        return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, kept)
 
     def margin_of(self, jobs: Iterable[Job]) -> Fraction:
         """Return the margin of valid jobs."""
@@ -301,10 +306,10 @@ class _SplitJobs(_Search):
         """Jobs that may be placed."""
         return self.options.placements(max(1, len(self.expansion.tasks)), self.expansion.job_count)
 
-    def _mode(self, expansion: Expansion, growth: Fraction) -> Mode:
+    def _mode(self, expansion: Expansion, growth: Fraction, parts: int = 1) -> Mode:
         from halpipe.pipeline.solve.edf.works import works_of
 
-        return works_of(self.model, expansion, self.options.tick or natural_tick(expansion), growth)
+        return works_of(self.model, expansion, self.options.tick or natural_tick(expansion) / parts, growth)
 
     def _searched(self, mode: Mode, polish: Polish | None, kept: Kept | None) -> Tabled:
         from halpipe.pipeline.solve.edf.search import Search
@@ -317,33 +322,16 @@ class _SplitJobs(_Search):
 
     def _wider(self, plain: Tabled) -> Tabled:
         """Raise the margin of a table by others in which every part has more time than it takes."""
-        from halpipe.pipeline.solve.edf.search import Search
-        from halpipe.pipeline.solve.edf.trials import Effort
-        from halpipe.pipeline.solve.kernel.search import Outcome
-
         expansion = self.expansion if self.polish is not None else _with_versions_of(plain.jobs, self.expansion)
-        plans = [plain.plan]
-
-        def begin(margin: Fraction, number: int, kept: Kept | None) -> Run:
-            def run(placed: int, tell: OnSlice) -> Outcome:
-                try:
-                    mode = self._mode(expansion, 1 + margin)
-                    if not all(work.ways for work in mode.works):
-                        return Outcome((), 1, 0, stopped=False)
-                    effort = Effort(placed, 0, tell)
-                    seed, plan = self.seed + number, plans[-1]
-                    found = Search(mode, self.model, seed, self.pinned, effort, kept=kept, before=plan).run()
-                except HalpipeError:  # too many ticks, or parts
-                    return Outcome((), 1, 0, stopped=False)
-                if not found.excess:
-                    plans.append(found.plan)
-                return Outcome(found.jobs, found.excess, found.placed, stopped=found.stopped)
-
-            return run
-
-        jobs = self.expansion.job_count
-        effort = max(self.options.spare // TABLED_SHARE, MARGIN_TABLES * jobs)
-        wider = self.widened(begin, plain.jobs, plain.placed, self.budget, max(1, jobs // TABLED_UNIT), effort)
+        jobs, spare = self.expansion.job_count, self.options.spare
+        effort = max(spare // TABLED_SHARE, MARGIN_TABLES * jobs)
+        begin, unit = self._lengthened(expansion, plain.plan), max(1, jobs // TABLED_UNIT)
+        wider = self.widened(begin, plain.jobs, plain.placed, self.budget, unit, effort)
+        if not (wider.jobs or wider.stopped or self.polish or self.margin_of(plain.jobs)):
+            # A margin of 0 is worth all the effort there is, and a finer grid, unless it is proven best.
+            begin, made = self._lengthened(expansion, None, MOST_PARTS), wider.moves
+            wider = self.widened(begin, plain.jobs, plain.placed + made, self.budget, jobs, spare, "finer")
+            wider = replace(wider, moves=made + wider.moves)
         found = replace(plain, placed=plain.placed + wider.moves, unimproved=wider.stopped)
         if self.polish is None:
             return replace(found, jobs=max((plain.jobs, wider.jobs or plain.jobs), key=self.margin_of))
@@ -352,6 +340,33 @@ class _SplitJobs(_Search):
             last = self._searched(mode, self.polish, self.kept and self.kept.stage("wider"))
             found = replace(last, placed=found.placed + last.placed)
         return replace(found, jobs=self.better_of(plain.jobs, [wider.jobs, None if found.excess else found.jobs]))
+
+    def _lengthened(self, expansion: Expansion, plan: Plan | None, parts: int = 1) -> Begin:
+        """Return the search for a margin: from a plan, if there is one, on a tick of so many parts."""
+        from halpipe.pipeline.solve.edf.search import Search
+        from halpipe.pipeline.solve.edf.trials import Effort
+        from halpipe.pipeline.solve.kernel.search import Outcome
+
+        plans = [plan]
+
+        def begin(margin: Fraction, number: int, kept: Kept | None) -> Run:
+            def run(placed: int, tell: OnSlice) -> Outcome:
+                try:
+                    mode = self._mode(expansion, 1 + margin, parts)
+                    if not all(work.ways for work in mode.works):
+                        return Outcome((), 1, 0, stopped=False)
+                    effort = Effort(placed, 0, tell)
+                    seed, before = self.seed + number, plans[-1]
+                    found = Search(mode, self.model, seed, self.pinned, effort, kept=kept, before=before).run()
+                except HalpipeError:  # too many ticks, or parts
+                    return Outcome((), 1, 0, stopped=False)
+                if not found.excess:
+                    plans.append(found.plan)
+                return Outcome(found.jobs, found.excess, found.placed, stopped=found.stopped)
+
+            return run
+
+        return begin
 
 
 class _WholeJobs(_Search):
