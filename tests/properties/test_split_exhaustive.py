@@ -134,9 +134,9 @@ def judged(seed, draw=drawn):
 
 
 def searched(system):
-    """Return the schedule that the search finds; None where it finds none, or refuses a task that can run nowhere."""
+    """Return the first valid schedule, in whole ticks; None where none is found, or a task can run nowhere."""
     try:
-        found = schedule_model(system, SearchOptions(budget=60), lambda *_: True)
+        found = schedule_model(system, SearchOptions(budget=60, optimise=()), lambda *_: True)
     except HalpipeError:
         return None
     return found.schedule if found.is_complete else None

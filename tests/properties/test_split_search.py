@@ -61,7 +61,7 @@ def is_searched(seed):
     if any(d.is_error for d in validate_model(owner)):
         return False
     with mock.patch.object(trials, "Simulator", Compared):
-        found = search.schedule_model(owner, SearchOptions(budget=100), lambda *_: True)
+        found = search.schedule_model(owner, SearchOptions(budget=100, optimise=()), lambda *_: True)
     if found.is_complete:
         assert [d.message for d in verify_schedule(owner, found.schedule) if d.is_error] == []
         assert oracle.broken(owner, found.schedule) == set()

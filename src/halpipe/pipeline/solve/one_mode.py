@@ -306,10 +306,11 @@ class _SplitJobs(_Search):
         """Jobs that may be placed."""
         return self.options.placements(max(1, len(self.expansion.tasks)), self.expansion.job_count)
 
-    def _mode(self, expansion: Expansion, growth: Fraction, parts: int = 1) -> Mode:
-        from halpipe.pipeline.solve.edf.works import works_of
+    def _mode(self, expansion: Expansion, growth: Fraction, *, is_fine: bool = False) -> Mode:
+        from halpipe.pipeline.solve.edf.works import finer, works_of
 
-        return works_of(self.model, expansion, self.options.tick or natural_tick(expansion) / parts, growth)
+        tick = natural_tick(expansion)
+        return works_of(self.model, expansion, self.options.tick or (finer(tick) if is_fine else tick), growth)
 
     def _searched(self, mode: Mode, polish: Polish | None, kept: Kept | None) -> Tabled:
         from halpipe.pipeline.solve.edf.search import Search
@@ -329,7 +330,7 @@ class _SplitJobs(_Search):
         wider = self.widened(begin, plain.jobs, plain.placed, self.budget, unit, effort)
         if not (wider.jobs or wider.stopped or self.polish or self.margin_of(plain.jobs)):
             # A margin of 0 is worth all the effort there is, and a finer grid, unless it is proven best.
-            begin, made = self._lengthened(expansion, None, MOST_PARTS), wider.moves
+            begin, made = self._lengthened(expansion, None, is_fine=True), wider.moves
             wider = self.widened(begin, plain.jobs, plain.placed + made, self.budget, jobs, spare, "finer")
             wider = replace(wider, moves=made + wider.moves)
         found = replace(plain, placed=plain.placed + wider.moves, unimproved=wider.stopped)
@@ -341,8 +342,8 @@ class _SplitJobs(_Search):
             found = replace(last, placed=found.placed + last.placed)
         return replace(found, jobs=self.better_of(plain.jobs, [wider.jobs, None if found.excess else found.jobs]))
 
-    def _lengthened(self, expansion: Expansion, plan: Plan | None, parts: int = 1) -> Begin:
-        """Return the search for a margin: from a plan, if there is one, on a tick of so many parts."""
+    def _lengthened(self, expansion: Expansion, plan: Plan | None, *, is_fine: bool = False) -> Begin:
+        """Return the search for a margin: from a plan, if there is one, or on a finer tick."""
         from halpipe.pipeline.solve.edf.search import Search
         from halpipe.pipeline.solve.edf.trials import Effort
         from halpipe.pipeline.solve.kernel.search import Outcome
@@ -352,7 +353,7 @@ class _SplitJobs(_Search):
         def begin(margin: Fraction, number: int, kept: Kept | None) -> Run:
             def run(placed: int, tell: OnSlice) -> Outcome:
                 try:
-                    mode = self._mode(expansion, 1 + margin, parts)
+                    mode = self._mode(expansion, 1 + margin, is_fine=is_fine)
                     if not all(work.ways for work in mode.works):
                         return Outcome((), 1, 0, stopped=False)
                     effort = Effort(placed, 0, tell)

@@ -24,6 +24,7 @@ from halpipe.pipeline.parts import job_of
 from halpipe.pipeline.solve.codes import TOO_MANY_PARTS
 from halpipe.pipeline.solve.edf.fixed import window_excess
 from halpipe.pipeline.solve.edf.native import FIRST_ROOM, LARGEST, Simulation, System, Told, function
+from halpipe.pipeline.solve.edf.works import finer
 from halpipe.pipeline.solve.limits import too_large
 
 if TYPE_CHECKING:
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.works import Mode, Way, Window, Work
     from halpipe.pipeline.solve.integers import Ints
 
-
-PARTS = 8
-"""Parts of a tick at which a job may be preempted that executes for less than it was simulated to."""
 
 MOST_CYCLES = 8
 """Hyperperiods after which a table that still changes is given up."""
@@ -177,9 +175,9 @@ def _executed(mode: Mode, way: Way, where: int) -> Duration:
 def _shortened(mode: Mode, way: Way, where: int) -> Duration:
     """Return what is executed where an execution of more was cut: an edge of a phase that was rounded to there, if any.
 
-    All else is rounded down to parts of a tick.
+    All else is rounded down to a finer tick.
     """
-    step, part = way.bounds[-1] / way.wcet, mode.tick / PARTS
+    step, part = way.bounds[-1] / way.wcet, finer(mode.tick)
     edges = (edge for access in way.version.accesses for edge in (access.start, access.end))
     edge = max((edge for edge in edges if edge <= step * where), default=ZERO)
     return edge if edge > step * (where - 1) else max(edge, part * (step * where // part))

@@ -291,6 +291,11 @@ class _Builder:
         return is_rounded + self.up(longest * (self.growth - 1))
 
 
+def finer(tick: Duration) -> Duration:
+    """Return an eighth, quarter or half of a tick: the least of whole nanoseconds, which targets count; or itself."""
+    return next((tick / parts for parts in (8, 4, 2) if isinstance((tick / parts).ns, int)), tick)
+
+
 def load_of(work: Work, way: Way, hyperperiod: int) -> Fraction:
     """Return the share of each of its units that a task takes under a way."""
     return Fraction(way.length * work.jobs, hyperperiod)
