@@ -44,7 +44,7 @@ def long_names():
 def split_job():
     """A job of 22 ms that another one interrupts every 5 ms."""
     parts = replace(version("v", "22ms"), split=Split(anywhere=True, max_gaps=8))
-    return model(task("long", "40ms", parts), task("short", "5ms", version("v", "1500us")))
+    return model(task("long", "40ms", parts, offset=0), task("short", "5ms", version("v", "1500us")))
 
 
 @pytest.fixture

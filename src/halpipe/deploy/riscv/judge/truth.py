@@ -70,7 +70,7 @@ def tells_the_truth(run: Run, tables: Tables, played: Sequence[Played]) -> Itera
 def ends_in_time(run: Run) -> Iterator[Diagnostic]:
     """Yield the first execution that keeps its core longer than its function, or, if modelled, not up to its margin."""
     site = run.site
-    spare = seconds(_TAIL * max([site.cpi, *site.classes.values()]) / site.clock)
+    spare = seconds(_TAIL * max([site.cpi * run.slowness, *site.classes.values()]) / site.clock)
     margin = -(-2 * site.timebase // 10**6)
     for execution in run.executions:
         due = max(execution.left, (execution.deadline - margin) * run.tick if run.is_modelled else 0)
@@ -148,7 +148,8 @@ def _delayed(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Dia
     """
     site, starts = run.site, [int(table.start / run.site.tick) for table in played]
     ends = sorted(transfer.end for transfer in run.recorder.transfers)
-    spare = int((seconds(_WAKING * site.management_cpi / site.clock) + site.latency * _LOADS) / site.tick)
+    awake = seconds(_WAKING * site.management_cpi * run.slowness / site.clock)
+    spare = int((awake + site.latency * _LOADS) / site.tick)
     before, last = (0, 0), 0
     for (now, woken), entry in [*zip(run.recorder.traced, run.recording.records, strict=False)][1:]:
         if entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts):

@@ -79,6 +79,7 @@ class Run:
     regulators: Regulators | None = None  # that the runtime has started
     requests: list[Request] = field(default_factory=list)
     status: int | None = None  # with which the runtime ended the emulation
+    slowness: Fraction = Fraction(1)  # of its instructions, in those of the profile
 
     @property
     def executions(self) -> list[Execution]:
@@ -152,6 +153,7 @@ class CoSimulation:
         self._execution = execution
         self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
         self._refuse_nonsense(1 if cpi is None else cpi)
+        self._slowness = Fraction(1) if cpi is None else cpi / min(self.site.cpi, self.site.management_cpi)
         program = load_program(target.bundle, self.site)
         self.program = program
         self._recorder = Recorder(self.site, list(self.images.values()), self._told)
@@ -289,6 +291,7 @@ class CoSimulation:
         now = max(hart.now for hart in machine.harts) if self._zero is None else machine.management.now - self._zero
         return Run(
             site=self.site,
+            slowness=self._slowness,
             rate=machine.timing.rate,
             tick=machine.timing.tick,
             zero=self._zero,

@@ -61,7 +61,11 @@ static void put_words(const char *name, const volatile uint64_t *words, uint64_t
 }
 
 static uint64_t first_of(uint64_t count, uint64_t capacity) {
-    return (count > capacity) ? (count - capacity) : 0U;
+    uint64_t first = 0U;
+    if (count > capacity) {
+        first = count - capacity;
+    }
+    return first;
 }
 
 /* Prints the control block, the trace and the faults that are still in their rings: hexadecimal words, one record a line. */

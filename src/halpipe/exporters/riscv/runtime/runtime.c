@@ -92,7 +92,10 @@ static void abandon(slot *s, const hp_operation *o, uint64_t flags, uint64_t now
     uint64_t count = CONTROL->faults;
     hp_fault *f = &FAULTS[count % HP_FAULT_CAPACITY];
     const volatile hp_mailbox *box = boxes[o->unit];
-    uint32_t is_trap = (((flags & (FLAG_FAULT | FLAG_OVERRUN)) != 0U) && (box->done == box->request)) ? 1U : 0U;
+    uint32_t is_trap = 0U;
+    if (((flags & (FLAG_FAULT | FLAG_OVERRUN)) != 0U) && (box->done == box->request)) {
+        is_trap = 1U;
+    }
     s->is_over = 1U;
     is_suspect = 1U;
     f->time = now - base;
@@ -277,7 +280,10 @@ static inline void release(const hp_release *job) {
 
 static void record_table(uint64_t begin, uint64_t end, uint64_t flags) {
     uint64_t now = MTIME; /* the first table is begun a little before the run */
-    instants at = {(now > base) ? (now - base) : 0U, begin, end};
+    instants at = {0U, begin, end};
+    if (now > base) {
+        at.time = now - base;
+    }
     record(&at, current.cycle | ((uint64_t)current.index << 32U), 0U, what(0U, OP_TABLE, flags, 0U));
 }
 
@@ -296,7 +302,10 @@ static uint64_t table_key(void) {
 }
 
 static void begin_table(uint32_t index, uint64_t start) {
-    uint32_t is_mode = (index < HP_MODES) ? 1U : 0U;
+    uint32_t is_mode = 0U;
+    if (index < HP_MODES) {
+        is_mode = 1U;
+    }
     current.index = index;
     current.start = start;
     current.row = 0U;
@@ -463,7 +472,11 @@ void runtime(void) {
     CONTROL->state = STATE_RUNNING;
     begin_table(first, base);
     play();
-    CONTROL->state = (health_stops() != 0U) ? STATE_STOPPED : STATE_FINISHED; /* once: observers take the first state that is not a running one */
+    uint64_t ended = STATE_FINISHED;
+    if (health_stops() != 0U) {
+        ended = STATE_STOPPED;
+    }
+    CONTROL->state = ended; /* once: observers take the first state that is not a running one */
     if (CONTROL->report != 0U) {
         print_report();
     }
