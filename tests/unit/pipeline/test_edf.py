@@ -32,8 +32,9 @@ def split(made, *points, **rest):
     return replace(made, split=Split(points=times, anywhere="anywhere" in points, **rest))
 
 
-def scheduled(owner, **options):
-    found = schedule_model(owner, SearchOptions(budget=2000, **options), lambda *_: True)
+def scheduled(owner, optimise=(), **options):
+    """Return the first valid schedule: the margin, which is raised by default, has tests of its own."""
+    found = schedule_model(owner, SearchOptions(budget=2000, optimise=optimise, **options), lambda *_: True)
     assert not [d for d in verify(owner, found.schedule) if d.is_error] or not found.is_complete
     return found
 
