@@ -184,7 +184,7 @@ def test_a_task_on_demand_has_no_event():
     assert by_path(write(system), "/roboracer/Components/diagnostics/Behavior/Every") is None
 
 
-def test_each_version_is_an_implementation_with_its_execution_time_on_each_unit():
+def test_each_version_is_an_implementation_with_one_execution_time():
     root = write(SYSTEM)
     found = {}
     for name, element in all_of(root, "SWC-IMPLEMENTATION").items():
@@ -197,6 +197,22 @@ def test_each_version_is_an_implementation_with_its_execution_time_on_each_unit(
         "valve_v": [("/m/Platform/u2", "1000")],
     }
     assert [v.get("wcet") for v in native(root).iter("{*}version") if v.get("name") == "slow"] == ["1000/3us"]
+
+
+def test_units_with_the_same_time_are_nested_in_one_element_called_like_their_type():
+    tasks = [task(f"t{n}", "10ms", version("v", "1ms", units)) for n, units in enumerate(("a b", "b a", "b c", "c d"))]
+    system = model(*tasks, units="a b c d")
+    system = replace(system, units=tuple(replace(u, type="big" if u.name in "ab" else "") for u in system.units))
+    root = write(system)
+    path = "NESTED-ELEMENTS/HW-ELEMENT-REF-CONDITIONAL/HW-ELEMENT-REF"
+    nested = {name: texts(e, path) for name, e in all_of(root, "HW-ELEMENT").items()}
+    assert {name: "".join(ref[-1] for ref in refs) for name, refs in nested.items() if refs} == {
+        "big": "ab",
+        "Units": "bc",
+        "Units_2": "cd",
+    }
+    times = all_of(root, "SWC-IMPLEMENTATION").values()
+    assert [text(e, "*/*/*/HW-ELEMENT-REF").rpartition("/")[2] for e in times] == ["big", "big", "Units", "Units_2"]
 
 
 def test_units_and_resources_are_hardware_of_two_categories():

@@ -30,6 +30,13 @@ def test_exports_are_valid_and_every_reference_leads_somewhere(tmp_path, sample,
     assert check(tmp_path / "b.arxml", FORMAT.write(model, None, ArxmlOptions(release=release))[""]) == []
 
 
+def test_units_that_are_nested_in_one_element_are_valid(tmp_path):
+    tasks = [task(name, 10, version("v", 1, units)) for name, units in {"one": "a b", "two": "b c"}.items()]
+    data = FORMAT.write(model(*tasks, units="a b c"), None, ArxmlOptions())[""]
+    assert data.count(b"<NESTED-ELEMENTS>") == 2
+    assert check(tmp_path / "a.arxml", data) == []
+
+
 def test_the_validator_sees_faults(tmp_path):
     model, plan = exporter_samples.roboracer()
     data = FORMAT.write(model, plan, ArxmlOptions())[""]

@@ -437,7 +437,11 @@ def implementation(*times):
     return named("SWC-IMPLEMENTATION", "Impl", named("RESOURCE-CONSUMPTION", "Used", el("EXECUTION-TIMES", *times)))
 
 
-def hardware(*names):
-    """Processing units ``/T/name``."""
+def hardware(*names, **holders):
+    """Processing units ``/T/name``, and elements in which others are nested: ``Cluster="Big Little"``."""
     category = el("HW-CATEGORY-REFS", ref("HW-CATEGORY-REF", "/T/ProcessingUnit"))
-    return named("HW-CATEGORY", "ProcessingUnit") + "".join(named("HW-ELEMENT", name, category) for name in names)
+    units = [named("HW-CATEGORY", "ProcessingUnit"), *(named("HW-ELEMENT", name, category) for name in names)]
+    for holder, nested in holders.items():
+        inner = (el("HW-ELEMENT-REF-CONDITIONAL", ref("HW-ELEMENT-REF", f"/T/{each}")) for each in nested.split())
+        units.append(named("HW-ELEMENT", holder, el("NESTED-ELEMENTS", *inner)))
+    return "".join(units)

@@ -17,6 +17,7 @@ from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
+from support import model, task, version
 
 
 def planned(model):
@@ -33,6 +34,16 @@ def check_own_export(folder, model, plan, release):
     path.write_bytes(path.read_bytes().replace(b'GID="halpipe:model"', b'GID="other"'))
     tasks = import_model("arxml", [str(path)], ArxmlImportOptions()).model.tasks
     assert {(t.period, t.versions[0].wcet) for t in tasks} == {(t.period, t.versions[0].wcet) for t in model.tasks}
+
+
+def test_times_of_several_units_come_back_without_the_native_model(tmp_path):
+    spans = {"one": "a", "two": "a b", "three": "b c d", "all": "a b c d"}
+    tasks = [task(name, "10ms", version("v", f"{n}ms", units)) for n, (name, units) in enumerate(spans.items(), 1)]
+    system = model(*tasks, units="a b c d")
+    path = tmp_path / "own.arxml"
+    path.write_bytes(FORMAT.write(system, None, ArxmlOptions())[""].replace(b'GID="halpipe:model"', b'GID="other"'))
+    found = import_model("arxml", [str(path)], ArxmlImportOptions()).model.tasks
+    assert {t.name.partition("/")[0]: " ".join(t.versions[0].units) for t in found} == spans
 
 
 @pytest.mark.parametrize(("release", "schema"), RELEASES.items())

@@ -459,6 +459,31 @@ def test_hardware_with_times_of_its_own_makes_versions(tmp_path):
     assert versions == [("Big", "300us", ("Big",)), ("Little", "900us", ("Little", "Other"))]
 
 
+def test_a_time_holds_for_all_hardware_that_is_nested_where_it_is_stated(tmp_path):
+    """That of the nearest element counts, of two as near the longest; a circle of elements ends."""
+    stated = {"Chip": 900, "Fast": 300, "Warm": 400, "Three": 200}
+    times = [
+        execution_time("ANALYZED", name, "P/A", "WORST-CASE-EXECUTION-TIME", time, name)
+        for name, time in stated.items()
+    ]
+    holders = {"Fast": "One Two", "Warm": "Two", "Chip": "Fast Warm Three Four", "Board": "Chip Board"}
+    task = timed(tmp_path, *times, extra=(hardware("One", "Two", "Three", "Four", **holders),))
+    assert [(v.name, str(v.wcet), v.units) for v in task.versions] == [
+        ("Fast", "300us", ("One",)),
+        ("Warm", "400us", ("Two",)),
+        ("Three", "200us", ("Three",)),
+        ("Chip", "900us", ("Four",)),
+    ]
+
+
+def test_a_nested_element_that_is_not_there_is_reported(tmp_path):
+    time = execution_time("ANALYZED", "B", "P/A", "WORST-CASE-EXECUTION-TIME", 300, "Chip")
+    step = component("P", every("0.01", "E", "P/A"), runnables="A")
+    found = read(write(tmp_path, package("T", step, implementation(time), hardware("One", Chip="One Gone"))))
+    assert [d.code for d in found.diagnostics if "/T/Gone" in d.message] == ["HAL0511"]
+    assert [version.units for version in found.model.tasks[0].versions] == [("One",)]
+
+
 def test_cores_of_the_configuration_say_what_hardware_they_are(tmp_path):
     cores = [
         container("EcuC/EcucHardware/EcucCoreDefinition", "C0", refs=[("EcucCoreHwRef", "/T/Big")]),

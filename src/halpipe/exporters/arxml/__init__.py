@@ -32,7 +32,7 @@ class ArxmlExporter(Exporter):
             "resources": "HW-ELEMENT; its bandwidth in the native model",
             "tasks": "component type with a runnable and its TIMING-EVENT",
             "timing": "PERIOD, LATENCY-TIMING-CONSTRAINT for deadlines, OFFSET (4.4.0); slack in the native model",
-            "versions": "SWC-IMPLEMENTATION with ANALYZED-EXECUTION-TIME for each unit; gang size in the native model",
+            "versions": "SWC-IMPLEMENTATION with an ANALYZED-EXECUTION-TIME; gang size in the native model",
             "split": "in the native model",
             "binding": "in the native model; one OsTask per task",
             "interrupts": "in the native model, as is the distance of arrivals",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.exporters.arxml.document import add, add_time, freeze, is_from, named, package, ref, seconds_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from lxml import etree
 
@@ -55,6 +55,7 @@ class Layout:
         platform = ShortNames("ProcessingUnit", "Memory")
         self.units = _each((unit.name for unit in model.units), platform)
         self.resources = _each((resource.name for resource in model.resources), platform)
+        self.groups = {units: platform(_name_of(units, model)) for units in _groups(model)}
         self.tasks = _each((task.name for task in model.tasks), ShortNames(EVENT))
         self.modes = _each((mode.name for mode in model.modes), ShortNames())
         names = ShortNames()
@@ -71,6 +72,12 @@ class Layout:
     def unit(self, name: str) -> str:
         """Return the path of the HW-ELEMENT of a unit."""
         return self.path("Platform", self.units[name])
+
+    def hardware(self, units: Iterable[str]) -> str:
+        """Return the short name of the HW-ELEMENT of one unit, or of several; empty for all of them."""
+        chosen = frozenset(units)
+        own = self.units[next(iter(chosen))] if len(chosen) == 1 else self.groups.get(chosen, "")
+        return own if len(chosen) < len(self.units) else ""
 
     def resource(self, name: str) -> str:
         """Return the path of the HW-ELEMENT of a resource."""
@@ -109,6 +116,18 @@ def _each(names: Iterable[str], unique: ShortNames) -> dict[str, str]:
     return {name: unique(name) for name in names}
 
 
+def _groups(model: TaskModel) -> Iterator[frozenset[str]]:
+    """Yield the sets of several units, but not all, for which a WCET is stated."""
+    sets = dict.fromkeys(frozenset(v.units) for task in model.tasks for v in task.versions if v.wcet is not None)
+    return (units for units in sets if 1 < len(units) < len(model.units))
+
+
+def _name_of(units: frozenset[str], model: TaskModel) -> str:
+    """Return the type of the units, if they have the same."""
+    types = {unit.type for unit in model.units if unit.name in units}
+    return types.pop() or "Units" if len(types) == 1 else "Units"
+
+
 def write_platform(packages: etree._Element, model: TaskModel, layout: Layout) -> None:
     """Append the package of the hardware."""
     elements = package(packages, "Platform")
@@ -118,6 +137,10 @@ def write_platform(packages: etree._Element, model: TaskModel, layout: Layout) -
         _element(elements, layout, layout.units[unit.name], "ProcessingUnit")
     for resource in model.resources:
         _element(elements, layout, layout.resources[resource.name], "Memory")
+    for units, name in layout.groups.items():
+        nested = add(named(elements, "HW-ELEMENT", name), "NESTED-ELEMENTS")
+        for inner in (unit.name for unit in model.units if unit.name in units):
+            ref(add(nested, "HW-ELEMENT-REF-CONDITIONAL"), "HW-ELEMENT-REF", "HW-ELEMENT", layout.unit(inner))
 
 
 def _element(elements: etree._Element, layout: Layout, short_name: str, category: str) -> None:
@@ -219,13 +242,12 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
     if version.wcet is not None:
         resources = named(element, "RESOURCE-CONSUMPTION", "Resources")
         times = add(resources, "EXECUTION-TIMES")
-        units = dict.fromkeys(version.units)
-        for unit in units if units.keys() < layout.units.keys() else ("",):  # one time without unit is of all
-            time = named(times, "ANALYZED-EXECUTION-TIME", layout.units[unit] if unit else "Wcet")
-            ref(time, "EXECUTABLE-ENTITY-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
-            if unit:
-                ref(time, "HW-ELEMENT-REF", "HW-ELEMENT", layout.unit(unit))
-            add_time(time, "WORST-CASE-EXECUTION-TIME", version.wcet, up=True)
+        hardware = layout.hardware(version.units)
+        time = named(times, "ANALYZED-EXECUTION-TIME", hardware or "Wcet")
+        ref(time, "EXECUTABLE-ENTITY-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
+        if hardware:  # a time without it is of all units
+            ref(time, "HW-ELEMENT-REF", "HW-ELEMENT", layout.path("Platform", hardware))
+        add_time(time, "WORST-CASE-EXECUTION-TIME", version.wcet, up=True)
     ref(element, "BEHAVIOR-REF", "SWC-INTERNAL-BEHAVIOR", layout.behavior(task.name))
     freeze(element, layout.texts)
 

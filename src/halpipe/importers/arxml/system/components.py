@@ -323,6 +323,16 @@ def _chains(tree: Tree, mapping: Node) -> Iterator[tuple[str, ...]]:
             yield (*(path for path in outer if path != target.path), target.path)
 
 
+def read_holders(tree: Tree) -> dict[str, tuple[str, ...]]:
+    """Read which HW-ELEMENTs (paths) each HW-ELEMENT is nested in."""
+    holders: dict[str, tuple[str, ...]] = {}
+    for node in tree.tagged("HW-ELEMENT"):
+        for ref in tree.refs(node, "NESTED-ELEMENTS/HW-ELEMENT-REF-CONDITIONAL/HW-ELEMENT-REF"):
+            if tree.find(ref, f'{node.tag} "{node.path}"', ("HW-ELEMENT",)):
+                holders[ref.path] = (*holders.get(ref.path, ()), node.path)
+    return holders
+
+
 def read_hardware(tree: Tree) -> tuple[Place, ...]:
     """Read the HW-ELEMENTs of the standard category ProcessingUnit."""
     return tuple(

@@ -19,6 +19,7 @@ from halpipe.importers.arxml.system.components import (
     read_compositions,
     read_ecus,
     read_hardware,
+    read_holders,
     read_mode_groups,
     read_twins,
 )
@@ -196,6 +197,7 @@ def read_system(tree: Tree, ecu: str = "") -> System:
         execution_times=read_execution_times(tree),
         ecus=() if selection.is_whole else ecus,
         hardware=read_hardware(tree),
+        holders=read_holders(tree),
         timing=read_timing(tree),
         machines=machines,
         processes=read_processes(tree, machines, groups),

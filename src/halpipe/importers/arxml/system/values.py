@@ -468,8 +468,9 @@ class Ecu:
 class System:
     """Everything that the input says about timing; `place` is the element that gives the system its name.
 
-    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for, and
-    `twins` the runnable that is the same function as a BSW entity (paths).
+    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for,
+    `twins` the runnable that is the same function as a BSW entity (paths), and `holders` the HW-ELEMENTs (paths) that
+    an HW-ELEMENT is nested in.
     """
 
     place: Place | None = None
@@ -485,6 +486,7 @@ class System:
     execution_times: tuple[ExecutionTime, ...] = ()
     ecus: tuple[Ecu, ...] = ()
     hardware: tuple[Place, ...] = ()
+    holders: dict[str, tuple[str, ...]] = field(default_factory=dict)
     timing: Timing = field(default_factory=Timing)
     machines: tuple[Machine, ...] = ()
     processes: tuple[Process, ...] = ()

@@ -32,7 +32,8 @@ DEFAULT_UNIT = "core0"
 class Platform:
     """The execution units of a system; `assumed` are those that no file configures.
 
-    `core_of` has the unit of every OsApplication (path) that is bound to a core.
+    `core_of` has the unit of every OsApplication (path) that is bound to a core, and `hardware` the HW-ELEMENTs of a
+    unit (paths): its own, then those that it is nested in, the nearest first.
     """
 
     def __init__(self, system: System) -> None:
@@ -42,7 +43,7 @@ class Platform:
         self._by_prototype: dict[str, str] = {}
         self._by_machine: dict[str, tuple[str, ...]] = {}
         self._by_place: dict[str, str] = {}
-        self.hardware: dict[str, str] = {}
+        self.hardware: dict[str, tuple[tuple[str, ...], ...]] = {}
         self.assumed: list[str] = []
         self._add_classic(system)
         self.core_of = {
@@ -71,12 +72,12 @@ class Platform:
         for core in system.configuration.cores:
             unit = self._by_core[core.name] = self._add(core.name, core.place)
             if core.hardware:
-                self.hardware[unit] = core.hardware
+                self.hardware[unit] = _levels(core.hardware, system.holders)
         if self._units or (system.processes and not system.instances and not system.configuration.tasks):
             return
         by_hardware = {place.path: self._add(place.name, place) for place in system.hardware}
         if by_hardware:
-            self.hardware = {unit: path for path, unit in by_hardware.items()}
+            self.hardware = {unit: _levels(path, system.holders) for path, unit in by_hardware.items()}
             for ecu in system.ecus:
                 self._by_prototype.update({p: by_hardware[h] for p, h in ecu.hardware if h in by_hardware})
         else:
@@ -240,3 +241,13 @@ def _transitions(group: ModeGroup, names: dict[str, str], ledger: Ledger) -> Ite
             for target in group.modes:
                 if source != target and source.path in names and target.path in names:
                     yield Transition(source=names[source.path], target=names[target.path], origin=group.place.origin)
+
+
+def _levels(path: str, holders: Mapping[str, Sequence[str]]) -> tuple[tuple[str, ...], ...]:
+    """Return an element, the elements that it is nested in, those that these are nested in, and so on."""
+    levels: list[tuple[str, ...]] = [(path,)]
+    known = {path}
+    while level := tuple(dict.fromkeys(h for inner in levels[-1] for h in holders.get(inner, ()) if h not in known)):
+        levels.append(level)
+        known.update(level)
+    return tuple(levels)

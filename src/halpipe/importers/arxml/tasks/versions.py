@@ -152,7 +152,7 @@ def _variants(
         runnables.setdefault(member.work, []).append(member.name)
     groups: dict[tuple[Duration, Split], list[tuple[str, tuple[ExecutionTime, ...]]]] = {}
     for unit in units:
-        found = [_time(times.get(path, {}), platform.hardware.get(unit)) for _, path in runnables]
+        found = [_time(times.get(path, {}), platform.hardware.get(unit, ())) for _, path in runnables]
         known = tuple(time for time in found if time is not None)
         pieces = [
             splitter.stated(draft, names) if time is None else time.time
@@ -175,11 +175,10 @@ def _variants(
     return tuple(result)
 
 
-def _time(times: dict[str | None, ExecutionTime], hardware: str | None) -> ExecutionTime | None:
-    """Return the execution time on a hardware element; where the unit's is not known, the longest of all."""
-    if hardware is None:
-        return max(times.values(), key=lambda time: time.time, default=None)
-    return times.get(hardware) or times.get(None)
+def _time(times: dict[str | None, ExecutionTime], levels: Sequence[Sequence[str]]) -> ExecutionTime | None:
+    """Return the longest time on the nearest hardware; where that of the unit is not known, the longest of all."""
+    known = ([times[path] for path in level if path in times] for level in levels) if levels else [times.values()]
+    return max(next(filter(None, known), ()), key=lambda time: time.time, default=times.get(None))
 
 
 def _name(times: tuple[ExecutionTime, ...]) -> str:
