@@ -567,10 +567,10 @@ def parts_of_a_tick_for_margins(count):
     mode, ticks = MagicMock(tick=None, options=fake(spare=1), expansion=fake(tasks=[1], job_count=1)), []
     mode._stated.side_effect = lambda tick, *_, **__: ticks.append(tick) or fake(arrays=None)
     mode.widened = lambda begin, *_: begin(Fraction(1), 0, None)
-    bounds, kernel = {"largest_margin": lambda _: Fraction(1, count)}, {"reserved": MagicMock()}
+    bounds, kernel = {"largest_margin": lambda *_: Fraction(1, count)}, {"reserved": MagicMock()}
     search = patched("pipeline.solve.kernel.search", Search=MagicMock())
     with patched("pipeline.solve.one_mode", **bounds), patched("pipeline.solve.kernel.widen", **kernel), search:
-        named("pipeline.solve.one_mode:_WholeJobs")._wider(mode, (), [], "", 0)
+        named("pipeline.solve.one_mode:_WholeJobs").raised(mode, (), 0)
     return "" if ticks == [Duration(12) / count] else "coarser"
 
 

@@ -160,7 +160,8 @@ class ModeSchedule:
             for share in (self.margin, self.margin_bound)
         )
         best = ", the best possible" if self.margin == self.margin_bound else f", at most {most} is possible"
-        return now and now + (best if most else "")
+        proven = "" if self.margin or self.margin == self.margin_bound else ", not proven best"
+        return now and now + (proven + best if most else "")
 
 
 def _latencies(mode: ModeSchedule) -> str:

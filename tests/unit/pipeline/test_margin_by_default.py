@@ -19,7 +19,7 @@ from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
-from support import access, after, model, ms, task, version
+from support import access, after, chain, model, ms, task, version
 
 
 def found(owner, **options):
@@ -138,7 +138,64 @@ def test_a_start_that_must_follow_an_end_at_once_leaves_no_margin():
         task("a", 20, parts, slack=1), task("often", 20, version("v", 1, "a")), task("late", 20, late), units="a"
     )
     (mode,) = found(owner).schedule.modes
-    assert (mode.margin, mode.margin_words) == (0, "0 %, at most 33.3 % is possible")
+    assert (mode.margin, mode.margin_words) == (0, "0 %, the best possible")
+
+
+def test_what_stays_at_zero_says_that_it_is_not_proven_best():
+    """Both jobs begin at ticks, and the next tick is taken."""
+    owner = model(task("a", 10, version("v", 5)), task("b", 10, version("v", 4)))
+    (mode,) = found(owner, tick=ms(5)).schedule.modes
+    assert (mode.margin, mode.margin_words) == (0, "0 %, not proven best, at most 11.1 % is possible")
+
+
+IN_PARTS = Split(points=(ms(1),), resume=ms(1))
+
+
+def parts(length, *rest):
+    return replace(version("v", length, *rest), split=IN_PARTS)
+
+
+HARD = {
+    "a deadline of the WCET": model(
+        task("a", 12, parts(2), slack=1), task("b", 6, version("v", 3), slack=1, deadline=3), task("c", 12, version())
+    ),
+    "alternate units": model(
+        replace(task("a", 6, parts(6, "u1 u2"), deadline=12), distance=ms(6)),
+        task("b", 12, version("v", 1, "u1 u2")),
+        units="u1 u2",
+    ),
+    "a start at the end of another job": model(
+        task("a", 12, parts(4, "u1 u2")),
+        task("b", 12, version("v", 4, "u1 u2", after("a", 0, 0, "end"))),
+        task("c", 12, version("v", 3, "u1"), offset=8),
+        units="u1 u2",
+    ),
+    "sevenths of a millisecond": model(
+        task("a", "12/7ms", version("v", "2/7ms"), slack=1),
+        task("b", "12/7ms", version("v", "1/7ms"), slack=1),
+        task("c", "6/7ms", version("v", "3/7ms"), slack=1),
+    ),
+}
+
+
+@pytest.mark.parametrize("owner", HARD.values(), ids=HARD)
+def test_a_margin_of_zero_is_worth_jobs_in_one_piece_and_finer_ticks(owner):
+    (mode,) = found(owner).schedule.modes
+    assert 0 < mode.margin <= mode.margin_bound
+
+
+def test_a_margin_of_zero_is_worth_a_search_for_the_least_one():
+    """The second late job begins so late that the first one of the next cycle cuts it."""
+    late = parts(3, "u1", after("first", 10, 17, "end"))
+    owner = model(
+        task("first", 20, parts(2), offset=0, deadline=2),
+        task("strict", 10, parts(2)),
+        replace(task("late", 10, late, slack=1, deadline=18), distance=ms(16)),
+        task("free", 20, parts(2), slack=1, deadline=21),
+        chains=(chain("c", "first strict", 33, 18),),
+    )
+    (mode,) = found(owner).schedule.modes
+    assert 0 < mode.margin < mode.margin_bound
 
 
 def test_preemptive_jobs_beside_shipped_ones_have_the_margin_of_the_first_table():

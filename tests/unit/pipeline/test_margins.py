@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 
+from halpipe.models import Anchor, Interrupt, Split
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.margins import LARGEST_MARGIN, least_margin
 from halpipe.pipeline.measure.objectives import Objective
@@ -13,7 +15,7 @@ from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.optimise import lower_bound
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
-from support import job, model, task, version
+from support import after, job, model, ms, task, version
 
 
 def margin(system, jobs):
@@ -30,6 +32,49 @@ def test_the_bound_knows_the_unit_that_is_full():
     slack = task("a", 10, version("v", 8), slack=1)
     system = model(slack, task("b", 10, version("v", 1, "u2")), units="u1 u2")
     assert lower_bound(Objective.MARGIN, system, expand(system, system.modes[0])) == -Fraction(1, 4)
+
+
+def bound(system):
+    return -lower_bound(Objective.MARGIN, system, expand(system, system.modes[0]))
+
+
+def test_the_bound_knows_the_interrupts():
+    """A job of 3 ms stays for 4, beside another one of 2 ms that stays for 3."""
+    system = model(task("a", 14, version("v", 3), slack=1), task("b", 14, version("v", 2), slack=1))
+    often = Interrupt(name="i", distance=ms(5), wcet=ms(1))
+    interrupted = replace(system, units=(replace(system.units[0], interrupts=(often,)),))
+    assert (bound(system), bound(interrupted)) == (Fraction(9, 5), Fraction(1))
+
+
+@pytest.mark.parametrize(
+    ("units", "window", "most"),
+    [
+        ("u1", after("a", 0, 1, "end"), Fraction(1, 4)),
+        ("u1", after("a", 0, 5), Fraction(1, 4)),
+        ("u1", replace(after("a", 0, 4, "end"), to=Anchor.END), Fraction(1, 4)),
+        ("u1", replace(after("a", 1, 8), to=Anchor.END), Fraction(1, 4)),
+        ("u1", replace(after("a", 0, 3), to=Anchor.END), 0),  # b ends where a starts
+        ("u1", after("a", 0, 1, "release"), Fraction(13, 7)),
+        ("u1 u2", after("a", 0, 1, "end"), Fraction(4)),
+    ],
+)
+def test_the_bound_knows_that_a_job_follows_soon(units, window, most):
+    """b stays for 3 ms on a unit that a has left after 4, at most so long after it."""
+    system = model(task("a", 20, version("v", 4)), task("b", 20, version("v", 3, units, window)), units="u1 u2")
+    assert bound(system) == most
+
+
+def test_the_bound_knows_nothing_of_jobs_that_may_be_cut():
+    late = version("v", 3, "u1", after("a", 0, 1, "end"))
+    cut = replace(version("v", 4), split=Split(points=(ms(2),)))
+    assert bound(model(task("a", 20, cut), task("b", 20, late))) == Fraction(13, 7)
+    at_once = replace(late, precedences=(after("a", 0, 0, "end"),))
+    assert bound(model(task("a", 20, cut), task("b", 20, at_once))) == 0
+
+
+def test_the_bound_needs_the_window_in_every_version():
+    late, other = version("v", 3, "u1", after("a", 0, 0, "end")), version("w", 3)
+    assert bound(model(task("a", 20, version("v", 4)), task("b", 20, late, other))) == Fraction(13, 7)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

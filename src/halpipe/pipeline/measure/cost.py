@@ -245,7 +245,7 @@ def mode_report(model: TaskModel, expansion: Expansion, jobs: Iterable[Job], sta
         hyperperiod=expansion.hyperperiod,
         status=status,
         margin=least_margin(placement) if is_valid else None,
-        margin_bound=largest_margin(expansion) if is_valid else None,
+        margin_bound=largest_margin(expansion, model) if is_valid else None,
         jobs=ordered,
         cost=cost_terms(model, placement),
         unit_loads=_unit_loads(model, placement),

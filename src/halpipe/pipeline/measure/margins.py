@@ -6,15 +6,19 @@ there. All numbers are exact.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, pairwise, product
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.models import Anchor, Binding
+from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from halpipe.models import TaskModel, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.measure.placement import Placement
 
@@ -39,42 +43,129 @@ def least_margin(placement: Placement) -> Fraction:
     return least
 
 
-def largest_margin(expansion: Expansion) -> Fraction:
-    """Return by what share all WCETs could grow before the units were too few for the work, or a job for its circle."""
-    units = {name for active in expansion.tasks for version in active.versions for name in version.units}
-    work = Fraction(0)
-    least = LARGEST_MARGIN
-    for active in expansion.tasks:
-        if active.task.period is None or not active.jobs:
-            continue
-        times = [v.wcet.fraction * v.gang for v in active.versions if v.wcet]
-        work += active.jobs * min(times, default=Fraction(0))
-        shortest = min((v.wcet.fraction for v in active.versions if v.wcet), default=Fraction(0))
-        if shortest:
-            least = min(least, expansion.hyperperiod.fraction / shortest - 1)
-    if work:
-        least = min(least, len(units) * expansion.hyperperiod.fraction / work - 1)
-    return min([least, *_margins_of_units(expansion)])
+def largest_margin(expansion: Expansion, model: TaskModel) -> Fraction:
+    """Return by what share all stays could grow before units were too few for them, a job too long, or a window shut.
+
+    A version stays for its WCET and the interrupts of that time. Parts of a job count each interrupt once or more
+    often, so that they stay no shorter together.
+    """
+    return min(_Bound(expansion, model).margins())
 
 
-def _margins_of_units(expansion: Expansion) -> Iterator[Fraction]:
-    """Yield by what share WCETs could grow before a unit had too much of what runs there alone, or two jobs met."""
-    by_unit: dict[str, list[ActiveTask]] = {}
-    for active in expansion.tasks:
-        sets = {(frozenset(version.units), version.gang) for version in active.versions}
-        if active.task.period is not None and least_wcet(active) and len(sets) == 1:
-            units, gang = sets.pop()
-            for unit in units if gang == len(units) else ():
-                by_unit.setdefault(unit, []).append(active)
-    for own in by_unit.values():
-        yield 1 / sum((least_wcet(each).fraction / _period(each).fraction for each in own), Fraction(0)) - 1
-        longest: dict[Duration, list[Duration]] = {}
-        for each in own:
-            if not each.task.slack and not any(version.split.is_allowed for version in each.versions):
-                longest.setdefault(_period(each), []).append(least_wcet(each))
-        tops = [(period, wcet) for period, wcets in longest.items() for wcet in sorted(wcets, reverse=True)[:2]]
-        for (period, wcet), (other, its) in combinations(tops, 2):
-            yield greatest_common_divisor([period, other]).fraction / (wcet + its).fraction - 1
+class _Bound:
+    """Limits of the margin of every schedule of a mode."""
+
+    def __init__(self, expansion: Expansion, model: TaskModel) -> None:
+        self.hyperperiod = expansion.hyperperiod.fraction
+        self.by_name = {each.name: each for each in expansion.tasks if all(version.wcet for version in each.versions)}
+        self.model, self.units = model, {unit.name: unit for unit in model.units}
+        self.cyclic = [each for each in self.by_name.values() if each.task.period is not None and each.jobs]
+
+    def margins(self) -> Iterator[Fraction]:
+        """Yield a bound for each limit."""
+        yield LARGEST_MARGIN
+        units = {name for active in self.by_name.values() for version in active.versions for name in version.units}
+        work = sum(each.jobs * min(self.least(v) * v.gang for v in each.versions) for each in self.cyclic)
+        if work:
+            yield len(units) * self.hyperperiod / work - 1
+        for active in self.cyclic:  # round the hyperperiod, or in each period where all its jobs are on one unit
+            is_free = active.task.binding is Binding.JOB
+            yield (self.hyperperiod if is_free else _period(active).fraction) / self.stay(active) - 1
+        yield from self.of_units()
+        yield from self.of_windows()
+        yield from self.of_chains()
+
+    def stay(self, active: ActiveTask) -> Fraction:
+        """Return how long a job of a task stays at least."""
+        return min(map(self.least, active.versions))
+
+    def least(self, version: Version) -> Fraction:
+        """Return the least stay of a version: on all its units, or on the one with the fewest interrupts."""
+        names, work = tuple(dict.fromkeys(version.units)), version.wcet or ZERO
+        found = []
+        for chosen in (names,) if version.gang == len(names) else ((name,) for name in names):
+            with suppress(ValueError):  # no time is enough there
+                found.append(reserved_length(work, service_of(self.units, chosen)).fraction)
+        return min(found, default=work.fraction)
+
+    def of_units(self) -> Iterator[Fraction]:
+        """Yield by what share stays could grow before a unit had too much of what runs there alone, or two jobs met."""
+        by_unit: dict[str, list[ActiveTask]] = {}
+        for active in self.cyclic:
+            sets = {(frozenset(version.units), version.gang) for version in active.versions}
+            if len(sets) == 1:
+                units, gang = sets.pop()
+                for unit in units if gang == len(units) else ():
+                    by_unit.setdefault(unit, []).append(active)
+        for own in by_unit.values():
+            yield 1 / sum((self.stay(each) / _period(each).fraction for each in own), Fraction(0)) - 1
+            whole = sorted((each for each in own if not _is_split(each)), key=self.stay, reverse=True)
+            strict: dict[Duration, list[ActiveTask]] = {}
+            for each in whole:
+                if not each.task.slack:
+                    strict.setdefault(_period(each), []).append(each)
+            tops = [(period, each) for period, alike in strict.items() for each in alike[:2]]
+            for (period, each), (other, its) in combinations(tops, 2):
+                cycle = greatest_common_divisor([period, other])
+                yield cycle.fraction / (self.stay(each) + self.stay(its)) - 1
+            for (period, each), its in product(tops, whole[:2]):  # a job in one piece lies between two of a strict task
+                if its is not each:
+                    yield period.fraction / (self.stay(each) + self.stay(its)) - 1
+
+    def of_windows(self) -> Iterator[Fraction]:
+        """Yield by what share a stay could grow where a window makes another job begin soon after it."""
+        for active in self.cyclic:  # whose jobs there are, whatever versions others have
+            gaps = [self.gaps(version) for version in active.versions]
+            for name in set(gaps[0]).intersection(*gaps):
+                yield from self.followed(self.by_name[name], active, max(found[name] for found in gaps))
+
+    def gaps(self, version: Version) -> dict[str, Fraction]:
+        """Return how long at most after the end of a job on one of its units this version starts, by task.
+
+        A job in parts may enclose the other one. A window to an end may be empty but for a job that ends where the
+        other one starts: then that has no gap either.
+        """
+        found: dict[str, Fraction] = {}
+        for row in version.precedences:
+            before, is_end = self.by_name.get(row.task), row.to is Anchor.END
+            is_start = row.anchor is Anchor.START and before is not None and not _is_split(before)
+            if before and (is_start or row.anchor is Anchor.END) and not (is_end and _is_cut(version)):
+                gap = row.max.fraction - self.least(version) * is_end - self.stay(before) * is_start
+                found[row.task] = min(found.get(row.task, gap), gap)
+        return found
+
+    def of_chains(self) -> Iterator[Fraction]:
+        """Yield by what share a stay could grow where a chain makes the next job begin soon after it.
+
+        Of a reaction time, the worst job of the first task starts at least a period after the one before it.
+        """
+        cyclic = {each.name: each for each in self.cyclic if each.task.let is None}
+        for chain in self.model.chains:
+            members = [cyclic[name] for name in chain.tasks if name in cyclic]
+            if len(members) == len(chain.tasks) and not (chain.anchor or chain.to):
+                limits = (chain.max_latency, ZERO), (chain.max_age, ZERO), (chain.max_reaction, _period(members[0]))
+                work = sum(map(self.stay, members))
+                gaps = [limit.fraction - less.fraction - work for limit, less in limits if limit]
+                for before, active in pairwise(members if gaps else ()):
+                    yield from self.followed(before, active, min(gaps))
+
+    def followed(self, before: ActiveTask, active: ActiveTask, gap: Fraction) -> Iterator[Fraction]:
+        """Yield by what share a stay could grow before a job on one of its units that starts so long after its end."""
+        if all(_share_units(version, before) for version in active.versions) and (gap <= 0 or not _is_split(before)):
+            yield max(Fraction(0), gap) / self.stay(before)
+
+
+def _share_units(version: Version, other: ActiveTask) -> bool:
+    """Return whether a version has a unit in common with each version of another task, on whichever units both run."""
+    return all(len({*version.units, *its.units}) < version.gang + its.gang for its in other.versions)
+
+
+def _is_cut(version: Version) -> bool:
+    return version.split.is_allowed and version.split.max_gaps != 0
+
+
+def _is_split(active: ActiveTask) -> bool:
+    return any(map(_is_cut, active.versions))
 
 
 def _period(active: ActiveTask) -> Duration:

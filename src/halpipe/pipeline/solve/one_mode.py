@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, about
 from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import ModeSchedule, Status
+from halpipe.models import WHOLE, ModeSchedule, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.measure.margins import largest_margin, least_margin
@@ -63,8 +63,8 @@ MOST_PARTS = 8
 SHARE = 20
 """A margin takes so many times fewer moves than the search for the valid schedule, if that was long."""
 
-POLISH_TABLES, MARGIN_TABLES = 4000, 20
-"""Whole tables of preemptive jobs tried at least to improve a valid one, and for a margin with little effort."""
+POLISH_TABLES, MARGIN_TABLES, ANY_TABLES = 4000, 20, 6000
+"""Whole tables of preemptive jobs tried to improve a valid one, for a margin with little effort, and for any at all."""
 
 TABLED_SHARE, TABLED_UNIT = 40, 10
 """For a margin, so many times fewer preemptive jobs are placed than others; a tenth of a table stands for a move."""
@@ -222,10 +222,22 @@ class _Search:
         """
         from halpipe.pipeline.solve.kernel.widen import widened
 
-        wanted = self.margin_of(jobs), largest_margin(self.expansion)
+        wanted = self.margin_of(jobs), largest_margin(self.expansion, self.model)
         tell = lambda made, best: self.on_progress(self.name, moves + made, allowed, best)  # noqa: E731
         kept = self.kept.stage(stage) if self.kept is not None and stage else self.kept
         return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, kept)
+
+    def first_wider(self, jobs: tuple[Job, ...], placed: int, tries: Iterable[Callable[[int], Wider]]) -> Wider:
+        """Try to raise a margin; where it is 0 and not proven best, with the next effort, too."""
+        from halpipe.pipeline.solve.kernel.widen import NO_WIDER
+
+        made, wider, most = 0, NO_WIDER, largest_margin(self.expansion, self.model)
+        for number, each in enumerate(tries):
+            if not most or (number and (wider.jobs or wider.stopped or self.polish or self.margin_of(jobs))):
+                break
+            wider = each(placed + made)
+            made += wider.moves
+        return replace(wider, moves=made)
 
     def margin_of(self, jobs: Iterable[Job]) -> Fraction:
         """Return the margin of valid jobs."""
@@ -307,10 +319,11 @@ class _SplitJobs(_Search):
         return self.options.placements(max(1, len(self.expansion.tasks)), self.expansion.job_count)
 
     def _mode(self, expansion: Expansion, growth: Fraction, *, is_fine: bool = False) -> Mode:
-        from halpipe.pipeline.solve.edf.works import finer, works_of
+        from halpipe.pipeline.solve.edf.works import finer, lenient, works_of
 
         tick = natural_tick(expansion)
-        return works_of(self.model, expansion, self.options.tick or (finer(tick) if is_fine else tick), growth)
+        mode = works_of(self.model, expansion, self.options.tick or (finer(tick) if is_fine else tick), growth)
+        return lenient(mode) if is_fine else mode
 
     def _searched(self, mode: Mode, polish: Polish | None, kept: Kept | None) -> Tabled:
         from halpipe.pipeline.solve.edf.search import Search
@@ -326,13 +339,18 @@ class _SplitJobs(_Search):
         expansion = self.expansion if self.polish is not None else _with_versions_of(plain.jobs, self.expansion)
         jobs, spare = self.expansion.job_count, self.options.spare
         effort = max(spare // TABLED_SHARE, MARGIN_TABLES * jobs)
-        begin, unit = self._lengthened(expansion, plain.plan), max(1, jobs // TABLED_UNIT)
-        wider = self.widened(begin, plain.jobs, plain.placed, self.budget, unit, effort)
-        if not (wider.jobs or wider.stopped or self.polish or self.margin_of(plain.jobs)):
-            # A margin of 0 is worth all the effort there is, and a finer grid, unless it is proven best.
-            begin, made = self._lengthened(expansion, None, is_fine=True), wider.moves
-            wider = self.widened(begin, plain.jobs, plain.placed + made, self.budget, jobs, spare, "finer")
-            wider = replace(wider, moves=made + wider.moves)
+        plain_begin, unit = self._lengthened(expansion, plain.plan), max(1, jobs // TABLED_UNIT)
+        fine_begin = self._lengthened(expansion, None, is_fine=True)
+        tasks = (replace(a, versions=tuple(replace(v, split=WHOLE) for v in a.versions)) for a in expansion.tasks)
+        whole = replace(expansion, tasks=tuple(tasks))
+        annealed = _WholeJobs(self.model, whole, self.options, self.number, self.on_progress, self.earlier)
+        tries = (
+            lambda made: self.widened(plain_begin, plain.jobs, made, self.budget, unit, effort),
+            lambda made: self.widened(fine_begin, plain.jobs, made, self.budget, jobs, spare, "finer"),
+            lambda made: annealed.raised(plain.jobs, made, is_fine=True),
+            lambda made: self._any_margin(fine_begin, min(ANY_TABLES * jobs, spare), made),
+        )
+        wider = self.first_wider(plain.jobs, plain.placed, tries)
         found = replace(plain, placed=plain.placed + wider.moves, unimproved=wider.stopped)
         if self.polish is None:
             return replace(found, jobs=max((plain.jobs, wider.jobs or plain.jobs), key=self.margin_of))
@@ -341,6 +359,14 @@ class _SplitJobs(_Search):
             last = self._searched(mode, self.polish, self.kept and self.kept.stage("wider"))
             found = replace(last, placed=found.placed + last.placed)
         return replace(found, jobs=self.better_of(plain.jobs, [wider.jobs, None if found.excess else found.jobs]))
+
+    def _any_margin(self, begin: Begin, effort: int, made: int) -> Wider:
+        """Search in all the `effort` for the least margin alone."""
+        from halpipe.pipeline.solve.kernel.widen import ROUNDS, STEP, Wider
+
+        run = begin(STEP, len(ROUNDS), self.kept and self.kept.stage("any"))
+        end = run(effort, lambda now, _: self.on_progress(self.name, made + now, self.budget, 0))
+        return Wider(None if end.cost else end.jobs, STEP, end.moves, end.stopped)
 
     def _lengthened(self, expansion: Expansion, plan: Plan | None, *, is_fine: bool = False) -> Begin:
         """Return the search for a margin: from a plan, if there is one, or on a finer tick."""
@@ -454,14 +480,24 @@ class _WholeJobs(_Search):
         """Raise the margin of valid jobs with little effort before their improvement, if any is stated."""
         if not self.widens:
             return self.bettered(jobs, notes, engine, moves)
+        wider = self.first_wider(jobs, moves, (partial(self.raised, jobs, is_fine=fine) for fine in (False, True)))
+        jobs = wider.jobs or jobs if self.polish is None else self.better_of(jobs, [wider.jobs])
+        if wider.stopped:
+            return Found(self.report(jobs, Status.VALID), notes, moves + wider.moves, unimproved=True, engine=engine)
+        return self.bettered(jobs, notes, engine, moves + wider.moves)
+
+    def raised(self, jobs: tuple[Job, ...], moves: int, *, is_fine: bool = False) -> Wider:
+        """Search for a larger margin than that of valid jobs, which were found in so many moves."""
+        from halpipe.pipeline.solve.edf.works import finer
         from halpipe.pipeline.solve.kernel.search import Search
-        from halpipe.pipeline.solve.kernel.widen import reserved
+        from halpipe.pipeline.solve.kernel.widen import NO_WIDER, reserved
 
         tick, expansion = self.tick, self.expansion
         if self.polish is None:
-            expansion = _with_versions_of(jobs, expansion)
+            expansion = _with_versions_of(jobs, self.expansion)
+            tick = tick or (finer(natural_tick(expansion)) if is_fine else None)
         elif tick is None:  # then starts may lie between the ticks, so that the bound is met
-            tick = natural_tick(expansion) / min(MOST_PARTS, largest_margin(expansion).denominator)
+            tick = natural_tick(expansion) / min(MOST_PARTS, largest_margin(expansion, self.model).denominator)
 
         @cache  # of a large system, stating the problem takes longer than the search for one margin
         def plain(*, grouped: bool) -> Problem:
@@ -479,11 +515,12 @@ class _WholeJobs(_Search):
 
         tasks = len(self.expansion.tasks)
         effort = self.options.spare * tasks // max(1, self.expansion.job_count)
-        wider = self.widened(begin, jobs, moves, self.budget, tasks, effort)
-        jobs = wider.jobs or jobs if self.polish is None else self.better_of(jobs, [wider.jobs])
-        if wider.stopped:
-            return Found(self.report(jobs, Status.VALID), notes, moves + wider.moves, unimproved=True, engine=engine)
-        return self.bettered(jobs, notes, engine, moves + wider.moves)
+        try:
+            return self.widened(begin, jobs, moves, self.budget, tasks, effort, "whole" if is_fine else "")
+        except HalpipeError:  # a finer grid, or jobs in one piece, may be too much
+            if is_fine:
+                return NO_WIDER
+            raise
 
     def _anneal(self, moves: int) -> Outcome:
         """Let the annealer continue to so many moves in all."""

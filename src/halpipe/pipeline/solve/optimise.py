@@ -190,7 +190,7 @@ def lower_bound(objective: Objective, model: TaskModel, expansion: Expansion) ->
         case Objective.JITTER | Objective.PREEMPTIONS:
             return Fraction(0)
         case Objective.MARGIN:
-            return -largest_margin(expansion)
+            return -largest_margin(expansion, model)
         case _:
             return None
 

@@ -292,7 +292,8 @@ class Trials:
         self.stopped = False
         self._simulator = Simulator(mode)
         ways = (way for work in mode.works for way in work.ways if mode.growth > 1)
-        is_shortened = any(way.phases or way.windows for way in ways)  # they begin and end before what is simulated
+        # What is shortened begins and ends before what is simulated.
+        is_shortened = mode.is_lenient or any(way.phases or way.windows for way in ways)
         self._is_refined = is_shortened or bool(mode.expansion.locks) or any(True for _ in model.refinements())
         self._times = ChainTimes(mode, model.chains)
         self.limited = [chain for chain in model.chains if chain.max_reaction is not None or chain.max_age is not None]

@@ -117,6 +117,7 @@ class Mode:
     """All works of a mode on one grid; `capacity` has the quanta of each resource, `fixed` are jobs that stay.
 
     Executions and resumptions last `growth` times as long as they must: what a job does not take of it is its margin.
+    With `is_lenient`, deadlines are those of such jobs, and the cost of what they are shortened to decides.
     """
 
     expansion: Expansion
@@ -129,11 +130,23 @@ class Mode:
     capacity: tuple[int, ...]
     growth: Fraction = Fraction(1)
     fixed: Fixed = field(default_factory=Fixed)
+    is_lenient: bool = False
 
 
 def works_of(model: TaskModel, expansion: Expansion, tick: Duration, growth: Fraction = Fraction(1)) -> Mode:
     """Return the mode in ticks. What `tick` does not divide is rounded to the safe side (MODEL 8.1)."""
     return _Builder(model, expansion, tick, growth).build()
+
+
+def lenient(mode: Mode) -> Mode:
+    """Return a mode with the deadlines that its longer jobs have if they run in one piece."""
+    works = []
+    for work in mode.works:
+        plain = (reserved_length(-(-way.bounds[-1] // mode.tick), way.service) for way in work.ways)
+        early = max((way.length - length for way, length in zip(work.ways, plain, strict=True)), default=0)
+        arrivals = work.arrivals and (work.arrivals[0], work.arrivals[1] + early)
+        works.append(replace(work, deadline=work.deadline + early, arrivals=arrivals))
+    return replace(mode, works=tuple(works), is_lenient=True)
 
 
 class _Builder:
@@ -292,8 +305,9 @@ class _Builder:
 
 
 def finer(tick: Duration) -> Duration:
-    """Return an eighth, quarter or half of a tick: the least of whole nanoseconds, which targets count; or itself."""
-    return next((tick / parts for parts in (8, 4, 2) if isinstance((tick / parts).ns, int)), tick)
+    """Return an eighth of a tick, or the least fraction of it in whole nanoseconds, which targets count, if any is."""
+    whole = (tick / parts for parts in (8, 4, 2, 1) if isinstance((tick / parts).ns, int))
+    return next(whole, tick / 8)
 
 
 def load_of(work: Work, way: Way, hyperperiod: int) -> Fraction:

@@ -380,7 +380,10 @@ def _lateness(best: _Best, delays: list[int]) -> Ints:
 
 def _more_margin(best: _Best, plain: Arrays, judge: Judge) -> Wishes:
     """Ask for jobs that reserve their units for longer, see `margins`."""
-    now, most = -best.worth.values[judge.objectives.index(Objective.MARGIN)], largest_margin(judge.expansion)
+    now, most = (
+        -best.worth.values[judge.objectives.index(Objective.MARGIN)],
+        largest_margin(judge.expansion, judge.model),
+    )
     asked, granted = margins(now, most), None
     while (margin := following(asked, granted)) is not None:
         granted = yield reserved(best.problem, margin, plain).arrays

@@ -48,6 +48,9 @@ class Wider:
     stopped: bool
 
 
+NO_WIDER = Wider(None, Fraction(0), 0, stopped=False)
+
+
 def widened(
     begin: Begin,
     unit: int,
