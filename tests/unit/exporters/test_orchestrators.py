@@ -1,4 +1,4 @@
-"""Exports to TIMPANI, to the launch manager and to FEO; the schemas of others are tried in realdata/."""
+"""Exports to TIMPANI, to the launch manager and to FEO, of whose own tools the schema of the launch manager judges."""
 
 import json
 from dataclasses import replace
