@@ -68,10 +68,11 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
     from halpipe.pipeline.solve import optimise
-    from halpipe.pipeline.solve.kernel import slices
+    from halpipe.pipeline.solve.kernel import slices, widen
 
     monkeypatch.setattr(slices, "SLICE_WORK", 400)
     monkeypatch.setattr(optimise, "POLISH_BUDGET", 30)
+    monkeypatch.setattr(widen, "LATER_ROUNDS", (60,))  # more take thousands of slices
     system = parse_model(format_model(loose_model()), "m.xml")
     options = SearchOptions(seed=1, optimise=tuple(map(Objective, aim)))
     straight = schedule_model(system, options, lambda *progress: True)

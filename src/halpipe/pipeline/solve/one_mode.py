@@ -63,6 +63,9 @@ MOST_PARTS = 8
 SHARE = 20
 """A margin takes so many times fewer moves than the search for the valid schedule, if that was long."""
 
+THOROUGH = 100
+"""A margin that is asked for takes so many times more placements than one for which no objective is stated."""
+
 POLISH_TABLES, MARGIN_TABLES, ANY_TABLES = 4000, 20, 6000
 """Whole tables of preemptive jobs tried to improve a valid one, for a margin with little effort, and for any at all."""
 
@@ -212,6 +215,11 @@ class _Search:
         stated = self.options.optimise
         return stated is None or (stated[:1] == (Objective.MARGIN,) and not self.shipped)
 
+    @property
+    def spare(self) -> int:
+        """Placements of jobs for the margin."""
+        return self.options.spare * (1 if self.polish is None else THOROUGH)
+
     def widened(
         self, begin: Begin, jobs: tuple[Job, ...], moves: int, allowed: int, unit: int, effort: int, stage: str = ""
     ) -> Wider:
@@ -220,12 +228,14 @@ class _Search:
         A try gets some moves for each `unit`, all of them the `effort` or a share of the moves before. What is kept of
         it is kept in a `stage`.
         """
-        from halpipe.pipeline.solve.kernel.widen import widened
+        from halpipe.pipeline.solve.kernel.widen import LATER_ROUNDS, ROUNDS, widened
 
+        later = () if self.polish is None else LATER_ROUNDS
+        rounds = *ROUNDS, *(each for each in later if each <= (self.options.budget or each))
         wanted = self.margin_of(jobs), largest_margin(self.expansion, self.model)
         tell = lambda made, best: self.on_progress(self.name, moves + made, allowed, best)  # noqa: E731
         kept = self.kept.stage(stage) if self.kept is not None and stage else self.kept
-        return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, kept)
+        return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, kept, rounds)
 
     def first_wider(self, jobs: tuple[Job, ...], placed: int, tries: Iterable[Callable[[int], Wider]]) -> Wider:
         """Try to raise a margin; where it is 0 and not proven best, with the next effort, too."""
@@ -337,7 +347,7 @@ class _SplitJobs(_Search):
     def _wider(self, plain: Tabled) -> Tabled:
         """Raise the margin of a table by others in which every part has more time than it takes."""
         expansion = self.expansion if self.polish is not None else _with_versions_of(plain.jobs, self.expansion)
-        jobs, spare = self.expansion.job_count, self.options.spare
+        jobs, spare = self.expansion.job_count, self.spare
         effort = max(spare // TABLED_SHARE, MARGIN_TABLES * jobs)
         plain_begin, unit = self._lengthened(expansion, plain.plan), max(1, jobs // TABLED_UNIT)
         fine_begin = self._lengthened(expansion, None, is_fine=True)
@@ -514,7 +524,7 @@ class _WholeJobs(_Search):
             return Search(stated(grouped=True), separate, seed, self.earlier, shipped=self.shipped, kept=kept).run
 
         tasks = len(self.expansion.tasks)
-        effort = self.options.spare * tasks // max(1, self.expansion.job_count)
+        effort = self.spare * tasks // max(1, self.expansion.job_count)
         try:
             return self.widened(begin, jobs, moves, self.budget, tasks, effort, "whole" if is_fine else "")
         except HalpipeError:  # a finer grid, or jobs in one piece, may be too much

@@ -30,6 +30,11 @@ STEP, FIRST = Fraction(1, 64), Fraction(1, 8)
 ROUNDS = (30, 300)
 """Moves per task for one margin, or tenths of tables of preemptive jobs: few at first, for what is found easily."""
 
+LATER_ROUNDS = (3000, *(10_000,) * 8)
+"""More rounds where a margin is asked for, each from another seed: a search that succeeds does so early."""
+
+FINEST = 128
+"""In them, margins are tried until the gap is such a part of the largest possible one."""
 
 Run = Callable[[int, "OnSlice"], "Outcome"]
 """A search of so many moves."""
@@ -58,12 +63,13 @@ def widened(
     moves: int,
     on_slice: OnSlice,
     kept: Kept | None,
+    rounds: tuple[int, ...] = ROUNDS,
 ) -> Wider:
     """Search in so many moves for margins above the first one `wanted`, up to the second; a `unit` of each round."""
     jobs: tuple[Job, ...] | None = None
     (first, most), made, tries = wanted, 0, 0
-    for number, each in enumerate(ROUNDS):
-        asked, granted = margins(first, most), None
+    for number, each in enumerate(rounds):
+        asked, granted = (margins if number < len(ROUNDS) else halves)(first, most), None
         while made < moves and (margin := following(asked, granted)) is not None:
             stage = kept and kept.stage(f"margin{tries}")
             tries += 1
@@ -91,6 +97,17 @@ def margins(found: Fraction, most: Fraction) -> Generator[Fraction, bool | None,
         step /= 2
         if (yield min(found + step, most)):
             found += step
+
+
+def halves(found: Fraction, most: Fraction) -> Generator[Fraction, bool | None, None]:
+    """Yield the middle between the largest margin that was granted and the least that was not, as `most` is assumed."""
+    beyond, least = most, most / FINEST
+    while beyond - found > least:
+        middle = (found + beyond) / 2
+        if (yield middle):
+            found = middle
+        else:
+            beyond = middle
 
 
 def following(steps: Generator[Any, bool | None, None], granted: bool | None) -> Any:
