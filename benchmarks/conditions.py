@@ -1,11 +1,13 @@
 """Conditions of the two checkers that the self-test does not see: each is switched off or bent, one at a time.
 
-Usage: python benchmarks/conditions.py [verify|second] [--mutants 20000] [--seed 1] [--only FILE[:LINE]] [--sample N]
+Usage: python benchmarks/conditions.py [verify|second|rules] [--mutants 20000] [--seed 1] [--only FILE[:LINE]]
+[--sample N]
 
 Faults: a comparison that takes in its limit or not, a limit that is a tick off, a condition without one of its terms or
 none at all, the first in the place of any, all, every or the most. A fault is noticed when the self-test would end with
 1: on the edge of a rule or on a mutant the checkers disagree, or one ends in an error or does not end. Those that
 change no verdict are listed with the reason in `equivalent_mutants.py`.
+With `rules`, each rule of verify as a whole is off in turn: the first edge and the first mutant that show it.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ import signal
 import sys
 import tempfile
 import types
+from dataclasses import replace
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import SourceFileLoader
 from importlib.util import spec_from_file_location
@@ -79,6 +83,24 @@ class Fault:
 def _statement(tree: ast.Module, node: ast.AST) -> ast.AST:
     around = [s for s in ast.walk(tree) if isinstance(s, ast.stmt) and any(n is node for n in ast.walk(s))]
     return max(around, key=lambda s: (s.lineno, -(s.end_lineno or 0)), default=node)
+
+
+class RuleOff:
+    """A rule of verify that finds nothing."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def switch_off(self, verify: types.ModuleType) -> None:
+        """Take the check from the rule, in the package just imported."""
+
+        def off(rule):
+            return replace(rule, check=lambda _: ()) if rule.name == self.name else rule
+
+        for group in ("MODE_RULES", "SWITCH_RULES"):
+            setattr(verify, group, tuple(map(off, getattr(verify, group))))
+        for single in ("FIGURES", "SYSTEM_BINDING", "HEALTH"):
+            setattr(verify, single, off(getattr(verify, single)))
 
 
 Place = tuple[Path, int, str, int]
@@ -178,19 +200,22 @@ class Changed(MetaPathFinder):
         return spec_from_file_location(name, str(self._fault.path), loader=loader)
 
 
-def judge_by_verify(fault: Fault | None, corpus: Sequence[tuple[Case, object, object]]) -> Iterator[frozenset[str]]:
+def judge_by_verify(
+    fault: Fault | RuleOff | None, corpus: Sequence[tuple[Case, object, object]]
+) -> Iterator[frozenset[str]]:
     """Yield the rules that verify finds broken, with the fault in it."""
     for name in [name for name in sys.modules if name.startswith(PACKAGE)]:
         del sys.modules[name]
-    if fault:
+    if isinstance(fault, Fault):
         sys.meta_path.insert(0, Changed(fault))
-    from halpipe.pipeline.verify import broken_rules
-
+    verify = import_module(PACKAGE)
+    if isinstance(fault, RuleOff):
+        fault.switch_off(verify)
     for _, model, schedule in corpus:
         if isinstance(model, str):
             yield frozenset(("reading",))
         else:
-            yield broken_rules(model, schedule)
+            yield verify.broken_rules(model, schedule)
 
 
 def judge_by_second(fault: Fault | None, corpus: Sequence[tuple[Case, str, str]]) -> Iterator[frozenset[str]]:
@@ -203,6 +228,11 @@ def judge_by_second(fault: Fault | None, corpus: Sequence[tuple[Case, str, str]]
             yield frozenset(found[0] for found in module.judge(model, schedule))
         except module.UnreadableError:
             yield frozenset(("file",))
+
+
+def is_shown(case: Case, found: frozenset[str], expected: frozenset[str], *, by_verify: bool) -> bool:
+    """Tell whether the self-test would count the verdict on a case as a disagreement."""
+    return bool(found) != bool(expected) or (by_verify and case.broken not in (None, found))
 
 
 def is_noticed(fault: Fault, judge, corpus, expected: Sequence[frozenset[str]]) -> int | None:
@@ -223,10 +253,7 @@ def is_noticed(fault: Fault, judge, corpus, expected: Sequence[frozenset[str]]) 
         said = ""
         for number, found in enumerate(judge(fault, corpus)):
             case = corpus[number][0]
-            is_other = bool(found) != bool(expected[number]) or (
-                judge is judge_by_verify and case.broken not in (None, found)
-            )
-            if is_other:
+            if is_shown(case, found, expected[number], by_verify=judge is judge_by_verify):
                 said = str(number)
                 break
             signal.setitimer(signal.ITIMER_PROF, PATIENCE)
@@ -265,10 +292,30 @@ def made(mutants: int, seed: int, folder: Path, *, as_files: bool) -> list[tuple
     return corpus
 
 
+def count_rules(corpus: Sequence[tuple[Case, object, object]], expected: Sequence[frozenset[str]]) -> int:
+    """Switch each rule of verify off in turn; print what shows it first among the edges, and among the mutants."""
+    verify = import_module(PACKAGE)
+    names = [rule.name for rule in verify.RULES if rule is not verify.PRIORITY_RULE]
+    edges = sum(case.name == "edge" for case, *_ in corpus)
+    unnoticed = {"edges": 0, "mutants": 0}
+    for name in names:
+        said = []
+        for part, begin, end in (("edges", 0, edges), ("mutants", edges, len(corpus))):
+            judged = enumerate(judge_by_verify(RuleOff(name), corpus[begin:end]), begin)
+            seen = (n - begin for n, found in judged if is_shown(corpus[n][0], found, expected[n], by_verify=True))
+            first = next(seen, None)
+            unnoticed[part] += first is None
+            said.append(f"{part} {'do not show it' if first is None else f'show it at {first}'}")
+        print(f"rule {name} off: {', '.join(said)}", flush=True)
+    print(f"{len(names)} rules of verify, one off at a time: {unnoticed['edges']} unnoticed by {edges} edges, "
+          f"{unnoticed['mutants']} by {len(corpus) - edges} mutants alone")  # fmt: skip
+    return 1 if unnoticed["edges"] else 0
+
+
 def main() -> int:
     """Try all faults, or a sample."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("checker", nargs="?", choices=("verify", "second"), default="verify")
+    parser.add_argument("checker", nargs="?", choices=("verify", "second", "rules"), default="verify")
     parser.add_argument("--mutants", type=int, default=20_000, help="of the self-test")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="a file, or one line of it: tables.py:120")
@@ -276,15 +323,17 @@ def main() -> int:
     options = parser.parse_args()
     name, _, line = options.only.partition(":")
     paths = (
-        [p for p in sorted(VERIFY.glob("*.py")) if p.name not in WITHOUT] if options.checker == "verify" else [SECOND]
+        [SECOND] if options.checker == "second" else [p for p in sorted(VERIFY.glob("*.py")) if p.name not in WITHOUT]
     )
     chosen = [p for path in paths if name in ("", path.name) for p in places(path) if not line or p[3] == int(line)]
     if options.sample:
         chosen = random.Random(options.seed).sample(chosen, min(options.sample, len(chosen)))
-    judge = judge_by_verify if options.checker == "verify" else judge_by_second
+    judge = judge_by_second if options.checker == "second" else judge_by_verify
     with tempfile.TemporaryDirectory(prefix="halpipe-conditions-") as place:
         corpus = made(options.mutants, options.seed, Path(place), as_files=judge is judge_by_second)
         expected = list(judge(None, corpus))
+        if options.checker == "rules":
+            return count_rules(corpus, expected)
         unnoticed, latest = [], 0
         for fault in starmap(fault_at, chosen):
             seen = is_noticed(fault, judge, corpus, expected)
