@@ -134,19 +134,21 @@ def expand(model: TaskModel, mode: Mode) -> Expansion:
     periods = [task.period for task, _ in running.values() if task.period is not None]
     hyperperiod = least_common_multiple(periods)
     demanders = _demanders(running)
-    active: dict[str, ActiveTask] = {}
-    for name in TopologicalSorter({name: [other for other, _ in demanders[name]] for name in running}).static_order():
-        task, versions = running[name]
-        if task.period is not None:
-            active[name] = ActiveTask(task, versions, int(hyperperiod / task.period))
-        else:
+    active = {
+        name: ActiveTask(task, versions, hyperperiod // task.period)
+        for name, (task, versions) in running.items()
+        if task.period is not None
+    }
+    asked = {name: [other for other, _ in demanders[name]] for name in running if name not in active}
+    for name in TopologicalSorter(asked).static_order():
+        if name not in active:
             demands = tuple(
                 Demand(other, index, slot)
                 for other, slots in demanders[name]
                 for index in range(active[other].jobs)
                 for slot in range(slots)
             )
-            active[name] = ActiveTask(task, versions, len(demands), demands)
+            active[name] = ActiveTask(*running[name], len(demands), demands)
     interrupts = tuple(interrupt for unit in model.units for interrupt in unit.interrupts)
     locks = frozenset(resource.name for resource in model.resources if resource.kind is ResourceKind.LOCK)
     tasks = tuple(active[name] for name in running)
@@ -174,7 +176,8 @@ def _running(model: TaskModel, mode: Mode) -> dict[str, tuple[Task, tuple[Versio
 def _demanders(running: dict[str, tuple[Task, tuple[Version, ...]]]) -> dict[str, list[tuple[str, int]]]:
     """Return for every task who names it and, over the versions, at most how often; in model order."""
     demanders: dict[str, list[tuple[str, int]]] = {name: [] for name in running}
-    for name, (_, versions) in running.items():
+    asking = ((name, versions) for name, (_, versions) in running.items() if any(v.precedences for v in versions))
+    for name, versions in asking:
         for target, (_, most) in demand_ranges(versions).items():
             if target in demanders:
                 demanders[target].append((name, most))

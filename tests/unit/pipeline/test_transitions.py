@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import pytest
 
+from growth import growth, half_way
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Split, Transition
 from halpipe.pipeline.checked import KEPT_FOR_SWITCHES, _is_sound_switch, schedule_model, verify_schedule
@@ -226,6 +227,42 @@ def test_processes_find_the_same_tables(monkeypatch):
     monkeypatch.setattr(tables_module, "SPREAD", 1)
     system = large_modes(12)
     assert switched(system, workers=Workers(2)) == switched(system)
+
+
+@pytest.mark.parametrize(("phase_after", "in_processes"), [(0, []), (3, [2])])
+def test_two_pairs_go_to_processes_only_where_the_least_length_has_no_table(monkeypatch, phase_after, in_processes):
+    system, plan = two_modes(0, 0, phase_after)
+    system = replace(system, transitions=())
+    expected = switch_tables(system, plan, _is_sound_switch)
+    assert len(expected.tables) == 2
+    sent = []
+
+    def spread(_workers, function, items, go_on):
+        sent.append(len(items))
+        return map(function, items)
+
+    monkeypatch.setattr(tables_module, "SPREAD", 1)
+    monkeypatch.setattr(Workers, "spread", spread)
+    assert switch_tables(system, plan, _is_sound_switch, workers=Workers(2)) == expected
+    assert sent == in_processes
+
+
+def test_paces_of_tasks_that_serve_arrivals_are_linear_in_them():
+    def prepare(count):
+        free = [task(f"t{n}", 1000, version("v", 1, f"u{n}")) for n in range(count)]
+        tasks = [replace(each, distance=milliseconds(2000)) for each in free]
+        units = " ".join(f"u{n}" for n in range(count))
+        system = model(*tasks, units=units, modes=[mode("a", tasks), mode("b", tasks)])
+        jobs = [job(model(each), each.name, 0, 0, f"u{n}") for n, each in enumerate(tasks)]
+        plan = schedule(system, 1000, *jobs, mode_name="a").modes[0]
+        grids = on_common_grid(system, plan, replace(plan, name="b"))
+
+        def work():
+            assert len(Change(*grids).paces) == count
+
+        return work
+
+    assert growth(prepare, 200, 3_200) < half_way(16)
 
 
 def test_a_stopped_search_says_so_and_keeps_what_it_found():

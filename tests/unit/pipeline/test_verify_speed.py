@@ -1,12 +1,14 @@
 """verify stays linear in the parts of a schedule."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from growth import growth, half_way
-from halpipe.models import Interrupt, Job, Part, Split
+from halpipe.models import Binding, Interrupt, Job, Part, Split
 from halpipe.pipeline.verify import codes, verify
+from halpipe.pipeline.verify.jobs import SYSTEM_BINDING, Tables
 from support import access, chain, model, ms, schedule, task, version
 
 SHORT, LONG, PIECE = ms("0.2ms"), ms("4ms"), ms("0.7ms")
@@ -60,3 +62,14 @@ def test_verify_is_linear_in_the_parts():
         return lambda: verify(system, plan)
 
     assert growth(prepare, 1, 12) < half_way(12)
+
+
+def test_the_rule_of_bound_tasks_is_linear_in_them_and_in_the_jobs_of_tables():
+    def prepare(count):
+        free = [task(f"t{n}", 1000, version("v", 1, "u")) for n in range(count)]
+        system = model(*(replace(each, binding=Binding.SYSTEM) for each in free), units="u")
+        jobs = [SimpleNamespace(job=_job(each.name, 0, "u", ms(0), ms(1))) for each in free]
+        everything = Tables(system, (), (SimpleNamespace(jobs=jobs),))
+        return lambda: list(SYSTEM_BINDING.check(everything))
+
+    assert growth(prepare, 200, 3_200) < half_way(16)

@@ -12,7 +12,6 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO
 from halpipe.models import Anchor, CostTerms, Edge, Match, ModeSchedule, ResourceLoad, Status, UnitLoad
 from halpipe.pipeline.jobs import demands_of, expand
 from halpipe.pipeline.measure.latency import chain_latencies, members_of, worst_age, worst_latency, worst_reaction
@@ -158,12 +157,12 @@ def _distance(anchors: Instants, start: int, low: int, high: int, hyperperiod: i
 def _missing_demands(placement: Placement) -> int:
     """Return one mean WCET for every demand without its job, and for every demand job without its demand."""
     version_of = {(job.active.name, job.index): job.version for job in placement.jobs}
-    counts = {id(version): demands_of(version) for version in version_of.values()}
+    counts = {id(version): demands_of(version) for version in version_of.values() if version.precedences}
     wrong = 0
     for active in placement.expansion.tasks:
         for index, demand in enumerate(active.demands):
             demander = version_of.get((demand.task, demand.index))
-            wanted = demander is not None and counts[id(demander)][active.name] > demand.slot
+            wanted = id(demander) in counts and counts[id(demander)][active.name] > demand.slot
             wrong += wanted != ((active.name, index) in version_of)
     return wrong * placement.mean_wcet
 
@@ -264,11 +263,12 @@ def with_latencies(model: TaskModel, schedule: Schedule) -> Schedule:
 
 
 def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
-    busy = dict.fromkeys((unit.name for unit in model.units), ZERO)
+    ticks = dict.fromkeys((unit.name for unit in model.units), 0)
     for job in placement.jobs:
         for unit in dict.fromkeys(job.units):
-            busy[unit] += placement.tick * sum(end - start for start, end in job.occupations())
+            ticks[unit] += sum(end - start for start, end in job.occupations())
     total = placement.expansion.hyperperiod
+    busy = {name: placement.tick * count for name, count in ticks.items()}
     return tuple(
         UnitLoad(unit=name, busy=time, share=time / total if total else Fraction(0)) for name, time in busy.items()
     )

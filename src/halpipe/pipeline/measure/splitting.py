@@ -183,7 +183,10 @@ def _outside(gap: tuple[int, int], span: tuple[int, int]) -> int:
 
 def _binding_cost(placement: Placement, active: ActiveTask) -> int:
     """Return one mean WCET for every job that is not where most jobs of its task are."""
-    sets = Counter(frozenset(job.units) for job in placement.by_task[active.name])
+    jobs = placement.by_task[active.name]
+    if len(jobs) < 2:
+        return 0
+    sets = Counter(frozenset(job.units) for job in jobs)
     return (sets.total() - max(sets.values(), default=0)) * placement.mean_wcet
 
 

@@ -13,7 +13,7 @@ from halpipe.models import Anchor, Task
 from halpipe.pipeline.transitions.line import GridMode, Layer, Line, LineJob, Window
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 
 MOST_CYCLES = 1000
@@ -125,10 +125,11 @@ class Change:
 
     def _longest_distance(self, task: Task) -> int:
         """Return how far starts may be apart: by the slack, and for arrivals so that the longest job ends in time."""
-        most = ((task.period or ZERO) * (1 + task.slack)) // self.after.tick
+        period = task.period or ZERO
+        most = (period * (1 + task.slack) if task.slack else period) // self.after.tick
         if task.distance is not None:
             lengths = [shape.length for shape in self.after.shapes[task.name]]
-            lengths += [job.shape.length for job in self.after.jobs if job.task == task.name]
+            lengths += [job.shape.length for job in self._future.of_task(task.name)]
             deadline = (task.deadline or task.distance) // self.after.tick
             most = min(most, task.distance // self.after.tick, deadline - max(lengths))
         return max(1, most)
@@ -217,6 +218,10 @@ class _Instants:
         self._first, self._last = first, last
         self._made: dict[tuple[str, Anchor, int], list[int]] = {}
 
+    def of_task(self, name: str) -> Sequence[LineJob]:
+        """Return the jobs of a task in cycle 0."""
+        return self._by_task.get(name, ())
+
     def within(self, window: Window, low: int, high: int) -> list[int]:
         """Return those of the window's task, starts or ends as the window says, that lie in [low, high]."""
         instants = self._of(window)
@@ -246,5 +251,5 @@ class _Instants:
         """Return the sorted instants of cycle 0."""
         key = (window.task, window.origin, window.point)
         if key not in self._made:
-            self._made[key] = sorted(window.instant(job) for job in self._by_task.get(window.task, ()))
+            self._made[key] = sorted(window.instant(job) for job in self.of_task(window.task))
         return self._made[key]

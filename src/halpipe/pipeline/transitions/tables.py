@@ -49,6 +49,9 @@ ORDERS = 4
 SPREAD = 4_000
 """Jobs of all pairs together from which processes are worth their start; a job takes about a millisecond."""
 
+FEW_PAIRS = 2
+"""Pairs whose first length is tried here: to hand over both modes takes as long as to find an easy table."""
+
 Check = Callable[["TaskModel", "Schedule", TransitionTable], bool]
 """Decides whether a table is valid: the independent check of the stages. It may be sent to another process."""
 
@@ -134,14 +137,27 @@ def _pairs(model: TaskModel, schedule: Schedule, check: Check) -> list[_Pair]:
 
 def _results(pairs: list[_Pair], go_on: GoOn, workers: Workers) -> Iterator[TransitionTable | Blocked | None]:
     """Yield what comes of every pair; None for the first that is not finished."""
-    if workers.count > 1 and len(pairs) > 1 and sum(pair.jobs for pair in pairs) >= SPREAD:
-        yield from workers.spread(_shortest, pairs, lambda done: go_on(done, len(pairs)))
+    is_spread = workers.count > 1 and len(pairs) > 1 and sum(pair.jobs for pair in pairs) >= SPREAD
+    done, total = 0, len(pairs)
+    if is_spread and total <= FEW_PAIRS:
+        while done < total and (table := _at_once(pairs[done], partial(go_on, done, total))) is not None:
+            yield table
+            done += 1
+    if is_spread and total - done > 1:
+        yield from workers.spread(_shortest, pairs[done:], lambda more: go_on(done + more, total))
         return
-    for number, pair in enumerate(pairs):
-        if not go_on(number, len(pairs)):
+    for number in range(done, total):
+        if not go_on(number, total):
             yield None
             return
-        yield _shortest(pair, partial(go_on, number, len(pairs)))
+        yield _shortest(pairs[number], partial(go_on, number, total))
+
+
+def _at_once(pair: _Pair, go_on: Callable[[], bool]) -> TransitionTable | None:
+    """Return the table of the least length with which no task must starve, if there is one: no other is looked at."""
+    search = _Search(pair, go_on)
+    lengths = search.possible()
+    return search.table if lengths and search.tries(lengths[0]) else None
 
 
 def _shortest(pair: _Pair, go_on: Callable[[], bool] = lambda: True) -> TransitionTable | Blocked | None:

@@ -220,24 +220,20 @@ def check_binding(table: ModeTable) -> Iterator[Diagnostic]:
 
 def check_binding_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Check the jobs of a table against the mode to come, or each other where the mode has no job of the task."""
-    by_task: dict[str, list[Placed]] = {}
-    for placed in switch.jobs:
-        if placed.active.task.binding is not Binding.JOB:
-            by_task.setdefault(placed.job.task, []).append(placed)
-    for name, jobs in by_task.items():
+    bound = [placed for placed in switch.jobs if placed.active.task.binding is not Binding.JOB]
+    for name, jobs in _by_task(bound).items():
         there = switch.target.by_task.get(name, ())
         yield from _elsewhere(jobs, _usual(there or jobs), switch, about(mode=switch.target.name))
 
 
 def check_binding_of_system(tables: Tables) -> Iterator[Diagnostic]:
     """Check the modes and tables against each other: the set that each uses for most of a task's jobs."""
+    everywhere: list[tuple[ModeTable | Switch, dict[str, list[Placed]]]] = [(t, t.by_task) for t in tables.modes]
+    everywhere += [(switch, _by_task(switch.jobs)) for switch in tables.switches]
     for task in tables.model.tasks:
         if task.binding is not Binding.SYSTEM:
             continue
-        places: list[tuple[ModeTable | Switch, list[Placed]]] = [
-            (table, table.by_task.get(task.name, [])) for table in tables.modes
-        ]
-        places += [(switch, [p for p in switch.jobs if p.job.task == task.name]) for switch in tables.switches]
+        places = [(table, by_task[task.name]) for table, by_task in everywhere if task.name in by_task]
         usual = _usual([placed for _, jobs in places for placed in jobs])
         for table, jobs in places:
             here = _usual(jobs)
@@ -247,6 +243,14 @@ def check_binding_of_system(tables: Tables) -> Iterator[Diagnostic]:
                 yield codes.NOT_BOUND(
                     text, at=jobs[0].job.at, path=path, help="use one unit set in all modes and tables"
                 )
+
+
+def _by_task(jobs: Iterable[Placed]) -> dict[str, list[Placed]]:
+    """Return the jobs of every task, in their order."""
+    by_task: dict[str, list[Placed]] = {}
+    for placed in jobs:
+        by_task.setdefault(placed.job.task, []).append(placed)
+    return by_task
 
 
 def _usual(jobs: Iterable[Placed]) -> UnitSet | None:
