@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from worst_inputs import BESIDE, WORST
+from worst_inputs import BESIDE, WORST, as_bytes
 
 SECONDS, MEBIBYTES = 10, 1024
 PATIENCE = 60
@@ -49,7 +49,7 @@ def main() -> int:
         for kind, (command, file, make) in WORST.items():
             if sys.argv[2:] and kind not in sys.argv[2:]:
                 continue
-            (folder / file).write_text(make(size))
+            (folder / file).write_bytes(as_bytes(make(size)))
             code, seconds, memory = run(folder, *[file if word == "FILE" else word for word in command])
             (folder / file).unlink()
             lawful = code in (0, 1, 2) and seconds <= SECONDS and memory <= MEBIBYTES

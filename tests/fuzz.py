@@ -22,7 +22,7 @@ import halpipe
 from command_line import run_here
 from ctf_writer import ros_trace
 from growth import TRIES, seconds
-from worst_inputs import BESIDE, CALIBRATE, IMPORT, WORST
+from worst_inputs import BESIDE, CALIBRATE, IMPORT, WORST, as_bytes
 
 PACKAGE = str(Path(halpipe.__file__).parent)
 SECONDS, MULTIPLE = 10.0, 2000
@@ -72,7 +72,7 @@ def seeds() -> dict[str, tuple[list[str], str, list[bytes]]]:
     for kind, (command, file, make) in WORST.items():
         reader = f"{kind.partition(':')[0]} {command[0]}"
         _, _, inputs = found.setdefault(reader, (command, file, []))
-        inputs.append(make(600).encode()[:LONGEST])
+        inputs.append(as_bytes(make(600))[:LONGEST])
     profiles = sorted(Path(PACKAGE, "profiles").glob("*.yaml"))
     found["profile export"] = (PROFILE, "profile.yaml", [path.read_bytes() for path in profiles])
     tresos = Path(__file__).with_name("fixtures") / "fuzz" / "os.xdm"

@@ -7,6 +7,11 @@ SCHEDULE = "urn:halpipe:schedule:1"
 ARXML = "http://autosar.org/schema/r4.0"
 
 
+def as_bytes(content):
+    """Return an input, which is a text or bytes, as bytes."""
+    return content if isinstance(content, bytes) else content.encode()
+
+
 def times(size, piece, before="", after=""):
     """Repeat a piece, with {i} as its number, until the whole has `size` bytes, less than a piece more or less."""
     pieces, left = [], size - len(before) - len(after)
@@ -39,6 +44,43 @@ def amalthea(size, tasks, rest=""):
     return times(size, tasks, begin, f"</swModel>{rest}<stimuliModel>{stimulus}</stimuliModel></am:Amalthea>")
 
 
+def varint(value):
+    """Return a number of protobuf: seven bits a byte, the lowest first."""
+    return bytes([value & 0x7F | 0x80]) + varint(value >> 7) if value > 0x7F else bytes([value])
+
+
+def message(*fields):
+    """Return the fields of a message of protobuf: numbers, or bytes with their length."""
+    return b"".join(
+        varint(number << 3) + varint(value)
+        if isinstance(value, int)
+        else varint(number << 3 | 2) + varint(len(value)) + value
+        for number, value in fields
+    )
+
+
+def perfetto(size, packets):
+    """Repeat packets of Perfetto, those of each number from 0 on, until there are `size` bytes."""
+    found, number = bytearray(), 0
+    while len(found) < size:
+        found += message(*((1, packet) for packet in packets(number)))
+        number += 1
+    return bytes(found)
+
+
+def slices(number, track):
+    """Return packets that begin and end a slice with a name of its own."""
+    name = b"t%d" % (number % 50_000)
+    begin, end = message((9, 1), (11, track), (23, name)), message((9, 2), (11, track))
+    return [message((8, 2 * number + late), (11, event), (10, 1)) for late, event in enumerate((begin, end))]
+
+
+def process_track(number):
+    """Return packets of a track of a process of its own, with a slice."""
+    about = message((1, number + 1), (3, message((1, number + 1), (6, b"p%d" % number))))
+    return [message((60, about), (10, 1)), *slices(number, number + 1)]
+
+
 VALIDATE, SHOW = ["validate", "FILE"], ["show", "FILE"]
 IMPORT = {kind: ["import", kind, "FILE", "-o", "out.xml"] for kind in ("arxml", "ros", "amalthea", "table")}
 OVERLAY = ["import", "ros", "tiny.dot", "--overlay", "FILE", "-o", "out.xml"]
@@ -67,7 +109,20 @@ RUNNABLE = (
 TASK = "<task name='t{i}' period='10ms'><version name='v' wcet='1us'><units names='u'/></version></task>\n"
 
 READERS = {
-    *("model", "schedule", "arxml", "amalthea", "yaml", "overlay", "platform", "caret", "dot", "csv", "btf"),
+    *(
+        "model",
+        "schedule",
+        "arxml",
+        "amalthea",
+        "yaml",
+        "overlay",
+        "platform",
+        "caret",
+        "dot",
+        "csv",
+        "btf",
+        "perfetto",
+    ),
 }
 """What reads files that others write."""
 
@@ -175,6 +230,14 @@ WORST = {
     "csv: quotes": (COMPARE, "t.csv", lambda n: "task,start,end\n" + '"' * n),
     "btf: events": (COMPARE, "t.btf", lambda n: times(n, "{i},C,0,T,t{i},0,start\n", "#version 2.1.0\n")),
     "trace: events": (COMPARE, "t.json", lambda n: times(n, '{"name":"t{i}","ph":"X","ts":{i},"dur":1,"pid":1,"tid":1},', '{"traceEvents":[', "{}]}")),
+    "trace: processes": (COMPARE, "t.json", lambda n: times(n, '{"name":"a","ph":"X","ts":{i},"dur":1,"pid":{i},"tid":1},', '{"traceEvents":[', "{}]}")),
+    "perfetto: slices": (COMPARE, "t.pftrace", lambda n: perfetto(n, lambda i: slices(i, 1))),
+    "perfetto: tracks": (COMPARE, "t.pftrace", lambda n: perfetto(n, lambda i: slices(i, i + 1)[:1])),
+    "perfetto: processes": (COMPARE, "t.pftrace", lambda n: perfetto(n, process_track)),
+    "perfetto: descriptors": (COMPARE, "t.pftrace", lambda n: perfetto(n, lambda i: process_track(i)[:1])),
+    "perfetto: damaged packets": (COMPARE, "t.pftrace", lambda n: perfetto(n, lambda i: [message((60, 5)), *slices(i, 1)])),
+    "perfetto: damage at the end": (COMPARE, "t.pftrace", lambda n: perfetto(n, lambda i: slices(i, 1)) + message((1, message((60, 5))))),
+    "perfetto: a packet cut off": (COMPARE, "t.pftrace", lambda n: perfetto(n, lambda i: slices(i, 1))[:-3]),
     "btf: a job": (COMPARE, "t.btf", lambda n: times(n, "{i},u,0,T,a,0,start\n{i},u,0,T,a,0,terminate\n", "#version 2.1.0\n#timeScale ns\n")),
     "btf: a late instant": (COMPARE, "t.btf", lambda n: times(n, "{i},u,0,T,a,0,start\n{i},u,0,T,a,0,terminate\n", "#version 2.1.0\n#timeScale ns\n", f"{10**25},u,0,T,a,0,start\n{10**25},u,0,T,a,0,terminate\n")),
     "csv: gaps": (COMPARE, "t.csv", lambda n: times(n, "a,{i}000000000,{i}000000001\n", "task,start,end\n")),

@@ -14,7 +14,7 @@ from growth import TRIES, growth, half_way, seconds
 from halpipe.core.suggest import COMPARISONS, bounded_suggestions, nearest
 from halpipe.exporters.native import format_model
 from support import model, task, version
-from worst_inputs import BESIDE, READERS, WORST
+from worst_inputs import BESIDE, READERS, WORST, as_bytes
 
 FIRST, SMALL, LARGE = 2_000, 20_000, 160_000
 MOST = 100
@@ -38,7 +38,7 @@ def takes(place):
 
     def run(kind, size):
         command, file, make = WORST[kind]
-        (place / file).write_text(make(size))
+        (place / file).write_bytes(as_bytes(make(size)))
         words = [file if word == "FILE" else word for word in command]
         ended = []
         spent = seconds(lambda: ended.append(run_here(place, *words)))
