@@ -94,7 +94,10 @@ ROOMS = {
     "exporters/ros": ("exporters/ros", "unit/exporters/test_ros_*"),
     "exporters/linux": ("exporters/linux", "linux/test_linux_bundle* linux/test_linux_let*"),
     "exporters/regulator": ("exporters/regulator", "unit/exporters/regulator/test_regulator_[!s]*"),
-    "exporters/riscv": ("exporters/riscv", "unit/exporters/riscv/* riscv/export/test_riscv_bundle*"),
+    "exporters/riscv": (
+        "exporters/riscv",
+        "unit/exporters/riscv/* riscv/export/test_riscv_[bp]* riscv/export/test_riscv_re* properties/test_riscv_ph*",
+    ),
     "deploy/regulator": ("deploy/regulator", "unit/deploy/regulator/*"),
     "deploy/riscv": ("deploy/riscv", "unit/deploy/riscv/*"),
     "deploy/linux": ("deploy/linux", "linux/test_linux_*"),

@@ -144,10 +144,8 @@ def _draw(panel: Panel, order: Sequence[Row], colours: dict[Row, str], y: int) -
 
 def _heights(edges: Sequence[int], areas: Sequence[int], full: int) -> list[int]:
     """Return heights in hundredths of a unit of the picture."""
-    return [
-        area * HEIGHT * 100 // (full * (end - begin)) if end > begin else 0
-        for area, (begin, end) in zip(areas, pairwise(edges), strict=True)
-    ]
+    steps = zip(areas, pairwise(edges), strict=True)
+    return [area * HEIGHT * 100 // (full * (end - begin)) for area, (begin, end) in steps]
 
 
 def _path(xs: Sequence[int], low: Sequence[int], high: Sequence[int]) -> str:

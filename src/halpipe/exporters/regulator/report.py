@@ -273,14 +273,14 @@ def findings_of(report: bytes) -> list[Diagnostic]:
 def _report_table(tables: Tables, table: Table) -> dict[str, Any]:
     phases = list(served(tables, table))
     burst = tables.platform.burst
-    peak = max(table.totals, default=0)
+    peak = max(table.totals)
     return {
         "name": table.name,
         "windows": table.windows,
         "successor": tables.tables[table.successor].name,
         "rounding": table.rounding,
         "peak_bytes": peak * burst,
-        "peak_window": table.totals.index(peak) if table.totals else 0,
+        "peak_window": table.totals.index(peak),
         "mean_bytes": format_rational(_rounded(mean(table) * burst)),
         "worst_lag_bytes": format_rational(_rounded(max((s.lag for s in phases), default=Fraction(0)))),
         "window_sums": [{"window": k, "bytes": total * burst} for k, total in _runs(table.totals)],
@@ -318,7 +318,7 @@ def _runs(values: Sequence[int]) -> Iterator[tuple[int, int]]:
 
 def mean(table: Table) -> Fraction:
     """Return the mean of the bursts granted per window."""
-    return Fraction(sum(table.totals), max(1, table.windows))
+    return Fraction(sum(table.totals), table.windows)
 
 
 # -------------------------------------------------------------------------------------------- report.txt
@@ -349,13 +349,13 @@ def summarise(tables: Tables, backend: Backend, digest: str) -> str:
 def _line(tables: Tables, table: Table) -> tuple[str, ...]:
     burst, capacity = tables.platform.burst, tables.platform.window_capacity
     lag = max((found.lag for found in served(tables, table)), default=Fraction(0))
-    entries = max((len(table.entries(unit.name)) for unit in tables.units), default=0)
+    entries = max(len(table.entries(unit.name)) for unit in tables.units)
     return (
         table.name,
         str(table.windows),
         tables.tables[table.successor].name,
         table.rounding,
-        _share(Fraction(max(table.totals, default=0) * burst), capacity),
+        _share(Fraction(max(table.totals) * burst), capacity),
         _share(mean(table) * burst, capacity),
         f"{cut(lag)} B" if lag else "0",
         str(entries),

@@ -135,7 +135,7 @@ def overload(
 ) -> Overload | None:
     """Return the worst window above `room`, None if there is none; with `before_first` as for `charged`."""
     sums = totals(bursts, count) if before_first is None else charged(bursts, count, before_first)
-    most = max(sums, default=0)
+    most = max(sums)
     return Overload(sums.index(most), most, room) if most > room else None
 
 

@@ -234,9 +234,10 @@ def test_no_budget_of_a_used_unit_is_zero_and_only_empty_regions_are_open(tmp_pa
                 assert budgets[0x164] < OPEN
 
 
-def test_replayed_register_writes_give_the_budgets_of_the_table(tmp_path):
+@pytest.mark.parametrize("sample", [low_bounds, two_units])  # the cycles of one end as they begin
+def test_replayed_register_writes_give_the_budgets_of_the_table(tmp_path, sample):
     """A write in window k applies from window k + 1 on; an idle row keeps a burst."""
-    tables, _ = made(tmp_path, "axi-realm")
+    tables, _ = made(tmp_path, "axi-realm", sample)
     written = backend("axi-realm").write(tables, DIGEST)
     registers = RegisterFile("axi_realm", 8, 2)
     for table, stem in zip(tables.tables, file_names(t.name for t in tables.tables), strict=True):

@@ -96,6 +96,18 @@ def test_contradictions_come_with_the_numbers_and_the_nearest_choice(tmp_path, c
     assert any(numbers in d.message and remedy in d.help for d in found), found
 
 
+@pytest.mark.parametrize(
+    ("window", "guaranteed", "bytes"),
+    [(2**32 - 1, "0.5MB/s", 2**31 - 1), (671088639, "6.4MB/s", 2**32 - 7)],  # the last that each register holds
+)
+def test_cycles_and_bytes_of_a_window_are_words_of_32_bits(tmp_path, window, guaranteed, bytes):
+    found = platform(tmp_path, window=window, guaranteed=guaranteed)
+    assert (found.cycles, found.window_capacity) == (window, bytes)
+    (refused,) = refusal(platform_file(tmp_path, window=window + 1, guaranteed=guaranteed))
+    assert (refused.code, refused.path) == (NUMBERS_CONTRADICT.id, "platform")
+    assert refused.message == "cycles and bytes of a window must fit into 32 bits"
+
+
 def test_a_window_of_too_many_digits_is_no_shorter_one(tmp_path):
     (found,) = refusal(platform_file(tmp_path, window="1" + "0" * 20))
     assert "is no number of cycles" in found.message

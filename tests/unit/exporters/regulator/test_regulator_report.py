@@ -65,6 +65,17 @@ def test_a_phase_that_wraps_is_counted_on_both_sides(tmp_path):
         assert tables.tables[0].row(Row("u1", "read")) == [50, 50, 0, 0, 0, 0, 0, 0, 50, 50]
 
 
+@pytest.mark.parametrize(("start", "windows"), [(0, 4), (3, 4), ("5.5ms", 5), (6, 4), ("6.5ms", 5), ("9.5ms", 5)])
+def test_where_windows_are_rounded_up_those_that_a_phase_touches_count_in_full(tmp_path, start, windows):
+    """A phase of 4 ms, within the circle of 10 ms, up to its end, and beyond it."""
+    t = task("t", 10, version("v", 4, "u1", access("mem", 0, 4, "0.5", "read")))
+    system = model(t, units="u1 u2", resources="mem")
+    tables, _ = build(tmp_path, system, one_mode(system, 10, job(system, "t", 0, start, "u1")), WHOLE)
+    (found,) = served(tables, tables.tables[0])
+    bursts = 50 * 4 if windows == 4 else 50 * 3 + 25 * 2
+    assert (found.promised, found.granted, found.lag, found.wait) == (12800, bursts * 64, 0, 0)
+
+
 def test_phases_that_end_in_the_mode_after_are_counted_there(tmp_path):
     tables, _ = build(tmp_path, *switching())
     there = [(s.phase.job.task, s.phase.row.direction) for s in served(tables, tables.tables[2])]
@@ -207,7 +218,7 @@ def test_the_picture_stacks_the_units_under_the_capacity():
     assert found["u2 write"] == "M450 60L630 60L630 120L450 120Z"
 
 
-@pytest.mark.parametrize(("jobs", "means"), [(400, False), (500, True)])
+@pytest.mark.parametrize(("jobs", "means"), [(COLUMNS // 2, False), (COLUMNS // 2 + 1, True)])
 def test_long_tables_are_drawn_as_means(jobs, means):
     t = task("t", 1, version("v", "0.5ms", "u1", access("mem", 0, "0.5ms", "0.335", "read")))
     system = model(t, units="u1 u2", resources="mem")

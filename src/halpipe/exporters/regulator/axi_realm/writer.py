@@ -99,8 +99,8 @@ def _map(tables: Tables) -> RegisterFile:
 def _built(tables: Tables) -> list[Check]:
     """Return how the register file must be built, to be read before anything but the claim is written."""
     p, registers = tables.platform, _map(tables)
-    budget = max((n for unit in tables.units for n in unit.default.values()), default=0)
-    budget = max(budget, p.burst * max((max(t.totals, default=0) for t in tables.tables), default=0))
+    default = max(n for unit in tables.units for n in unit.default.values())
+    budget = max(default, p.burst * max(max(table.totals) for table in tables.tables))
     return [
         Check(registers.offset(name), ALL, least, most)
         for name, least, most in (
@@ -240,7 +240,7 @@ def _check_directions(tables: Tables) -> list[Diagnostic]:
             help = "give the writes of this unit a manager of their own"
             found.append(BINDS_BOTH(message, at=at, path=path, help=help))
         for row in bound:
-            least = min((n for table in tables.tables for n in table.row(row) if n), default=0) * p.burst
+            least = min(n for table in tables.tables for n in table.row(row) if n) * p.burst
             if least < pending:
                 message = (
                     f"{row.direction} budget is {least} bytes in some window, {pending} may be pending: slow to stop"

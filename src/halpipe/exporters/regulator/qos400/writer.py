@@ -166,7 +166,7 @@ def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
         given = {names[row]: count * step for row, count in steps.items()}
         by_phase = (sum(_steps(tables, s.bounds).values()) * step for s in segments(table.frame))
         is_phased = tables.platform.settings[Qos400.name]["granularity"] == "phase"
-        can_help = not is_phased and max(by_phase, default=0) <= limit_of(tables)
+        can_help = not is_phased and max(by_phase) <= limit_of(tables)
         fault = over_limit(tables, table, given, promised, _OTHERWISE[not can_help])
         if fault:
             found.setdefault("sum", fault[0])
