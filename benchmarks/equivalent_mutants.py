@@ -70,6 +70,13 @@ EQUIVALENT = {
     ("session.py", "self.revision += 2"): "whether it is that of the order is all that counts",
     ("structure.py", "for name in repeated(run.versions) if len(run.versions) >= 1 else ():"): "one version is not repeated",
     ("accesses.py", "is_served = bool(version.units) or serving.issuperset(version.units)"): "by the longer way, with the same result",
+    ("images.py", "shop.write(script, render.image_script(part, part.cores[0], 1))"): "an image has the same size wherever it is stored",
+    ("prepare.py", "core = Core('', 1, profile.ispm.of(0), profile.dspm.of(0))"): "a core that images are measured on, not called by its number",
+    ("prepare.py", "if access.kind is None and ZERO <= access.start - front < least:"): "the start is then set to what it is",
+    (
+        "prepare.py",
+        "if found and found[-1].kind is None and (found[-1].end == front) and (ZERO <= wcet - front < least):",
+    ): "the end is then set to what it is",
     (
         "precedence.py",
         "before = min(cycles, max(1, -((switch.length + cyclic.start - least) // cycle)))",

@@ -92,6 +92,14 @@ def test_the_control_block_is_in_no_segment(simple, target):
     assert all(not at <= control < at + len(data) for at, data in loaded(simple["bundle.elf"]))
 
 
+def test_the_target_is_a_text_of_short_lines_with_all_that_a_debugger_needs(simple, target):
+    assert simple["target.json"].decode().splitlines()[:3] == ["{", ' "halpipe-target": 2,', ' "profile": "vcu118",']
+    assert target["trace"] == {"base": hex(0x84000000 - 0x4000 - 65536 * 48), "capacity": 65536, "record": 48}
+    assert target["faults"] == {"base": hex(0x84000000 - 0x4000), "capacity": 256, "record": 64}
+    assert (target["decision"], target["margin"], target["service"]) == (2, 2, "6.5us")
+    assert target["tables"][0].items() >= {"name": "all", "mode": 0, "length": 5000}.items()
+
+
 def test_nothing_tells_where_it_was_made(simple, tmp_path):
     for name, data in simple.items():
         assert b"/tmp" not in data, name

@@ -132,6 +132,13 @@ def test_all_copies_of_an_instant_are_complete_before_the_next(let, is_apart):
     assert found == ([] if is_apart else [('task "w"', text, remedy)])
 
 
+def test_instants_of_one_task_meet_those_of_another():
+    """Of w, released at 60, at 60 and 120; of free at 100."""
+    input = [phase(27, READ, "in")]
+    found = conflicts(*input, own=input, own_turns=(replace(OUT, at=60), IN, replace(IN, task="free")), releases=(60,))
+    assert [text for _, text, _ in found] == ["copies at an instant 20 ticks after another, all copies need 27"]
+
+
 def test_instants_meet_across_the_end_of_a_cycle():
     late = conflicts(own=[phase(27, READ, "in")], own_turns=(replace(OUT, at=9980), IN))
     assert [text for _, text, _ in late] == ["copies at an instant 20 ticks after another, all copies need 27"]

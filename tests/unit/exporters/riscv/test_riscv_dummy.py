@@ -7,9 +7,10 @@ import pytest
 
 from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.phases import Clock
-from halpipe.exporters.riscv.prepare import FILE, with_dummies
+from halpipe.exporters.riscv.prepare import FILE, grow, with_dummies
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Renderer
+from halpipe.models import Split
 from riscv_models import deployed, moving
 from support import model, task, version
 
@@ -90,6 +91,35 @@ def test_executions_too_short_to_begin_become_a_part_of_windows():
     assert shape(found)[1][:2] == ("258us", "329us")
     assert shape(found)[-1] == ("500us", "1ms", "write", 1)
     assert found.source.entry == "dummy_0 dummy_1"
+
+
+def test_windows_grow_over_short_executions_between_them():
+    """30 us between two windows, and 58 between the next two, which are enough."""
+    found = dummy(window("0.1ms", "0.2ms"), window("0.23ms", "0.4ms"), window("0.458ms", "0.6ms"))
+    assert [shape[:3] for shape in shape(found)] == [
+        ("100us", "200us", "write"),
+        ("200us", "400us", "read"),
+        ("458us", "529us", "write"),
+        ("529us", "600us", "read"),
+    ]
+    assert found.source.entry == "dummy_0 dummy_1 dummy_2"
+
+
+def test_a_phase_that_moves_nothing_stays_as_short_as_it_is():
+    idle = version("v", "1ms", "u1", moving("memory", "0.5ms", "0.5005ms", None))
+    grown = grow(idle, [(400, "ispm")], "memory", CLOCK, 24)
+    assert [(str(a.start), str(a.end)) for a in grown.accesses] == [("0ms", "27us"), ("527us", "527.5us")]
+    assert str(grown.wcet) == "1.027ms"
+
+
+def test_what_lies_at_an_instant_is_later_by_what_grew_before_it():
+    phases = [moving("memory", "0ms", "10us", "load"), moving("memory", "10us", "20us", "read", ("in", "a", 400))]
+    split = Split(points=(US * 20, US * 500))
+    owner = replace(version("v", "1ms", "u1", *phases), split=split)
+    grown = grow(owner, [(400, "ispm"), (800, "dspm")], "memory", CLOCK, 24, lambda access: US * 5, copying=40)
+    assert [(str(a.start), str(a.end)) for a in grown.accesses] == [("0ms", "40us"), ("40us", "72us")]  # 24, 5 and 3
+    assert [str(point) for point in grown.split.points] == ["72us", "552us"]
+    assert grow(owner, [(400, "ispm")], "memory", CLOCK, 3, lambda access: US * 4) == owner  # 6 and 10 of ten
 
 
 def test_versions_with_sources_stay():

@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.riscv.codes import BAD_HARDWARE
 from halpipe.exporters.riscv.profile import Region, read_profile
-from halpipe.exporters.riscv.render import Renderer
+from halpipe.exporters.riscv.render import Renderer, margin
 
 CORES = "".join(
     f"""
@@ -143,6 +144,30 @@ def test_the_tiles_of_a_rocket_system_are_those_of_the_profile():
 def test_other_boards_have_no_tiles():
     assert set(texts("virt")) == {"board/openocd.cfg", "board/run.gdb", "board/boot.json"}
     assert json.loads(texts("virt")["board/boot.json"]) == {"bundle.bin": "0x80000000"}
+
+
+@pytest.mark.parametrize(
+    ("kibibytes", "sets", "ways"), [(64, 1024, 2), (96, 512, 4), (112, 256, 8), (120, 128, 16), (124, 64, 32)]
+)
+def test_the_itim_of_a_tile_is_all_of_a_cache_but_one_way(kibibytes, sets, ways):
+    profile = read_profile("vcu118")
+    profile = replace(profile, ispm=replace(profile.ispm, size=kibibytes * 1024))
+    assert f"nSets = {sets}, nWays = {ways}, itimAddr" in Renderer(profile).board(MEMORY)["board/Rocket.scala"]
+
+
+@pytest.mark.parametrize(
+    ("memory", "changes"),
+    [("dspm", {"has_reservations": True}), ("dspm", {"size": 192 * 1024}), ("ispm", {"size": 100 * 1024})],
+)
+def test_memories_that_no_rocket_tile_has_make_no_tiles(memory, changes):
+    profile = read_profile("vcu118")
+    changed = replace(profile, **{memory: replace(getattr(profile, memory), **changes)})
+    assert "board/Rocket.scala" not in Renderer(changed).board(MEMORY)
+
+
+@pytest.mark.parametrize(("timebase", "ticks"), [(1_000_000, 2), (1_500_000, 3), (1_500_001, 4), (1000, 1)])
+def test_a_modelled_execution_ends_two_microseconds_early(timebase, ticks):
+    assert margin(replace(read_profile("vcu118"), timebase=timebase)) == ticks
 
 
 def test_debuggers_read_the_control_block_and_both_rings():

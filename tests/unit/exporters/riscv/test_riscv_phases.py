@@ -6,7 +6,14 @@ import pytest
 
 from halpipe.core.diagnostics import Findings
 from halpipe.core.durations import Duration
-from halpipe.exporters.riscv.codes import FIRST_ALONE, KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
+from halpipe.exporters.riscv.codes import (
+    FIRST_ALONE,
+    KINDLESS_PHASE,
+    NO_LOAD_PHASE,
+    PHASE_ORDER,
+    SHARED_PHASE,
+    UNDIVIDED,
+)
 from halpipe.exporters.riscv.phases import Clock, check_phases, clock_of, disorder, executions, written_alone
 from halpipe.exporters.riscv.profile import FOLDER, read_profile
 from halpipe.models import Resource, Task, TaskModel, Version
@@ -135,6 +142,17 @@ def test_phases_that_move_nothing_are_left_alone():
     findings = Findings()
     phases = (*PHASES, moving("memory", "0.5ms", "0.6ms", None, bound="1/2"))
     assert check_phases(deployed(phases=phases), "here", findings)
+
+
+@pytest.mark.parametrize(
+    ("size", "gang", "is_divided"),
+    [(64, 2, True), (16, 2, True), (8, 2, True), (24, 2, False), (72, 3, True), (64, 3, False), (9, 1, True)],
+)
+def test_members_of_a_gang_write_whole_words(size, gang, is_divided):
+    phases = (*PHASES[:2], moving("memory", "0.9ms", "1ms", "write", ("output", "scaled", size)))
+    findings = Findings()
+    assert check_phases(deployed(phases=phases, units="u1 u2 u3", gang=gang), "here", findings) is is_divided
+    assert [found.code for found in findings.items] == [UNDIVIDED.id] * (not is_divided)
 
 
 def test_scalars_of_gangs_are_told():

@@ -114,6 +114,63 @@ def test_unusable_values_have_a_line(tmp_path, old, new):
     assert all(d.at.line and d.help for d in found)
 
 
+FREE = VCU118.replace("0x80000000, size: 64MiB", "0xc0000000, size: 64MiB").replace("clint: 0x02", "clint: 0x10")
+MANY = FREE.replace("base: 0x01040000", "base: 0x20000000")
+WATCHDOG = "clint: 0x02000000\nwatchdog: {{address: {}, value: {}, timeout: 1s}}"
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "most", "beyond"),
+    [
+        (MANY, "cores: 4", "cores: 64", "cores: 65"),
+        (VCU118, "clock: 100000000", "clock: 1000", "clock: 999"),
+        (VCU118, "clock: 100000000", "clock: 100000000000", "clock: 100000000001"),
+        (VCU118, "timebase: 1000000", "timebase: 1000", "timebase: 999"),
+        (VCU118, "timebase: 1000000", "timebase: 1000000000", "timebase: 1000000001"),
+        (VCU118, "channels: 4", "channels: 64", "channels: 65"),
+        (VCU118, "size: 64MiB", "size: 16GiB", "size: 17GiB"),
+        (VCU118, "cores: 4", "cores: 4\ncpi: 1000", "cores: 4\ncpi: 1001"),
+        (VCU118, "cores: 4", "cores: 4\ncpi: 1", "cores: 4\ncpi: 0.5"),
+        (VCU118, "stack: 8KiB", "stack: 16B", "stack: 8B"),
+        (VCU118, "stack: 8KiB", "stack: 251888B", "stack: 252KiB"),  # of 256 KiB, 4 are for mailbox and monitor
+        (VCU118, "size: 120KiB", "size: 8KiB", "size: 4KiB"),  # which the monitor has
+        (VCU118, "base: 0x64000000", "base: 0xfffffff000", "base: 0xfffffff001"),
+        (FREE, "base: 0x01040000", "base: 0x8177f000", "base: 0x81780000"),  # from the end of the last to its code
+        (VCU118, "base: 0x80000000", "base: 0x80001000", "base: 0x80000800"),
+        (VCU118, "clint: 0x02000000", "clint: 0x02010000", "clint: 0x02008000"),
+        (VCU118, "clint: 0x02000000", WATCHDOG.format("0x70000ffc", "0xffffffff"), WATCHDOG.format("0x70000ffe", "0")),
+        (VCU118, "clint: 0x02000000", WATCHDOG.format("0x70000000", "0"), WATCHDOG.format("0x70000000", "0x100000000")),
+        (VCU118, "stride: 0x20000", "stride: 0x1e000", "stride: 0x1d000"),  # without a gap, and over each other
+    ],
+)
+def test_the_last_value_that_can_be_and_the_first_that_cannot(tmp_path, text, old, most, beyond):
+    assert old in text
+    assert refusal(tmp_path, text.replace(old, beyond, 1))
+    (tmp_path / "mine.yaml").write_text(text.replace(old, most, 1))
+    assert read_profile(str(tmp_path / "mine.yaml")).name == "mine"
+
+
+def test_what_is_too_far_says_where_it_may_begin(tmp_path):
+    [found] = refusal(tmp_path, FREE.replace("base: 0x01040000", "base: 0x81780000"))
+    place = "begin it from 0x0 to 0x8183f000"
+    assert found.message == f"dspm of core 4 is more than 2 GiB from ispm of core 4, whose code names it; {place}"
+
+
+def test_registers_of_devices_keep_whole_pages(tmp_path):
+    for address, said in (("0x63fffffc", []), ("0x64000ffc", ["uart and watchdog overlap"])):
+        text = VCU118.replace("clint: 0x02000000", WATCHDOG.format(address, "1"))
+        if said:
+            assert [d.message for d in refusal(tmp_path, text)] == said
+        else:
+            (tmp_path / "mine.yaml").write_text(text)
+            assert read_profile(str(tmp_path / "mine.yaml")).watchdog.value == 1
+
+
+def test_patience_is_four_operations_for_each_core():
+    profile = read_profile("vcu118")
+    assert (profile.cores, str(profile.service), profile.patience) == (4, "6.5us", 104)
+
+
 def test_all_faults_at_once(tmp_path):
     found = refusal(tmp_path, VCU118.replace("cores: 4", "cores: 0").replace("kind: pdma", "kind: magic"))
     assert len(found) == 2
