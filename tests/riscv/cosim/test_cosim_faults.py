@@ -10,11 +10,14 @@ from halpipe.core.bundles import open_bundle
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import CoSimulation
 from halpipe.deploy.riscv import codes as declared
-from halpipe.deploy.riscv.judge.check import check_by_simulation
+from halpipe.deploy.riscv.judge.check import check_by_simulation, simulate
 from halpipe.deploy.riscv.judge.tables import Tables
 from halpipe.deploy.riscv.judge.truth import tells_the_truth
-from halpipe.deploy.riscv.run.cosimulation import load_program
+from halpipe.deploy.riscv.run.cosimulation import load_program, plan
+from halpipe.deploy.riscv.run.injection import Injection, Kind
 from halpipe.deploy.riscv.run.recording import Flag
+from halpipe.deploy.riscv.run.sequence import Tour, played_tables
+from halpipe.deploy.riscv.target import read_site
 from support import ms
 
 
@@ -116,6 +119,28 @@ def test_a_dma_engine_slower_than_planned(sound, play):
     outside = find(outcomes, declared.TRANSFER_OUTSIDE_PHASE)
     assert "its phase is" in outside[0].message
     assert "deploy prepare" in outside[0].help
+
+
+def with_a_camera(text):
+    """The model of these tests; filter reads for three milliseconds, over a channel of its own."""
+    memory = '<resource name="memory" bandwidth="400MB/s"/>'
+    read = '<access resource="memory" start="100us" end="150us" kind="read">\n          <transfer buffer="track"'
+    assert memory in text
+    assert read in text
+    text = text.replace(read, read.replace("memory", "camera").replace("150us", "3ms"), 1)
+    return text.replace(memory, memory + memory.replace("memory", "camera"))
+
+
+def test_an_error_of_a_transfer_is_kept_while_others_look_for_late_ones(export):
+    """While filter's transfer fails, act overruns; sense is loaded next, and must not take the engine's answer."""
+    target = export(change=with_a_camera)
+    tour = Tour("full", (), 4)
+    site = read_site(target.bundle)
+    jobs = plan(target, site, played_tables(target.schedule, tour.first, (), tour.tables, site.tick))
+    rows = {(job.job.task, job.job.index): job.row for job in jobs}
+    overruns = Injection(Kind.SPIN, 0, rows["act", 1])
+    fails = Injection(Kind.DMA_ERROR, 1, rows["filter", 0])
+    assert simulate(target, tour, injections=[overruns, fails]).findings == []
 
 
 def test_a_release_at_another_instant(sound, play, tmp_path):

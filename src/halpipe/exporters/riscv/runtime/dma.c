@@ -5,11 +5,13 @@ static uint64_t owners[HP_CHANNELS]; /* of what is under way, << UNIT_BITS, with
 
 #define UNIT_BITS 8U
 
+static uint32_t is_busy(uint32_t channel); /* a look only: the answer is that of the owner's own check */
+
 uint32_t dma_holds(uint32_t unit, uint64_t owner) {
     uint32_t found = DMA_NONE;
     for (uint32_t channel = 0U; channel < HP_CHANNELS; channel++) {
         uint64_t held = owners[channel];
-        if ((held != 0U) && ((held >> UNIT_BITS) != owner) && (dma_state(channel, owner) == DMA_BUSY)) {
+        if ((held != 0U) && ((held >> UNIT_BITS) != owner) && (is_busy(channel) != 0U)) {
             found = (((held ^ unit) & 0xffU) == 0U) ? DMA_THIS : ((found == DMA_NONE) ? DMA_OTHERS : found);
         }
     }
@@ -46,6 +48,10 @@ void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
     fence();
     c->control = CLAIM | RUN;
     owners[channel] = (owner << UNIT_BITS) | o->unit;
+}
+
+static uint32_t is_busy(uint32_t channel) {
+    return ((registers_of(channel)->control & (DONE | FAILED)) == 0U) ? 1U : 0U;
 }
 
 uint32_t dma_state(uint32_t channel, uint64_t owner) {
@@ -89,9 +95,11 @@ void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
     pending[channel].size = o->size;
 }
 
+static uint32_t is_busy(uint32_t channel) { return (pending[channel].size != 0U) ? 1U : 0U; }
+
 uint32_t dma_state(uint32_t channel, uint64_t owner) {
     (void)owner;
-    return (pending[channel].size == 0U) ? DMA_IDLE : DMA_BUSY;
+    return (is_busy(channel) != 0U) ? DMA_BUSY : DMA_IDLE;
 }
 
 /* Copies at most PIECE bytes. */
