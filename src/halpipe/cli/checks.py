@@ -14,7 +14,7 @@ from halpipe.cli import output
 from halpipe.cli.options import ModelFile, ScheduleFile, codes, load_codes, takes
 from halpipe.core.diagnostics import REGISTER, Diagnostic, Exit, sort_diagnostics
 from halpipe.core.options import Values, refuse_unused
-from halpipe.core.suggest import counted, did_you_mean
+from halpipe.core.suggest import counted, did_you_mean, few
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,7 +90,7 @@ def _as_one(group: Sequence[Diagnostic]) -> Diagnostic:
     first, *rest = group
     if not rest:
         return first
-    named = ", ".join(each.path for each in rest[:NAMED]) + (" ..." if len(rest) > NAMED else "")
+    named = few((each.path for each in rest), NAMED, quote="")
     return replace(first, message=f"{first.message}; {len(rest)} more like it: {named}")
 
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
 COMPARISONS = 50_000
 """Names that one command compares, about a second's worth; findings after that do without a suggestion."""
@@ -47,10 +47,11 @@ _WORDS = {
 _MOST_NAMES = 5
 
 
-def few(names: Sequence[str], quote: str = '"') -> str:
-    """List names in quotes, the first five of them; `quote` is empty for texts that have quotes."""
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(f"{quote}{name}{quote}" for name in names[:_MOST_NAMES]) + more
+def few(items: Iterable[object], most: int = _MOST_NAMES, *, quote: str = '"', between: str = ", ") -> str:
+    """List names in quotes for a message: the first ones, and how many more there are."""
+    found = list(items)
+    more = f"{between.strip(', ')} and {len(found) - most} more" if len(found) > most else ""
+    return between.join(f"{quote}{item}{quote}" for item in found[:most]) + more
 
 
 class _Budget:

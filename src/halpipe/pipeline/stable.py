@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, about, note
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.suggest import few
 from halpipe.models import Binding, Job, Mode, Schedule, Status, Task, TaskModel, Unit
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.parts import reserved_length, service_of
@@ -389,8 +390,7 @@ def _told(
     for mode, moved in zip(found.modes, moved_jobs(earlier, found).values(), strict=True):
         names = sorted({job.task for job in moved}, key=lambda name: (name not in changed, name))
         reasons = [f"{name} ({changed.get(name, 'makes room')})" for name in names]
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-        others = f"; not those of {', '.join(reasons[:MOST_NAMED])}{more}" if names else ""
+        others = f"; not those of {few(reasons, MOST_NAMED, quote='')}" if names else ""
         text = f"{len(mode.jobs) - len(moved)} of {len(mode.jobs)} jobs stay where they were{others}"
         if moved:
             least = fewest.get(mode.name, 0)

@@ -10,6 +10,7 @@ from ctf_writer import MS, ROS, Trace, ros_trace
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.traces import codes, read_traces
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+from halpipe.importers.traces.ctf.decoding import Array, Int, Struct, decoder
 from halpipe.importers.traces.ctf.metadata import MAGIC, parse, text_of
 from halpipe.importers.traces.ros2 import Key, read_ros_trace
 from profiles import examples
@@ -507,3 +508,42 @@ def test_numbers_of_headers_have_a_meaning(name, header, tmp_path):
     metadata.write_text(text.replace(name, name.rpartition(" ")[0] + " other;"))
     with pytest.raises(CtfError, match='"other"'):
         all_events(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "clock {{ name {}",
+        "struct a {{ integer {{ size = 8; }} {0}; integer {{ size = 8; }} {0}; }};",
+        "typealias integer {{ size = 8; map = clock.{}.value; }} := t;",
+        "stream {{ event.header := struct {{ integer {{ size = 8; align = 8; }} {}; }}; }};",
+    ],
+)
+def test_damaged_names_are_shown_up_to_their_40th_character(text):
+    with pytest.raises(CtfError) as refused:
+        parse(f"{HEAD} {text.format('n' * 60)}")
+    assert "n" * 40 in str(refused.value)
+    assert "n" * 41 not in str(refused.value)
+
+
+def test_the_longest_array_is_read():
+    parse(f"{HEAD} struct a {{ integer {{ size = 8; }} x[16777216]; }};")
+    with pytest.raises(CtfError, match="16777217 elements"):
+        parse(f"{HEAD} struct a {{ integer {{ size = 8; }} x[16777217]; }};")
+
+
+@pytest.mark.parametrize(("align", "at"), [(1, 1), (8, 1), (16, 2), (32, 4), (64, 8)])
+def test_elements_of_an_array_are_aligned(align, at):
+    read = decoder(Struct((("first", Int(8, 8, False, "<")), ("rest", Array(Int(16, align, False, "<"), 2)))))
+    data = b"\7" + bytes(at - 1) + struct.pack("<HH", 258, 772)
+    assert read(data, 0, {}) == ({"first": 7, "rest": [258, 772]}, len(data))
+
+
+def test_a_variant_keeps_the_tag_that_it_was_declared_with():
+    types = []
+    for use in ("v", "v <other>"):
+        text = f"{HEAD} struct s {{ variant v <other> {{ string a; }} one; variant {use} two; }};"
+        (found,) = parse(f"{text} event {{ name = e; id = 0; fields := struct s; }};").events
+        types.append(dict(found["fields"].fields)["two"])
+    assert types[0] == types[1]
+    assert types[0].tag == "other"

@@ -230,3 +230,12 @@ def test_damaged_fragments_are_refused_or_read(sound, data):
     (folder / "metadata").write_text(written(stated))
     with suppress(CtfError):
         all_events(folder)
+
+
+@pytest.mark.parametrize(
+    ("offset", "zero"), [({}, (0, 0)), ({"cycles": 7}, (0, 7)), ({"seconds": 3}, (3, 0)), (None, (0, 0))]
+)
+def test_a_clock_counts_from_its_origin_without_an_offset(offset, zero):
+    stated = {"type": "clock-class", "frequency": 1000} | ({} if offset is None else {"offset-from-origin": offset})
+    (clock,) = parse_fragments(written([{"type": "preamble", "version": 2}, stated])).clocks
+    assert (clock["offset_s"], clock["offset"]) == zero

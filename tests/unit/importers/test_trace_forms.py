@@ -193,6 +193,18 @@ def test_builtin_clocks_of_perfetto_differ_by_what_the_system_slept():
     assert perfetto_jobs(*written, before=[snapshot]) == SEEN
 
 
+def test_numbers_that_perfetto_does_not_write_are_0():
+    """A track, a name, a process and the stamp of a clock have the number 0, which messages omit."""
+    track = forms.message((60, forms.message((2, "c0"))), (10, 1))
+    name = forms.message((12, forms.message((2, forms.message((2, "A"))))), (13, 1), (10, 1))
+    own = forms.message((1, 64), (2, 3), (3, 1))
+    snapshot = forms.message((6, forms.message((1, own), (1, forms.message((1, 6))))), (10, 1))
+    begin = forms.message((8, 5), (11, forms.message((9, 1), (11, 0), (10, 0))), (10, 1), (58, 64))
+    end = forms.message((8, 4), (11, forms.message((9, 2), (11, 0))), (10, 1), (58, 64))
+    (found,) = parse_traces(forms.trace(track, name, snapshot, begin, end), "t").traces
+    assert [(e.task, e.units, e.start.ns, e.end.ns) for e in found.executions] == [("A", ("c0",), 5, 9)]
+
+
 def test_perfetto_forgets_interned_names_when_the_writer_starts_again():
     name = forms.message((12, forms.message((2, forms.message((1, 1), (2, "A"))))), (13, 1), (10, 1))
     begin = forms.message((8, 5), (11, forms.message((9, 1), (11, 1), (10, 1))), (10, 1))

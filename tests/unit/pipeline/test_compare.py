@@ -494,7 +494,7 @@ def test_other_programs_of_a_computer_are_no_deviation():
     assert "kworker/0:1" in only.message
     many = [replace(others[0], task=f"p{number}") for number in range(7)]
     assert [each.message for each in shared([*play(), *many]).diagnostics] == [
-        "not in the schedule: 7 programs: p0, p1, p2, p3, p4"
+        "not in the schedule: 7 programs: p0, p1, p2, p3, p4 and 2 more"
     ]
     foreign = compare(PLAN, Trace(name="", executions=tuple(others), is_shared=True), CompareOptions(mode="race"))
     assert codes.UNKNOWN_TASK.id in {d.code for d in foreign.diagnostics}

@@ -6,9 +6,10 @@ import pytest
 from validate_cases import alone, codes_of, found, the
 
 from halpipe.core.diagnostics import Location, Subject, about
+from halpipe.core.suggest import few
 from halpipe.models import Mode, Run, Transfer, Unit
 from halpipe.pipeline.validate import codes, validate
-from halpipe.pipeline.validate.context import quoted, task_path, version_path
+from halpipe.pipeline.validate.context import task_path, version_path
 from support import access, after, chain, mode, model, task, version
 
 A = task("a", 25, version("v", 5))
@@ -36,7 +37,7 @@ def test_good_names(name):
 
 @pytest.mark.parametrize(("count", "end"), [(5, '"n3", "n4"'), (6, '"n3", "n4" and 1 more')])
 def test_a_message_lists_five_names(count, end):
-    assert quoted(f"n{number}" for number in range(count)).endswith(end)
+    assert few(f"n{number}" for number in range(count)).endswith(end)
 
 
 def test_every_kind_of_name_is_looked_at():

@@ -15,6 +15,7 @@ from halpipe.core.bundles import CHANGED_FILE
 from halpipe.core.diagnostics import Findings, Location, error, named
 from halpipe.core.durations import seconds
 from halpipe.core.files import parse_xml, read_bytes, sha256
+from halpipe.core.suggest import few
 from halpipe.deploy.base import Checked, Target
 
 if TYPE_CHECKING:
@@ -254,7 +255,6 @@ OTHERWISE = error(
     "hyperperiods of the first mode, which begin with the first table of the schedule. In the third, each OsTask of "
     "the schedule is activated, or gets an event, at the starts of its jobs and at no other instant.",
 )
-_SHOWN = 6
 
 
 def check(target: Target) -> Checked:
@@ -344,8 +344,6 @@ def _lines(acts: list[Act], length: Fraction) -> Iterator[str]:
         found.setdefault((act.task, act.event, act.by), []).append(act.time % length)
     for (task, event, by), times in sorted(found.items(), key=lambda item: (min(item[1]), item[0])):
         times.sort()
-        shown = ", ".join(str(seconds(time)) for time in times[:_SHOWN])
-        more = f" and {len(times) - _SHOWN} more" if len(times) > _SHOWN else ""
         what = f"{event} set" if event else "activated"
         count = "once" if len(times) == 1 else f"{len(times)} times"
-        yield f"{task}: {what} {count} by {by}: {shown}{more}"
+        yield f"{task}: {what} {count} by {by}: {few(map(seconds, times), 6, quote='')}"

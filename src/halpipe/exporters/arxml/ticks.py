@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, seconds
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.exporters.arxml.codes import BAD_COUNTER, NOT_ON_TICK
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.common.timeline import PhaseTimes
@@ -86,7 +87,6 @@ class Holds:
 
 _LONGEST = seconds(1)
 _DEFAULT = Duration(10**6)
-_SHOWN = 3
 _TRIED = 1000
 
 
@@ -169,7 +169,8 @@ def _check_tick(tick: Duration, largest: Duration, found: list[tuple[str, str, D
     help = f"the nearest tick that fits is {_nearest(tick, largest)}; or schedule again with --tick {tick}"
     findings = Findings()
     for path, texts in off.items():
-        findings.report(NOT_ON_TICK, f"{_shown(texts)}: no multiple of the tick {tick}", path=path, help=help)
+        shown = few(texts, 3, quote="", between="; ")
+        findings.report(NOT_ON_TICK, f"{shown}: no multiple of the tick {tick}", path=path, help=help)
     findings.stop_on_errors()
 
 
@@ -185,8 +186,3 @@ def _nearest(tick: Duration, largest: Duration) -> Duration:
 
 def _is_decimal(time: Duration) -> bool:
     return seconds_text(time)[1]
-
-
-def _shown(texts: list[str]) -> str:
-    more = f"; and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
-    return "; ".join(texts[:_SHOWN]) + more

@@ -238,7 +238,7 @@ def _times(count: int, kind: str) -> str:
 
 
 def _places(items: Sequence[Item]) -> str:
-    return few([f"{item.name or item.path} (line {item.at.line})" for item in items], "")
+    return few([f"{item.name or item.path} (line {item.at.line})" for item in items], quote="")
 
 
 MOST_TASKS = 50_000
@@ -396,7 +396,7 @@ def _report(
     lacking = [task for task in model.tasks if any(version.wcet is None for version in task.versions)]
     if lacking:
         at = lacking[0].origin.location if lacking[0].origin else file
-        names = few([task.name for task in lacking], "")
+        names = few([task.name for task in lacking], quote="")
         message = f"{len(lacking)} of {len(model.tasks)} tasks have no execution time: {names}"
         forest.findings.add(codes.NO_WCET(message, at=at, help="give them in an overlay (tasks: wcet)"))
     if model.units == (Unit(name=UNIT),):

@@ -355,5 +355,5 @@ class Forest:
         """Collect one finding about several items: how many, which, and where the first stands."""
         if items:
             self._note(items, code)
-            names = few([item.name or item.path for item in items], "")
+            names = few([item.name or item.path for item in items], quote="")
             self.findings.add(code(f"{len(items)} {what}: {names}", at=items[0].at, help=help))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import did_you_mean, few
 from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.codes import (
     MATCHES_NOTHING,
@@ -33,7 +33,6 @@ E = TypeVar("E")
 
 # Near names cost about 20 us per known name; in a model of thousands of tasks not every typing error gets them.
 SUGGESTION_BUDGET = 50_000
-SHOWN_ITEMS = 6
 
 
 @record
@@ -137,8 +136,7 @@ def bare(value: Any) -> Any:
 def show(value: Any) -> str:
     """Print a value of the model for a message."""
     if isinstance(value, tuple):
-        more = f" and {len(value) - SHOWN_ITEMS} more" if len(value) > SHOWN_ITEMS else ""
-        return ", ".join(show(item) for item in value[:SHOWN_ITEMS]) + more or "none"
+        return few(map(show, value), 6, quote="") or "none"
     if isinstance(value, Fraction):
         return format_rational(value)
     if isinstance(value, Access):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.core.suggest import counted
+from halpipe.core.suggest import counted, few
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import CtfError, Damage, Event, events, folders
 
@@ -73,13 +73,13 @@ class RosTrace:
     """All that a trace says of a ROS system; times in nanoseconds."""
 
     file: str
+    has_switches: bool
     nodes: list[str] = field(default_factory=list)
     callbacks: dict[Key, str] = field(default_factory=dict)
     jobs: dict[Key, list[Seen]] = field(default_factory=dict)
     publishers: dict[tuple[str, str], Counter[Key | None]] = field(default_factory=dict)
     groups: dict[str, tuple[str, list[Key]]] = field(default_factory=dict)
     executors: dict[str, tuple[str, list[str]]] = field(default_factory=dict)
-    has_switches: bool = False
     unswitched: int = 0
     """Jobs of threads that no switch of the kernel names, as those of containers, which number their own."""
     restarts: dict[str, list[int]] = field(default_factory=dict)
@@ -128,7 +128,7 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
         help = "trace again with more or larger sub-buffers: lttng enable-channel --subbuf-size 8M --num-subbuf 4"
         findings.add(codes.LOST_EVENTS(text, at=at, help=help))
     if join.foreign:
-        names = ", ".join(sorted(join.foreign)[:5])
+        names = few(sorted(join.foreign), quote="")
         text = f"not used: {counted(sum(join.foreign.values()), 'event')} of other kinds: {names}"
         findings.add(codes.FOREIGN_EVENTS(text, at=at))
     if odd := join.unmatched + join.unended:
@@ -138,7 +138,7 @@ def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) ->
         text += f"; {counted(odd, 'job')} left out"
         findings.add(codes.ODD_SEQUENCE(text, at=at, help="trace from start to shutdown"))
     if again := sorted(trace.restarts):
-        text = f"{counted(len(again), 'node')} ended and started again: {', '.join(again[:5])}"
+        text = f"{counted(len(again), 'node')} ended and started again: {few(again, quote='')}"
         findings.add(codes.RESTARTED(text, at=at, help="trace a single start if the runs are not alike"))
     if trace.callbacks and join.undescribed:
         jobs = sum(join.undescribed.values())

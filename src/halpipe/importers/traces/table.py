@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halpipe.core.diagnostics import Findings, Location
-from halpipe.core.suggest import counted
+from halpipe.core.suggest import counted, few
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.jobs import Jobs, report_unfinished
 from halpipe.importers.traces.numbers import SCALES_NS, DecimalSign, instant, separator_of, whole
@@ -158,7 +158,7 @@ def _broken(message: str, at: Location, findings: Findings) -> None:
 def report_signals(others: Collection[str], file: str, findings: Findings) -> None:
     """Report the signals that are no states of tasks."""
     if others:
-        message = f"not 0 or 1 only: {counted(len(others), 'signal')}: {', '.join(sorted(others)[:5])}"
+        message = f"not 0 or 1 only: {counted(len(others), 'signal')}: {few(sorted(others), quote='')}"
         findings.add(codes.LEFT_OUT(message, at=Location(file)))
 
 

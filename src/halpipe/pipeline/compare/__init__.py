@@ -20,7 +20,7 @@ from halpipe.core.files import refuse_more_than
 from halpipe.core.options import option, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
-from halpipe.core.suggest import counted, did_you_mean
+from halpipe.core.suggest import counted, did_you_mean, few
 from halpipe.models.modes import require_mode
 from halpipe.models.trace import NONE, Column, Executions, Trace, column, groups, plain
 from halpipe.pipeline.compare.chains import deviations as chain_deviations
@@ -154,7 +154,7 @@ def compare(
     findings.extend(judge.diagnostics())
     rows = _rows(matching, ran, {task for name in names for task in tables[name].starts}, model)
     if idle := [row.task for row in rows if not row.seen + row.missing + row.extra]:
-        message = f"no job within the recording of {counted(len(idle), 'task')}: {', '.join(idle[:5])}"
+        message = f"no job within the recording of {counted(len(idle), 'task')}: {few(idle, quote='')}"
         findings.add(DID_NOT_RUN(message, path=trace.name, help="record at least two cycles of the schedule"))
     chains: list[ChainRow] = []
     played = dict(zip(matching.lines.cycle, (table.name for table in matching.lines.table), strict=True))
@@ -248,7 +248,7 @@ def _known(trace: Trace, schedule: Schedule, judge: Judge, findings: Findings) -
         return found, others
     unknown = {found.names[number]: others[places] for number, places in groups(task[~is_known])}
     if trace.is_shared and len(found):
-        message = f"not in the schedule: {counted(len(unknown), 'program')}: {', '.join(sorted(unknown)[:5])}"
+        message = f"not in the schedule: {counted(len(unknown), 'program')}: {few(sorted(unknown), quote='')}"
         findings.add(UNSCHEDULED(message, path=trace.name, help="schedule those that take the time of tasks"))
         return found, others[:0]
     for name, rows in sorted(unknown.items()):

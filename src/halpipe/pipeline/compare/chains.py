@@ -17,7 +17,7 @@ from halpipe.core.diagnostics import Diagnostic, Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.samples import quantile
-from halpipe.core.suggest import counted
+from halpipe.core.suggest import counted, few
 from halpipe.models import Anchor, Chain, ChainLatency, Schedule, TaskModel
 from halpipe.models.trace import NONE, Column, column, groups, plain
 from halpipe.pipeline.compare.codes import CHAIN_EXCEEDED, NOT_MEASURED
@@ -161,7 +161,7 @@ def deviations(
             help = "remove the deviations of its jobs, or lower the tolerance to see them"
             yield CHAIN_EXCEEDED(message, path=path, help=help, severity=Severity.WARNING)
     if left := [chain.name for chain in model.chains if not is_measurable(model, chain)]:
-        message = f"counted from or to releases: {counted(len(left), 'chain')}: {', '.join(left[:5])}"
+        message = f"counted from or to releases: {counted(len(left), 'chain')}: {few(left, quote='')}"
         yield NOT_MEASURED(prefix + message, help="compare the starts and ends of their tasks")
 
 

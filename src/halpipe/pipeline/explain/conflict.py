@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, about, tasks_named
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.models import Anchor, Edge, Match
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.jobs import ActiveTask, Demand, demand_ranges, expand
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
-from halpipe.pipeline.validate.context import place, quoted
+from halpipe.pipeline.validate.context import place
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -194,10 +195,9 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
     assert kept is not None, "an infeasible answer comes with its part of the mode"
     names = [active.name for active in kept.tasks]
     kind = "a minimal set" if conflict.is_minimal else "a set, perhaps not minimal"
-    text = f"{quoted(names, 12)} cannot be scheduled together ({kind}, found and checked again by the exact engine)"
+    text = f"{few(names, 12)} cannot be scheduled together ({kind}, found and checked again by the exact engine)"
     parts = list(_parts(kept))
-    text += f"; what it takes: {'; '.join(parts[:12])}" if parts else ""
-    text += f"; and {len(parts) - 12} more" if len(parts) > 12 else ""
+    text += f"; what it takes: {few(parts, 12, quote='', between='; ')}" if parts else ""
     help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
     if not conflict.is_minimal:
         help = "relax one of these tasks or constraints"
@@ -219,7 +219,7 @@ def _parts(kept: Kept) -> Iterable[str]:
         units = dict.fromkeys(unit for v in active.versions for unit in v.units)
         rhythm = f"every {task.period}" if task.period is not None else "on demand"
         offset = f" from {task.offset}" if task.offset is not None else ""
-        yield f'"{task.name}" {wcets} {rhythm}{offset} on {quoted(units, 3)}'
+        yield f'"{task.name}" {wcets} {rhythm}{offset} on {few(units, 3)}'
         if task.let is not None:
             yield f'"{task.name}" with a logical execution time of {task.let}'
         yield from dict.fromkeys(_window(task.name, row) for v in active.versions for row in v.precedences)

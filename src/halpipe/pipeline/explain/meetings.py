@@ -17,9 +17,10 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.facts import Witness
-from halpipe.pipeline.validate.context import place, quoted
+from halpipe.pipeline.validate.context import place
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -309,7 +310,7 @@ def _with(groups: list[Group], joined: Group) -> list[Group]:
 def _crowd(facts: ModeFacts, units: list[str], held: _Held, group: Group) -> Witness:
     names = list(group.names)
     needed = sum(part.height for part in group.parts)
-    text = f"{quoted(names, 20)} need {needed} units at the same time, whatever their phases, and have {len(units)}: "
+    text = f"{few(names, 20)} need {needed} units at the same time, whatever their phases, and have {len(units)}: "
     text += _without(facts, held) + "; ".join(_group_argument(facts, group))
     help = "necessary: 1 more unit, shorter WCETs, more slack or splits for some of them"
     found = codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
@@ -320,9 +321,9 @@ def _without(facts: ModeFacts, held: _Held) -> str:
     if held.holder is None or not held.elsewhere:
         return ""
     left, wait = facts.text(held.holder.core - held.wait), facts.text(held.wait)
-    who, where = f'"{held.holder.name}"', quoted(sorted(held.units))
+    who, where = f'"{held.holder.name}"', few(sorted(held.units))
     return (
-        f"while {who} has {where}, {quoted(list(held.elsewhere))} cannot start there, and whatever is in force {wait} "
+        f"while {who} has {where}, {few(list(held.elsewhere))} cannot start there, and whatever is in force {wait} "
         f"after its start has started meanwhile, elsewhere; {left} of it are left for that: "
     )
 
@@ -343,4 +344,4 @@ def _group_argument(facts: ModeFacts, group: Group) -> Iterator[str]:
 
 
 def _named(facts: ModeFacts, group: Group) -> str:
-    return f"{facts.text(group.length)} of {quoted(list(group.names), 20)}"
+    return f"{facts.text(group.length)} of {few(list(group.names), 20)}"

@@ -15,6 +15,7 @@ from halpipe.core.diagnostics import HalpipeError, Subject, about, tasks_named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.models import Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
@@ -27,7 +28,6 @@ from halpipe.pipeline.solve.relay import solve_after
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.stable import broken
 from halpipe.pipeline.validate import validate
-from halpipe.pipeline.validate.context import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -297,7 +297,7 @@ def _unfrozen(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[R
         modes = (replace(m, jobs=tuple(job for job in m.jobs if job.task not in group)) for m in shipped.modes)
         freer = replace(trials, search=replace(trials.search, shipped=shipped.alone(tuple(modes))))
         if group and freer.schedule(model) is not None:
-            yield Remedy(text=f"jobs of {quoted(group)} that need not stay (freeze)", subjects=tasks_named(group))
+            yield Remedy(text=f"jobs of {few(group)} that need not stay (freeze)", subjects=tasks_named(group))
             return
 
 
@@ -312,7 +312,7 @@ def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Re
             free = Remedy(text=f'no fixed offset for "{task.name}"', subjects=tasks_named([task.name]))
             yield _offset(model, task, table, trials).tried(trials) or free
     if own and not alone and trials.schedule(changes.with_task(model, own, offset=None)) is not None:
-        yield Remedy(text=f"no fixed offset for {quoted(list(own))}", subjects=tasks_named(own))
+        yield Remedy(text=f"no fixed offset for {few(list(own))}", subjects=tasks_named(own))
 
 
 def _offset(model: TaskModel, task: Task, table: ModeSchedule, trials: Trials) -> Relaxation:
@@ -427,7 +427,7 @@ def _slack(model: TaskModel, names: list[str], trials: Trials) -> Relaxation:
     return Relaxation(
         change=lambda steps: changes.with_slack(model, names, Fraction(steps, parts)),
         most=parts,
-        text=lambda steps: f"slack of {quoted(names)} >= {format_rational(Fraction(steps, parts))}",
+        text=lambda steps: f"slack of {few(names)} >= {format_rational(Fraction(steps, parts))}",
         subjects=tasks_named(names),
         steps=f"1/{parts}",
     )

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.models import Binding
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.facts import Witness
 from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting
-from halpipe.pipeline.validate.context import place, quoted
+from halpipe.pipeline.validate.context import place
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -191,11 +192,11 @@ def _classes(facts: ModeFacts) -> list[tuple[frozenset[str], list[TaskFacts]]]:
 def _units_short(facts: ModeFacts, model: TaskModel, units: list[str], steps: tuple[Step, ...]) -> Witness:
     needed = sum(step.part.height for step in steps)
     names = [step.part.task for step in steps]
-    what = f"{len(units)} unit{'s' if len(units) > 1 else ''} {quoted(units)}"
-    text = f"{quoted(names, 12)} can run only on {what} and need {needed} of them at the same time, whatever their "
+    what = f"{len(units)} unit{'s' if len(units) > 1 else ''} {few(units)}"
+    text = f"{few(names, 12)} can run only on {what} and need {needed} of them at the same time, whatever their "
     text += f"phases: {_argument(facts, steps)}"
     types = dict.fromkeys(unit.type for unit in model.units if unit.name in units and unit.type)
-    kind = f" of type {' or '.join(quoted([t]) for t in types)}" if types else ""
+    kind = f" of type {' or '.join(few([t]) for t in types)}" if types else ""
     short = format_rational(Fraction(needed) - len(units))
     help = f"necessary: {short} more unit{kind} for them, {_relief(facts, steps)}, or jobs that may be split"
     found = codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
@@ -225,7 +226,7 @@ def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
         lines.append(text)
         period, before = math.lcm(period, part.period), step.together
     certain = [s.part.task for s in steps if s.part.task in facts.tasks and facts.tasks[s.part.task].late]
-    note = f" (of {quoted(certain)} only what slack does not move is counted)" if certain else ""
+    note = f" (of {few(certain)} only what slack does not move is counted)" if certain else ""
     return "; ".join(lines) + note
 
 
@@ -261,7 +262,7 @@ def resources_met(facts: ModeFacts) -> Iterator[Witness]:
 def _resource_short(facts: ModeFacts, resource: str, steps: tuple[Step, ...]) -> Witness:
     total = sum((Fraction(step.part.height) for step in steps), Fraction(0))
     names = list(dict.fromkeys(step.part.task for step in steps))
-    text = f'access phases of {quoted(names, 12)} on resource "{resource}" meet, whatever the phases of the tasks, and '
+    text = f'access phases of {few(names, 12)} on resource "{resource}" meet, whatever the phases of the tasks, and '
     text += f"their bounds sum to {format_rational(total)}: {_argument(facts, steps)}"
     relief = _relief(facts, steps).replace("WCET", "access time")
     help = f"necessary: lower bounds that sum to at most 1, {relief}, or jobs that may be split before their phases"
@@ -359,9 +360,7 @@ def _witness(facts: ModeFacts, items: list[_Item]) -> Witness:
         f'"{item.task.name}" takes {facts.text(item.task.least)} of every {facts.text(item.task.period)}'
         for item in items
     )
-    text = (
-        f"{takes}; each stays on one of its units, and no assignment to {quoted(units)} keeps every unit at most full"
-    )
+    text = f"{takes}; each stays on one of its units, and no assignment to {few(units)} keeps every unit at most full"
     pairs = sum(one.excludes(other) for at, one in enumerate(items) for other in items[at + 1 :])
     if pairs:
         text += f" ({pairs} pairs share no unit: their times exceed the gcd of their periods)"

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about, tasks_named
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.models import Anchor, Match
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.transitions.tables import NO_IMPLIED_TABLE, NO_TABLE
-from halpipe.pipeline.validate.context import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -99,7 +99,7 @@ class Need:
         source, target, limit = self.transition.source, self.transition.target, self.transition.max_length
         last = self.tasks[-1]
         text = f'the first job of "{last}" starts at most {self.latest} after mode "{target}" begins; before it run '
-        text += f'{quoted(self.tasks[:-1])}, new in this mode, so that "{self.tasks[0]}" starts '
+        text += f'{few(self.tasks[:-1])}, new in this mode, so that "{self.tasks[0]}" starts '
         text += f"{self.length} before the mode begins at the latest; the table takes at most {limit}"
         help = f'set max-length to at least {self.length}, or give "{last}" a later offset or a shorter window'
         path = about(transition=(source, target))

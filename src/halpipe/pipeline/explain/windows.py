@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.models import Anchor
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.facts import Witness
 from halpipe.pipeline.solve.construction import Groups
-from halpipe.pipeline.validate.context import place, quoted
+from halpipe.pipeline.validate.context import place
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -245,7 +246,7 @@ def _contradiction(facts: ModeFacts, path: list[Bound], closing: Bound) -> Itera
 def _pair(bound: Bound) -> str:
     if bound.earlier == ORIGIN:
         return f'the releases of "{bound.later}" and the instant 0'
-    return f"the releases of {quoted([bound.later])} and {quoted([bound.earlier])}"
+    return f"the releases of {few([bound.later])} and {few([bound.earlier])}"
 
 
 def _interval(facts: ModeFacts, low: int, high: int) -> str:

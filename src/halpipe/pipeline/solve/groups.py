@@ -12,6 +12,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
+from halpipe.core.suggest import few
 from halpipe.models import Status
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
@@ -191,5 +192,4 @@ def _named(expansion: Expansion, group: Expansion, count: int) -> Diagnostic:
 
 
 def _list(kind: str, names: list[str]) -> str:
-    shown = ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
-    return f"{kind}{'s' if len(names) > 1 else ''} {shown}"
+    return f"{kind}{'s' if len(names) > 1 else ''} {few(names, MOST_NAMED, quote='')}"

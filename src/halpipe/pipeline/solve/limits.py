@@ -6,12 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, about
+from halpipe.core.suggest import few
 from halpipe.models import WHOLE
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.solve.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE, TOO_MANY_STARTS
 from halpipe.pipeline.solve.lanes import MAX_OPTIONS_PER_VERSION
 from halpipe.pipeline.solve.problem import Problem, build_problem
-from halpipe.pipeline.validate.context import Context, place, quoted
+from halpipe.pipeline.validate.context import Context, place
 from halpipe.pipeline.validate.load import overloads
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ def check_starts(model: TaskModel, tick: Duration) -> Iterator[Diagnostic]:
         jobs = sum(need.jobs for need in over.needs)
         text = (
             f"one job can start at each tick of {tick} on a unit: the {jobs} jobs of the tasks that can run only on "
-            f"{quoted(sorted(over.units))} take {over.total} of the {room} in each hyperperiod of {over.hyperperiod}"
+            f"{few(sorted(over.units))} take {over.total} of the {room} in each hyperperiod of {over.hyperperiod}"
         )
         help = f"{finer}, or make one task of those that run one after the other (ARXML: --granularity ostask)"
         yield TOO_MANY_STARTS(text, at=place(over.mode.mode), path=over.mode.path, help=help)

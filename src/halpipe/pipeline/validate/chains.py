@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.suggest import few
 from halpipe.models import Anchor, Chain
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, check, place, quoted, repeated
+from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, check, place, repeated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,7 +50,7 @@ def check_chain_modes(context: Context) -> Iterator[Diagnostic]:
             continue
         for mode, names in absent.items():
             if names:
-                text = f"is not checked in {mode}, where {quoted(names)} {'do' if len(names) > 1 else 'does'} not run"
+                text = f"is not checked in {mode}, where {few(names)} {'do' if len(names) > 1 else 'does'} not run"
                 help = "nothing to do, unless the chain matters in that mode"
                 yield codes.CHAIN_NOT_IN_MODE(text, at=at, path=path, help=help)
 

@@ -236,13 +236,6 @@ def version_path(task: Task, version: Version) -> Path:
     return Path(f'task "{task.name}" version "{version.name}"', subjects)
 
 
-def quoted(names: Iterable[str], most: int = 5) -> str:
-    """List names for a message: the first few, and how many more there are."""
-    listed = list(names)
-    shown = ", ".join(f'"{name}"' for name in listed[:most])
-    return shown + (f" and {len(listed) - most} more" if len(listed) > most else "")
-
-
 def lookup(mapping: Mapping[str, Named], names: Iterable[str]) -> list[Named]:
     """Return what is known of `names`."""
     return [mapping[name] for name in names if name in mapping]

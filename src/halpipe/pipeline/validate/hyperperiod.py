@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, check, place, quoted
+from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, check, place
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -121,10 +122,8 @@ class _Cause:
 
     def describe(self) -> str:
         """Name the guilty periods with their tasks, and what the others make."""
-        named = [f"{p} (task {quoted(self.tasks[p], 2)})" for p in self.guilty[:_NAMED]]
-        more = len(self.guilty) - len(named)
-        text = ("the period " if len(self.guilty) == 1 else "the periods ") + ", ".join(named)
-        text += f" and {more} more" if more else ""
+        named = few((f"{p} (task {few(self.tasks[p], 2)})" for p in self.guilty), _NAMED, quote="")
+        text = ("the period " if len(self.guilty) == 1 else "the periods ") + named
         return f"{text}; without {'it' if len(self.guilty) == 1 else 'them'} the hyperperiod is {self.base}"
 
     def cure(self) -> str:
@@ -146,8 +145,7 @@ class _Cause:
                 f"make the periods multiples of each other and bring the shortest ({shortest}) and the longest "
                 f"({longest}) closer together, or split the mode"
             )
-        more = f" and {len(choices) - _NAMED} more" if len(choices) > _NAMED else ""
-        return f"use {', '.join(choices[:_NAMED])}{more}; the mode then has {jobs} jobs"
+        return f"use {few(choices, _NAMED, quote='')}; the mode then has {jobs} jobs"
 
 
 def _find_cause(mode: ActiveMode) -> _Cause:

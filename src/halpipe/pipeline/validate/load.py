@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from halpipe.core.diagnostics import Diagnostic, Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
+from halpipe.core.suggest import few
 from halpipe.pipeline.parts import Service, reserved_length
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
+from halpipe.pipeline.validate.context import check, place, task_path, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -105,9 +106,7 @@ def _needs_within(
 
 def _units_overloaded(over: Overload) -> Diagnostic:
     room = over.hyperperiod * (len(over.units) - over.taken)
-    text = (
-        f"in each hyperperiod of {over.hyperperiod}, the tasks that can run only on {quoted(sorted(over.units))} need "
-    )
+    text = f"in each hyperperiod of {over.hyperperiod}, the tasks that can run only on {few(sorted(over.units))} need "
     text += f"{over.total}, "
     interrupts = f" beside {over.hyperperiod * over.taken} of interrupts" if over.taken else ""
     text += f"{over.total - room} more than the {room} there are{interrupts}; the largest: {_largest(over.needs)}"
@@ -269,9 +268,7 @@ def check_interrupts(context: Context) -> Iterator[Diagnostic]:
                 yield codes.INTERRUPT_TOO_LONG(text, at=at, path=inner, help=help)
         if unit.interrupts and _length(unit, Duration(1)) is None:
             text = f"its interrupts take {format_rational(load_of(unit))} of its time"
-            help = (
-                f"shorten or thin out {quoted(i.name for i in unit.interrupts)}: jobs need a share of the unit as well"
-            )
+            help = f"shorten or thin out {few(i.name for i in unit.interrupts)}: jobs need a share of the unit as well"
             yield codes.INTERRUPTS_FILL(text, at=place(unit), path=path, help=help)
 
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, greatest_common_divisor
+from halpipe.core.suggest import few
 from halpipe.models import Anchor, Chain, Match, Precedence, Task, Version
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import check, place, quoted, task_path, version_path
+from halpipe.pipeline.validate.context import check, place, task_path, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -129,7 +130,7 @@ def _absent(context: Context, mode: ActiveMode, version: Version) -> list[str]:
 def _unmet(mode: ActiveMode, active: ActiveTask, version: Version, absent: list[str], *, is_last: bool) -> Diagnostic:
     path = about(mode.path, task=active.task.name, version=version.name)
     at = place(active.run, mode.mode, version, active.task)
-    text = f"is constrained by {quoted(absent)}, which {'do' if len(absent) > 1 else 'does'} not run in the mode"
+    text = f"is constrained by {few(absent)}, which {'do' if len(absent) > 1 else 'does'} not run in the mode"
     if is_last:
         help = "let the predecessor run in the mode, or make a version without the constraint available"
         return codes.PREDECESSOR_ABSENT(text, at=at, path=path, help=help)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import Diagnostic, Path, Severity, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
+from halpipe.core.suggest import few
 from halpipe.models import WHOLE, Binding, Chain, Interrupt, Task, Version
 from halpipe.pipeline.jobs import common_sets
 from halpipe.pipeline.validate import codes
-from halpipe.pipeline.validate.context import ActiveMode, Context, check, place, quoted, task_path, version_path
+from halpipe.pipeline.validate.context import ActiveMode, Context, check, place, task_path, version_path
 from halpipe.pipeline.validate.load import least_length
 
 if TYPE_CHECKING:
@@ -200,7 +201,8 @@ def _points(context: Context, task: Task, version: Version, points: tuple[Durati
     at, path, wcet = place(version, task), version_path(task, version), version.wcet
     outside = [p for p in points if p <= ZERO or (wcet is not None and p >= wcet)]
     if outside:
-        text = f"has the split point{'s' * (len(outside) > 1)} {_listed(outside)}, not between 0 and the WCET {wcet}"
+        shown = few(outside, 3, quote="")
+        text = f"has the split point{'s' * (len(outside) > 1)} {shown}, not between 0 and the WCET {wcet}"
         help = (
             "split points count execution time from the start of the job: remove those at its start, its end or beyond"
         )
@@ -208,7 +210,7 @@ def _points(context: Context, task: Task, version: Version, points: tuple[Durati
     wrong = [later for before, later in pairwise(points) if later <= before]
     if wrong:
         ascending = " ".join(map(str, sorted(set(points) - set(outside))))
-        text = f"has split points that do not ascend, at {_listed(wrong)}"
+        text = f"has split points that do not ascend, at {few(wrong, 3, quote='')}"
         help = f'write split="{ascending}"' if ascending else "leave the split out"
         yield codes.SPLIT_NOT_ASCENDING(text, at=at, path=path, help=help)
     for access in version.accesses:
@@ -216,15 +218,10 @@ def _points(context: Context, task: Task, version: Version, points: tuple[Durati
             continue  # held through the gap
         inside = [p for p in points if access.start < p < access.end]
         if inside:
-            text = f"has the split point{'s' * (len(inside) > 1)} {_listed(inside)} within its access to "
+            text = f"has the split point{'s' * (len(inside) > 1)} {few(inside, 3, quote='')} within its access to "
             text += f'"{access.resource}" from {access.start} to {access.end}'
             help = "move the points to an end of the phase, or cut the phase in two"
             yield codes.SPLIT_IN_PHASE(text, at=place(access, version, task), path=path, help=help)
-
-
-def _listed(times: list[Duration]) -> str:
-    more = f" and {len(times) - 3} more" if len(times) > 3 else ""
-    return ", ".join(map(str, times[:3])) + more
 
 
 @check("split-limits", codes.NO_MAX_GAPS, codes.SPLIT_WITHOUT_EFFECT)
@@ -300,12 +297,12 @@ def _why(task: Task, modes: list[ActiveMode]) -> str:
         for other in modes[number + 1 :]:
             if not _has_common(task, (one, other)):
                 return f"{_allowed(task, one)} and {_allowed(task, other)}"
-    return "; ".join(_allowed(task, mode) for mode in modes[:5])
+    return few((_allowed(task, mode) for mode in modes), quote="", between="; ")
 
 
 def _allowed(task: Task, mode: ActiveMode) -> str:
     sets = []
     for version in mode.tasks[task.name].versions:
         gang = f"{version.gang} of " if version.gang > 1 else ""
-        sets.append(gang + quoted(version.units))
+        sets.append(gang + few(version.units))
     return f'mode "{mode.mode.name}" allows {" or ".join(dict.fromkeys(sets))}'

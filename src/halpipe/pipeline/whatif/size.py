@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.options import Form, option, positive_duration, refuse_unused
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.models.modes import require_mode, require_names
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.optimise import lower_bound
 from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
-from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, place, quoted
+from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, place
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.trial import (
     WINDOWS,
@@ -159,7 +160,7 @@ def fewest_units(model: TaskModel, type: str) -> Question:
     users = {frozenset(names & set(v.units)) for task in model.tasks for v in task.versions} - {frozenset()}
     warnings: tuple[Diagnostic, ...] = ()
     if users - {frozenset(names)}:
-        text = f"not every version that may use one of {quoted(sorted(names))} may use all of them"
+        text = f"not every version that may use one of {few(sorted(names))} may use all of them"
         warnings = (codes.UNLIKE_UNITS(text, at=place(own[0]), path=f'units of type "{type}"'),)
     return Question(
         what=f'units of type "{type}"',

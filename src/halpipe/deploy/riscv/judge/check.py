@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Findings, sort_diagnostics
 from halpipe.core.durations import ZERO, Duration, milliseconds, seconds
+from halpipe.core.suggest import few
 from halpipe.deploy.base import Checked, CheckOptions, Target
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, Budget
@@ -389,4 +390,4 @@ def refuse_disagreement(target: Target, site: Site) -> None:
 
 
 def _listed(tables: Sequence[tuple[str, Duration]]) -> str:
-    return ", ".join(f"{name} ({length})" for name, length in tables[:8]) + (", ..." if len(tables) > 8 else "")
+    return few((f"{name} ({length})" for name, length in tables), 8, quote="")

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
+from halpipe.core.suggest import few
 from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
 from halpipe.deploy.riscv.judge.contents import AGAIN, BSS, stored
 from halpipe.deploy.riscv.run.cosimulation import load_program
@@ -279,4 +280,4 @@ def _found(operations: Sequence[Operation], job: PlannedJob, driver: Callable[[i
 
 def _shown(operations: Counter[_Key]) -> str:
     each = [f"{key[0]} {' '.join(hex(n) if n > 1 << 20 else str(n) for n in key[1:])}" for key in operations]
-    return ("; ".join(sorted(each)[:3]) + (" ..." if len(each) > 3 else "")) or "nothing"
+    return few(sorted(each), 3, quote="", between="; ") or "nothing"

@@ -274,7 +274,7 @@ class Planner:
         for action, tasks in by_action.items():
             if len(tasks) < 2:
                 continue
-            shown = few(tasks, "")
+            shown = few(tasks, quote="")
             code, help = (
                 (BASIC_SHARED, "import with --granularity ostask, and schedule again")
                 if not action.event
@@ -329,7 +329,7 @@ class Planner:
         else:
             at = best.at
             off = [f"{what} at {time}" for _, what, time in self._instants(unit) if time % best.tick]
-            shown = few(off, "")
+            shown = few(off, quote="")
             message = (
                 f"{best.path} has a tick of {best.tick}, of which {shown} is no multiple"
                 if off

@@ -32,7 +32,7 @@ def compiled(path: str) -> Callable[[etree._Element], list[etree._Element]]:
 
 def listed(items: Iterable[object]) -> str:
     """Return the first few items for a message, and how many more there are."""
-    return few(list(map(str, items)), "")
+    return few(items, quote="")
 
 
 _DOUBLE = re.compile(r"[+-]?(?:[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?")
