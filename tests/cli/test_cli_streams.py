@@ -109,6 +109,17 @@ def test_ctrl_c_while_a_class_is_made_is_no_bug(monkeypatch, capsys):
     assert capsys.readouterr().err == "interrupted\n"
 
 
+def test_ctrl_c_within_a_command_is_said(monkeypatch, capsys):
+    """Some versions of typer end a command on Ctrl-C by themselves, and say nothing."""
+
+    def interrupt(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("halpipe.importers.native.read_what_is_well_formed", interrupt)
+    assert invoke(["validate", "model.xml"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
 def test_what_fails_while_ctrl_c_is_answered_is_told(monkeypatch, capsys):
     def fail(**_):
         try:

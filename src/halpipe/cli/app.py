@@ -23,6 +23,13 @@ class Group(TyperGroup):
     The types of contexts and formatters are click's or typer's own, depending on the version of typer.
     """
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; typer itself would answer Ctrl-C without a word."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise typer.Abort from stop
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command that the arguments begin with; the error for an unknown one says what was meant."""
         if not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:

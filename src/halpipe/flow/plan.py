@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
+from halpipe.core.diagnostics import NOWHERE, Findings, HalpipeError, Location, error, sort_diagnostics
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
 from halpipe.core.options import file_name, from_fields, names_of, refuse_unused
 from halpipe.core.records import record
@@ -138,7 +138,8 @@ class _Reader:
         try:
             return search_options(values)
         except HalpipeError as failure:
-            self._findings.extend(failure.diagnostics)
+            placed = (each if each.at != NOWHERE else replace(each, at=f.at()) for each in failure.diagnostics)
+            self._findings.extend(placed)
             return SearchOptions()
 
     def _export(self, f: Fields, source: ImportStep | None) -> ExportStep:

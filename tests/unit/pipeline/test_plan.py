@@ -56,6 +56,12 @@ def test_what_is_no_pipeline(tmp_path, text):
     assert [d.code for d in refusal(path)] == [NOT_A_PIPELINE.id]
 
 
+def test_a_search_option_without_effect_is_placed(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(SMALLEST.replace("s.xml", "s.xml, target: 0.5"))
+    assert [(d.code, d.at.file, d.at.line) for d in refusal(path)] == [("HAL0025", str(path), 3)]
+
+
 def test_an_absent_file(tmp_path):
     assert [d.code for d in refusal(tmp_path / "absent.yaml")] == ["HAL0001"]
 
