@@ -8,6 +8,7 @@ lists for tuples. All else is imported where it is used, so that ``import halpip
 from __future__ import annotations
 
 import functools
+import os
 import time
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, overload
 
@@ -16,6 +17,7 @@ from halpipe.core.options import from_keywords, refuse_unused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from os import PathLike
 
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Checked
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from halpipe.pipeline.explain.explanation import Explanation
     from halpipe.pipeline.whatif.sensitivity import Sensitivity
     from halpipe.pipeline.whatif.size import Answer
+
+    FileName = str | PathLike[str]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -55,7 +59,7 @@ def _of_values(function: Callable[P, R]) -> Callable[P, R]:
 # ------------------------------------------------------------------------------------------------ in and out
 
 
-def import_model(format: str, *paths: str, **options: Any) -> Imported:
+def import_model(format: str, *paths: FileName, **options: Any) -> Imported:
     """Read sources of a format (``arxml``, ``ros``, ``amalthea``), with overlays on them.
 
     `options` are those of the format as on the command line: ``strict=True``, ``overlay="o.yaml"``, ``ecu="Body"``.
@@ -66,28 +70,29 @@ def import_model(format: str, *paths: str, **options: Any) -> Imported:
     from halpipe.flow.formats import importer
 
     kind = importer(format).options
-    return read(format, paths, kind(**from_keywords(f"import_model {format}", kind, options)))
+    chosen = kind(**from_keywords(f"import_model {format}", kind, options))
+    return read(format, [os.fspath(path) for path in paths], chosen)
 
 
-def load(path: str) -> TaskModel:
+def load(path: FileName) -> TaskModel:
     """Read a task model XML file."""
     from halpipe.importers.native import read_model
 
-    return read_model(path)
+    return read_model(os.fspath(path))
 
 
-def load_schedule(path: str) -> Schedule:
+def load_schedule(path: FileName) -> Schedule:
     """Read a schedule XML file; whether it is valid is for `verify` to say."""
     from halpipe.importers.native import read_schedule
 
-    return read_schedule(path)
+    return read_schedule(os.fspath(path))
 
 
 @overload
-def save(value: TaskModel, path: str) -> TaskModel: ...
+def save(value: TaskModel, path: FileName) -> TaskModel: ...
 @overload
-def save(value: Schedule, path: str) -> Schedule: ...
-def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
+def save(value: Schedule, path: FileName) -> Schedule: ...
+def save(value: TaskModel | Schedule, path: FileName) -> TaskModel | Schedule:
     """Write a model or a schedule as XML, all of it or nothing; return what `load` or `load_schedule` would return.
 
     Schedule the model that is returned: then the schedule says which file it belongs to.
@@ -97,15 +102,12 @@ def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
     from halpipe.importers.native import parse_model, parse_schedule
     from halpipe.models import Schedule, TaskModel
 
-    if isinstance(value, Schedule):
-        content = format_schedule(value)
-        write_output(path, content)
-        return parse_schedule(content, path)
-    if not isinstance(value, TaskModel):
+    if not isinstance(value, Schedule | TaskModel):
         raise TypeError("save: give a model or a schedule, then the name of a file")
-    content = format_model(value)
-    write_output(path, content)
-    return parse_model(content, path)
+    name = os.fspath(path)
+    content = format_schedule(value) if isinstance(value, Schedule) else format_model(value)
+    write_output(name, content)
+    return parse_schedule(content, name) if isinstance(value, Schedule) else parse_model(content, name)
 
 
 @_of_values
@@ -249,7 +251,7 @@ def diff(before: TaskModel | Schedule, after: TaskModel | Schedule) -> tuple[Cha
 
 
 @_of_values
-def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **options: Any) -> list[Comparison]:
+def compare(schedule: Schedule, trace: FileName, model: TaskModel | None = None, **options: Any) -> list[Comparison]:
     """Compare what ran, as the file or directory `trace` recorded it, with the schedule; one answer for each line.
 
     With the `model`, its WCETs stand beside the run times, and the chains are measured.
@@ -257,7 +259,8 @@ def compare(schedule: Schedule, trace: str, model: TaskModel | None = None, **op
     """
     from halpipe.pipeline.compare import CompareOptions
 
-    return _compared(schedule, trace, CompareOptions(**from_keywords("compare", CompareOptions, options)), model)
+    chosen = CompareOptions(**from_keywords("compare", CompareOptions, options))
+    return _compared(schedule, os.fspath(trace), chosen, model)
 
 
 def _compared(schedule: Schedule, trace: str, options: CompareOptions, model: TaskModel | None) -> list[Comparison]:
@@ -268,7 +271,7 @@ def _compared(schedule: Schedule, trace: str, options: CompareOptions, model: Ta
 
 
 @_of_values
-def learn(schedule: Schedule, trace: str, model: TaskModel | None = None, **options: Any) -> Learned:
+def learn(schedule: Schedule, trace: FileName, model: TaskModel | None = None, **options: Any) -> Learned:
     """Return what a recording teaches of WCETs and periods: as `compare`, with the options ``quantile`` and ``margin``.
 
     ``.corrected(model)`` is the model with it, ``.overlay("run.btf")`` the text of an overlay.
@@ -277,10 +280,10 @@ def learn(schedule: Schedule, trace: str, model: TaskModel | None = None, **opti
     from halpipe.pipeline.compare.learning import learn as learn_from
 
     chosen = LearnOptions(**from_keywords("learn", LearnOptions, options))
-    return learn_from(_compared(schedule, trace, chosen, model), chosen, model)
+    return learn_from(_compared(schedule, os.fspath(trace), chosen, model), chosen, model)
 
 
-def check(bundle: str, **options: Any) -> Checked:
+def check(bundle: FileName, **options: Any) -> Checked:
     """Play a bundle that an export wrote, and compare what runs with its schedule.
 
     `options` are those of ``halpipe deploy check``: ``engine="cosim"``, ``cycles=3``. The bundle is sound if no finding
@@ -289,7 +292,7 @@ def check(bundle: str, **options: Any) -> Checked:
     from halpipe.deploy.base import CheckOptions
     from halpipe.flow.formats import check_bundle
 
-    return check_bundle(bundle, CheckOptions(**from_keywords("check", CheckOptions, options)))
+    return check_bundle(os.fspath(bundle), CheckOptions(**from_keywords("check", CheckOptions, options)))
 
 
 # ------------------------------------------------------------------------------------------------ plain tables

@@ -162,6 +162,24 @@ def test_an_unknown_option_of_an_import_is_named():
         halpipe.import_model("arxml", "x.arxml", granularty="event")
 
 
+def test_files_may_be_paths(tmp_path):
+    source = tmp_path / "graph.dot"
+    source.write_text('digraph { "/a" -> "/b" [label="/t"] }')
+    overlay = tmp_path / "overlay.yaml"
+    overlay.write_text("halpipe-overlay: 1\nplatform: {units: [{name: u}]}\ntasks: {'*': {period: 10ms, wcet: 1ms}}\n")
+    imported = halpipe.import_model("ros", source, overlay=overlay).model
+    saved = halpipe.save(imported, tmp_path / "m.xml")
+    assert halpipe.load(tmp_path / "m.xml") == saved
+    plan = halpipe.save(halpipe.schedule(saved), tmp_path / "s.xml")
+    assert halpipe.load_schedule(tmp_path / "s.xml") == plan
+    trace = tmp_path / "t.btf"
+    trace.write_bytes(halpipe.export("btf", saved, plan)[""])
+    assert halpipe.compare(plan, trace)
+    assert halpipe.learn(plan, trace)
+    with pytest.raises(HalpipeError, match="HAL1001"):
+        halpipe.check(tmp_path)
+
+
 def test_export_takes_the_settings_of_pipeline_files(tmp_path):
     with pytest.raises(HalpipeError) as failure:
         halpipe.export("regulator", small(), halpipe.schedule(small()), backend="tabel", platform="none.yaml")
