@@ -194,4 +194,4 @@ def test_files_of_halpipe_are_no_sources_of_an_import(format, kind, tmp_path):
         formats.import_model(format, [str(source)], formats.importer(format).options())
     (found,) = refused.value.diagnostics
     assert found.code == formats.OWN_SOURCE.id
-    assert "halpipe schedule" in found.help
+    assert f"`halpipe {'verify' if kind == 'schedule' else 'schedule'}`" in found.help

@@ -59,7 +59,7 @@ def digits_of_a_number(count):
     parse_rational("1" * count)
 
 
-@limit("core.quantities:_DIGITS", 20, "is no whole number")
+@limit("core.quantities:_DIGITS", 20, "is too large")
 def digits_of_a_whole_number(count):
     whole(0)("1" * count)
 

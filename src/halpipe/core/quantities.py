@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 _RATIONAL = re.compile(r"[0-9]+(?:\.[0-9]+)?|[0-9]+/[0-9]+")
 _MAX_LENGTH = 1000  # metrics of schedules are sums of many fractions; what people write is short
 _SHOWN = 80
+_WHOLE = re.compile("-?[0-9]+")
 _DIGITS = 20  # as many as 2^64 has; int() takes time that grows with their square
 _SIZE = re.compile(r"(?P<number>[0-9]{1,30}(?:\.[0-9]{1,30})?)\s*(?P<unit>[kMG]?B|[KMG]iB)")
 _BYTES = {"GiB": 2**30, "GB": 10**9, "MiB": 2**20, "MB": 10**6, "KiB": 2**10, "kB": 10**3, "B": 1}
@@ -93,13 +94,15 @@ def whole(least: int, most: int | None = None, what: str = "whole number") -> Ca
     bounds = f"from {least} to {most}" if most is not None else f"from {least} on"
 
     def read(text: str) -> int:
-        digits = text.strip()
-        if not (digits.isascii() and digits.isdigit() and len(digits) <= _DIGITS):
+        number = text.strip()
+        if _WHOLE.fullmatch(number) is None:
             raise ValueError(f"{quoted(text)} is no {what}; write a number {bounds}")
-        value = int(digits)
-        if value < least or (most is not None and value > most):
-            raise ValueError(f"{quoted(text)} is too {'small' if value < least else 'large'}; write a number {bounds}")
-        return value
+        if number.startswith("-") or (len(number) <= _DIGITS and int(number) < least):
+            raise ValueError(f"{quoted(text)} is too small; write a number {bounds}")
+        if len(number) > _DIGITS or (most is not None and int(number) > most):
+            limit = f"at most {_DIGITS} digits" if most is None else f"a number {bounds}"
+            raise ValueError(f"{quoted(text)} is too large; write {limit}")
+        return int(number)
 
     return read
 

@@ -123,7 +123,8 @@ def _refuse_own(paths: Sequence[str]) -> None:
     for path in paths:
         if path.endswith(".xml") and (found := _OWN.search(beginning_of(path)[:_HEAD])):
             kind = found[1].decode().replace("-", " ")
-            help = "give it to `halpipe schedule`; `halpipe export` writes it in other formats"
+            verb = "schedule" if kind == "task model" else "verify"
+            help = f"give it to `halpipe {verb}`; `halpipe export` writes it in other formats"
             raise HalpipeError(OWN_SOURCE(f"is a {kind} of halpipe", at=Location(path, 1), help=help))
 
 

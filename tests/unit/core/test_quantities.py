@@ -14,6 +14,7 @@ from halpipe.core.quantities import (
     parse_share,
     parse_size,
     quoted,
+    whole,
 )
 
 
@@ -106,6 +107,20 @@ def test_a_size_is_read_in_bytes(text, size):
 def test_what_is_no_size_is_refused(text):
     with pytest.raises(ValueError, match="not a size; write it as"):
         parse_size(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("-5", "too small; write a number from 0 on"),
+        ("9" * 21, "too large; write at most 20 digits"),
+        ("1.0", "no whole number; write a number from 0 on"),
+        ("\u0663", "no whole number"),
+    ],
+)
+def test_a_whole_number_out_of_range_is_still_one(text, fault):
+    with pytest.raises(ValueError, match=f"is {fault}"):
+        whole(0)(text)
 
 
 def test_a_size_has_whole_bytes():

@@ -64,7 +64,7 @@ def test_what_is_no_table_object(content, part):
         (("platform", "clock_hz"), [], "must be a text"),
         (("units",), [], "units must be there"),
         (("units", 0, "index"), 1, "in the order of their index"),
-        (("units", 0, "default", "read"), -1, "'-1' is no whole number; write a number from 0"),
+        (("units", 0, "default", "read"), -1, "'-1' is too small; write a number from 0"),
         (("tables",), [], "tables must be there"),
         (("tables", 0, "kind"), "other", "'other' is not known"),
         (("tables", 0, "rounding"), "nearest", "'nearest' is not known"),
