@@ -17,7 +17,6 @@ from halpipe.core.options import from_keywords, refuse_unused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from os import PathLike
 
     from halpipe.core.durations import Duration
     from halpipe.deploy.base import Checked
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.whatif.sensitivity import Sensitivity
     from halpipe.pipeline.whatif.size import Answer
 
-    FileName = str | PathLike[str]
+    FileName = str | os.PathLike[str]
 
 P = ParamSpec("P")
 R = TypeVar("R")
