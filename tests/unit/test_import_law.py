@@ -110,7 +110,7 @@ WORLD = {
 
 # What of these modules only computes with text: free for all.
 PURE = {f"os.path.{name}" for name in ("basename", "dirname", "join", "normpath", "split", "splitext")}
-PURE |= {"os.fsencode", "os.fsdecode", "os.fspath"}
+PURE |= {"os.fsencode", "os.fsdecode", "os.PathLike", "os.fspath"}
 PURE |= {f"urllib.parse.{name}" for name in ("quote", "quote_plus", "unquote_plus")}
 
 HEAVY = (
