@@ -381,7 +381,7 @@ TRUTH = "only whether it is zero is looked at"
 AWAKE = "waits awake, or does nothing awake, where nothing else is left to do"
 HARDWIRED = "the further bit is reserved or hard-wired to zero, or already has that value"
 SAME = "both ways give the same there"
-LATER = "the same bytes in smaller pieces, or the same look at a transfer once more"
+LATER = "the same look at a transfer once more, which takes nothing from the engine"
 
 RUNTIME = {
     "calibrate.c: 3 -> 4 in #define REPEATS 3U": MEASURED,
@@ -408,13 +408,15 @@ RUNTIME = {
     "console.c: > -> >= in if (count > capacity) {": SAME,
     "console.c: MTIMECMP(0U) = NEVER; -> ; in MTIMECMP(0U) = NEVER;": AWAKE,
     "console.c: wait_for_interrupt(); -> ; in wait_for_interrupt();": AWAKE,
+    "console.c: 2 -> 3 in volatile uint64_t reason[2] = {APPLICATION_EXIT, status};": "a word more behind the two that are read",
     "console.c: 0x80000000 -> 0x80000001 in while ((*transmit & 0x80000000U) != 0U) {": HARDWIRED,
     "dma.c: 8 -> 9 in #define UNIT_BITS 8U": "eight bits of the unit are compared, and the bit above is zero",
     "dma.c: 0x66000000 -> 0x66000001 in #define TRANSACTIONS_OF_64 0x66000000U": HARDWIRED,
-    "dma.c: <= -> < in while ((done + WORD) <= size) {": LATER,
     "dma.c: > -> >= in size = (size > PIECE) ? PIECE : size;": SAME,
     "dma.c: 1 -> 2 in worked = 1U;": TRUTH,
     "halpipe.h: 100 -> 101 in hp_calibration entries[100];": SAME,
+    "halpipe.h: 0x08 -> 0x9 in #define MIE_SOFTWARE 0x08UL": HARDWIRED,
+    "halpipe.h: 0x80 -> 0x81 in #define MIE_TIMER 0x80UL": HARDWIRED,
     "halpipe.h: 0 -> 1 in #define DMA_NONE 0U": LATER,
     "halpipe.h: 2 -> 3 in #define DMA_FAILED 2U": "another name for the same state",
     "halpipe.h: 2 -> 3 in #define DMA_THIS 2U": "another name for the same state",
@@ -439,13 +441,12 @@ RUNTIME = {
     "runtime.c: 0 -> 1 in for (uint32_t i = 0U; i < program->count; i++) {": "a program begins with the transfer of its image",
     "runtime.c: is_suspect = found; -> ; in is_suspect = found;": LATER,
     "runtime.c: 1 -> 2 in return (found == DMA_THIS) ? 1U : 0U;": TRUTH,
-    "runtime.c: + -> - in uint64_t next = ((now + 1U) < end) ? (((now + 1U) << 2U) | (o->key & ORDER)) : (end << 2U);": "the last try, of a transfer that could not be complete any more",
     "runtime.c: > -> >= in if ((program->slots > 1U) && (keys[place] != IDLE)) {": "the one slot of a unit is idle when its next job is released",
     "runtime.c: 0 -> 1 in static uint64_t releases = 0U;": "owners have other numbers, none of them zero",
     "runtime.c: > -> >= in if (now > base) {": SAME,
+    "runtime.c: 0 -> 1 in box->finish = (CONTROL->execution != 0U) ? (deadline - HP_MARGIN) : 0U; (2)": "an instant that is over, too",
     "runtime.c: 1 -> 2 in current.is_decided = 1U;": TRUTH,
     "runtime.c: 0 -> 1 in uint64_t key = 0U;": "overwritten before it is used",
-    "runtime.c: < -> <= in if (keys[i] < key) {": "of equals another slot is first; nothing promises an order of slots",
     "runtime.c: < -> <= in for (uint64_t at = 0U; at < u->code_size; at += 8U) {": "eight bytes more of the page that is the monitor's",
     "runtime.c: 0 -> 1 in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt of a thousand less",
     "runtime.c: < -> <= in for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {": "one attempt more",

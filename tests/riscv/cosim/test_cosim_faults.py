@@ -7,9 +7,11 @@ import pytest
 from tampering import COPY, RUN, STOP, resealed, tampered
 
 from halpipe.core.bundles import open_bundle
+from halpipe.core.diagnostics import Location
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import CoSimulation
 from halpipe.deploy.riscv import codes as declared
+from halpipe.deploy.riscv.board.elf import read_program
 from halpipe.deploy.riscv.judge.check import check_by_simulation, simulate
 from halpipe.deploy.riscv.judge.tables import Tables
 from halpipe.deploy.riscv.judge.truth import tells_the_truth
@@ -350,6 +352,19 @@ def test_a_program_outside_main_memory_is_refused(sound, tmp_path, refused):
     data[headers + 24 : headers + 32] = (0x1000).to_bytes(8, "little")  # p_paddr of the first segment
     target = resealed(sound, tmp_path / "b", {"bundle.elf": bytes(data)})
     assert declared.BROKEN_PROGRAM.id in {d.code for d in refused(CoSimulation, target)}
+
+
+@pytest.mark.parametrize("place", [1 << 27, 1 << 60])
+def test_an_image_outside_the_memories_of_its_core_is_refused(sound, tmp_path, refused, place):
+    """The end of what is cleared for it lies far behind; as many zeros are in no memory."""
+    name = "images/0.elf"
+    data = sound.bundle.files[name]
+    (end, _) = read_program(data, Location(name)).symbols["hp_bss_end"]
+    spoilt = data.replace(end.to_bytes(8, "little"), (end + place).to_bytes(8, "little"))
+    assert spoilt != data
+    (found,) = refused(check_by_simulation, resealed(sound, tmp_path / "b", {name: spoilt}), CheckOptions())
+    assert found.code == declared.BROKEN_PROGRAM.id
+    assert "are not in the scratchpads of its core" in found.message
 
 
 def test_tables_that_are_not_those_of_the_schedule_are_refused(sound, tmp_path, refused, play):

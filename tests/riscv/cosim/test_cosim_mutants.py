@@ -201,6 +201,13 @@ def test_a_profile_of_ones_own_with_cycles_that_are_no_whole_number(export, tmp_
     assert check.static_findings(export(profile=str(tmp_path / "slow.yaml"))) == []
 
 
+def test_a_buffer_of_another_size(sound, tmp_path):
+    target = spoil(sound, tmp_path, lambda d: d["buffers"][-1].update(size=d["buffers"][-1]["size"] + 8))
+    (found,) = check.static_findings(target)
+    assert (found.code, found.path) == (declared.FOREIGN_CONTENT.id, 'buffer "track"')
+    assert "it has 72 bytes; by the model it has 64" in found.message
+
+
 def test_a_flat_program_that_is_another(sound, tmp_path):
     data = bytearray(sound.bundle.files["bundle.bin"])
     data[0x100:0x140] = bytes(64)
@@ -304,9 +311,10 @@ def _with_runtime(export, tmp_path, monkeypatch, what, instead, change=lambda te
         ("clear(HP_BUFFERS, HP_BUFFERS_END);", "clear(HP_BUFFERS, HP_BUFFERS + 8U);", "holds after a cold start"),
         (
             "(CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U",
-            "(CONTROL->magic == HP_MAGIC) ? (uint32_t)CONTROL->first : 1U",
+            "(CONTROL->magic != HP_MAGIC) ? 1U : (CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U",
             '"calm" begins',
         ),
+        ("(CONTROL->first < HP_MODES)", "(CONTROL->first <= HP_MODES)", "where the first mode is stated as one behind"),
         (
             "clear(HP_CONTROL + (uint64_t)offsetof(hp_control, base), HP_CONTROL + (uint64_t)sizeof(hp_control));",
             "(void)0;",
@@ -378,3 +386,53 @@ def test_a_transfer_late_by_up_to_a_hyperperiod_holds_its_channel_and_unit(expor
     assert checked.diagnostics == ()
     (line,) = (line for line in checked.lines if "transfers late by up to a hyperperiod" in line)
     assert int(line.split("the ")[1].split()[0]) > 5
+
+
+@pytest.mark.parametrize(
+    ("what", "instead", "said"),
+    [
+        ("    idle();\n    fence();", "    idle();", "answers without a fence"),
+        ("    fence();\n    box->done = box->request;", "    box->done = box->request;\n    fence();", "answers"),
+        ("        fence(); /* a request", "        /* a request", "takes a request without a fence"),
+        ("    fence(); /* what is asked", "    /* what is asked", "takes a request without a fence"),
+    ],
+)
+def test_a_monitor_without_a_fence(mutant, play, what, instead, said):
+    found = [d for outcome in play(mutant("monitor.c", what, instead)) for d in outcome.findings]
+    assert {d.code for d in found} == {declared.WRONG_CALL.id}
+    assert {d.path for d in found} == {'unit "left"', 'unit "right"'}
+    assert all(said in d.message for d in found)
+
+
+def test_words_that_are_copied_byte_by_byte(mutant, play):
+    change = lambda text: text.replace(' bandwidth="400MB/s"', "")  # noqa: E731
+    slow = mutant("dma.c", "(done + WORD) <= size", "(done + WORD) < size", profile="virt", change=change)
+    found = [d for outcome in play(slow) for d in outcome.findings]
+    assert {d.code for d in found} == {declared.TRANSFER_OUTSIDE_PHASE.id}
+    assert all("moves 1 bytes at a time" in d.message for d in found)
+
+
+def coinciding(text):
+    """The model of these tests, in which units begin transfers at the same tick, and one with a table."""
+    memory = '<resource name="memory" bandwidth="400MB/s"/>'
+    read = '<access resource="memory" start="100us" end="150us" kind="read">\n          <transfer buffer="{}"'
+    for buffer, start, end in (("track", "600us", "700us"), ("smooth", "500us", "550us")):
+        known = read.format(buffer)
+        assert known in text
+        moved = known.replace("100us", start).replace("150us", end).replace("memory", "camera")
+        text = text.replace(known, moved, 1)
+    return text.replace(memory, memory + memory.replace("memory", "camera"))
+
+
+ORDERS = {"slots": ("if (keys[i] < key) {", "if (keys[i] <= key) {"), "tables": ("SECOND 1UL", "SECOND 2UL")}
+
+
+@pytest.mark.parametrize("what", ORDERS)
+def test_what_is_due_together_is_done_in_another_order(mutant, play, what):
+    found = [d for outcome in play(mutant("runtime.c", *ORDERS[what], change=coinciding)) for d in outcome.findings]
+    assert {d.code for d in found} == {declared.SLOW_DISPATCH.id}
+    assert all("begins after what is due at" in d.message for d in found)
+
+
+def test_what_is_due_together_is_done_in_its_order(export, play):
+    assert [d for outcome in play(export(change=coinciding)) for d in outcome.findings] == []

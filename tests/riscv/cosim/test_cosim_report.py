@@ -71,6 +71,19 @@ def test_a_runtime_that_does_not_tell_why_it_stops_is_found(mutant, file, what, 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("file", "what", "instead", "code"),
+    [
+        ("monitor.S", "csrc mstatus, t0", "nop", codes.OPEN_CORE),  # after an interrupt in machine mode
+        ("monitor.c", "box->status = FLAG_OVERRUN;", "box->status = FLAG_FAULT;", codes.TRACE_DISAGREES),
+    ],
+)
+def test_a_monitor_whose_job_is_overdue_when_it_begins(mutant, file, what, instead, code):
+    found = list(wrong_reports(mutant(file, what, instead), Budget(traps=1000)))
+    assert {d.code for d in found} == {code.id}
+
+
+@pytest.mark.slow
 def test_a_calibrating_bundle_that_measures_nothing_is_found(mutant):
     target = mutant("runtime.c", "    calibrate();\n", "", calibrate=True)
     found = {d.code for d in DEPLOYMENT.check(target, CheckOptions(inject="none")).diagnostics if d.is_error}

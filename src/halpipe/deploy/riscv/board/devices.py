@@ -17,14 +17,15 @@ CLAIM, RUN, DONE, ERROR = 1, 2, 1 << 30, 1 << 31
 TRANSACTION = 64
 """Bytes of the transactions whose bandwidth a profile states."""
 
-_REGISTERS = 0x20
+_REGISTERS, _WORD = 0x20, 8
 
 
 @dataclass(slots=True, eq=False)
 class Transfer:
     """One transfer that was seen: `begin` and `end` in units of the machine's time; `data` is what was read.
 
-    `held` is how long a regulator kept its bursts waiting, in all; it moves in pieces of `transaction` bytes.
+    `held` is how long a regulator kept its bursts waiting, in all; it moves `transaction` bytes at a time. What a core
+    copies has so many `pieces`.
     """
 
     channel: int
@@ -37,6 +38,7 @@ class Transfer:
     fails: bool = False
     held: int = 0
     transaction: int = TRANSACTION
+    pieces: int = 0
 
 
 class Channel:
@@ -122,6 +124,7 @@ class CopyWatcher:
             return
         transfer.size += size
         transfer.end = now
+        transfer.pieces += 1
 
     def finish(self, now: int, hart: int | None = None) -> None:
         """All copies are over, or those into the scratchpads of one `hart`."""
@@ -131,6 +134,10 @@ class CopyWatcher:
                 self._open.remove(transfer)
                 transfer.end = now
                 transfer.data = self._memory.read(transfer.target, transfer.size)
+                if not (transfer.source | transfer.target) % _WORD and transfer.pieces > sum(
+                    divmod(transfer.size, _WORD)
+                ):
+                    transfer.transaction = 1  # not in words, though both ends are aligned
                 self._ends(transfer)
 
 
@@ -172,6 +179,7 @@ class Clint:
                 mask = (1 << 8 * size) - 1 << shift
                 other.compare = other.compare & ~mask | value << shift & mask
                 other.look_up()
+                hart.timed()
 
     def _hart(self, number: int) -> Hart | None:
         return self.harts[number] if number < len(self.harts) else None

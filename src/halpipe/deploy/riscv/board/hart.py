@@ -77,6 +77,9 @@ class Hart:
         self.is_fenced = True  # the instruction cache has seen what was loaded
         self.is_ordered = True  # others see what it has stored for them
         self.has_looked = False  # at the answer of another one, without a fence since then
+        self.is_overdue = False  # whether the time of its next job is over before it begins
+        self.fences = 2  # since it cleared its software interrupt
+        self.shown = b""  # its answer to a request, as others saw it at the last fence before it was given
         self._excepted = -1  # where the emulator took an exception of its own
         self._mapped: dict[
             tuple[int, int], tuple[Right, int]
@@ -147,6 +150,13 @@ class Hart:
             if not self._burst(until) or self._paused:
                 self._paused = False
                 return
+
+    def timed(self) -> None:
+        """It sets a timer: since it cleared its interrupt, it has looked at a request, and at its deadline."""
+        if self.number and self.fences < 2 and self.world is not None:
+            self.world.needs_fence(self, "takes a request")
+        if self.is_overdue:
+            self.compare = 0
 
     def look_up(self) -> None:
         """Have the running hart stop after this block, because something about its interrupts may have changed."""
@@ -256,6 +266,7 @@ class Hart:
 
     def _enter_trap(self, cause: int, pc: int, value: int) -> None:
         """Enter the handler as the privileged architecture says (section 3.1): to machine mode, interrupts off."""
+        self.is_overdue = False
         level = self._register("PRIV")
         self._set("PRIV", 3)
         self._change_level(Level.MACHINE)
@@ -359,6 +370,9 @@ class Hart:
             self.is_fenced = True
         elif word == registers.FENCE:
             self.is_ordered, self.has_looked = True, False
+            self.fences += 1
+            if self.number and self.world is not None:
+                self.world.fenced(self)
         elif self.level is Level.USER and access is not None and access.csr in registers.OURS:
             self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
             self.pc = address

@@ -36,7 +36,7 @@ RUBBISH = b"\xa5"
 _EXIT, _EXIT_STATUS = 0x20, 0x20026
 _SEMIHOSTING = b"".join(word.to_bytes(4, "little") for word in (0x01F01013, 0x00100073, 0x40705013))
 """The break of a call of semihosting, between two instructions that do nothing."""
-_DONE, _BEGIN = 8, 64  # in a mailbox
+_DONE, _BEGIN, _ANSWER = 8, 64, 48  # in a mailbox, and how long an answer is
 
 
 @record
@@ -283,17 +283,34 @@ class Machine:
         if hart.number == MANAGEMENT:
             self._copies.finish(hart.now)
         elif enabled == 1 << SOFTWARE:
+            answer = self._answer(hart)
+            if hart.shown not in (b"", answer) and self.observer.is_running(hart.number):
+                self.needs_fence(hart, "answers")
             self.observer.idles(hart.number, hart.now)
+
+    def fenced(self, hart: Hart) -> None:
+        """Note what a core that has not answered yet shows of its answer by a fence."""
+        box = self.site.unit_of(hart.number).mailbox
+        if self.memory.word(box) != self.memory.word(box + _DONE):
+            hart.shown = self._answer(hart)
+
+    def _answer(self, hart: Hart) -> bytes:
+        return self.memory.read(self.site.unit_of(hart.number).mailbox + _BEGIN, _ANSWER)
+
+    def needs_fence(self, hart: Hart, what: str) -> None:
+        """Pass on that a core did something without the fence that it needs."""
+        self.observer.unordered.add((hart.number, what))
 
     def _raise_software(self, hart: Hart, number: int, value: int) -> None:
         if number >= len(self.harts):
             return
         other = self.harts[number]
+        hart.fences = 0 if other is hart else hart.fences
         if other is not hart and number != MANAGEMENT:
             self._copies.finish(hart.now, number)
             other.run(hart.now)
             if value and not hart.is_ordered:
-                self.observer.unordered.add(f"wakes {self.site.unit_of(number).name}")
+                self.needs_fence(hart, f"wakes {self.site.unit_of(number).name}")
         if value and not other.software:
             other.software_at = hart.now
             if number and number not in self._begun:  # its monitor has been put there
@@ -317,11 +334,11 @@ class Machine:
             (self._copies.loads if access == UC_MEM_READ else self._copies.stores)(address, size, now)
         if access == UC_MEM_READ:
             if at == _BEGIN and self.management.has_looked:
-                self.observer.unordered.add("reads when a job began")
+                self.needs_fence(self.management, "reads when a job began")
             self.management.has_looked = at == _DONE or (self.management.has_looked and at != _BEGIN)
         else:
             if at == 0 and other.number in self._begun and not self.management.is_ordered:
-                self.observer.unordered.add(f"requests a job of {self.site.unit_of(other.number).name}")
+                self.needs_fence(self.management, f"requests a job of {self.site.unit_of(other.number).name}")
             self.management.is_ordered = False
 
     def _copying(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
@@ -343,7 +360,7 @@ class Machine:
         source, target, size = channel.next()
         now = hart.now
         if not hart.is_ordered:
-            self.observer.unordered.add(f"starts a transfer on channel {channel.number}")
+            self.needs_fence(hart, f"starts a transfer on channel {channel.number}")
         transfer = Transfer(channel.number, source, target, size, now, now)
         self._bring_up(source, size, now)
         self.observer.starts(transfer)

@@ -136,13 +136,14 @@ def feeds(run: Run) -> Iterator[Diagnostic]:
 
 
 def starts_afresh(run: Run) -> Iterator[Diagnostic]:
-    """Yield where fences are missing: of monitors before their first instruction, of the management core's stores."""
+    """Yield where fences are missing: of monitors before their first instruction, of what cores store for others."""
     for hart in sorted(run.recorder.unfenced):
         message = "begins its monitor without a fence.i since it was put there"
         yield codes.WRONG_CALL(message, path=about(unit=run.site.unit_of(hart).name), help=REPORT)
-    for what in sorted(run.recorder.unordered):
-        message = f"{what} without a fence since it stored what that needs"
-        yield codes.WRONG_CALL(message, path="the management core", help=REPORT)
+    for hart, what in sorted(run.recorder.unordered):
+        path = about(unit=run.site.unit_of(hart).name) if hart else "the management core"
+        message = f"{what} without a fence between what it stored or saw for that, and this"
+        yield codes.WRONG_CALL(message, path=path, help=REPORT)
 
 
 def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> Iterator[Diagnostic]:

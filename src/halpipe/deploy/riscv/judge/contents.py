@@ -12,7 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, named
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import read_bytes
 from halpipe.core.quantities import parse_address, parse_bandwidth, parse_rational, parse_size
@@ -20,6 +20,7 @@ from halpipe.core.settings import Fields
 from halpipe.deploy.riscv.board.elf import Program, read_program
 from halpipe.deploy.riscv.codes import FOREIGN_CONTENT, FOREIGN_MACHINE
 from halpipe.deploy.riscv.target import CLASSES, MAILBOX, MEMORIES, Area, DmaSite, Site, UnitSite, each, watchdog_of
+from halpipe.models import AccessKind, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -145,6 +146,26 @@ def _differences(path: str, found: Any, stated: Any) -> Iterator[tuple[str, Any,
             yield from _differences(f'unit "{one.name}"', one, other)
     elif found != stated:
         yield path, found, stated
+
+
+def wrong_sizes(bundle: Bundle, site: Site, model: TaskModel) -> Iterator[Diagnostic]:
+    """Compare buffers with the model: as large as what is written into them, or, where nothing is, read."""
+    deployed = {(image.task, image.version) for image in site.images}
+    sizes: dict[str, dict[tuple[str, str], int]] = {kind: {} for kind in AccessKind}
+    for task in model.tasks:
+        accesses = (a for version in task.versions if (task.name, version.name) in deployed for a in version.accesses)
+        for kind, transfer in ((access.kind, transfer) for access in accesses for transfer in access.transfers):
+            for key in (("", transfer.buffer), (task.name, transfer.buffer)):
+                own = sizes[kind or AccessKind.LOAD]
+                own[key] = max(own.get(key, 0), transfer.size)
+    shared = sizes[AccessKind.READ] | sizes[AccessKind.WRITE]
+    rows = [("", name, area, shared) for name, area in site.buffers.items()]
+    rows += [(t.task, name, area, sizes.get(t.kind, {})) for t in site.turns for name, area in t.buffers.items()]
+    for task_name, name, area, wanted in rows:
+        size = wanted.get((task_name, name), 0)
+        if area.size != size:
+            message = f"target.json says that it has {area.size} bytes; by the model it has {size}"
+            yield FOREIGN_CONTENT(message, at=bundle.at("target.json"), path=named("buffer", name), help=AGAIN)
 
 
 # ------------------------------------------------------------------------------------------------ the programs

@@ -104,8 +104,7 @@ def cold_start(target: Target, budget: Budget, limit: Duration) -> Iterator[Diag
     run = simulation.run(limit, is_cold=True)
     first = target.schedule.modes[0].name
     if witness.first != first:
-        does = f'"{witness.first}" begins' if witness.first else "no table begins"
-        yield codes.COLD_START(f'after a cold start {does}; it has to be "{first}"', help=REPORT)
+        yield _begins_with(witness, first, "after a cold start")
     if run.word(Word.FAULTS) or run.word(Word.REFUSED):
         message = "the control block counts what the memory held before a cold start"
         yield codes.COLD_START(message, path="control", help=REPORT)
@@ -116,3 +115,14 @@ def cold_start(target: Target, budget: Budget, limit: Duration) -> Iterator[Diag
     for name in witness.full:
         message = "holds after a cold start what the memory held before"
         yield codes.COLD_START(message, path=named("buffer", name), help=REPORT)
+    witness = _Witness([])
+    simulation = CoSimulation(target, plant=witness, budget=budget)
+    simulation.misdirect()
+    simulation.run(limit)
+    if witness.first != first:
+        yield _begins_with(witness, first, "where the first mode is stated as one behind the last")
+
+
+def _begins_with(witness: _Witness, first: str, when: str) -> Diagnostic:
+    does = f'"{witness.first}" begins' if witness.first else "no table begins"
+    return codes.COLD_START(f'{when} {does}; it has to be "{first}"', help=REPORT)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import milliseconds, seconds
 from halpipe.deploy.riscv import codes
-from halpipe.deploy.riscv.judge.conditions import REPORT
+from halpipe.deploy.riscv.judge.conditions import REPORT, is_confined
 from halpipe.deploy.riscv.judge.truth import ends_in_time
 from halpipe.deploy.riscv.run.cosimulation import EXECUTIONS, CoSimulation, plan
 from halpipe.deploy.riscv.run.injection import CODES, Injection, Saboteur, code_of, victim
-from halpipe.deploy.riscv.run.recording import CALIBRATION, Memory, Word
+from halpipe.deploy.riscv.run.recording import CALIBRATION, Flag, Memory, Word
 from halpipe.deploy.riscv.run.sequence import played_tables
 from halpipe.deploy.riscv.target import CONTROL_SIZE, Ring, Site, read_site
 
@@ -82,6 +82,21 @@ def wrong_reports(target: Target, budget: Budget) -> Iterator[Diagnostic]:
     yield from _wrong_states(target, budget)
 
 
+def _overdue(target: Target, budget: Budget) -> Iterator[Diagnostic]:
+    """Yield what monitors leave after a job whose time was over before it began: the next ones are as all others."""
+    first = min(target.schedule.modes, key=lambda mode: (not mode.jobs, len(mode.jobs)))
+    simulation = CoSimulation(target, budget=budget, cycles=3, first=first.name, health=False)
+    simulation.overtake()
+    run = simulation.run(3 * first.hyperperiod + _LONGEST)
+    yield from is_confined(run)
+    flags = {entry.flags for entry in run.recording.abandoned}
+    if flags != {Flag.OVERRUN} and first.jobs and not simulation.calibrates:
+        message = (
+            f"it ends in state {run.state} with flags {sorted(flags)} of jobs whose time was over before they began"
+        )
+        yield codes.TRACE_DISAGREES(message, path="faults", help=REPORT)
+
+
 def _wrong_states(target: Target, budget: Budget) -> Iterator[Diagnostic]:
     """Yield where the control block does not say that the management core trapped, or that cores lack user mode."""
     simulation = CoSimulation(target, budget=budget)
@@ -91,6 +106,7 @@ def _wrong_states(target: Target, budget: Budget) -> Iterator[Diagnostic]:
     if seen != (_TRAPPED, _ILLEGAL, address):
         message = f"state, cause and pc are {seen} after an illegal instruction of the management core at {address:#x}"
         yield codes.TRACE_DISAGREES(message, path="state", help=REPORT)
+    yield from _overdue(target, budget)
     for what, spoil in (("has no user mode", CoSimulation.withdraw_user_mode), ("traps", CoSimulation.break_monitor)):
         simulation = CoSimulation(target, budget=budget)
         spoil(simulation)

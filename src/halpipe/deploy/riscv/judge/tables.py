@@ -148,6 +148,11 @@ class Tables:
         known = program == entry.program and entry.hart == operation.hart
         return known and entry.kind in (operation.kind, Kind.HEALTH)
 
+    def slot(self, number: int) -> int | None:
+        """Return the slot in which a program is in progress; None if that may be the next one."""
+        _, _, slot, _, _, slots = self.program(number)
+        return slot if slots == 1 else None
+
     def further_slots(self, site: Site) -> int:
         """Return how many slots there are beside one for each unit."""
         size = self._program.symbols["hp_programs"][1]

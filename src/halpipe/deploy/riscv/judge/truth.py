@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.riscv.judge.tables import Tables
     from halpipe.deploy.riscv.run.cosimulation import Run
+    from halpipe.deploy.riscv.run.recording import Record
     from halpipe.deploy.riscv.run.sequence import Played
 
 _CORE, _CHECK = "the management core", 0
@@ -27,6 +28,9 @@ _CORE, _CHECK = "the management core", 0
 
 _TAIL = 200
 """Instructions of a monitor from the end of a function to where it waits for the next, at most."""
+
+_LAST, _RELEASED = 1 << 32, 1
+"""The place of the table behind all slots, and the order in which it releases jobs."""
 
 _WAKING, _LOADS = 60, 8
 """Instructions, and accesses to devices, from where the management core wakes up to where it looks at the clock."""
@@ -144,17 +148,21 @@ def _instants(run: Run) -> Iterator[Diagnostic]:
 def _delayed(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Diagnostic]:
     """Yield the first operation that the management core sleeps or waits through, or that follows one due later.
 
-    Transfers may have waited for others. Checks are the first of their tick, so that nothing delays them.
+    Of those that are due together slots go in their order, then comes the table. Transfers may have waited for others.
+    Checks are the first of their tick, so that nothing delays them.
     """
     site, starts = run.site, [int(table.start / run.site.tick) for table in played]
     ends = sorted(transfer.end for transfer in run.recorder.transfers)
     awake = seconds(_WAKING * site.management_cpi * run.slowness / site.clock)
     spare = int((awake + site.latency * _LOADS) / site.tick)
-    before, last = (0, 0), 0
+    before, last = (0, 0, 0), 0
     for (now, woken), entry in [*zip(run.recorder.traced, run.recording.records, strict=False)][1:]:
         if entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts):
             continue
         due, wake = due_of(tables, entry, starts), tick_of(run, woken)
+        if entry.kind == Kind.COPY and entry.flags & Flag.LATE:  # it has waited up to a check at the end of its phase
+            due = due[0] + tables.operations(entry.program)[entry.operation].limit, _CHECK
+        place = (*due, _slot(tables, entry, before[-1]))
         tick, is_first, last = due[0], woken != last, woken
         if entry.kind == Kind.COPY:
             arrived = ends[: bisect_right(ends, now)][-1:]  # it may have ended after the core woke up for it
@@ -162,7 +170,8 @@ def _delayed(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Dia
             tick = max(tick, wake) if entry.flags or site.dma.kind == "copy" else tick
         message = f"the management core sleeps from before {site.tick * tick} to {site.tick * wake}, though it is due"
         if tick >= wake:
-            message = "" if due >= before else f"begins after what is due at {site.tick * before[0]}"
+            message = f"begins after what is due at {site.tick * before[0]}, slot {before[-1]}"
+            message = "" if place >= before else message
             if is_first and due == (wake, _CHECK) and entry.time > tick + spare:
                 message = f"begins at {site.tick * entry.time}, though the management core woke for it"
             if entry.kind == Kind.COPY and entry.time > due[0]:
@@ -170,7 +179,16 @@ def _delayed(run: Run, tables: Tables, played: Sequence[Played]) -> Iterator[Dia
         if message:
             yield codes.SLOW_DISPATCH(f"{message}: an operation of {site.tick * due[0]}", path=_CORE, help=REPORT)
             return
-        before = due
+        before = place
+
+
+def _slot(tables: Tables, entry: Record, other: int) -> int:
+    """Return the slot of an operation, behind all for a table; the `other` where it is one of two, or was free."""
+    if entry.kind == Kind.TABLE:
+        return _LAST
+    slot, operation = tables.slot(entry.program), tables.operations(entry.program)[entry.operation]
+    is_fresh = not operation.at and operation.order <= _RELEASED
+    return other if slot is None or is_fresh else slot
 
 
 def _differs(message: str, path: str = "trace") -> Diagnostic:

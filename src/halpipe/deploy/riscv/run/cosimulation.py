@@ -9,7 +9,7 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
@@ -17,6 +17,7 @@ from halpipe.deploy.riscv.board.elf import Program, read_program
 from halpipe.deploy.riscv.board.hart import NEVER
 from halpipe.deploy.riscv.board.machine import MANAGEMENT, RUBBISH, Budget, Machine
 from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
+from halpipe.deploy.riscv.judge.contents import BSS
 from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, Call, Plant, places, read_drivers, without_drivers
 from halpipe.deploy.riscv.run.expectation import Expectation, Image, PlannedJob
 from halpipe.deploy.riscv.run.observation import Execution, Observations, Recorder, Trap
@@ -182,7 +183,7 @@ class CoSimulation:
         self._next = 0  # instant at which the next table begins, in units from the beginning of the run
         self._made: list[Request] = []
         self._asked: list[tuple[int, int]] = []
-        self._leaves = 0
+        self._leaves = self._astray = 0
 
     def _beside(self, machine: Machine) -> list[RegulatorPort]:
         """Put the regulators between DMA engine and memory; return their registers if the runtime has them."""
@@ -255,6 +256,15 @@ class CoSimulation:
         for hart in self._machine.harts:
             hart.is_restless = True
 
+    def overtake(self) -> None:
+        """Have the time of every core's first job be over before it begins."""
+        for hart in self._machine.harts[1:]:
+            hart.is_overdue = True
+
+    def misdirect(self) -> None:
+        """State the mode behind the last one as the first."""
+        self._astray = len(self._modes)
+
     def withdraw_user_mode(self) -> None:
         """Have the application cores be cores without user mode."""
         for hart in self._machine.harts:
@@ -282,7 +292,7 @@ class CoSimulation:
         return self._result()
 
     def _prepare(self, offset: int) -> None:
-        first, execution = self._modes.index(self._first), EXECUTIONS.index(self._execution)
+        first, execution = self._modes.index(self._first) + self._astray, EXECUTIONS.index(self._execution)
         words = (MAGIC, self._cycles, execution, first, bool(self._leaves), self._leaves, offset, not self._health)
         self._memory.write(self.site.control, struct.pack("<8Q", *words))
 
@@ -468,6 +478,14 @@ def load_program(bundle: Bundle, site: Site) -> Program:
     return program
 
 
+def _misplaced(program: Program, memories: Iterable[Area]) -> Iterator[str]:
+    """Yield what of an image lies in none of the memories of its core."""
+    low, high = (program.symbols.get(name, (0, 0))[0] for name in BSS)
+    for begin, size in [*((segment.target, segment.size) for segment in program.segments), (low, high - low)]:
+        if size > 0 and not any(area.base <= begin and begin + size <= area.end for area in memories):
+            yield f"{size} bytes at {begin:#x} are not in the scratchpads of its core"
+
+
 def read_images(bundle: Bundle, site: Site) -> dict[tuple[str, str, str], Image]:
     """Return the images of a bundle by task, version and unit; raise `HalpipeError` with all that cannot be used."""
     findings = Findings()
@@ -483,6 +501,9 @@ def read_images(bundle: Bundle, site: Site) -> dict[tuple[str, str, str], Image]
         except HalpipeError as failure:
             findings.extend(failure.diagnostics)
             continue
-        found[image.task, image.version, image.unit] = Image(image, program, site.unit(image.unit).hart)
+        unit = site.unit(image.unit)
+        for message in _misplaced(program, (unit.ispm, unit.dspm)):
+            findings.add(BROKEN_PROGRAM(message, at=at, path=about(unit=unit.name), help="export the bundle again"))
+        found[image.task, image.version, image.unit] = Image(image, program, unit.hart)
     findings.stop_on_errors()
     return found

@@ -88,9 +88,7 @@ class Observations:
     traced: list[tuple[int, int]] = field(default_factory=list)  # of every record: now, and when hart 0 woke up last
     restarts: list[int] = field(default_factory=list)  # when monitors began anew
     unfenced: set[int] = field(default_factory=set)  # cores whose monitors began without fence.i
-    unordered: set[str] = field(
-        default_factory=set
-    )  # what the management core did before a fence made its stores visible
+    unordered: set[tuple[int, str]] = field(default_factory=set)  # what a core did without the fence that it needs
     decisions: list[tuple[int, int]] = field(default_factory=list)  # of requests: when taken, and when hart 0 woke up
     states: list[int] = field(default_factory=list)  # that the control block was given
     kicks: list[int] = field(default_factory=list)  # when the management core wrote to the watchdog
@@ -189,6 +187,10 @@ class Recorder(Observations):
             if any(s.is_executable and s.target <= address < s.target + s.size for s in image.program.segments):
                 return image
         return None
+
+    def is_running(self, hart: int) -> bool:
+        """Whether a core is in an execution, or has not answered after one."""
+        return hart in self._running
 
     def idles(self, hart: int, now: int) -> None:
         """A core waits for nothing but new work."""
