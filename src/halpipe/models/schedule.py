@@ -253,8 +253,11 @@ class Schedule:
 
         A task has one colour. Times are in milliseconds, as floats: the drawing decides nothing.
         """
-        from matplotlib import pyplot
-
+        try:
+            from matplotlib import pyplot
+        except ModuleNotFoundError as missing:
+            help = "plot() draws with matplotlib: pip install 'halpipe[plot]'"
+            raise ModuleNotFoundError(help, name=missing.name) from None
         table = self.mode(mode) if mode else self.modes[0]
         units = sorted({unit for job in table.jobs for unit in job.units}, reverse=True)
         tasks = list(dict.fromkeys(job.task for job in table.jobs))

@@ -124,6 +124,9 @@ def program(tmp_path_factory):
 class World:
     """A machine without a trap that ends with the first store to the finisher."""
 
+    def fenced(self, hart):
+        pass
+
     def trapped(self, hart, cause, pc, value):
         return True
 

@@ -123,6 +123,9 @@ def on_spike(elf):
 class World:
     """A machine that lets its core take every trap."""
 
+    def fenced(self, hart):
+        pass
+
     def trapped(self, hart, cause, pc, value):
         return False
 
