@@ -121,7 +121,7 @@ def searched(count, first, folder):
         if any(d.is_error for d in validate(model)):
             continue
         try:
-            made = schedule_model(model, SearchOptions(budget=500), lambda *_: True)
+            made = schedule_model(model, SearchOptions(budget=500, optimise=()), lambda *_: True)
         except HalpipeError as refusal:
             if refusal.exit is Exit.INFEASIBLE:
                 continue

@@ -59,7 +59,7 @@ CONTAINMENT = {
         "(state == DMA_FAILED) ? 0U",
         declared.NOT_CONTAINED,
     ),
-    "nothing is recorded": ("runtime.c", "CONTROL->faults = count + 1U;", "", declared.NOT_CONTAINED),
+    "nothing is recorded": ("runtime.c", "CONTROL->faults = count + 1U;", "", declared.TRACE_DISAGREES),
     "the cause is not recorded": ("runtime.c", "box->epc : 0U", "0U : 0U", declared.NOT_CONTAINED),
     "what was abandoned goes on": ("runtime.c", "flags = FLAG_SKIPPED;", "flags = run(s, o);", None),
     "jobs execute in machine mode": ("monitor.S", "csrc mstatus, t0", "csrs mstatus, t0", None),

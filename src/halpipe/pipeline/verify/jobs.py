@@ -237,7 +237,7 @@ def check_binding_of_system(tables: Tables) -> Iterator[Diagnostic]:
         usual = _usual([placed for _, jobs in places for placed in jobs])
         for table, jobs in places:
             here = _usual(jobs)
-            if here != usual and here is not None and usual is not None:
+            if here != usual:
                 path = about(table.path(), task=task.name)
                 text = f"uses {_listed(here)} here and {_listed(usual)} elsewhere, but is bound in the whole system"
                 yield codes.NOT_BOUND(
@@ -253,18 +253,16 @@ def _by_task(jobs: Iterable[Placed]) -> dict[str, list[Placed]]:
     return by_task
 
 
-def _usual(jobs: Iterable[Placed]) -> UnitSet | None:
-    """Return the unit set that most of the jobs use, of equals the first; None without jobs."""
+def _usual(jobs: Iterable[Placed]) -> UnitSet:
+    """Return the unit set that most of the jobs use, of equals the first; an empty one without jobs."""
     counted = Counter(frozenset(placed.job.units) for placed in jobs)
-    return max(counted, key=lambda units: counted[units]) if counted else None
+    return max(counted, key=lambda units: counted[units], default=frozenset())
 
 
-def _elsewhere(
-    jobs: Iterable[Placed], usual: UnitSet | None, table: ModeTable | Switch, whose: str
-) -> Iterator[Diagnostic]:
+def _elsewhere(jobs: Iterable[Placed], usual: UnitSet, table: ModeTable | Switch, whose: str) -> Iterator[Diagnostic]:
     for placed in jobs:
         units = frozenset(placed.job.units)
-        if usual is not None and units != usual:
+        if units != usual:
             text = f"is on {_listed(units)}, but its task is bound, and {whose} use {_listed(usual)}"
             help = "move it there, or change the binding of the task"
             yield codes.NOT_BOUND(text, at=placed.job.at, path=table.path(placed), help=help)
