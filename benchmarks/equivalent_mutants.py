@@ -104,7 +104,6 @@ CONDITIONS = {
     ("jobs.py", "if placed.version is not None:"): BROKEN,
     ("jobs.py", "if placed.version is not None and 0 <= job <= count:"): BROKEN,
     ("jobs.py", "return min(counted, key=lambda units: counted[units], default=frozenset())"): WORDS,
-    ("jobs.py", "if units != usual:"): "there is a usual set wherever there is a job",
     ("chains.py", "always: if any(limit is not None for limit in limits(chain)):"): SILENT,
     ("chains.py", "if chain.name not in within:"): SILENT,
     ("chains.py", "if begin is None or end is None:"): WITHIN,
