@@ -232,7 +232,7 @@ class _Search:
 
         later = () if self.polish is None else LATER_ROUNDS
         rounds = *ROUNDS, *(each for each in later if each <= (self.options.budget or each))
-        wanted = self.margin_of(jobs), largest_margin(self.expansion, self.model)
+        wanted = self.margin_of(jobs), self.most_margin
         tell = lambda made, best: self.on_progress(self.name, moves + made, allowed, best)  # noqa: E731
         kept = self.kept.stage(stage) if self.kept is not None and stage else self.kept
         return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, kept, rounds)
@@ -241,13 +241,18 @@ class _Search:
         """Try to raise a margin; where it is 0 and not proven best, with the next effort, too."""
         from halpipe.pipeline.solve.kernel.widen import NO_WIDER
 
-        made, wider, most = 0, NO_WIDER, largest_margin(self.expansion, self.model)
+        made, wider, most = 0, NO_WIDER, self.most_margin
         for number, each in enumerate(tries):
             if not most or (number and (wider.jobs or wider.stopped or self.polish or self.margin_of(jobs))):
                 break
             wider = each(placed + made)
             made += wider.moves
         return replace(wider, moves=made)
+
+    @cached_property
+    def most_margin(self) -> Fraction:
+        """The bound of the margin of every table."""
+        return largest_margin(self.expansion, self.model)
 
     def margin_of(self, jobs: Iterable[Job]) -> Fraction:
         """Return the margin of valid jobs."""
