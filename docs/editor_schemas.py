@@ -359,7 +359,7 @@ def _show() -> dict[str, Any]:
     listed = {
         name: {"type": "array", "items": _object({c: COLUMNS[c] for c in columns})} for name, columns in tables.items()
     }
-    figures = {"hyperperiod_ms": EXACT, "margin": EXACT, "margin_bound": EXACT}
+    figures = {"hyperperiod_ms": EXACT, "margin": EXACT, "margin_bound": EXACT, "margin_words": TEXT}
     mode = _object({"name": TEXT, "status": COLUMNS["status"], **figures})
     whole = {"halpipe-show": {"const": 1}, "model": TEXT, "modes": {"type": "array", "items": mode}, **listed}
     return {"$schema": DIALECT, "title": "halpipe show --format json", **_object(whole)}

@@ -71,6 +71,12 @@ def format_rational(value: Fraction) -> str:
     return format_ratio(value.numerator, value.denominator)
 
 
+def format_percent(share: Fraction, *, is_bound: bool = False) -> str:
+    """Format a share in tenths of a percent, an upper bound rounded up, else down, though not to 0."""
+    tenths = -int(-share * 1000 // 1) if is_bound else int(share * 1000)
+    return f"{format_rational(Fraction(tenths, 10))} %" if tenths or not share else "less than 0.1 %"
+
+
 def format_ratio(top: int, bottom: int) -> str:
     """Print a rational in lowest terms, with a positive denominator."""
     if bottom == 1:

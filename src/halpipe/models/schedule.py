@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import NOWHERE, Location
-from halpipe.core.quantities import format_rational
+from halpipe.core.quantities import format_percent
 from halpipe.core.records import record
 from halpipe.models.attributes import (
     DIGEST,
@@ -154,14 +154,14 @@ class ModeSchedule:
 
     @property
     def margin_words(self) -> str:
-        """The least margin in percent, rounded down, with the largest that is possible; empty where none is stated."""
-        now, most = (
-            "" if share is None else f"{format_rational(Fraction(int(share * 1000), 10))} %"
-            for share in (self.margin, self.margin_bound)
-        )
-        best = ", the best possible" if self.margin == self.margin_bound else f", at most {most} is possible"
-        proven = "" if self.margin or self.margin == self.margin_bound else ", not proven best"
-        return now and now + (proven + best if most else "")
+        """The least margin in percent, with the largest that is possible, rounded up; empty where none is stated."""
+        if self.margin is None:
+            return ""
+        if self.margin == self.margin_bound:
+            return f"{format_percent(self.margin)}, the best possible"
+        proven = "" if self.margin else ", not proven best"
+        most = f", at most {format_percent(self.margin_bound, is_bound=True)} is possible" if self.margin_bound else ""
+        return format_percent(self.margin) + proven + most
 
 
 def _latencies(mode: ModeSchedule) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from dataclasses import replace
 from fractions import Fraction
@@ -10,12 +11,14 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.options import from_keywords
+from halpipe.exporters.common.rows import as_json
 from halpipe.exporters.native import format_schedule
 from halpipe.importers.native import parse_schedule
-from halpipe.models import Split
+from halpipe.models import ModeSchedule, Schedule, Split, Status
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve.optimise import Reached
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
@@ -72,7 +75,37 @@ def test_the_words_name_the_bound():
     owner = model(task("a", 10, version("v", 4)), task("b", 20, version("v", 3)), task("c", 20, version("v", 3)))
     (mode,) = found(owner).schedule.modes
     assert mode.margin < mode.margin_bound == Fraction(3, 7)
-    assert mode.margin_words == f"{float(int(mode.margin * 1000) / 10):g} %, at most 42.8 % is possible"
+    assert mode.margin_words == f"{float(int(mode.margin * 1000) / 10):g} %, at most 42.9 % is possible"
+
+
+@pytest.mark.parametrize(
+    ("margin", "bound", "words", "stands"),
+    [
+        (0, 0, "0 %, the best possible", "0 %, at first 0 %; the best possible"),
+        (
+            0,
+            "1/9",
+            "0 %, not proven best, at most 11.2 % is possible",
+            "0 %, at first 0 %; not proven best; the best possible is at most 11.2 %",
+        ),
+        (0, None, "0 %, not proven best", "0 %, at first 0 %; how good it can be is not known"),
+        (
+            "1/20000",
+            "1/9999",
+            "less than 0.1 %, at most 0.1 % is possible",
+            "less than 0.1 %, at first 0 %; the best possible is at most 0.1 %",
+        ),
+        ("1/4", None, "25 %", "25 %, at first 0 %; how good it can be is not known"),
+    ],
+)
+def test_a_margin_of_zero_is_proven_or_said_not_to_be(margin, bound, words, stands):
+    share, most = Fraction(margin), None if bound is None else Fraction(bound)
+    mode = ModeSchedule(name="m", hyperperiod=ms(1), status=Status.VALID, margin=share, margin_bound=most, jobs=())
+    assert mode.margin_words == words
+    shown = json.loads(as_json(Schedule(model="m", modes=(mode,))))["modes"][0]
+    assert shown["margin_words"] == words
+    reached = Reached("m", Objective.MARGIN, Fraction(0), -share, None if most is None else -most)
+    assert str(reached) == f"least margin of a WCET {stands}"
 
 
 def preemptive(owner, seed):
@@ -145,7 +178,7 @@ def test_what_stays_at_zero_says_that_it_is_not_proven_best():
     """Both jobs begin at ticks, and the next tick is taken."""
     owner = model(task("a", 10, version("v", 5)), task("b", 10, version("v", 4)))
     (mode,) = found(owner, tick=ms(5)).schedule.modes
-    assert (mode.margin, mode.margin_words) == (0, "0 %, not proven best, at most 11.1 % is possible")
+    assert (mode.margin, mode.margin_words) == (0, "0 %, not proven best, at most 11.2 % is possible")
 
 
 IN_PARTS = Split(points=(ms(1),), resume=ms(1))

@@ -99,6 +99,7 @@ def as_json(schedule: Schedule) -> str:
         "modes": [
             {"name": mode.name, "hyperperiod_ms": _plain(_ms(mode.hyperperiod)), "status": str(mode.status)}
             | {"margin": _plain(mode.margin), "margin_bound": _plain(mode.margin_bound)}
+            | {"margin_words": mode.margin_words}
             for mode in schedule.modes
         ],
         "jobs": _all_plain(job_rows(schedule)),

@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
-from halpipe.core.quantities import format_rational
+from halpipe.core.quantities import format_percent, format_rational
 from halpipe.core.records import record
 from halpipe.models import Status
 from halpipe.pipeline.measure.cost import mode_report
@@ -130,9 +130,12 @@ class Reached:
             return "how good it can be is not known"
         if self.value == self.bound:
             return "the best possible"
+        if self.objective is Objective.MARGIN:
+            proven, best = "" if self.value else "not proven best; ", format_percent(-self.bound, is_bound=True)
+            return f"{proven}the best possible is at most {best}"
         best = self._text(self.bound)
-        if self.gap is None or self.objective is Objective.MARGIN:
-            return f"the best possible is at {'most' if self.objective is Objective.MARGIN else 'least'} {best}"
+        if self.gap is None:
+            return f"the best possible is at least {best}"
         percent = -(-self.gap * 1000 // 1)  # rounded up, to a tenth
         return f"at most {format_rational(Fraction(int(percent), 10))} % above the best possible ({best} or more)"
 
@@ -145,7 +148,7 @@ def value_text(objective: Objective, value: Fraction) -> str:
     if objective in (Objective.CHAINS, Objective.JITTER):
         return str(Duration(round(value)))
     if objective is Objective.MARGIN:
-        return f"{format_rational(Fraction(int(-value * 1000), 10))} %"
+        return format_percent(-value)
     return format_rational(value) if value >= 0 else f"-{format_rational(-value)}"
 
 
