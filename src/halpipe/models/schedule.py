@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import NOWHERE, Location
@@ -26,6 +25,8 @@ from halpipe.models.attributes import (
 from halpipe.models.words import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from halpipe.core.durations import Duration
 
 
