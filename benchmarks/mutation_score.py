@@ -75,7 +75,10 @@ ROOMS = {
     "importers/native": ("importers/native", "unit/importers/test_native_* unit/exporters/test_native_*"),
     "importers/overlay": ("importers/overlay", "unit/importers/test_overlay_*"),
     "importers/table": ("importers/table", "unit/importers/test_table* properties/test_table*"),
-    "importers/traces": ("importers/traces", "unit/importers/test_trace* unit/importers/test_ctf*"),
+    "importers/traces": (
+        "importers/traces",
+        "unit/importers/test_trace* unit/importers/test_ctf* unit/importers/test_ros_traced*",
+    ),
     "importers/ros": ("importers/ros", "unit/importers/test_ros_*"),
     "importers/amalthea": ("importers/amalthea", "unit/importers/amalthea/*"),
     "importers/arxml": (

@@ -10,7 +10,7 @@ from ctf_writer import MS, ROS, Trace, ros_trace
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.traces import codes, read_traces
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
-from halpipe.importers.traces.ctf.decoding import Array, Int, Struct, decoder
+from halpipe.importers.traces.ctf.decoding import Int
 from halpipe.importers.traces.ctf.metadata import MAGIC, parse, text_of
 from halpipe.importers.traces.ros2 import Key, read_ros_trace
 from profiles import examples
@@ -532,13 +532,6 @@ def test_the_longest_array_is_read():
         parse(f"{HEAD} struct a {{ integer {{ size = 8; }} x[16777217]; }};")
 
 
-@pytest.mark.parametrize(("align", "at"), [(1, 1), (8, 1), (16, 2), (32, 4), (64, 8)])
-def test_elements_of_an_array_are_aligned(align, at):
-    read = decoder(Struct((("first", Int(8, 8, False, "<")), ("rest", Array(Int(16, align, False, "<"), 2)))))
-    data = b"\7" + bytes(at - 1) + struct.pack("<HH", 258, 772)
-    assert read(data, 0, {}) == ({"first": 7, "rest": [258, 772]}, len(data))
-
-
 def test_a_variant_keeps_the_tag_that_it_was_declared_with():
     types = []
     for use in ("v", "v <other>"):
@@ -547,3 +540,65 @@ def test_a_variant_keeps_the_tag_that_it_was_declared_with():
         types.append(dict(found["fields"].fields)["two"])
     assert types[0] == types[1]
     assert types[0].tag == "other"
+
+
+@pytest.mark.parametrize(
+    ("stated", "found"),
+    [
+        ("size = 1;", Int(1, 1, False, "<")),
+        ("size = 8;", Int(8, 8, False, "<")),
+        ("size = 12;", Int(12, 1, False, "<")),
+        ("size = 64; align = 65536; signed = true;", Int(64, 2**16, True, "<")),
+        ("size = 16; signed = 1; byte_order = be;", Int(16, 8, True, ">")),
+        ("size = 16; signed = TRUE; byte_order = network;", Int(16, 8, True, ">")),
+        ("size = 8; signed = false; encoding = UTF8;", Int(8, 8, False, "<", text=True)),
+        ("size = 8; signed = 0; encoding = ascii;", Int(8, 8, False, "<", text=True)),
+        ("size = 8; encoding = none;", Int(8, 8, False, "<")),
+        ("size = 8; map = clock.c.value;", Int(8, 8, False, "<", is_time=True)),
+    ],
+)
+def test_attributes_of_integers(stated, found):
+    """CTF 1.8, 4.1.5: by default unsigned, in the byte order of the trace, by bytes where the size is one of bytes."""
+    text = f"struct s {{ integer {{ {stated} }} x; }}; event {{ name = e; id = 0; fields := struct s; }};"
+    (event,) = parse(f"{HEAD} clock {{ name = c; }}; {text}").events
+    assert dict(event["fields"].fields)["x"] == found
+
+
+@pytest.mark.parametrize("align", [0, -8, 24, 2**17])
+def test_an_alignment_is_a_power_of_two(align):
+    with pytest.raises(CtfError, match=f"alignment of {align} bits"):
+        parse(f"{HEAD} typealias integer {{ size = 8; align = {align}; }} := t;")
+
+
+def test_labels_without_a_number_count_on_from_the_one_before():
+    """CTF 1.8, 4.1.8: the first label is 0, every other one more than the last number of the label before."""
+    text = 'enum e : integer { size = 8; } { a, b = 5, "c", d = 7 ... 9, e, };'
+    (event,) = parse(f"{HEAD} struct s {{ {text[:-1]} x; }}; event {{ name = e; id = 0; fields := struct s; }};").events
+    ranges = dict(event["fields"].fields)["x"].ranges
+    assert ranges == ((0, 0, "a"), (5, 5, "b"), (6, 6, "c"), (7, 9, "d"), (10, 10, "e"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("clock { name = c; freq = 0; };", "has a clock without a frequency"),
+        ("clock { name = c; };\nclock { name = c; };", "declares a clock for the second time"),
+        ("struct a { \n9 x; };", 'uses the type "9"'),
+        ("struct a { string 9; };", "has '9' for a name"),
+        ("struct a { string x };", "has '}' for ';'"),
+        ("clock { name = c; nome = d; };", 'has the attribute "nome" of a clock'),
+        ("clock { name c; };", "has 'c' for a sign of equality"),
+        ("struct a { integer { size = 65; } x; };", "has an integer of 65 bits"),
+        ("struct a { integer { size = 8; signed = maybe; } x; };", "has 'maybe' for true or false"),
+        ("struct a { integer { size = 8; map = clock.c; } x; };", "maps an integer to no value of a clock"),
+        ("typealias string := t; struct a { string t; };", 'has the type "t" for a name'),
+        ("struct a { string x; string x; };", 'has the field "x" twice'),
+        ("struct a { string x[-1]; };", "has an array of -1 elements"),
+        ("#", "has '#'"),
+    ],
+)
+def test_faults_of_declarations_are_named_with_their_line(text, said):
+    for lines in (0, 7):
+        with pytest.raises(CtfError) as refused:
+            parse(HEAD + "\n" * (lines + 1) + text)
+        assert str(refused.value).startswith(f"line {lines + 2 + text.count(chr(10))} of the metadata {said}")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ctf_writer import Trace, ros_trace
 from halpipe.core.diagnostics import Findings
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
-from halpipe.importers.traces.ctf.decoding import Array, Float, Int, String, Struct
+from halpipe.importers.traces.ctf.decoding import Array, Float, Int, String, Struct, decoder
 from halpipe.importers.traces.ctf.fragments import parse_fragments
 from halpipe.importers.traces.ros2 import read_ros_trace
 from profiles import examples
@@ -152,6 +152,11 @@ LENGTH = {"origin": "event-record-payload", "path": ["n"]}
             Array(Int(16, 1, True, ">"), "n"),
         ),
         ({"type": "structure", "minimum-alignment": 32}, Struct((), 32)),
+        ({"type": "structure"}, Struct((), 1)),
+        ({"type": "static-length-array", "length": 0, "element-field-class": NUMBER}, Array(Int(16, 1, True, ">"), 0)),
+        ({"type": "static-length-blob", "length": 2**24}, Array(Int(8, 8, False, "<"), 2**24)),
+        (NUMBER | {"bit-order": "last-to-first"}, Int(16, 1, True, ">")),
+        ({"type": "null-terminated-string", "encoding": "utf-8"}, String()),
     ],
 )
 def test_classes_of_fields(stated, type):
@@ -168,6 +173,12 @@ def test_classes_of_fields(stated, type):
         ({"type": "variant", "selector-field-location": {"path": ["zz"]}, "options": []}, "selector"),
         (NUMBER | {"alignment": 3}, "alignment"),
         (NUMBER | {"byte-order": "middle"}, "malformed"),
+        (NUMBER | {"bit-order": "first-to-last"}, "bits first-to-last in bytes big-endian"),
+        (NUMBER | {"byte-order": "little-endian", "bit-order": "last-to-first"}, "bits last-to-first"),
+        ({"type": "null-terminated-string", "encoding": "utf-16le"}, "utf-16le"),
+        ({"type": "static-length-string", "length": 3, "encoding": "utf-32be"}, "utf-32be"),
+        ({"type": "static-length-array", "length": 2**24 + 1, "element-field-class": NUMBER}, "16777217 elements"),
+        ({"type": "static-length-array", "length": -1, "element-field-class": NUMBER}, "-1 elements"),
     ],
 )
 def test_classes_that_are_not_read(stated, said):
@@ -193,6 +204,7 @@ def test_aliases_that_double_with_each_level_are_refused():
         "\x1e[]",
         '\x1e{"type":"preamble","version":2,"version":2}',
         '\x1e{"type":"preamble","version":3}',
+        '\x1e{"type":"clock-class","frequency":0}',
         '\x1e{"type":"field-class-alias","name":"a","field-class":"a"}\x1e{"type":"trace-class","packet-header-field-class":"a"}',
         '\x1e{"type":"trace-class","packet-header-field-class":'
         + '{"type":"static-length-array","length":1,"element-field-class":' * 5000
@@ -239,3 +251,43 @@ def test_a_clock_counts_from_its_origin_without_an_offset(offset, zero):
     stated = {"type": "clock-class", "frequency": 1000} | ({} if offset is None else {"offset-from-origin": offset})
     (clock,) = parse_fragments(written([{"type": "preamble", "version": 2}, stated])).clocks
     assert (clock["offset_s"], clock["offset"]) == zero
+
+
+def test_a_stream_and_an_event_without_an_id_have_the_number_0(tmp_path):
+    """CTF 2, "Data stream class fragment": the properties ``id`` and ``data-stream-class-id`` are 0 by default."""
+    byte = {"type": "fixed-length-unsigned-integer", "length": 8, "byte-order": "little-endian", "alignment": 8}
+    payload = {"type": "structure", "member-classes": [{"name": "n", "field-class": byte}]}
+    stated = [
+        {"type": "preamble", "version": 2},
+        {"type": "trace-class"},
+        {"type": "data-stream-class"},
+        {"type": "event-record-class", "name": "e", "payload-field-class": payload},
+    ]
+    (tmp_path / "metadata").write_text(written(stated))
+    (tmp_path / "s").write_bytes(b"\1\2")
+    found, damage = all_events(tmp_path)
+    assert [(event.name, event.fields) for event in found] == [("e", {"n": 1}), ("e", {"n": 2})]
+    assert damage == Damage()
+
+
+def test_fragments_are_counted_from_1_where_one_cannot_be_read():
+    with pytest.raises(CtfError, match=r"fragment 2 of the metadata .* it is malformed"):
+        parse_fragments('\x1e{"type":"preamble","version":2}\x1e \n\x1e{"type":"clock-class"}')
+    with pytest.raises(CtfError, match=r"fragment 1 of the metadata .* version 3"):
+        parse_fragments('\x1e{"type":"preamble","version":3}')
+
+
+def test_an_option_without_a_name_is_chosen_by_its_ranges():
+    """CTF 2, "Variant field class option": its name is optional."""
+    options = [
+        {"field-class": NUMBER, "selector-field-ranges": [[0, 3], [7, 7]]},
+        {"field-class": {"type": "null-terminated-string"}, "selector-field-ranges": [[4, 6]]},
+    ]
+    variant = {"type": "variant", "selector-field-location": LENGTH, "options": options}
+    payload = {"type": "structure", "member-classes": [{"name": "n", "field-class": NUMBER | {"alignment": 8}}]}
+    payload["member-classes"].append({"name": "f", "field-class": variant})
+    event = {"type": "event-record-class", "name": "e", "payload-field-class": payload}
+    (found,) = parse_fragments(written([{"type": "preamble", "version": 2}, event])).events
+    read = decoder(found["fields"])
+    for selector, rest, value in ((3, b"\0\5", 5), (7, b"\0\5", 5), (4, b"a\0", "a"), (6, b"b\0", "b")):
+        assert read(bytes([0, selector]) + rest, 0, {}) == ({"n": selector, "f": value}, 4)

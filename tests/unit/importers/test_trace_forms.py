@@ -2,6 +2,7 @@
 
 import io
 import re
+import struct
 import sys
 import zlib
 from collections import Counter
@@ -402,3 +403,319 @@ def test_rows_of_signals_may_be_short():
     """What a row leaves out is as in the row before, and is compared with what stood last in its column."""
     (found,) = parse_traces(b"time_us,A,B\n1,0,0\n2,1\n3,1,1\n4,0\n5,0,0\n", "t").traces
     assert seen(found) == [("A", 2000, 4000, 2000, ()), ("B", 3000, 5000, 2000, ())]
+
+
+# ------------------------------------------------------------------------------------------ trace.dat
+
+
+def ring_page(order, *events, stamp=0):
+    """Write a page of the kernel's ring buffer of events by their bits: type, delta, further word, data."""
+
+    def word(value):
+        return value.to_bytes(4, "little" if order == "<" else "big")
+
+    written = b""
+    for kind, delta, *rest in events:
+        written += word(kind | delta << 5 if order == "<" else kind << 27 | delta)
+        written += b"".join(word(each) if isinstance(each, int) else each for each in rest)
+    head = stamp.to_bytes(8, "little" if order == "<" else "big") + word(len(written)) + bytes(4)
+    head = head if order == "<" else stamp.to_bytes(8, "big") + bytes(4) + word(len(written))
+    return (head + written).ljust(forms.PAGE, b"\0")
+
+
+def ring_switch(order, left, entered, state=1):
+    """Write the data of a switch: 64 bytes, by the format of `forms.SWITCH`."""
+    return struct.pack(f"{order}HBBi16siiq16sii", 316, 0, 0, left, b"x", left, 120, state, b"T", entered, 120)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_records_of_the_ring_buffer_are_those_of_the_kernel(order):
+    """``include/linux/ring_buffer.h``: padding, time extends, absolute stamps and long records between the events.
+
+    The task T runs from 1000 to 2000 ns each time; what is between the switches only moves the clock.
+    """
+
+    def run(first, *between):
+        on, off = ring_switch(order, 0, 5), ring_switch(order, 5, 0)
+        page = ring_page(order, *first, (16, 0, on), *between, (16, 0, off), stamp=100)
+        (found,) = parse_traces(forms.trace_dat(order=order, pages=(page, ring_page(order))), "t").traces
+        ((task, start, end, *_),) = seen(found)
+        assert task == "T"
+        return start, end
+
+    other = struct.pack(f"{order}HBBi", 7, 0, 0, 0)
+    on_at = [(30, 900, 0)]  # a time extend: 27 bits, and 32 above them
+    assert run(on_at, (30, 1000, 0)) == (1000, 2000)
+    assert run(on_at, (30, 5, 3)) == (1000, 1005 + (3 << 27))
+    assert run(on_at, (31, 2000, 0)) == (1000, 2000)  # an absolute stamp
+    assert run(on_at, (31, 1, 2)) == (1000, 1 + (2 << 27))
+    assert run([(31, 1000, 0)], (29, 1000, 8, bytes(4))) == (1000, 2000)  # a discarded event of 8 bytes
+    assert run(on_at, (2, 600, other), (29, 400, 4)) == (1000, 2000)
+    assert run(on_at, (0, 1000, 4 + 8, other)) == (1000, 2000)  # the length in the word after the head
+    assert run(on_at, (0, 1000, 4 + 6, other)) == (1000, 2000)  # is rounded up to whole words
+    assert run(on_at, (1, 1000, other[:4])) == (1000, 2000)
+
+
+def test_an_absolute_stamp_keeps_the_upper_bits_of_its_page():
+    """The kernel has 59 bits in the record; the 5 above them are those of the page."""
+    high = 3 << 59
+    page = ring_page("<", (31, 1000, 0), (16, 0, ring_switch("<", 0, 5)), (16, 7, ring_switch("<", 5, 0)), stamp=high)
+    (found,) = parse_traces(forms.trace_dat(pages=(page, ring_page("<"))), "t").traces
+    assert [(start, end) for _, start, end, *_ in seen(found)] == [(high + 1000, high + 1007)]
+
+
+def test_nothing_behind_the_last_record_of_a_page_is_read():
+    on, off = ring_switch("<", 0, 5), ring_switch("<", 5, 0)
+    for last in ([(29, 0)], []):
+        page = bytearray(ring_page("<", (16, 1000, on), (16, 1000, off), *last))
+        rest = ring_page("<", (16, 1000, on), (16, 1000, off))[16:]
+        begin = 16 + 2 * 68 + 4 * len(last)
+        page[begin:] = rest[: len(page) - begin]
+        if last:  # padding ends a page, whatever length it states
+            page[8:12] = (len(page) - 16).to_bytes(4, "little")
+        (found,) = parse_traces(forms.trace_dat(pages=(bytes(page), ring_page("<"))), "t").traces
+        assert [(start, end) for _, start, end, *_ in seen(found)] == [(1000, 2000)]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("state", [0, 0x100, 1, 2, 0x80])
+def test_a_thread_that_is_runnable_is_preempted_and_any_other_waits(order, state):
+    """Bits of ``prev_state``: any of the lowest eight is a reason to wait, and 0x100 is a preemption."""
+    pairs = [(0, 5, 1), (5, 6, state), (6, 5, 1), (5, 0, 1)]
+    page = ring_page(order, *((16, 1000, ring_switch(order, *pair)) for pair in pairs))
+    (found,) = parse_traces(forms.trace_dat(order=order, pages=(page, ring_page(order))), "t").traces
+    spans = [(start, end) for _, start, end, *_ in seen(found)]
+    assert spans == (
+        [(1000, 4000), (2000, 3000)] if state in (0, 0x100) else [(1000, 2000), (2000, 3000), (3000, 4000)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (lambda data: 14, (255).to_bytes(4, "little"), "its pages have 255 bytes"),
+        (lambda data: data.index(b"flyrecord\0") + 18, (2**20).to_bytes(8, "little"), "larger than the file"),
+        (lambda data: data.index(b"flyrecord\0") + 10, (2**40).to_bytes(8, "little"), "behind its end"),
+        (lambda data: data.index(b"name: sched_switch"), b"name: sched_swatch", "no events sched:sched_switch"),
+        (lambda data: data.index(b"flyrecord"), b"latency  ", "no buffers of CPUs"),
+        (lambda data: data.index(b"header_page"), b"header_pige", "header_page is not where it should be"),
+        (lambda data: data.index(b"header_event"), b"header_evint", "header_event is not where it should be"),
+        (lambda data: data.index(b"sched\0"), b"x" * 1002, "a name has no end"),
+    ],
+)
+def test_damage_of_a_trace_dat_is_named(place, value, said):
+    data = bytearray(forms.trace_dat())
+    at = place(data)
+    data[at : at + len(value)] = value
+    (found,) = [d for d in refused_by(bytes(data)) if d.is_error]
+    assert said in found.message
+
+
+def refused_by(data):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(data, "t")
+    return refused.value.diagnostics
+
+
+@pytest.mark.parametrize("clock", ["counter", "uptime", "x86-tsc", "perf"])
+def test_clocks_that_count_no_nanoseconds_are_refused(clock):
+    for data in (forms.trace_dat(clock=f"local [{clock}]"), forms.trace_dat_7(clock=clock.encode())):
+        (found,) = refused_by(data)
+        assert found.message == f"its clock {clock} does not count nanoseconds"
+    assert parse_traces(forms.trace_dat(clock=f"[local] {clock}"), "t").traces
+
+
+def test_a_trace_dat_is_as_large_as_its_buffers():
+    data = forms.trace_dat()
+    assert len(data) % forms.PAGE == 0
+    (found,) = parse_traces(data, "t").traces
+    assert seen(found) == forms.JOBS
+    assert not [d for d in parse_traces(data, "t").diagnostics if d.code == codes.CUT_OFF.id]
+
+
+# ------------------------------------------------------------------------------------------- protobuf
+
+
+@pytest.mark.parametrize("clock", [1, 2, 3, 4, 5, 6])
+def test_every_builtin_clock_of_perfetto_counts_nanoseconds(clock):
+    """``BuiltinClock``: realtime, its coarse one, monotonic, its coarse and its raw one, and the time since boot."""
+    behind = 0 if clock == 6 else 700
+    stamps = {clock: 2500 - behind, 6: 2500}
+    snapshot = forms.message(*((1, forms.message((1, number), (2, stamp))) for number, stamp in stamps.items()))
+    written = [event(at - behind, *rest, clock=clock) for at, *rest in RUN]
+    assert perfetto_jobs(*written, before=[forms.message((6, snapshot), (10, 1))]) == SEEN
+    assert perfetto_jobs(*(event(at, *rest, clock=clock) for at, *rest in RUN)) == SEEN  # none says how they differ
+
+
+def test_stamps_of_a_clock_of_a_writer_may_count_from_its_zero():
+    own = forms.message((1, 64), (2, 7), (4, 500))
+    snapshot = forms.message((6, forms.message((1, own), (1, forms.message((1, 6), (2, 500))))), (10, 1))
+    written = [event(7 + (at - 500) // 500, *rest, clock=64) for at, *rest in RUN]
+    assert perfetto_jobs(*written, before=[snapshot]) == SEEN
+
+
+def test_defaults_of_a_writer_hold_for_its_packets_alone():
+    """``TracePacketDefaults``: the clock of stamps (58), and the track of events (11) in those of events (11)."""
+    own = forms.message((1, 64), (2, 0))
+    snapshot = (6, forms.message((1, own), (1, forms.message((1, 6), (2, 500)))))
+    defaults = (59, forms.message((58, 64), (11, forms.message((11, 2)))))
+    begin, end = forms.message((9, 1), (23, "A")), forms.message((9, 2))
+    written = [
+        forms.message(snapshot, defaults, (10, 1)),
+        forms.message((8, 500), (11, begin), (10, 1)),
+        forms.message((8, 700), (11, end), (10, 1)),
+        forms.message((8, 700), (11, forms.message((9, 1), (11, 1), (23, "B"))), (10, 2)),  # another writer
+        forms.message((8, 900), (11, forms.message((9, 2), (11, 1))), (10, 2)),
+    ]
+    assert sorted(perfetto_jobs(*written)) == [("A", ("c2",), 1000, 1200), ("B", ("c1",), 700, 900)]
+
+
+@pytest.mark.parametrize("cleared", [(13, 1), (41, 1), (13, 3)])
+def test_a_writer_clears_its_names_by_a_flag_or_a_field(cleared):
+    name = forms.message((12, forms.message((2, forms.message((1, 1), (2, "A"))))), (10, 1))
+    begin = forms.message((8, 5), (11, forms.message((9, 1), (11, 1), (10, 1))), (10, 1))
+    end = forms.message((8, 9), (11, forms.message((9, 2), (11, 1))), (10, 1))
+    for between, task in ((forms.message(cleared, (10, 1)), "(no name)"), (forms.message((13, 2), (10, 1)), "A")):
+        (found,) = parse_traces(forms.trace(name, between, begin, end), "t").traces
+        assert [e.task for e in found.executions] == [task]
+    other = forms.message(cleared, (10, 2))  # of another writer
+    (found,) = parse_traces(forms.trace(name, other, begin, end), "t").traces
+    assert [e.task for e in found.executions] == ["A"]
+
+
+def test_a_track_is_in_the_process_of_the_nearest_parent_that_has_one():
+    """The line of time of a process has its name, or its number; tracks without one are a line of their own."""
+    process = forms.message((3, forms.message((1, 40), (6, "run"))))
+    tracks = {1: process, 2: forms.message((5, 1)), 3: forms.message((5, 2)), 4: b"", 5: forms.message((5, 9)), 6: b""}
+    tracks |= {7: forms.message((5, 8)), 8: forms.message((5, 7)), 9: forms.message((3, forms.message((1, 41))))}
+    written = [forms.message((60, forms.message((1, n)) + track), (10, 1)) for n, track in tracks.items()]
+    for at, track in enumerate((1, 2, 3, 4, 5, 6, 7, 8, 9, 10)):
+        written += [event(10 * at, track, "A"), event(10 * at + 5, track)]
+    found = parse_traces(forms.trace(*written), "t").traces
+    lines = {trace.name: [e.start.ns // 10 for e in trace.executions] for trace in found}
+    assert lines == {"run": [0, 1, 2], "0": [3, 5, 6, 7, 9], "41": [4, 8]}
+
+
+def test_a_track_has_the_name_that_it_states_or_that_of_its_thread():
+    thread = forms.message((1, 40), (2, 43), (5, "worker"))
+    unnamed = forms.message((1, 40), (2, 43))
+    found = {
+        "t": forms.message((2, "t"), (4, thread)),
+        "static": forms.message((10, "static"), (4, thread)),
+        "worker": forms.message((4, thread)),
+        "43": forms.message((4, unnamed)),
+        "5": b"",
+    }
+    written = [forms.message((60, forms.message((1, n)) + track), (10, 1)) for n, track in enumerate(found.values(), 1)]
+    for track in range(1, 6):
+        written += [event(10 * track, track, f"T{track}"), event(10 * track + 5, track)]
+    (line,) = parse_traces(forms.trace(*written), "t").traces
+    assert [e.units for e in line.executions] == [(unit,) for unit in found]
+
+
+def bundle(cpu, *switches, lost=None):
+    """Write switches of a CPU: instant, name and thread that enters, thread that leaves, its state."""
+    events = []
+    for at, name, entered, left, state in switches:
+        fields = [(2, left), (4, state), (5, name), (6, entered)]
+        switch = forms.message(*((number, value) for number, value in fields if value))  # 0 is not written
+        events.append(forms.message((1, at), (4, switch)))
+    stated = [(1, cpu)] if cpu else []
+    return forms.message((1, forms.message(*stated, *((2, e) for e in events), *([(3, lost)] if lost else []))))
+
+
+def test_threads_without_a_name_have_that_of_the_process_tree_or_their_number():
+    thread = forms.message((1, 5), (2, "tree"))
+    tree = forms.message((2, forms.message((2, thread), (2, forms.message((1, 7), (2, "seven"))))), (10, 1))
+    switches = bundle(0, (10, "", 5, 0, 0), (20, "", 6, 5, 1), (30, "own", 7, 6, 1), (40, "", 0, 7, 1))
+    for packets in ((tree, switches), (switches, tree)):
+        (found,) = parse_traces(forms.trace(*packets), "t").traces
+        assert [row[:3] for row in seen(found)] == [("tree", 10, 20), ("6", 20, 30), ("own", 30, 40)]
+        assert {e.units for e in found.executions} == {("cpu0",)}
+
+
+@pytest.mark.parametrize("state", [0, 0x100, 1, 2, 2**64 - 1])
+def test_states_of_threads_in_perfetto_are_those_of_the_kernel(state):
+    switches = bundle(1, (10, "A", 5, 0, 0), (20, "B", 6, 5, state), (30, "A", 5, 6, 1), (40, "", 0, 5, 1))
+    (found,) = parse_traces(forms.trace(switches), "t").traces
+    spans = [row[:3] for row in seen(found)]
+    whole = [("A", 10, 40), ("B", 20, 30)]
+    assert spans == (whole if state in (0, 0x100) else [("A", 10, 20), ("B", 20, 30), ("A", 30, 40)])
+
+
+@pytest.mark.parametrize("lost", [None, 1])
+def test_a_bundle_states_that_events_were_lost(lost):
+    switches = bundle(0, (10, "A", 5, 0, 0), (20, "", 0, 5, 1), lost=lost)
+    found = [d.code for d in parse_traces(forms.trace(switches), "t").diagnostics]
+    assert found == ([codes.LOST_EVENTS.id] if lost else [])
+
+
+@pytest.mark.parametrize("lengths", [(2, 1, 2, 2), (2, 2, 1, 2), (2, 2, 2, 3), (1, 2, 2, 2)])
+def test_columns_of_switches_have_one_length(lengths):
+    numbers = zip((1, 2, 3, 6), lengths, strict=True)
+    columns = forms.message((5, "A"), *((number, bytes(length)) for number, length in numbers))
+    (found,) = refused_by(forms.trace(forms.message((1, forms.message((4, columns))))))
+    assert f"columns of switches have unlike lengths, {min(lengths)} to {max(lengths)}" in found.message
+
+
+@pytest.mark.parametrize("form", ["perfetto", "perfetto in columns"])
+@pytest.mark.parametrize("size", [20, 33, 64, 100])
+def test_packets_are_read_in_pieces_of_any_size(form, size, monkeypatch):
+    """Switches are followed in parts of the same size."""
+    monkeypatch.setattr(perfetto, "_CHUNK", size)
+    (found,) = parse_traces(WRITERS[form](), "t").traces
+    assert seen(found) == forms.JOBS
+
+
+@pytest.mark.parametrize("size", [0, 1, 126, 127, 128, 129, 300])
+def test_packets_have_any_size(size):
+    """The length of a packet and the number of its field are varints of one byte or more."""
+    packets = [forms.message((8, 1000), (99, bytes(size))), *(event(*each) for each in RUN)]
+    assert perfetto_jobs(*packets) == SEEN
+    assert parse_traces(forms.trace(forms.message((99, bytes(size))), event(1, 1, "A"), event(2, 1)), "t").traces
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        (b"\x0d\1\2\3", "a field is longer than its message"),
+        (b"\x09\1\2\3\4\5\6\7", "a field is longer than its message"),
+        (b"\x0a\2a", "a field is longer than its message"),
+        (b"\x0b", "a field has the wire type 3"),
+        (b"\x08" + b"\xff" * 10, "a number has more than 64 bits"),
+    ],
+)
+def test_messages_that_are_none(fields, said):
+    with pytest.raises(ValueError, match=said):
+        perfetto.fields_of(fields)
+
+
+def test_values_of_messages_by_their_wire_type():
+    """Varint, fixed64, bytes and fixed32, by the encoding of protocol buffers; numbers have 64 bits."""
+    data = b"\x08\x96\1\x11" + (2**63 + 5).to_bytes(8, "little") + b"\x1a\2ab\x25" + (2**31).to_bytes(4, "little")
+    assert perfetto.fields_of(data) == {1: [150], 2: [2**63 + 5], 3: [b"ab"], 4: [2**31]}
+    assert perfetto.fields_of(b"\x08" + b"\xff" * 9 + b"\1\x08\0") == {1: [2**64 - 1, 0]}
+    assert perfetto.fields_of(b"\xf8\7\x7f") == {127: [127]}
+
+
+def test_packets_that_differ_in_their_instant_alone_are_decoded_once(monkeypatch):
+    """Decoding takes most of the time of a large trace."""
+    decoded = []
+    monkeypatch.setattr(perfetto, "fields_of", lambda data, of=perfetto.fields_of: decoded.append(data) or of(data))
+    written = [event(10 * at + 5 * end, 1, "" if end else "A") for at in range(50) for end in (0, 1)]
+    assert len(perfetto_jobs(*written)) == 50
+    assert len(decoded) < 20
+
+
+def test_what_comes_between_equal_packets_counts():
+    """A name, a default or a clock that changes makes equal bytes another event."""
+    begin = forms.message((9, 1), (11, 1), (10, 1))
+    written = []
+    for at, name in enumerate("ABA"):
+        interned = forms.message((12, forms.message((2, forms.message((1, 1), (2, name))))), (10, 1))
+        written += [interned, forms.message((8, 10 * at), (10, 1), (11, begin)), event(10 * at + 5, 1)]
+    assert [job[0] for job in perfetto_jobs(*written)] == ["A", "B", "A"]
+    two = forms.message((8, 40), (10, 1), (11, begin), (11, forms.message((9, 1), (11, 2), (23, "C"))))
+    ends = [event(at, track) for track in (1, 2) for at in (45, 55)]
+    again = forms.message((8, 50), (10, 1), (11, begin), (11, forms.message((9, 1), (11, 2), (23, "C"))))
+    assert len(perfetto_jobs(*written, two, again, *ends)) == 7

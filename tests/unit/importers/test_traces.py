@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.importers.traces import codes, read, read_traces
+from halpipe.importers.traces import codes, jobs, numbers, read, read_traces
 from halpipe.importers.traces.read import parse_traces
 from halpipe.importers.traces.slices import events as events_of
 
@@ -108,6 +108,37 @@ def test_a_short_row_has_empty_cells():
 def test_rows_that_cannot_be_read_are_all_named(row):
     found = refusal(f"task,start,end,job,busy\nb,1,2\n{row}\n{row}\n")
     assert [(d.code, d.at.line) for d in found] == [(codes.BROKEN_ROW.id, 3), (codes.BROKEN_ROW.id, 4)]
+
+
+@pytest.mark.parametrize("busy", ["0", "4"])
+def test_a_job_runs_for_any_time_from_0_on(busy):
+    assert executions(f"task,start,end,busy\na,1,5,{busy}\n")[0].busy == Duration(int(busy))
+    assert executions("task,start,end\na,5,5\n")[0].end == Duration(5)
+
+
+@pytest.mark.parametrize("cells", ["0.0;1.0;0.0", "0,0;1,0;0,0", "0;1;0", "0;1.0;0.0"])
+def test_states_are_0_and_1_in_any_notation(cells):
+    rows = "".join(f"{at};{cell}\n" for at, cell in enumerate(cells.split(";")))
+    (seen,) = executions(f"Time [us];A\n{rows}")
+    assert (seen.start.ns, seen.end.ns) == (1000, 2000)
+
+
+@pytest.mark.parametrize("between", ["", "\n", "s;\n", "\ns;\n\n", "\n\n\ns;on\n"])
+def test_one_row_behind_the_head_of_signals_may_state_units(between):
+    text = f"Time;A\n{between}0;0\n1;1\n2;0\n"
+    assert [e.start.ns for e in executions(text)] == [10**9]
+    assert rejected(text.replace("1;1", "s;1")) == [(codes.BROKEN_ROW.id, between.count("\n") + 3)]
+    assert (codes.BROKEN_ROW.id, 3) in rejected("Time;A\ns;\ns;\n0;0\n1;1\n")
+
+
+@pytest.mark.parametrize("name", ["task", "start", "end"])
+def test_the_columns_of_a_table_may_be_in_any_order_and_quoted(name):
+    names = ["task", "start", "end"]
+    names.sort(key=lambda each: each != name)
+    row = {"task": "a b", "start": "3", "end": "9"}
+    text = ",".join(f'"{each}"' for each in names) + "\n" + ",".join(f'"{row[each]}"' for each in names) + "\n"
+    (seen,) = executions(text)
+    assert (seen.task, seen.start.ns, seen.end.ns) == ("a b", 3, 9)
 
 
 # ------------------------------------------------------------------------------------------------ BTF
@@ -645,3 +676,82 @@ def test_many_slices_are_paired_as_few_are(by_name):
         for each in parse_traces(json.dumps(events[at : at + 4]).encode(), "t").traces[0].executions
     ]
     assert [*many.executions] == few
+
+
+def test_the_parts_of_a_job_on_all_of_its_units_are_one_job():
+    """The slices of a job in the schedule's own picture: one for each part and unit, in any order."""
+    parts = [(part, unit) for part in ((8, 3), (1, 2), (5, 2)) for unit in (1, 2)]
+    args = {"table": "run", "cycle": 4, "job": 7, "part": 0}
+    events = [
+        {"ph": "X", "name": "a", "pid": 1, "tid": unit, "ts": at, "dur": length, "args": args}
+        for (at, length), unit in parts
+    ]
+    (seen,) = executions(json.dumps(events))
+    assert [(a.ns, b.ns) for a, b in seen.stretches] == [(1000, 3000), (5000, 7000), (8000, 11000)]
+    assert (seen.start.ns, seen.end.ns, seen.busy.ns, seen.units) == (1000, 11000, 7000, ("1", "2"))
+    assert (seen.table, seen.cycle, seen.job) == ("run", 4, 7)
+
+
+def test_a_cycle_has_at_most_18_digits():
+    event = {"name": "a", "ph": "X", "pid": 1, "tid": 1, "ts": 0, "dur": 5}
+    for cycle in (10**18, -(10**18)):
+        (seen,) = executions(json.dumps([{**event, "args": {"cycle": cycle, "job": 0}}]))
+        assert seen.cycle == cycle
+        beyond = cycle + (1 if cycle > 0 else -1)
+        assert rejected(json.dumps([{**event, "args": {"cycle": beyond}}])) == [(codes.BROKEN_ROW.id, 1)]
+
+
+def test_well_nested_slices_are_paired_by_columns_alone(monkeypatch):
+    """Pairing by name takes a step of Python for each event, which a recording of millions does not bear."""
+    monkeypatch.setattr(jobs.Marks, "_by_name", None)
+    names = "abc"
+    events = [
+        {"name": name, "ph": phase, "pid": 1, "tid": 1, "ts": 10 * turn + at}
+        for turn in range(30)
+        for phase, name, at in [("B", n, i) for i, n in enumerate(names)]
+        + [("E", n, 9 - i) for i, n in enumerate(names)]
+    ]
+    events.append({"name": "open", "ph": "B", "pid": 1, "tid": 1, "ts": 400})
+    for order in (1, -1):
+        (line,) = parse_traces(json.dumps(events[::order]).encode(), "t").traces
+        found = sorted((e.start.ns, e.task, e.end and e.end.ns) for e in line.executions)
+        due = [
+            (1000 * (10 * turn + i), n, 1000 * (10 * turn + 9 - i)) for turn in range(30) for i, n in enumerate(names)
+        ]
+        assert found == [*due, (400_000, "open", None)]
+
+
+@pytest.mark.parametrize(
+    ("data", "line", "said"),
+    [
+        ("a" * 61, 1, f"it begins with {'a' * 60!r} ..."),
+        ("a" * 60, 1, f"it begins with {'a' * 60!r}"),
+        (b"task,start,end\na,1,2\nb,3,4\n\xff", 4, "line 4 is no text in UTF-8"),
+        ("task,start,end\na,1,2\nb".encode("utf-16") + b"\0\xd8\n\0", 3, "line 3 is no text in UTF-8"),
+        (f"task,start,end\n{'x' * 50},{'y' * 50},2\n", 2, f"{'y' * 40!r} is no time"),
+        (f"task,start,end,cycle\na,1,2,{'y' * 50}\n", 2, f"{'y' * 40!r} is no whole number"),
+        (f"task,start,end,data\na,1,2,{'y' * 50}\n", 2, f"data is {'y' * 20!r}, neither 0 nor 1"),
+        (f"task;start;end\na;1,5;2\na;2.{'0' * 50};3\n", 3, f"{'2.' + '0' * 38!r} has another decimal sign"),
+        ("task,start,end,busy\na,1,2,-3\n", 2, "runs for -3"),
+        ("task,start,end\na,3,2\n", 2, "ends at 2, before it starts"),
+        ("task,start,end\na,1/0,2\n", 2, "'1/0' is no time"),
+    ],
+)
+def test_what_cannot_be_read_is_shown_with_its_line_and_its_beginning(data, line, said):
+    (found,) = refusal(data)
+    assert found.message.startswith(said)
+    assert found.at.line == line
+    assert ("..." in found.message) == said.endswith("...")
+
+
+@pytest.mark.parametrize("text", ["1", "0.5", "12345678901234567890.123456789", "1/3", "-2", "-2.5", "0.0001"])
+def test_instants_are_exact_in_any_notation(text):
+    assert numbers.instant(text, 1000) == Fraction(text) * 1000
+
+
+@pytest.mark.parametrize(
+    "text", ["", ".5", "5.", "1e3", "+1", "1_0", "\u0663", "1/0", "1.5/2", "0x1", "1" * 31, "1." + "1" * 16]
+)
+def test_instants_in_other_notations_are_refused(text):
+    with pytest.raises(ValueError, match="is no time"):
+        numbers.instant(text, 1)

@@ -155,8 +155,15 @@ WAKE = (
 )
 
 
-def trace_dat(*, order: str = "<", missed: int = 0, version: bytes = b"6", clock: str = "[local] global") -> bytes:
-    """Write a trace.dat of version 6; big-endian with `order` ``>``."""
+def trace_dat(
+    *,
+    order: str = "<",
+    missed: int = 0,
+    version: bytes = b"6",
+    clock: str = "[local] global",
+    pages: tuple[bytes, bytes] | None = None,
+) -> bytes:
+    """Write a trace.dat of version 6, with the run or other `pages` of its two CPUs; big-endian with `order` ``>``."""
 
     def number(value: int, size: int) -> bytes:
         return value.to_bytes(size, "little" if order == "<" else "big")
@@ -176,7 +183,7 @@ def trace_dat(*, order: str = "<", missed: int = 0, version: bytes = b"6", clock
     data += sized(clock)
     data = data.ljust(begin, b"\0")
     for cpu in (0, 1):
-        data += _page([switch for switch in RUN if switch[1] == cpu], order, number, missed)
+        data += pages[cpu] if pages else _page([switch for switch in RUN if switch[1] == cpu], order, number, missed)
     return data
 
 

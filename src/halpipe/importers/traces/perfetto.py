@@ -136,10 +136,6 @@ def _text(fields: Fields, number: int) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else ""
 
 
-def _signed(value: int) -> int:
-    return value - 2**64 if value >= 2**63 else value
-
-
 def _messages(fields: Fields, number: int) -> Iterator[Fields]:
     return (fields_of(value) for value in fields.get(number, ()) if isinstance(value, bytes))
 
@@ -321,7 +317,7 @@ class _Reader:
         self.has_lost = self.has_lost or bool(_one(bundle, 3, 0))
         for event in _messages(bundle, 2):
             for switch in _messages(event, 4):
-                goes_on = is_runnable(_signed(_one(switch, 4, 0)))
+                goes_on = is_runnable(_one(switch, 4, 0))
                 left, entered = _one(switch, 2, 0), _one(switch, 6, 0)
                 self._switched(_text(switch, 5), _one(event, 1, 0), cpu, left, goes_on, entered)
         for compact in _messages(bundle, 4):
@@ -336,7 +332,7 @@ class _Reader:
         at, left = 0, _UNKNOWN
         for delta, state, entered, name in zip(*columns, strict=True):
             at += delta
-            self._switched(names[name], at, cpu, left, is_runnable(_signed(state)), entered)
+            self._switched(names[name], at, cpu, left, is_runnable(state), entered)
             left = entered
 
     def _switched(self, name: str, *values: int) -> None:

@@ -151,11 +151,10 @@ def _pieces(stream: BinaryIO, file: str, encoding: str) -> Iterator[str]:
         data = stream.read(_CHUNK)
         try:
             piece = decoder.decode(data, final=not data)
-        except UnicodeDecodeError:
-            message = f"after line {number} it is no text in UTF-8"
-            raise HalpipeError(
-                codes.UNKNOWN_TRACE(message, at=Location(file, number + 1), help="save it as UTF-8")
-            ) from None
+        except UnicodeDecodeError as failure:
+            line = number + failure.object[: failure.start].decode(encoding, "ignore").count("\n") + 1
+            message = f"line {line} is no text in UTF-8"
+            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, line), help="save it as UTF-8")) from None
         number += piece.count("\n")
         if piece:
             yield piece

@@ -113,12 +113,12 @@ def _clock(name: str) -> str | None:
 def read_states(lines: Iterable[str], file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time of a table of signals."""
     rows, numbers = rows_of(lines)
-    clock, *names = (name.strip() for name in next(cells for cells in rows if any(cells)))
-    scale, first = SCALES_NS[_clock(clock) or "s"], rows.line_num
-    jobs, others, before = Jobs(file, findings), set[str](), [""] * len(names)
-    for cells in rows:
+    filled = (cells for cells in rows if any(cells))
+    clock, *names = (name.strip() for name in next(filled))
+    jobs, others, before, scale = Jobs(file, findings), set[str](), [""] * len(names), SCALES_NS[_clock(clock) or "s"]
+    for number, cells in enumerate(filled):
         line = rows.line_num
-        if not any(cells) or (line <= first + 2 and not any(c.isdigit() for c in cells[0])):
+        if not number and not any(c.isdigit() for c in cells[0]):  # it states units
             continue
         try:
             at = instant(numbers.point(cells.pop(0).strip()), scale)

@@ -215,7 +215,7 @@ def _array(type: Array) -> Decoder:
             raise CtfError(f'the length "{plain}" of a sequence is not stated before it')
         return found
 
-    if isinstance(element, Int | Float):
+    if isinstance(element, Int | Float) and element.align <= element.size:  # so that there are no gaps between them
         code, size, mask = _code(element), element.size // 8, max(8, element.align) // 8 - 1
         is_text = isinstance(element, Int) and element.text and element.size == 8
 
@@ -229,10 +229,10 @@ def _array(type: Array) -> Decoder:
             return list(struct.unpack_from(f"{element.order}{number}{code}", data, at)), at + number * size
 
         return read
-    inner = decoder(element)
+    inner, align = decoder(element), max(8, alignment(element)) // 8
 
     def read_each(data: bytes, at: int, scope: Scope) -> tuple[list[Any], int]:
-        number, found = count(scope), []
+        number, found, at = count(scope), [], -(-at // align) * align  # that of no elements counts, too
         if number > len(data) - at:
             raise CtfError("a sequence is longer than its packet")
         for _ in range(number):

@@ -1,7 +1,8 @@
 """Declarations of CTF 2: JSON fragments, translated into those of CTF 1.8.
 
 The roles of fields become the names that CTF 1.8 gives them, and the ranges that select a choice become labels of an
-enumeration. Optional fields and integers of variable length have no counterpart, and are refused.
+enumeration. Optional fields, integers of variable length, texts in UTF-16 and UTF-32 and bits in another order than
+their bytes have no counterpart, and are refused.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from halpipe.importers.traces.ctf.metadata import LONGEST_ARRAY, MOST_FIELDS, MO
 
 SEPARATOR = "\x1e"
 _BYTE_ORDERS = {"little-endian": "<", "big-endian": ">"}
+_BIT_ORDERS = {"<": "first-to-last", ">": "last-to-first"}
 _NAMES = {
     "packet-magic-number": "magic",
     "metadata-stream-uuid": "uuid",
@@ -51,6 +53,8 @@ def _take(stated: dict[str, Any], found: Metadata, classes: _Classes) -> None:
     elif kind == "field-class-alias":
         classes.aliases[stated["name"]] = stated["field-class"]
     elif kind == "clock-class":
+        if stated["frequency"] < 1:
+            raise CtfError("a clock has no frequency")
         offset = stated.get("offset-from-origin", {})
         clock = {"freq": stated["frequency"], "offset_s": offset.get("seconds", 0), "offset": offset.get("cycles", 0)}
         found.clocks.append(clock)
@@ -103,8 +107,12 @@ class _Classes:
         raise CtfError("an alias stands for itself")
 
     def _made(self, stated: dict[str, Any], kind: str) -> Type:
+        if (encoding := stated.get("encoding", "utf-8")) != "utf-8":
+            raise CtfError(f'texts in "{str(encoding)[:60]}" are not read')
         if kind.startswith("fixed-length-"):
             size, order = stated["length"], _BYTE_ORDERS[stated["byte-order"]]
+            if (bits := stated.get("bit-order", _BIT_ORDERS[order])) != _BIT_ORDERS[order]:
+                raise CtfError(f"bits {str(bits)[:60]} in bytes {stated['byte-order']} are not read")
             align = power_of_two(stated.get("alignment", 1))
             if kind == "fixed-length-floating-point-number":
                 return Float(size, align, order)

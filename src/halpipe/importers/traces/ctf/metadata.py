@@ -141,7 +141,7 @@ class _Parser:
     @property
     def line(self) -> int:
         """The line of the next token."""
-        return self._tokens[min(self._at, len(self._tokens) - 1)][2]
+        return self._tokens[self._at][2]
 
     def run(self) -> None:
         """Read all declarations."""

@@ -197,7 +197,7 @@ class _Trace:
 
     def _take(self, meta: Metadata) -> None:
         clock = meta.clocks[0] if meta.clocks else {}
-        self._frequency = int(clock.get("freq", 10**9)) or 10**9
+        self._frequency = int(clock.get("freq", 10**9))
         self._offset = int(clock.get("offset_s", 0)) * 10**9
         self._offset += int(clock.get("offset", 0)) * 10**9 // self._frequency
         self._header = decoder(meta.trace.get("packet.header", Struct(())))
