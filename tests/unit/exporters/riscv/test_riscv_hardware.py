@@ -1,6 +1,7 @@
 """Profiles from hardware descriptions, and the texts that lead from a profile to hardware."""
 
 import json
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -123,6 +124,46 @@ def test_a_litex_system_that_makes_no_profile(tmp_path, key, value, said):
         assert "invalid literal for int()" in refusal(tmp_path, "csr.json", text)
     twice = json.dumps(LITEX).replace('"constants"', '"constants": {}, "constants"', 1)
     assert 'the key "constants" is repeated' in refusal(tmp_path, "csr.json", twice)
+
+
+def test_scratchpads_of_a_litex_system_begin_32_mebibytes_behind_its_main_memory(tmp_path):
+    """Data of all cores come first, then their code; the timer is LitexConfig's real-time clock, a hundredth."""
+    found = read(tmp_path, "csr.json", json.dumps(LITEX))
+    room, data, code = 32 << 20, 256 << 10, 120 << 10
+    assert found.main == Region(0x80000000, room)
+    assert [found.dspm.of(core) for core in range(3)] == [
+        Region(0x80000000 + room + core * data, data) for core in range(3)
+    ]
+    begin = 0x80000000 + room + 3 * data
+    assert [found.ispm.of(core) for core in range(3)] == [Region(begin + core * code, code) for core in range(3)]
+    assert (found.timebase, found.dspm.has_reservations) == (found.clock // 100, True)
+
+
+@pytest.mark.parametrize("cores", [1, 3])
+def test_a_litex_system_has_room_for_the_scratchpads_of_all_cores(tmp_path, cores):
+    least = (32 << 20) + cores * (376 << 10)
+    constants = LITEX["constants"] | {"config_cpu_count": cores + 1}
+    for size in (least, least - 1):
+        memories = LITEX["memories"] | {"main_ram": {"base": 0x80000000, "size": size}}
+        text = json.dumps(LITEX | {"constants": constants, "memories": memories})
+        if size == least:
+            assert read(tmp_path, "csr.json", text).cores == cores
+        else:
+            assert "less main memory than the scratchpads" in refusal(tmp_path, "csr.json", text)
+
+
+def test_a_device_tree_of_one_application_core(tmp_path):
+    """Of its caches, one way of the ITIM stays a cache: as many lines of 64 bytes as the largest has sets."""
+    one = re.sub(r'compatible = "sifive,[di]tim0"(?=; reg = <0x(10[8c]|110|18[468]))', 'compatible = "other"', TREE)
+    found = read(tmp_path, "board.dts", one)
+    assert (found.cores, found.ispm.size, found.ispm.stride) == (1, 0x20000 - 128 * 64, 0x20000)
+    assert (found.dspm.size, found.dspm.stride, found.dspm.has_reservations) == (0x40000, 0x40000, False)
+
+
+def test_every_hart_but_the_first_has_both_scratchpads(tmp_path):
+    fewer = TREE.replace('compatible = "sifive,itim0"; reg = <0x1880000', 'compatible = "other"; reg = <0x1880000')
+    assert "5 harts, 3 ITIMs and 4 DTIMs" in refusal(tmp_path, "board.dts", fewer)
+    assert "4 harts, 4 ITIMs and 4 DTIMs" in refusal(tmp_path, "board.dts", TREE.replace('"cpu"', '"other"', 1))
 
 
 MEMORY = SimpleNamespace(base=0x80000000, control=0x801FF000, trace=0x83CFB000, faults=0x83FFB000)

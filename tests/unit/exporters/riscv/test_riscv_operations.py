@@ -1,10 +1,13 @@
 """From jobs to operations: what is done when, for images whose addresses are chosen by hand."""
 
+from dataclasses import replace
+
 import pytest
 
 from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
+from halpipe.exporters.riscv.copies import Copies, turns_of
 from halpipe.exporters.riscv.cores import MainMemory, Slots, cores_of
 from halpipe.exporters.riscv.drivers import NONE, Driver, Drivers
 from halpipe.exporters.riscv.images import Image, Part
@@ -15,12 +18,13 @@ from halpipe.exporters.riscv.operations import (
     OUTPUT,
     RUN,
     STOP,
+    Operation,
     Operations,
     check_grid,
     check_version,
     find_backlog,
 )
-from halpipe.exporters.riscv.phases import Clock, shares
+from halpipe.exporters.riscv.phases import COPIES, Clock, shares
 from halpipe.exporters.riscv.profile import Region, read_profile
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
@@ -181,3 +185,33 @@ def test_inputs_come_before_the_transfers_of_their_phase_and_outputs_when_all_is
     without = find_backlog(plain, none.programs, read_profile("vcu118"))
     service = read_profile("vcu118").service
     assert late.operations[0, place] == without.operations[0, before] + service + US * 5
+
+
+def test_at_one_tick_what_ends_comes_first_then_executions_then_transfers():
+    """A unit is free before its next job runs, and the runtime has passed on all before it copies for a long time."""
+    kinds = [COPY, INPUT, RUN, OUTPUT, STOP, DONE]
+    ordered = sorted(kinds, key=lambda kind: Operation(at=7, kind=kind, unit=0).key)
+    assert [{*ordered[:3]}, ordered[3], {*ordered[4:]}] == [{OUTPUT, STOP, DONE}, RUN, {COPY, INPUT}]
+    assert Operation(at=6, kind=COPY, unit=0).key < Operation(at=7, kind=DONE, unit=0).key
+
+
+def test_copies_of_logical_execution_times_have_the_drivers_of_their_buffers():
+    """Inputs are read when the copies of what is read begin, outputs are called when those of what is written end."""
+    system, _ = single()
+    system = replace(system, tasks=(replace(system.tasks[0], let=ms(2)),))
+    version = system.tasks[0].versions[0]
+    clock = Clock(US, US * 2, {"memory": 400_000_000, COPIES: 400_000_000})
+    copies = Copies(turns_of(system, [("scale", version)], clock, 0))
+    drivers = Drivers(
+        (
+            Driver("output", "put", US, AccessKind.WRITE, "", Location("d")),
+            Driver("input", "get", US * 5, AccessKind.READ, "scale", Location("d")),
+        )
+    )
+    cores = cores_of(system, set(), read_profile("vcu118"), Findings())
+    images = {("scale", version.name, unit): image_of(version, core) for unit, core in cores.items()}
+    memory = replace(MEMORY, shadows={(task, kind, name): Region(0x5000, 64) for task, kind, name in copies.shadows})
+    made = Operations(clock, {"memory": 0, COPIES: 1}, memory, images, Slots(len(cores)), drivers, copies)
+    made.tables(schedule(system, "5ms", job(system, "scale", 0, 0, "u1")))
+    found = [(o.kind, o.what) for o in made.programs[0].operations if o.kind in (INPUT, OUTPUT) or o.is_copy]
+    assert found == [(INPUT, "get, input"), (COPY, "input"), (COPY, "output"), (OUTPUT, "put, output")]

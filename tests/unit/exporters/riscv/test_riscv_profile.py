@@ -174,3 +174,73 @@ def test_patience_is_four_operations_for_each_core():
 def test_all_faults_at_once(tmp_path):
     found = refusal(tmp_path, VCU118.replace("cores: 4", "cores: 0").replace("kind: pdma", "kind: magic"))
     assert len(found) == 2
+
+
+LEAST = """halpipe-profile: 1
+cores: 2
+clock: 50000000
+timebase: 1000000
+main: {base: 0x80000000, size: 64MiB}
+ispm: {base: 0x01820000, stride: 0x20000, size: 120KiB}
+dspm: {base: 0x01040000, stride: 0x40000, size: 256KiB}
+service: 5us
+clint: 0x02000000
+uart: {kind: sifive, base: 0x64000000}
+dma: {kind: copy, bandwidth: 10MB/s, setup: 1us}
+"""
+
+
+def read(folder, text):
+    (folder / "mine.yaml").write_text(text)
+    return read_profile(str(folder / "mine.yaml"))
+
+
+def test_what_a_profile_does_not_state(tmp_path):
+    profile = read(tmp_path, LEAST)
+    assert (profile.summary, profile.qemu, profile.finisher, profile.latency) == ("", (), 0, Duration(0))
+    assert (profile.scratchpad, profile.watchdog, profile.is_coherent) == (None, None, True)
+    assert profile.stack == 8 * 1024
+    assert {profile.cpi, profile.management_cpi, *profile.classes.values()} == {1}
+    assert (profile.dspm.has_reservations, profile.ispm.has_reservations) == (True, True)
+    assert (profile.dma.channels, profile.dma.bus, profile.dma.bandwidth) == (1, 10_000_000, 10_000_000)
+    engine = LEAST.replace("kind: copy", "kind: pdma, base: 0x3000000, channels: 3")
+    assert (read(tmp_path, engine).dma.stride, read(tmp_path, engine).dma.bus) == (4096, 30_000_000)
+
+
+@pytest.mark.parametrize("key", [line.partition(":")[0] for line in LEAST.splitlines()[1:]])
+def test_what_a_profile_has_to_state(tmp_path, key):
+    text = "".join(f"{line}\n" for line in LEAST.splitlines() if not line.startswith(f"{key}:"))
+    found = refusal(tmp_path, text)
+    assert [d.message for d in found] == [f'lacks the key "{key}"']
+
+
+@pytest.mark.parametrize("key", ["base", "stride", "size", "kind", "bandwidth", "setup"])
+def test_what_each_part_of_a_profile_has_to_state(tmp_path, key):
+    for part in ("main", "ispm", "dspm", "uart", "dma"):
+        line = next(line for line in LEAST.splitlines() if line.startswith(part))
+        stated = [each for each in line[line.index("{") + 1 : -1].split(", ") if not each.startswith(f"{key}:")]
+        broken = f"{part}: {{{', '.join(stated)}}}"
+        if broken != line:
+            assert [d.message for d in refusal(tmp_path, LEAST.replace(line, broken))] == [f'lacks the key "{key}"']
+
+
+def test_an_engine_states_its_registers_and_a_watchdog_all_of_it(tmp_path):
+    assert [d.message for d in refusal(tmp_path, LEAST.replace("copy", "pdma"))] == ['lacks the key "base"']
+    (found,) = refusal(tmp_path, LEAST + "watchdog: {address: 0x70000000, value: 1}\n")
+    assert found.message == 'lacks the key "timeout"'
+    dog = read(tmp_path, LEAST + "watchdog: {address: 0x70000000, value: 3, timeout: 2s}\n").watchdog
+    assert (dog.address, dog.value, str(dog.timeout)) == (0x70000000, 3, "2s")
+
+
+def test_a_cache_that_the_engine_does_not_see_needs_one_that_copies(tmp_path):
+    assert not read(tmp_path, LEAST + "coherence: none\n").is_coherent
+    engine = LEAST.replace("kind: copy", "kind: pdma, base: 0x3000000")
+    (found,) = refusal(tmp_path, engine + "coherence: none\n")
+    assert "the DMA engine would miss what hart 0 has in its cache" in found.message
+    assert read(tmp_path, engine + "coherence: front-bus\n").is_coherent
+
+
+def test_a_profile_of_another_version_is_refused_at_its_first_line(tmp_path):
+    for text in ("# a remark\nhalpipe-profile: 2\n", "- a list\n"):
+        (found,) = refusal(tmp_path, text)
+        assert (found.message, found.at.line) == ("is no profile of version 1", 1)
