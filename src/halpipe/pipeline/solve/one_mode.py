@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.plans import Plan
     from halpipe.pipeline.solve.edf.search import Found as Tabled
     from halpipe.pipeline.solve.edf.works import Mode
-    from halpipe.pipeline.solve.kernel.search import Outcome, Search
+    from halpipe.pipeline.solve.kernel.search import Outcome, Search, Turns
     from halpipe.pipeline.solve.kernel.slices import OnSlice
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.kernel.widen import Begin, Run, Wider
@@ -52,7 +52,7 @@ EXACT_JOBS = 200
 """Jobs of a mode up to which the exact engine, where it is installed, takes turns with the annealer."""
 
 TURN_SEED = 1000
-"""Between the seeds of the exact engine's turns; within one, it counts on from its own."""
+"""Between the seeds of the turns of an engine; within one, it counts on from its own."""
 
 FEW_TASKS = 200
 """Tasks of a mode up to which its independent groups are searched together: a few moves more."""
@@ -427,6 +427,11 @@ class _WholeJobs(_Search):
         return self.options.moves(len(self.expansion.tasks))
 
     @cached_property
+    def least(self) -> int:
+        """Moves that it may make where no budget is stated."""
+        return replace(self.options, budget=None).moves(len(self.expansion.tasks))
+
+    @cached_property
     def may_ask(self) -> bool:
         """Whether the exact engine may look for a schedule, too."""
         is_free = self.options.is_open and self.tick is None
@@ -464,8 +469,7 @@ class _WholeJobs(_Search):
 
         answer: tuple[Job, ...] | None = None
         if self.may_ask and is_installed():
-            least = replace(self.options, budget=None).moves(len(self.expansion.tasks))
-            outcome, answer = relay(self._anneal, self._solve, least, self.budget, self.expansion.job_count)
+            outcome, answer = relay(self._anneal, self._solve, self.least, self.budget, self.expansion.job_count)
         else:
             outcome = self._anneal(self.budget)
         notes = cut_options(self.problem) + self.changed(outcome.changed, "number of jobs, version or units")
@@ -542,20 +546,26 @@ class _WholeJobs(_Search):
         return self.annealer.run(moves, lambda made, best: self.on_progress(self.name, made, self.budget, best))
 
     @cached_property
-    def annealer(self) -> Search:
-        """The annealer, and how far it is."""
+    def annealer(self) -> Turns:
+        """The annealer, and how far it is; that which a clock ends begins anew now and then."""
+        from halpipe.pipeline.solve.kernel.search import Turns
+
+        return Turns(self._begun, self.least if self.options.is_open else self.budget)
+
+    def _begun(self, number: int) -> Search:
+        """Begin the annealer's search of a number, of which the first is kept."""
         from halpipe.pipeline.solve.kernel.search import Search
 
         return Search(
             self.problem,
             lambda: self.problem if self.shipped else self._stated(self.tick, grouped=False),
-            self.seed,
+            self.seed + number * TURN_SEED,
             self.earlier,
             None
             if self.polish is None or self.widens
             else (self.polish, lambda: self._stated(self.tick, every_chain=True)),
             self.shipped,
-            self.kept,
+            None if number else self.kept,
         )
 
     def _solve(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,12 @@ class Outcome:
     stopped: bool
     changed: tuple[str, ...] = ()
     unimproved: bool = False
+
+
+FRESH_SHARE = 4
+"""Of a search that a clock ends, turns are this part of the moves that it makes without one."""
+
+NOT_BEGUN = Outcome((), 1, 0, stopped=False)
 
 
 class Search:
@@ -116,6 +123,35 @@ class Search:
 
     def _named(self, problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
         return _named(None if self._is_fixed else self._earlier, problem, state, units)
+
+
+class Turns:
+    """A search, and after its first `least` moves short ones that begin anew, in turns with it.
+
+    `begin` makes the search of a number. Some searches are soon over and others stuck, and only the seed decides which.
+    """
+
+    def __init__(self, begin: Callable[[int], Search], least: int) -> None:
+        self._begin, self._least, self._turn = begin, least, max(1, least // FRESH_SHARE)
+        self._made, self._stuck = 0, NOT_BEGUN
+        self._first = self._other = begin(0)
+
+    def run(self, budget: int, on_slice: OnSlice) -> Outcome:
+        """Continue until `budget` moves have been made in all; without a schedule, return what the first search has."""
+        while True:
+            turn, inside = divmod(self._made - self._least, self._turn)
+            is_first = turn < 0 or turn % 2 == 1
+            if not (is_first or inside):
+                self._other = self._begin(turn // 2 + 1)
+            until = min(budget, self._least + max(0, turn + 1) * self._turn)
+            others = max(0, turn + 1) // 2 * self._turn if is_first else self._least + turn * self._turn
+            search = self._first if is_first else self._other
+            end = search.run(until - others, lambda made, best, others=others: on_slice(others + made, best))  # type: ignore[misc]
+            self._made = until
+            if is_first or end.cost == 0:
+                self._stuck = end
+            if end.cost == 0 or end.stopped or until >= budget:
+                return replace(self._stuck, stopped=end.stopped, moves=others + end.moves)
 
 
 def improved(
