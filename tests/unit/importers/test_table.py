@@ -1,13 +1,16 @@
 """Spreadsheets: dialects of CSV, workbooks, columns by their synonyms, and what is refused."""
 
 import io
+import re
 import zipfile
 from contextlib import nullcontext
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.flow.formats import import_model
 from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.table import sheets
@@ -154,13 +157,14 @@ def test_files_without_a_table_of_tasks_are_refused(read, data):
     assert codes(failure) == ["HAL1480"]
 
 
-def workbook(**sheets):
+def workbook(change=lambda _: None, **sheets):
     book = openpyxl.Workbook()
     book.remove(book.active)
     for title, rows in sheets.items():
         sheet = book.create_sheet(title)
         for row in rows:
             sheet.append(row)
+    change(book)
     packed = io.BytesIO()
     book.save(packed)
     return packed.getvalue()
@@ -221,14 +225,114 @@ def test_shares_may_be_percent(read, text, share):
     assert found.slack == Fraction(share)
 
 
-@pytest.mark.parametrize(
-    ("versions", "help"), [("", "name the versions in a column"), ("fast", "keep one of the rows")]
-)
-def test_a_version_that_is_there_twice_is_refused_with_what_to_do(read, versions, help):
+@pytest.mark.parametrize("versions", ["", "fast"])
+def test_a_version_that_is_there_twice_is_refused_with_what_to_do(read, versions):
     row = f"a,{versions},10ms,1ms,c0\n"
     with pytest.raises(HalpipeError) as failure:
         read(tasks="Task,Version,Period,WCET,Core\n" + row + row)
-    assert help in failure.value.diagnostics[0].help
+    assert failure.value.diagnostics[0].help.startswith("rename or remove one of the two rows")
+
+
+HEADS = "Task;Period [ms];WCET [us];Core\n"
+
+
+@pytest.mark.parametrize(
+    ("cell", "wcet"),
+    [("0,250", "250ns"), ("1.250,5", "1250500ns"), ("1'250", "1250us"), ("1\u202f250", "1250us"), ("2.5", "2500ns")],
+)
+def test_numbers_as_they_are_written_elsewhere(read, cell, wcet):
+    assert task(read(tasks=f"{HEADS}a;10;{cell};c0\n")).versions[0].wcet == Duration.parse(wcet)
+
+
+@pytest.mark.parametrize("cell", ["10.000", "1.250", "1.234", "1,234", "1,250,500"])
+def test_what_may_be_thousands_is_refused_with_two_forms_that_are_not(read, cell):
+    """Semicolons separate the cells where a comma is the decimal sign: there, 10.000 may be ten thousand."""
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=f"{HEADS}a;10;{cell};c0\n")
+    (found,) = failure.value.diagnostics
+    assert found.message.endswith("may be a decimal or thousands")
+    point, whole = re.findall('"([^"]+)"', found.help)
+    assert whole == re.sub("[.,]", "", cell)
+    first, _, rest = re.sub(r"[.,](?=.*[.,])", "", cell).replace(",", ".").partition(".")
+    for form, value in ((point, Fraction(f"{first}.{rest}")), (whole, Fraction(whole))):
+        read_again = task(read(tasks=f"{HEADS}a;{4 * int(whole)};{form};c0\n")).versions[0].wcet
+        assert read_again.in_unit("us") == value
+
+
+@pytest.mark.parametrize("cell", ["2. Mai", "2-May", "03.05.2026", "2026-05-02 00:00:00", "00:00:10"])
+def test_dates_are_named_as_such(read, cell):
+    with pytest.raises(HalpipeError, match="is a date or a time of day; format the column as text"):
+        raise_first(read, f"{HEADS}a;10;{cell};c0\n")
+
+
+def raise_first(read, text):
+    try:
+        read(tasks=text)
+    except HalpipeError as failure:
+        found = failure.diagnostics[0]
+        raise HalpipeError(replace(found, message=f"{found.message}; {found.help}")) from None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"{HEADS}a;10;#DIV/0!;c0\n", "what a formula failed with"),
+        (f"{HEADS};[ms];[us];\na;10;1;c0\n", 'fill in the column "task", or remove the row'),
+        (HEADS, "no table has tasks"),
+        (f"{HEADS}a;10;1;c0\na;20;1;c0\n", "rename one of the two rows"),
+    ],
+)
+def test_mistakes_of_rows_are_answered_with_their_remedy(read, text, said):
+    with pytest.raises(HalpipeError, match=said):
+        raise_first(read, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Task,Period [ms],WCTE [ms]\na,10,1\n", 'did you mean "WCTE"'),
+        ("Task,Period [ms],Core\na,10,c0\n", 'tasks need the column "wcet"'),
+        ("Period [ms],WCET [ms],Core\n10,1,c0\n", 'tasks need the column "task"'),
+        ("Path,Limit [ms]\na -> b,10\n", 'chains need the column "name"'),
+        ("a,10,1,u0\n", "write heads above the rows, between commas"),
+    ],
+)
+def test_a_sheet_that_is_no_table_is_told_what_it_lacks(read, text, said):
+    found = read(tasks=TASKS, other=text).diagnostics
+    assert [one.code for one in found] == ["HAL1483"]
+    assert said in f"{found[0].message}; {found[0].help}"
+
+
+def test_units_of_heads_may_follow_a_stroke_or_a_blank(read):
+    assert task(read(tasks="Task|Period/ms|WCET us|Core\na|10|500|c0\n")) == task(read(tasks=TASKS))
+
+
+def test_hidden_sheets_are_reported_and_not_read(read):
+    def hide(book):
+        book["Old tasks"].sheet_state = "hidden"
+
+    rows = [["Task", "Period [ms]", "WCET [us]", "Core"], ["a", 10, 500, "c0"]]
+    book = workbook(Tasks=rows, **{"Old tasks": [rows[0], ["a", 10, 900, "c0"]]}, change=hide)
+    found = read(tasks=book)
+    assert task(found) == task(read(tasks=TASKS))
+    assert [(one.code, one.help) for one in found.diagnostics] == [("HAL1483", "unhide it, or delete it")]
+
+
+@pytest.mark.parametrize(
+    ("cells", "refused"),
+    [("D4:D5", True), ("B4:B5", True), ("C5:D5", True), ("A1:D1", False), ("E4:E5", False), ("D4:E4", False)],
+)
+def test_merged_cells_are_refused_where_one_lacks_its_value(read, cells, refused):
+    """A title may be merged, and cells of a remark; of cells in one row, the first has the value."""
+    rows = [["Title"], [], ["Task", "Period [ms]", "WCET [us]", "Core", "Remark"], ["a", 10, 500, "c0"]]
+    book = workbook(Tasks=[*rows, ["b", 10, 500, "c0"]], change=lambda made: made["Tasks"].merge_cells(cells))
+    if not refused:
+        assert len(read(tasks=book).model.tasks) == 2
+        return
+    with pytest.raises(HalpipeError, match="merged") as failure:
+        read(tasks=book)
+    assert codes(failure)[0] == "HAL1485"
+    assert failure.value.diagnostics[0].at.line == int(cells[1])
 
 
 def test_rows_and_columns_have_a_limit(read, monkeypatch):

@@ -51,7 +51,7 @@ def is_glob(pattern: str) -> bool:
 def name(text: str) -> str:
     """Read the name of a model element."""
     if _NAME.fullmatch(text) is None:
-        hint = "globs are not possible here" if is_glob(text) else "use letters, digits and _ . / : ~ + @ $ % -"
+        hint = "globs are not possible here" if is_glob(text) else "use A to Z, a to z, digits and _ . / : ~ + @ $ % -"
         raise ValueError(f"{text[:80]!r} is not a name; {hint}")
     return text
 

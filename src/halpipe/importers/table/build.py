@@ -89,7 +89,10 @@ HEADS = 20
 DEFAULT = "default"
 _ARROWS = re.compile(r"\s*(?:->|=>|→|>|[,;\n])\s*")
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:[.,][0-9]+)?")
-_THOUSANDS = re.compile(r"[0-9]{1,3}(?:,[0-9]{3})+(?![0-9])")
+_THOUSANDS = re.compile(r"(?<![0-9])[1-9][0-9]{0,2}(?:,[0-9]{3})+(?![0-9])")
+_GROUPED = re.compile(r"(?<=[0-9])(?:[\s'\u2019](?=[0-9]{3}(?![0-9]))|\.(?=[0-9]{3},[0-9])|,(?=[0-9]{3}\.[0-9]))")
+"""Signs that separate thousands for sure."""
+_DATE = re.compile(r"[0-9]{1,4}[.:/-] ?(?:[0-9]{1,2}[.:/-] ?[0-9]{1,4}\b|[^\W\d_]{3,})")
 _WINDOW = {"task": "from", "anchor": AFTER, "to": "until"}
 
 
@@ -121,7 +124,7 @@ class _Table:
 
     def fields(self, findings: Findings, known: set[str]) -> Iterator[Fields]:
         """Yield what the rows state, with their lines; empty cells state nothing. `known` are names of elements."""
-        signs = set[str]()
+        signs = {",": ""} if self.sheet.has_commas else dict[str, str]()
         for line, cells in self.rows:
             if any(cells[self.width :]):
                 text = f"{len(cells)} cells below {self.width} heads: a decimal comma may separate two of them"
@@ -130,6 +133,7 @@ class _Table:
                 continue
             data = YamlMap(line)
             row = Fields(self.sheet.file, findings, data, f"row of {self.kind.name}", ())
+            row.addition = 'fill in the column "{}", or remove the row: each row below the heads is an element'
             for column in self.columns:
                 text = cells[column.place] if column.place < len(cells) else ""
                 if column.key and text and text not in ("-", "—", "n/a"):
@@ -144,8 +148,10 @@ class _Table:
             yield row
 
 
-def _cell(column: Column, text: str, signs: set[str]) -> str:
+def _cell(column: Column, text: str, signs: dict[str, str]) -> str:
     """Return the text of a cell as its reader takes it: names without blanks, numbers with point and unit."""
+    if text.startswith("#"):
+        raise ValueError(f"{quoted(text)} is what a formula failed with; correct it, or write the value")
     if is_time(column.key):
         number = _with_point(text, signs).replace("µ", "u").replace("μ", "u")
         if column.unit and _NUMBER.fullmatch(number):
@@ -161,16 +167,24 @@ def _cell(column: Column, text: str, signs: set[str]) -> str:
     return _name(text)
 
 
-def _with_point(text: str, signs: set[str]) -> str:
-    """Return a number with a decimal point; raise ``ValueError`` where its sign may separate thousands.
+def _with_point(text: str, signs: dict[str, str]) -> str:
+    """Return a number with a decimal point; raise ``ValueError`` where a sign may separate thousands.
 
-    `signs` are the decimal signs of the table so far: beside 2,5 the number 1.000 may be a thousand.
+    `signs` are the decimal signs of the table so far, each with its first number: beside 2,5 the number 1.000 may be a
+    thousand.
     """
-    signs.update("," if "," in text else "." if _THOUSANDS.search(text.replace(".", ",")) else "")
-    if _THOUSANDS.search(text) or len(signs) > 1:
-        raise ValueError(
-            f"{quoted(text)} may be a decimal or thousands; write it with a decimal point, or without sign"
-        )
+    if _DATE.match(text):
+        raise ValueError(f"{quoted(text)} is a date or a time of day; format the column as text, and write it again")
+    text = _GROUPED.sub("", text)
+    thousands = _THOUSANDS.search(text.replace(".", ","))
+    if "," in text or thousands:
+        signs.setdefault("," if "," in text else ".", text)
+    if "," in signs and (thousands or "." in signs):
+        doubtful = text if thousands else signs["."]
+        *digits, rest = re.findall(r"[0-9]+", doubtful)
+        whole = "".join(digits)
+        point = f"{whole}.{rest.rstrip('0') if rest.endswith('0') else f'{rest}0'}".rstrip(".")
+        raise ValueError(f'{quoted(doubtful)} may be a decimal or thousands; write "{point}", or "{whole}{rest}"')
     return text.replace(",", ".")
 
 
@@ -192,7 +206,7 @@ def import_tables(paths: Sequence[str], options: ImportOptions) -> Imported:
     """Read tables into one model; raise `HalpipeError` with everything that is wrong in them."""
     findings, coverage = Findings(), Coverage()
     tables = list(_tables(paths, findings, coverage))
-    if not any(table.kind.name == "tasks" for table in tables) and not findings.has_errors:
+    if not any(table.kind.name == "tasks" and table.rows for table in tables) and not findings.has_errors:
         help = "name a table with the columns task, period and wcet"
         findings.add(NO_TABLE("no table has tasks", at=Location(paths[0] if paths else ""), help=help))
     findings.stop_on_errors()
@@ -219,19 +233,46 @@ def _table(sheet: Sheet, findings: Findings, coverage: Coverage) -> _Table | Non
     if sheet.title.lower().startswith(RESULTS):
         coverage.ignored("sheet", sheet.title, "the result of an export", Location(sheet.file))
         return None
-    for place, (line, cells) in enumerate(sheet.rows[:HEADS]):
+    for place, (line, cells) in enumerate(() if sheet.is_hidden else sheet.rows[:HEADS]):
         kind = kind_of(cells, sheet.title)
         if kind is not None:
             coverage.dropped("row above a table", place) if place else None
             columns = columns_of(cells, kind)
             _judge(columns, kind, Location(sheet.file, line), findings, coverage)
+            _refuse_merged(sheet, columns, line, findings)
             return _Table(kind, sheet, columns, len(cells), sheet.rows[place + 1 :])
     if sheet.rows:
-        help = "tables have: " + "; ".join(f"{kind.name}: {', '.join(kind.needed)}" for kind in KINDS)
-        at = Location(sheet.file, sheet.rows[0][0])
-        findings.add(UNKNOWN_SHEET(f'sheet "{sheet.title}" is no known table', at=at, help=help))
-        coverage.ignored("sheet", sheet.title, "no known table", at)
+        line, why, help = (0, "is hidden", "unhide it, or delete it") if sheet.is_hidden else _unlike(sheet)
+        at = Location(sheet.file, line)
+        findings.add(UNKNOWN_SHEET(f'sheet "{sheet.title}" {why}', at=at, help=help))
+        coverage.ignored("sheet", sheet.title, why, at)
     return None
+
+
+def _unlike(sheet: Sheet) -> tuple[int, str, str]:
+    """Return the row of a sheet that is most like the heads of a table, what it lacks, and what to write."""
+    likely = ((line, kind, columns_of(cells, kind)) for line, cells in sheet.rows[:HEADS] for kind in KINDS)
+    line, kind, columns = max(likely, key=lambda found: sum(bool(column.key) for column in found[2]))
+    keys = {column.key for column in columns} - {""}
+    if not keys:
+        known = "; ".join(f"{kind.name}: {', '.join(kind.needed)}" for kind in KINDS)
+        help = "write heads above the rows, between commas, semicolons or tabs: Task, Period [ms], WCET [ms], Core; "
+        return sheet.rows[0][0], "has no heads of a known table", f"{help}tables have: {known}"
+    unread = [re.split(r"\s*[\[(]", column.head)[0] for column in columns if not column.key]
+    missing = next(key for key in kind.needed if key not in keys)
+    help = did_you_mean(missing, unread, f'add the column "{missing}"; each row below is one element')
+    return line, f'is no known table: {kind.name} need the column "{missing}"', help
+
+
+def _refuse_merged(sheet: Sheet, columns: list[Column], heads: int, findings: Findings) -> None:
+    """Report merged cells below the heads: only the first of them has the value."""
+    for left, top, right, bottom in sheet.merged:
+        places = range(left - (top < bottom), right)
+        found = [column.head for column in columns if column.key and column.place in places]
+        if found and top > heads:
+            text = f'sheet "{sheet.title}" has merged cells in the column "{found[0]}"'
+            help = "split them, and write the value into each cell"
+            findings.add(CONTRADICTION(text, at=Location(sheet.file, top), help=help))
 
 
 def _judge(columns: list[Column], kind: Kind, at: Location, findings: Findings, coverage: Coverage) -> None:
@@ -287,7 +328,10 @@ class _Builder:
             name=title,
             units=tuple(units.values()),
             resources=tuple(resources.values()),
-            tasks=tuple(self._finished(task, draft) for task, draft in self._drafts.items()),
+            tasks=tuple(
+                Task(name=task, **one.stated, versions=tuple(one.versions.values()), at=one.at, origin=_origin(one.at))
+                for task, one in self._drafts.items()
+            ),
             chains=tuple(self._chains()),
             modes=self._modes(),
             transitions=tuple(found for _, found in self._elements("transitions", Transition)),
@@ -312,28 +356,28 @@ class _Builder:
                 row.complain(CONTRADICTION, f"{' to '.join(key)} is there twice", help="keep one of the rows")
                 continue
             seen.add(key)
-            yield key[0], element(**found, **also, at=row.at(), origin=_origin(row))
+            yield key[0], element(**found, **also, at=row.at(), origin=_origin(row.at()))
 
     # --------------------------------------------------------------------------------------------------- tasks
 
     def _task(self, row: Fields) -> None:
-        task = row.get(TASK, name)
+        task = row.get(TASK, name) if row.require(TASK) else None
         if task is None:
-            row.require(TASK)
             return
         stated = {one: value.value for one, value in stated_attributes(row, Task, "name").items()}
         draft = self._drafts.setdefault(task.value, _Draft({}, row.at()))
         for one, value in stated.items():
             if draft.stated.setdefault(one, value) != value:
                 message = f"states {one} {value}, and line {draft.at.line} {draft.stated[one]}"
-                row.complain(CONTRADICTION, message, help="state what all versions share once, or alike")
+                help = "rename one of the two rows, or state for versions of one task what they share once"
+                row.complain(CONTRADICTION, message, help=help)
         version = row.value(VERSION, name, DEFAULT)
         if version in draft.versions:
-            help = "name the versions in a column `version`" if version == DEFAULT else "keep one of the rows"
+            help = "rename or remove one of the two rows, or name versions in a column `version`"
             row.complain(CONTRADICTION, f'version "{version}" is there twice', help=help)
         known = stated_attributes(row, TaskVersion, "name")
         values = {one: value.value for one, value in known.items()}
-        draft.versions[version] = TaskVersion(name=version, **values, at=row.at(), origin=_origin(row))
+        draft.versions[version] = TaskVersion(name=version, **values, at=row.at(), origin=_origin(row.at()))
         draft.after += [(before.value, row.at(AFTER)) for before in row.texts(AFTER, name)]
         for mode in row.texts(MODES, name):
             draft.modes.setdefault(mode.value, []).append(version)
@@ -348,16 +392,13 @@ class _Builder:
             if "slack" not in draft.stated:
                 draft.stated["slack"] = 1
                 self._coverage.defaulted(f'task "{task}"', "slack", "1: a job may start up to its deadline", draft.at)
-        waiting = {task for task, draft in self._drafts.items() if "period" not in draft.stated}
-        while waiting:
-            found = {task: period for task in waiting if (period := self._inherited(task)) is not None}
+        waiting = [task for task, draft in self._drafts.items() if "period" not in draft.stated]
+        while found := {task: period for task in waiting if (period := self._inherited(task)) is not None}:
             for task, period in found.items():
                 draft = self._drafts[task]
                 draft.stated["period"] = period
                 self._coverage.defaulted(f'task "{task}"', "period", f"{period}: that of its predecessor", draft.at)
-            waiting -= set(found)
-            if not found:
-                break
+            waiting = [task for task in waiting if task not in found]
 
     def _inherited(self, task: str) -> Duration | None:
         """Return the longest period of the predecessors of a task, None where one is not known."""
@@ -370,7 +411,7 @@ class _Builder:
 
     def _access(self, row: Fields, resources: dict[str, Resource]) -> None:
         found = complete_attributes(row, Access)
-        task = self._known(row, TASK, self._drafts)
+        task = self._known(row, TASK)
         if found is None or task is None:
             return
         resources.setdefault(found["resource"], Resource(name=found["resource"], at=row.at()))
@@ -382,7 +423,8 @@ class _Builder:
         """Return the version of a task that a row names; all where it names none."""
         version, known = row.value(VERSION, name, ""), self._drafts[task].versions
         if version and version not in known:
-            self._unknown(row, version, f'version of task "{task}"', known, VERSION)
+            help = did_you_mean(version, known, "name one that its table has")
+            row.complain(UNKNOWN_NAME, f'"{version}" is no version of task "{task}"', VERSION, help=help)
         return [each for each in known.values() if version in ("", each.name)]
 
     # ------------------------------------------------------------------------------------------ connections
@@ -392,9 +434,7 @@ class _Builder:
         for task, draft in self._drafts.items():
             for before, at in draft.after:
                 path = about(task=task)
-                if before not in self._drafts:
-                    help = did_you_mean(before, self._drafts, "name a task of the table")
-                    self._findings.add(UNKNOWN_NAME(f'"{before}" is no task', at=at, path=path, help=help))
+                if self._is_missing(before, at, path):
                     continue
                 own, other = self._period(task), self._period(before)
                 if before == task or own is None or other is None:
@@ -410,10 +450,10 @@ class _Builder:
 
     def _precedence(self, row: Fields) -> None:
         found = complete_attributes(row, Precedence, _WINDOW)
-        to, before = self._known(row, "to", self._drafts), self._known(row, "from", self._drafts)
+        to, before = self._known(row, "to"), self._known(row, "from")
         if found is None or to is None or before is None:
             return
-        self._add(to, self._versions(row, to), Precedence(**found, origin=_origin(row), at=row.at()))
+        self._add(to, self._versions(row, to), Precedence(**found, origin=_origin(row.at()), at=row.at()))
 
     def _add(self, task: str, versions: Iterable[TaskVersion], window: Precedence) -> None:
         for each in tuple(versions):
@@ -422,24 +462,28 @@ class _Builder:
     def _chains(self) -> Iterator[Chain]:
         for _, found in self._elements("chains", Chain):
             for task in found.tasks:
-                if task not in self._drafts:
-                    help = did_you_mean(task, self._drafts, "name a task of the table")
-                    message = f'"{task}" is no task'
-                    self._findings.add(UNKNOWN_NAME(message, at=found.at, path=about(chain=found.name), help=help))
+                self._is_missing(task, found.at, about(chain=found.name))
             yield found
+
+    def _is_missing(self, task: str, at: Location, path: str) -> bool:
+        """Return whether a name is no task's, and report it."""
+        if task not in self._drafts:
+            help = did_you_mean(task, self._drafts, "name a task of the table")
+            self._findings.add(UNKNOWN_NAME(f'"{task}" is no task', at=at, path=path, help=help))
+        return task not in self._drafts
 
     def _health(self) -> Iterator[HealthRule]:
         for row in self._rows("health"):
             found = complete_attributes(row, HealthRule)
-            if found is not None and self._known(row, TASK, self._drafts):
-                yield HealthRule(**found, origin=_origin(row), at=row.at())
+            if found is not None and self._known(row, TASK):
+                yield HealthRule(**found, origin=_origin(row.at()), at=row.at())
 
     def _interrupt(self, row: Fields, units: dict[str, Unit]) -> None:
         found, unit = complete_attributes(row, Interrupt), row.get("unit", name)
         if found is None or unit is None or not row.require("unit"):
             return
         old = units.setdefault(unit.value, Unit(name=unit.value, at=row.at()))
-        interrupt = Interrupt(**found, origin=_origin(row), at=row.at())
+        interrupt = Interrupt(**found, origin=_origin(row.at()), at=row.at())
         units[unit.value] = replace(old, interrupts=(*old.interrupts, interrupt))
 
     def _modes(self) -> tuple[Mode, ...]:
@@ -456,25 +500,10 @@ class _Builder:
             found.append(replace(stated.get(mode) or Mode(name=mode, runs=()), runs=tuple(runs)))
         return tuple(found)
 
-    def _finished(self, task: str, draft: _Draft) -> Task:
-        at = draft.at
-        versions = tuple(draft.versions.values())
-        return Task(name=task, **draft.stated, versions=versions, at=at, origin=Origin(at.file, at.line))
-
-    def _known(self, row: Fields, key: str, known: dict[str, _Draft]) -> str | None:
-        found = row.get(key, name)
-        if found is None:
-            row.require(key)
-            return None
-        if found.value not in known:
-            self._unknown(row, found.value, "task", known, key)
-            return None
-        return found.value
-
-    def _unknown(self, row: Fields, text: str, what: str, known: Any, key: str) -> None:
-        help = did_you_mean(text, known, "name one that its table has")
-        row.complain(UNKNOWN_NAME, f'"{text}" is no {what}', key, help=help)
+    def _known(self, row: Fields, key: str) -> str | None:
+        found = row.get(key, name) if row.require(key) else None
+        return None if found is None or self._is_missing(found.value, found.at, row.path) else found.value
 
 
-def _origin(row: Fields) -> Origin:
-    return Origin(row.at().file, row.at().line)
+def _origin(at: Location) -> Origin:
+    return Origin(at.file, at.line)

@@ -145,7 +145,7 @@ KINDS = (
     Kind("units", ("unit", "cores", "platform"), {"name": _UNIT, "type": ("core type", "kind")}, ("name", "type")),
 )
 
-_HEAD = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|(?:\bin\s|_)\s*([mnuµμ]?s))?\s*")
+_HEAD = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|(?:\bin\s|[\s_/])\s*([mnuµμ]?s))?\s*")
 _UNITS = {"s": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "%": "%", "": ""}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import zipfile
 from decimal import Decimal
 from pathlib import PurePath
@@ -15,7 +16,7 @@ from halpipe.core.records import record
 from halpipe.importers.common.damage import reason
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 NO_TABLE = error(
     "HAL1480",
@@ -25,6 +26,8 @@ NO_TABLE = error(
 NO_READER = error(
     "HAL1481", "Workbooks cannot be read here", "The package openpyxl, which reads workbooks, is not installed."
 )
+
+_MERGED = re.compile(rb'<(?:\w+:)?mergeCell [^>]*?ref="([A-Z]{1,3}[0-9]{1,7}:[A-Z]{1,3}[0-9]{1,7})"')
 
 MAX_ROWS = 50_000
 MAX_COLUMNS = 200
@@ -39,6 +42,9 @@ class Sheet:
     title: str
     file: str
     rows: tuple[tuple[int, tuple[str, ...]], ...]
+    has_commas: bool = False  # as decimal signs: programs then write semicolons between cells
+    is_hidden: bool = False
+    merged: tuple[tuple[int, int, int, int], ...] = ()  # first column and row, and the last ones, from 1
 
 
 def read_sheets(path: str) -> list[Sheet]:
@@ -49,11 +55,11 @@ def read_sheets(path: str) -> list[Sheet]:
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise HalpipeError(NO_TABLE("is a workbook of Excel before 2007", at=Location(path), help="save it as .xlsx"))
     text = _text(data, path)
-    separator = max(",;\t", key="\n".join(text.splitlines()[:20]).count)
+    separator = max(",;\t|", key="\n".join(text.splitlines()[:20]).count)
     try:
         reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
         rows = ((reader.line_num, tuple(cell.strip() for cell in cells)) for cells in reader)
-        return [Sheet(PurePath(path).stem, path, _bounded(rows, path))]
+        return [Sheet(PurePath(path).stem, path, _bounded(rows, path), has_commas=separator == ";")]
     except csv.Error as failure:
         raise HalpipeError(NO_TABLE(str(failure), at=Location(path), help="write plain CSV")) from None
 
@@ -88,23 +94,34 @@ def _bounded(rows: Iterable[tuple[int, tuple[str, ...]]], path: str) -> tuple[tu
 def _workbook(data: bytes, path: str) -> list[Sheet]:
     try:
         from openpyxl import load_workbook
+        from openpyxl.utils import range_boundaries
     except ImportError:
         help = "pip install openpyxl, or save the sheets as CSV"
         raise HalpipeError(NO_READER("openpyxl is not installed", at=Location(path), help=help)) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as package:
             _refuse_bombs(package, path)
-            has_formulas = any(b"<f" in package.read(n) for n in package.namelist() if "/worksheets/sheet" in n)
+            merged, has_formulas = {}, False
+            for name in (name for name in package.namelist() if "/worksheets/sheet" in name):
+                page = package.read(name)
+                has_formulas |= b"<f" in page
+                merged[name] = tuple(range_boundaries(found.decode()) for found in _MERGED.findall(page))
         books = [load_workbook(io.BytesIO(data), read_only=True, data_only=True)]
         if has_formulas:  # they have values only where the last program that saved them computed any
             books.append(load_workbook(io.BytesIO(data), read_only=True))
         sheets = zip(*(book.worksheets for book in books), strict=True)
-        return [Sheet(parts[0].title, path, _bounded(_cells(parts, path), path)) for parts in sheets]
+        return [_sheet(parts, path, merged) for parts in sheets]
     except HalpipeError:
         raise
     except Exception as failure:  # noqa: BLE001  whatever the library makes of a broken file
         message = f"is no workbook: {reason(failure)}"
         raise HalpipeError(NO_TABLE(message, at=Location(path), help="save it anew as .xlsx")) from None
+
+
+def _sheet(parts: Sequence[Any], path: str, merged: Mapping[str, tuple[tuple[int, int, int, int], ...]]) -> Sheet:
+    first, rows = parts[0], _bounded(_cells(parts, path), path)
+    ranges = merged.get(first._worksheet_path.lstrip("/"), ())  # noqa: SLF001  the library keeps no others
+    return Sheet(first.title, path, rows, is_hidden=first.sheet_state != "visible", merged=ranges)
 
 
 def _refuse_bombs(package: zipfile.ZipFile, path: str) -> None:
