@@ -564,12 +564,12 @@ def parts_of_the_exact_engine(count):
 @lowered("pipeline.solve.one_mode:MOST_PARTS", 3, "coarser", Placement=MagicMock(), natural_tick=lambda _: Duration(12))
 def parts_of_a_tick_for_margins(count):
     """The bound of a margin in so many parts is met; of more, the grid has no more than the limit."""
-    mode, ticks = MagicMock(tick=None, spare=1, expansion=fake(tasks=[1], job_count=1)), []
+    bound, ticks = Fraction(1, count), []
+    mode = MagicMock(tick=None, spare=1, expansion=fake(tasks=[1], job_count=1), most_margin=bound)
     mode._stated.side_effect = lambda tick, *_, **__: ticks.append(tick) or fake(arrays=None)
     mode.widened = lambda begin, *_: begin(Fraction(1), 0, None)
-    bounds, kernel = {"largest_margin": lambda *_: Fraction(1, count)}, {"reserved": MagicMock()}
     search = patched("pipeline.solve.kernel.search", Search=MagicMock())
-    with patched("pipeline.solve.one_mode", **bounds), patched("pipeline.solve.kernel.widen", **kernel), search:
+    with patched("pipeline.solve.kernel.widen", reserved=MagicMock()), search:
         named("pipeline.solve.one_mode:_WholeJobs").raised(mode, (), 0)
     return "" if ticks == [Duration(12) / count] else "coarser"
 

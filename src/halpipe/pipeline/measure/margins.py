@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.measure.placement import Placement
 
+    Rational = int | Fraction
+
 LARGEST_MARGIN = Fraction(100)
 """Growth beyond a hundred times the WCET is of no interest; a job alone on its unit would have no bound."""
 
@@ -49,47 +51,52 @@ def largest_margin(expansion: Expansion, model: TaskModel) -> Fraction:
     A version stays for its WCET and the interrupts of that time. Parts of a job count each interrupt once or more
     often, so that they stay no shorter together.
     """
-    return min(_Bound(expansion, model).margins())
+    return min(_Bound(expansion, model).growths()) - 1
 
 
 class _Bound:
-    """Limits of the margin of every schedule of a mode."""
+    """Limits of the growth of stays, one more than their margin, in every schedule of a mode; times in nanoseconds."""
 
     def __init__(self, expansion: Expansion, model: TaskModel) -> None:
-        self.hyperperiod = expansion.hyperperiod.fraction
+        self.hyperperiod = expansion.hyperperiod.ns
         self.by_name = {each.name: each for each in expansion.tasks if all(version.wcet for version in each.versions)}
-        self.model, self.units = model, {unit.name: unit for unit in model.units}
+        self.model, self.units = model, {unit.name: unit for unit in model.units if unit.interrupts}
         self.cyclic = [each for each in self.by_name.values() if each.task.period is not None and each.jobs]
+        self.stays = {name: min(map(self.least, each.versions)) for name, each in self.by_name.items()}
 
-    def margins(self) -> Iterator[Fraction]:
+    def growths(self) -> Iterator[Fraction]:
         """Yield a bound for each limit."""
-        yield LARGEST_MARGIN
+        yield 1 + LARGEST_MARGIN
         units = {name for active in self.by_name.values() for version in active.versions for name in version.units}
         work = sum(each.jobs * min(self.least(v) * v.gang for v in each.versions) for each in self.cyclic)
         if work:
-            yield len(units) * self.hyperperiod / work - 1
+            yield Fraction(len(units) * self.hyperperiod, work)
         for active in self.cyclic:  # round the hyperperiod, or in each period where all its jobs are on one unit
             is_free = active.task.binding is Binding.JOB
-            yield (self.hyperperiod if is_free else _period(active).fraction) / self.stay(active) - 1
+            yield Fraction(self.hyperperiod if is_free else _period(active), self.stay(active))
         yield from self.of_units()
         yield from self.of_windows()
         yield from self.of_chains()
 
-    def stay(self, active: ActiveTask) -> Fraction:
+    def stay(self, active: ActiveTask) -> Rational:
         """Return how long a job of a task stays at least."""
-        return min(map(self.least, active.versions))
+        return self.stays[active.name]
 
-    def least(self, version: Version) -> Fraction:
+    def least(self, version: Version) -> Rational:
         """Return the least stay of a version: on all its units, or on the one with the fewest interrupts."""
-        names, work = tuple(dict.fromkeys(version.units)), version.wcet or ZERO
+        work = version.wcet or ZERO
+        if self.units.keys().isdisjoint(version.units):
+            return work.ns
+        names = tuple(dict.fromkeys(version.units))
         found = []
         for chosen in (names,) if version.gang == len(names) else ((name,) for name in names):
             with suppress(ValueError):  # no time is enough there
-                found.append(reserved_length(work, service_of(self.units, chosen)).fraction)
-        return min(found, default=work.fraction)
+                service = service_of(self.units, [name for name in chosen if name in self.units])
+                found.append(reserved_length(work, service).ns)
+        return min(found, default=work.ns)
 
     def of_units(self) -> Iterator[Fraction]:
-        """Yield by what share stays could grow before a unit had too much of what runs there alone, or two jobs met."""
+        """Yield by what stays could grow before a unit had too much of what runs there alone, or two jobs met."""
         by_unit: dict[str, list[ActiveTask]] = {}
         for active in self.cyclic:
             sets = {(frozenset(version.units), version.gang) for version in active.versions}
@@ -98,61 +105,61 @@ class _Bound:
                 for unit in units if gang == len(units) else ():
                     by_unit.setdefault(unit, []).append(active)
         for own in by_unit.values():
-            yield 1 / sum((self.stay(each) / _period(each).fraction for each in own), Fraction(0)) - 1
+            yield Fraction(self.hyperperiod, sum(self.stay(each) * each.jobs for each in own))
             whole = sorted((each for each in own if not _is_split(each)), key=self.stay, reverse=True)
-            strict: dict[Duration, list[ActiveTask]] = {}
+            strict: dict[Rational, list[ActiveTask]] = {}
             for each in whole:
                 if not each.task.slack:
                     strict.setdefault(_period(each), []).append(each)
             tops = [(period, each) for period, alike in strict.items() for each in alike[:2]]
             for (period, each), (other, its) in combinations(tops, 2):
-                cycle = greatest_common_divisor([period, other])
-                yield cycle.fraction / (self.stay(each) + self.stay(its)) - 1
+                cycle = greatest_common_divisor([Duration(period), Duration(other)])
+                yield Fraction(cycle.ns, self.stay(each) + self.stay(its))
             for (period, each), its in product(tops, whole[:2]):  # a job in one piece lies between two of a strict task
                 if its is not each:
-                    yield period.fraction / (self.stay(each) + self.stay(its)) - 1
+                    yield Fraction(period, self.stay(each) + self.stay(its))
 
     def of_windows(self) -> Iterator[Fraction]:
-        """Yield by what share a stay could grow where a window makes another job begin soon after it."""
+        """Yield by what a stay could grow where a window makes another job begin soon after it."""
         for active in self.cyclic:  # whose jobs there are, whatever versions others have
             gaps = [self.gaps(version) for version in active.versions]
             for name in set(gaps[0]).intersection(*gaps):
                 yield from self.followed(self.by_name[name], active, max(found[name] for found in gaps))
 
-    def gaps(self, version: Version) -> dict[str, Fraction]:
+    def gaps(self, version: Version) -> dict[str, Rational]:
         """Return how long at most after the end of a job on one of its units this version starts, by task.
 
         A job in parts may enclose the other one. A window to an end may be empty but for a job that ends where the
         other one starts: then that has no gap either.
         """
-        found: dict[str, Fraction] = {}
+        found: dict[str, Rational] = {}
         for row in version.precedences:
             before, is_end = self.by_name.get(row.task), row.to is Anchor.END
             is_start = row.anchor is Anchor.START and before is not None and not _is_split(before)
             if before and (is_start or row.anchor is Anchor.END) and not (is_end and _is_cut(version)):
-                gap = row.max.fraction - self.least(version) * is_end - self.stay(before) * is_start
+                gap = row.max.ns - self.least(version) * is_end - self.stay(before) * is_start
                 found[row.task] = min(found.get(row.task, gap), gap)
         return found
 
     def of_chains(self) -> Iterator[Fraction]:
-        """Yield by what share a stay could grow where a chain makes the next job begin soon after it.
+        """Yield by what a stay could grow where a chain makes the next job begin soon after it.
 
         Of a reaction time, the worst job of the first task starts at least a period after the one before it.
         """
-        cyclic = {each.name: each for each in self.cyclic if each.task.let is None}
+        cyclic = {each.name: each for each in self.cyclic if each.task.let is None} if self.model.chains else {}
         for chain in self.model.chains:
             members = [cyclic[name] for name in chain.tasks if name in cyclic]
             if len(members) == len(chain.tasks) and not (chain.anchor or chain.to):
-                limits = (chain.max_latency, ZERO), (chain.max_age, ZERO), (chain.max_reaction, _period(members[0]))
+                limits = (chain.max_latency, 0), (chain.max_age, 0), (chain.max_reaction, _period(members[0]))
                 work = sum(map(self.stay, members))
-                gaps = [limit.fraction - less.fraction - work for limit, less in limits if limit]
+                gaps = [limit.ns - less - work for limit, less in limits if limit]
                 for before, active in pairwise(members if gaps else ()):
                     yield from self.followed(before, active, min(gaps))
 
-    def followed(self, before: ActiveTask, active: ActiveTask, gap: Fraction) -> Iterator[Fraction]:
-        """Yield by what share a stay could grow before a job on one of its units that starts so long after its end."""
+    def followed(self, before: ActiveTask, active: ActiveTask, gap: Rational) -> Iterator[Fraction]:
+        """Yield by what a stay could grow before a job on one of its units that starts so long after its end."""
         if all(_share_units(version, before) for version in active.versions) and (gap <= 0 or not _is_split(before)):
-            yield max(Fraction(0), gap) / self.stay(before)
+            yield 1 + Fraction(max(0, gap), self.stay(before))
 
 
 def _share_units(version: Version, other: ActiveTask) -> bool:
@@ -168,9 +175,9 @@ def _is_split(active: ActiveTask) -> bool:
     return any(map(_is_cut, active.versions))
 
 
-def _period(active: ActiveTask) -> Duration:
+def _period(active: ActiveTask) -> Rational:
     assert active.task.period is not None, "it was asked for"
-    return active.task.period
+    return active.task.period.ns
 
 
 def least_wcet(active: ActiveTask) -> Duration:

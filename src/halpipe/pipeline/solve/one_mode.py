@@ -238,12 +238,12 @@ class _Search:
         return widened(begin, unit, wanted, max(effort, moves // SHARE), tell, kept, rounds)
 
     def first_wider(self, jobs: tuple[Job, ...], placed: int, tries: Iterable[Callable[[int], Wider]]) -> Wider:
-        """Try to raise a margin; where it is 0 and not proven best, with the next effort, too."""
+        """Try to raise a margin that is not proven best; where it is 0, with the next effort, too."""
         from halpipe.pipeline.solve.kernel.widen import NO_WIDER
 
-        made, wider, most = 0, NO_WIDER, self.most_margin
+        made, wider, margin = 0, NO_WIDER, self.margin_of(jobs)
         for number, each in enumerate(tries):
-            if not most or (number and (wider.jobs or wider.stopped or self.polish or self.margin_of(jobs))):
+            if margin >= self.most_margin or (number and (wider.jobs or wider.stopped or self.polish or margin)):
                 break
             wider = each(placed + made)
             made += wider.moves
@@ -516,7 +516,7 @@ class _WholeJobs(_Search):
             expansion = _with_versions_of(jobs, self.expansion)
             tick = tick or (finer(natural_tick(expansion)) if is_fine else None)
         elif tick is None:  # then starts may lie between the ticks, so that the bound is met
-            tick = natural_tick(expansion) / min(MOST_PARTS, largest_margin(expansion, self.model).denominator)
+            tick = natural_tick(expansion) / min(MOST_PARTS, self.most_margin.denominator)
 
         @cache  # of a large system, stating the problem takes longer than the search for one margin
         def plain(*, grouped: bool) -> Problem:
