@@ -14,6 +14,8 @@ COMPARISONS = 50_000
 LONGEST = 200
 """Characters of a name up to which one is sought that resembles it."""
 
+SHORT = 5
+"""Characters of a name up to which half of them suffice: one typing error spoils much of a short name."""
 
 _WORDS = {
     "schedule": "solve plan optimise optimize synthesise synthesize",
@@ -89,7 +91,8 @@ def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
         by_small.setdefault(candidate.lower().lstrip("-"), candidate)
     small = name.lower().lstrip("-")  # two options are not near by their dashes
     alike = [each for each in (small, small.replace("_", "-")) if each in by_small]
-    return [by_small[each] for each in alike[:1] or difflib.get_close_matches(small, by_small, n=count, cutoff=0.5)]
+    cutoff = 0.5 if len(small) <= SHORT else 0.6  # common to both, as difflib reckons it
+    return [by_small[each] for each in alike[:1] or difflib.get_close_matches(small, by_small, n=count, cutoff=cutoff)]
 
 
 def counted(number: int, noun: str) -> str:
@@ -99,7 +102,9 @@ def counted(number: int, noun: str) -> str:
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "") -> str:
     """Return ``did you mean "x" or "y"?``, or `otherwise` when nothing is near."""
-    near = nearest(name, known)
-    if not near:
-        return otherwise
-    return "did you mean " + " or ".join(f'"{n}"' for n in near) + "?"
+    return one_of(nearest(name, known), otherwise)
+
+
+def one_of(near: Iterable[str], otherwise: str = "") -> str:
+    """Return the question whether one of the names is meant, or `otherwise` where there is none."""
+    return f"did you mean {names}?" if (names := " or ".join(f'"{name}"' for name in near)) else otherwise

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, error
 from halpipe.core.files.protection import STDIO, note_input, was_input
-from halpipe.core.suggest import did_you_mean
+from halpipe.core.suggest import nearest, one_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -99,11 +99,13 @@ def read_own(path: str | os.PathLike[str], most: int | None = MAX_INPUT_BYTES) -
 
 def _unreadable(name: str, failure: Exception) -> Diagnostic:
     """Return why a file cannot be read, with the files beside it that have a similar name."""
-    help, folder, beside = "name a file that exists and that you may read", os.path.dirname(name), []
+    help, folder, beside = "name a file that exists and that you may read", os.path.dirname(name), {}
     if isinstance(failure, FileNotFoundError):
+        stem, ending = os.path.splitext(os.path.basename(name))  # files are not alike by their folder and their kind
         with suppress(OSError):
-            beside = [os.path.join(folder, each) for each in sorted(os.listdir(folder or "."))[:MOST_BESIDE]]
-        help = did_you_mean(name, beside, help)
+            names = sorted(os.listdir(folder or "."))[:MOST_BESIDE]
+            beside = {each.removesuffix(ending): os.path.join(folder, each) for each in names}
+        help = one_of(map(beside.__getitem__, nearest(stem, beside)), help)
     elif isinstance(failure, NotADirectoryError):
         help = f'name a folder, or a bundle, in the place of "{folder}"'
     return CANNOT_READ(reason(failure), at=Location(name), help=help)
