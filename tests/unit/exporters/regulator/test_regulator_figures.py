@@ -1,0 +1,332 @@
+"""Figures of regulator exports against what they are of: facts against scripts, settings against bounds in force."""
+
+import re
+from contextlib import suppress
+from dataclasses import replace
+from fractions import Fraction
+from math import ceil
+
+import pytest
+from regulator_samples import (
+    DIGEST,
+    PLATFORM,
+    ROOMY,
+    build,
+    files,
+    low_bounds,
+    made,
+    nearly_all,
+    one_mode,
+    platform,
+    switching,
+    two_units,
+)
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import parse_bandwidth
+from halpipe.exporters.regulator import codes, windows
+from halpipe.exporters.regulator.frames import Row
+from halpipe.exporters.regulator.memguard import writer as memguard
+from halpipe.exporters.regulator.platform import DIRECTIONS, LEAST_CYCLES
+from halpipe.exporters.regulator.table.writer import header_lines
+from halpipe.exporters.regulator.writing import backend, file_names
+from support import access, job, model, ms, task, version
+
+SAMPLES = [low_bounds, two_units, switching, nearly_all]
+"""Tables whose bounds change, wrap round the end and reach over switches."""
+
+
+def by_name(samples=SAMPLES):
+    return pytest.mark.parametrize("sample", samples, ids=lambda sample: sample.__name__)
+
+
+# ---------------------------------------------------------------------------------------------------- AXI-REALM
+
+
+@by_name()
+def test_the_most_writes_of_a_window_are_those_of_the_scripts(tmp_path, sample):
+    """A handler may have to write every budget that a script sets at its start: at a switch."""
+    tables, _ = made(tmp_path, "axi-realm", sample)
+    realm = backend("axi-realm")
+    written = realm.write(tables, DIGEST)
+    most = []
+    for table, stem in zip(tables.tables, file_names(t.name for t in tables.tables), strict=True):
+        at = [int(window) for window in re.findall(r"WRITE\((-?\d+),", written[f"{stem}.txt"].decode())]
+        most += [(at.count(window), f"{table.frame.path} window {window}" if window >= 0 else "any switch")
+                 for window in dict.fromkeys(at)]  # fmt: skip
+    facts = realm.facts(tables)
+    assert facts["writes_per_window"] == max(count for count, _ in most)
+    assert (facts["writes_per_window"], facts["worst_window"]) in most
+
+
+@pytest.mark.parametrize(("managers", "free"), [(3, "1"), (4, "1 3"), (8, "1 3 4 5 6 7")])
+def test_managers_without_a_unit_are_named(tmp_path, managers, free):
+    tables, _ = made(tmp_path, "axi-realm", **{"axi-realm": f"{{managers: {managers}}}"})
+    assert backend("axi-realm").facts(tables)["managers_not_regulated"] == free
+
+
+def test_a_manager_that_does_not_exist_needs_a_file_of_one_more(tmp_path):
+    (found,) = [d for d in made(tmp_path, "axi-realm", **{"axi-realm": "{managers: 2}"})[1] if d.is_error]
+    assert found.help == 'use 0 to 1, or state "axi-realm: {managers: 3}"'
+    assert not [d for d in made(tmp_path, "axi-realm", **{"axi-realm": "{managers: 3}"})[1] if d.is_error]
+
+
+# ----------------------------------------------------------------------------------------------------- MemGuard
+
+
+def in_force(table, row, begin, end):
+    """The largest bound of a row within [begin, end) ticks from the start of a table, modes over and over."""
+    frame = table.frame
+    turns = range(-1, 1 + ceil(end / frame.span)) if table.successor == table.index else (0,)
+    spans = [
+        (max(p.begin + turn * frame.span, begin), min(p.end + turn * frame.span, end), p.bound)
+        for turn in turns
+        for p in frame.phases
+        if p.row == row
+    ]
+    if table.successor != table.index:  # a table of a switch ends where it does
+        spans = [(low, min(high, frame.span), bound) for low, high, bound in spans]
+    spans = [(low, high, bound) for low, high, bound in spans if low < high]
+    return max((sum(b for low, high, b in spans if low <= at < high) for at, *_ in spans), default=Fraction(0))
+
+
+@pytest.mark.parametrize("period", [1000, 2500])
+@by_name()
+def test_a_setting_serves_all_that_is_in_force_until_the_next_one_holds(tmp_path, sample, period):
+    """It is written at the begin of a period, holds from the end of one that runs, and until the next does."""
+    settings = f"{{granularity: phase, period: {period}us, write-refills: 0, write-backs: 0}}"
+    tables, _ = made(tmp_path, "memguard", sample, memguard=settings)
+    for table in tables.tables:
+        found = dict(memguard._settings(tables, table))
+        limits = found[0]
+        ticks = tables.grid.ticks(period * 1000)
+        for number in range(ceil(table.frame.span / ticks)):
+            limits = found.get(number * period * 1000, limits)
+            end = min((number + 1) * ticks, table.frame.span) + ticks
+            for unit in tables.units:
+                core = tables.platform.units[unit.name].core
+                for d in DIRECTIONS:
+                    rate = in_force(table, Row(unit.name, d), number * ticks, end) * tables.platform.guaranteed
+                    assert limits[d, core] == max(1, ceil(rate * period / 10**6 / 64)), (table.name, number, unit, d)
+        assert len({*map(str, found.values())}) == len(found) or len(found) > 2  # what does not change is not set
+
+
+@by_name([low_bounds, two_units, switching])
+def test_limits_fall_before_others_rise(tmp_path, sample):
+    """What is written first takes no core above what it had or gets; afterwards each has what the setting states."""
+    changes = {"memguard": "{granularity: phase}", "capacity": "16MB/s"}
+    tables, _ = made(tmp_path, "memguard", sample, **changes)
+    for table in tables.tables:
+        settings = memguard._settings(tables, table)
+        assert [at for at, _ in memguard._blocks(tables, table)] == [at for at, _ in settings]
+        now = None
+        for (at, lines), (_, due) in zip(memguard._blocks(tables, table), settings, strict=True):
+            written = dict(now or {})
+            for d, limits in lines:
+                new = {(d, core): n for core, n in enumerate(limits)}
+                rising = now and any(n > written[key] for key, n in new.items())
+                assert not rising or all(written[key] <= due[key] for key in due)  # all have fallen
+                assert not at or new != {key: written[key] for key in new}  # only changes
+                written |= new
+            assert written == due
+            now = written
+
+
+def test_a_script_by_phases_waits_for_each_setting(tmp_path):
+    tables, _ = made(tmp_path, "memguard", two_units, memguard="{granularity: phase}", capacity="16MB/s")
+    facts = backend("memguard").facts(tables)
+    (table,) = tables.tables
+    assert facts["settings"] == {table.name: len(memguard._settings(tables, table))}
+    assert len(memguard._settings(tables, table)) > 1
+    whole, _ = made(tmp_path, "memguard", two_units, capacity="16MB/s")
+    assert backend("memguard").facts(whole)["settings"] == {table.name: 1}
+
+
+@pytest.mark.parametrize(("cores", "count"), [("{}", 2), ("{cores: 2}", 2), ("{cores: 5}", 5)])
+def test_the_machine_has_the_cores_that_are_stated_or_those_of_the_units(tmp_path, cores, count):
+    tables, _ = made(tmp_path, "memguard", memguard=cores)
+    facts = backend("memguard").facts(tables)
+    assert facts["cores"] == count
+    assert {len(limits) for events in facts["events"].values() for limits in events.values()} == {count}
+
+
+def test_cores_of_no_unit_are_named_with_the_number_to_state(tmp_path):
+    text = PLATFORM.replace("core: 1", "core: 3")
+    found = made(tmp_path, "memguard", text=text)[1]
+    assert [d.message for d in found] == ["cores 1, 2 belong to no unit, and MemGuard wants a limit for every core"]
+    assert 'state "memguard: {cores: 4}"' in found[0].help
+    assert made(tmp_path, "memguard", text=text, memguard="{cores: 4}")[1] == []
+    (found,) = made(tmp_path, "memguard", text=text, memguard="{cores: 3}")[1]
+    assert (found.message, found.path) == ("core 3 does not exist; the platform has 3 cores", 'unit "u2"')
+    assert found.help == 'use 0 to 2, or state "memguard: {cores: 4}"'
+
+
+def test_two_units_on_one_core_are_refused_with_one_that_is_free(tmp_path):
+    found = made(tmp_path, "memguard", text=PLATFORM.replace("core: 1", "core: 0"))[1]
+    (shared,) = [d for d in found if d.code == codes.SHARED_MANAGER.id]
+    assert "core 1" in shared.help or "1" in shared.help
+
+
+@pytest.mark.parametrize(
+    ("period", "help"),
+    [
+        (999, "{period: 1000us}"),
+        (1000, None),
+        (4096, "{period: 4095us}"),
+        (8192, "{period: 8191us}"),
+        (10**6, None),
+        (10**6 + 1, "{period: 1000000us}"),
+    ],
+)
+def test_periods_that_the_module_cannot_count(tmp_path, period, help):
+    found = [
+        d for d in made(tmp_path, "memguard", memguard=f"{{period: {period}us}}")[1] if d.path == "platform memguard"
+    ]
+    assert [help in d.help for d in found] == ([True] if help else [])
+
+
+def test_phases_are_a_remedy_where_they_are_one(tmp_path):
+    """The largest bounds of two_units come at different times: with one limit for the mode they do not fit."""
+    seen = set()
+    alone = "write-refills: 0, write-backs: 0"
+    for capacity in range(7, 17):
+        rates = ROOMY | {"capacity": f"{capacity}MB/s"}
+        whole = [d for d in made(tmp_path, "memguard", two_units, **rates, memguard=f"{{{alone}}}")[1] if d.is_error]
+        phases = f"{{granularity: phase, {alone}}}"
+        by_phase = [d for d in made(tmp_path, "memguard", two_units, **rates, memguard=phases)[1] if d.is_error]
+        assert ["granularity: phase" in found.help for found in whole] == [not by_phase] * len(whole)
+        seen.add((bool(whole), bool(by_phase)))
+    assert seen == {(True, True), (True, False), (False, False)}
+
+
+# ------------------------------------------------------------------------------------------------------ the unit
+
+
+def parameters(component):
+    """The values by which an IP-XACT component is built."""
+    pattern = r'<ipxact:parameter parameterId="(\w+)".*?<ipxact:value>([^<]*)</ipxact:value>'
+    return dict(re.findall(pattern, component.decode(), re.DOTALL))
+
+
+@pytest.mark.parametrize(
+    ("burst", "bus", "buffer"), [("64B", 64, 16), ("128B", 64, 16), ("136B", 64, 32), ("8B", 64, 16)]
+)
+def test_the_component_is_built_as_its_tables_need_it_and_otherwise_as_its_verilog_is(tmp_path, burst, bus, buffer):
+    """A write that is longer than the buffer is refused."""
+    written = files(tmp_path, "table", burst=burst, table="{depth: 2048}", capacity="7.9MB/s")
+    stated = parameters(written["component.xml"])
+    source = written["rtl/halpipe_regulator_axi4.v"].decode()
+    known = dict(re.findall(r"parameter\s+(?:integer|\[31:0\])?\s*(\w+)\s*=\s*(\S+?),?\s", source))
+    due = {"UNITS": "2", "DEPTH": "2048", "TABLES": "16", "SIZE": "3", "CYCLES": "1000", "BUFFER": str(buffer)}
+    for name in ("BANKS", "PORTS", "ADDR", "ID", "STAGE"):
+        due[name] = known[name]
+    assert {name: stated[name] for name in due} == due
+
+
+@pytest.mark.parametrize(
+    ("tables", "lines"), [(1, 16), (15, 16), (16, 32), (31, 32), (32, 64), (127, 128), (255, 256), (256, 256)]
+)
+def test_a_header_that_no_table_has_ends_the_images_as_far_as_there_are_any(tables, lines):
+
+    assert header_lines(tables) == lines
+
+
+def plain_switches():
+    """Two modes of which nothing reaches over the switches between them."""
+    system, schedule = switching()
+    modes = tuple(
+        replace(m, jobs=tuple(replace(j, start=ms(0), end=j.end - j.start) for j in m.jobs)) for m in schedule.modes
+    )
+    there, back = schedule.transitions
+    switches = (replace(there, length=ms(0), jobs=()), back)
+    return system, replace(schedule, modes=modes, transitions=switches)
+
+
+@pytest.mark.parametrize(
+    ("name", "stated", "count"), [("table", "all", 4), ("table", "needed", 2), ("axi-realm", "all", 2)]
+)
+def test_every_switch_has_a_table_where_that_is_stated_of_the_unit(tmp_path, name, stated, count):
+    tables, _ = build(tmp_path, *plain_switches(), backend_name=name, table=f"{{switches: {stated}}}", **ROOMY)
+    assert len(tables.tables) == count
+
+
+# ------------------------------------------------------------------------------------------------------ windows
+
+
+def divides(n, spans, clock=10**6):
+    return all((Fraction(span.ns) * clock / 10**9 / n).denominator == 1 for span in spans if span)
+
+
+@pytest.mark.parametrize("cycles", [900, 999, 1001, 1700, 3001, 60])
+@pytest.mark.parametrize("capacity", ["6.4MB/s", "6.6MB/s", "7.1MB/s"])
+def test_the_nearest_windows_divide_all_spans_and_carry_whole_bursts_where_any_does(tmp_path, cycles, capacity):
+    spans = [ms(10), ms(6), ms(0)]
+    p = platform(tmp_path, window=cycles, capacity=capacity, guaranteed="1MB/s")
+    fit = [n for n in range(LEAST_CYCLES, 2001) if divides(n, spans) and p.capacity * n >= 64 * 10**6]
+    whole = [n for n in fit if p.capacity * n % (64 * 10**6) == 0] or fit
+    below, above = [n for n in whole if n < cycles], [n for n in whole if n > cycles]
+    assert windows.nearest_windows(p, [span for span in spans if span]) == below[-1:] + above[:1]
+
+
+@pytest.mark.parametrize("span", ["1000.01ms", "0.1ms", "7ms"])
+def test_a_window_of_parts_of_cycles_that_is_proposed_divides_all(tmp_path, span):
+    p = platform(tmp_path, clock="999999Hz", guaranteed="6MB/s")
+    said = windows.nearest_help(p, [Duration.parse(span)])
+    if said.startswith("no window"):
+        assert Duration.parse(span) / p.cycle < p.least_cycles
+        return
+    found = re.search(r'state "window: ([^"]+)"', said)
+    assert found
+    window = Duration.parse(found[1])
+    assert (Duration.parse(span) / window).denominator == 1
+    assert window / p.cycle >= p.least_cycles
+
+
+def test_the_shortest_window_that_is_not_too_many_is_proposed(tmp_path):
+    t = task("t", "30s", version("v", 1, "u1", access("mem", 0, 1, "0.25", "read")))
+    system = model(t, units="u1", resources="mem")
+    schedule = one_mode(system, "30s", job(system, "t", 0, 0, "u1"))
+    with pytest.raises(HalpipeError) as refused:
+        build(tmp_path, system, schedule, window=20)
+    (found,) = refused.value.diagnostics
+    assert found.message == f"hyperperiod 30s has 1500000 windows; at most {2**20} can be exported"
+    least = next(n for n in range(LEAST_CYCLES, 100) if 30_000_000 % n == 0 and 30_000_000 // n <= 2**20)
+    assert found.help == f"use a window of at least {least} cycles"
+
+
+# ------------------------------------------------------------------------------------------------------ budgets
+
+
+@pytest.mark.parametrize("stated", [0, 1, 63, 64, 65, 128])
+def test_a_default_of_a_row_in_use_is_whole_bursts_from_1_on(tmp_path, stated):
+    text = PLATFORM.replace("manager: 0,", f"manager: 0, default-read: {stated}B,")
+    least = max(64, -(-stated // 64) * 64)
+    if stated == least:
+        tables, found = build(tmp_path, *two_units(), text=text, capacity="7MB/s")
+        assert not [d for d in found if d.is_error]
+        assert tables.units[0].default["read"] == stated
+        return
+    with pytest.raises(HalpipeError) as refused:
+        build(tmp_path, *two_units(), text=text, capacity="7MB/s")
+    (found,) = refused.value.diagnostics
+    assert found.message == f"default for reads is {stated} bytes per window, which is not whole bursts from 1 on"
+    assert found.help.startswith(f"state {least} bytes")
+
+
+def test_a_capacity_is_a_remedy_where_the_bus_carries_it(tmp_path):
+    """A bus of 8 bits carries 1 MB/s at 1 MHz, one of 16 bits 2 MB/s."""
+    proposed = []
+    for bus, most in (("8bit", 10**6), ("16bit", 2 * 10**6)):
+        for thousands in range(700, 2000, 50):
+            rates = {"bus": bus, "guaranteed": f"{thousands}kB/s", "capacity": f"{thousands}kB/s"}
+            with suppress(HalpipeError):
+                build(tmp_path, *nearly_all(), **rates)
+                continue
+            with pytest.raises(HalpipeError) as refused:
+                build(tmp_path, *nearly_all(), **rates)
+            for said in re.findall(r'"capacity: ([^"]+)"', " ".join(d.help for d in refused.value.diagnostics)):
+                proposed.append((most, parse_bandwidth(said)))
+                build(tmp_path, *nearly_all(), **rates | {"capacity": said})
+    assert proposed
+    assert all(capacity <= most for most, capacity in proposed)
