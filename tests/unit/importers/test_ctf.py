@@ -582,7 +582,7 @@ def test_labels_without_a_number_count_on_from_the_one_before():
     ("text", "said"),
     [
         ("clock { name = c; freq = 0; };", "has a clock without a frequency"),
-        ("clock { name = c; };\nclock { name = c; };", "declares a clock for the second time"),
+        ("clock { name = c; };\nclock { name = c; };", "declares a second clock"),
         ("struct a { \n9 x; };", 'uses the type "9"'),
         ("struct a { string 9; };", "has '9' for a name"),
         ("struct a { string x };", "has '}' for ';'"),
@@ -602,3 +602,13 @@ def test_faults_of_declarations_are_named_with_their_line(text, said):
         with pytest.raises(CtfError) as refused:
             parse(HEAD + "\n" * (lines + 1) + text)
         assert str(refused.value).startswith(f"line {lines + 2 + text.count(chr(10))} of the metadata {said}")
+
+
+def test_a_stream_without_an_id_is_that_of_events_without_one():
+    """CTF 1.8, 7.3: ids may be omitted where there is one stream, and one event in it."""
+    found = parse(f"{HEAD} stream {{ }}; event {{ name = e; }};")
+    assert ([*found.streams], found.events) == ([0], [{"name": "e"}])
+    with pytest.raises(CtfError, match="declares a second stream"):
+        parse(f"{HEAD} stream {{ }}; stream {{ id = 0; }};")
+    with pytest.raises(CtfError, match="declares a second event"):
+        parse(f"{HEAD} event {{ name = e; }}; event {{ name = f; id = 0; stream_id = 0; }};")

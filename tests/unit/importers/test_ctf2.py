@@ -291,3 +291,15 @@ def test_an_option_without_a_name_is_chosen_by_its_ranges():
     read = decoder(found["fields"])
     for selector, rest, value in ((3, b"\0\5", 5), (7, b"\0\5", 5), (4, b"a\0", "a"), (6, b"b\0", "b")):
         assert read(bytes([0, selector]) + rest, 0, {}) == ({"n": selector, "f": value}, 4)
+
+
+@pytest.mark.parametrize(("levels", "is_read"), [(40, True), (41, False)])
+def test_classes_nest_40_levels_deep(levels, is_read):
+    stated = NUMBER
+    for _ in range(levels - 2):  # and the structure of the event
+        stated = {"type": "static-length-array", "length": 1, "element-field-class": stated}
+    if is_read:
+        assert field({"name": "f", "field-class": stated})
+        return
+    with pytest.raises(CtfError, match="nests deeper than 40"):
+        field({"name": "f", "field-class": stated})

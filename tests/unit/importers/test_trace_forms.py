@@ -459,7 +459,8 @@ def test_records_of_the_ring_buffer_are_those_of_the_kernel(order):
 def test_an_absolute_stamp_keeps_the_upper_bits_of_its_page():
     """The kernel has 59 bits in the record; the 5 above them are those of the page."""
     high = 3 << 59
-    page = ring_page("<", (31, 1000, 0), (16, 0, ring_switch("<", 0, 5)), (16, 7, ring_switch("<", 5, 0)), stamp=high)
+    on, off = ((16, delta, ring_switch("<", *pair)) for delta, pair in ((0, (0, 5)), (7, (5, 0))))
+    page = ring_page("<", (31, 1000, 0), on, off, stamp=high + 2**59 - 1)
     (found,) = parse_traces(forms.trace_dat(pages=(page, ring_page("<"))), "t").traces
     assert [(start, end) for _, start, end, *_ in seen(found)] == [(high + 1000, high + 1007)]
 
@@ -521,8 +522,20 @@ def refused_by(data):
 def test_clocks_that_count_no_nanoseconds_are_refused(clock):
     for data in (forms.trace_dat(clock=f"local [{clock}]"), forms.trace_dat_7(clock=clock.encode())):
         (found,) = refused_by(data)
-        assert found.message == f"its clock {clock} does not count nanoseconds"
+        assert (found.message, found.at.line) == (f"its clock {clock} does not count nanoseconds", 1)
     assert parse_traces(forms.trace_dat(clock=f"[local] {clock}"), "t").traces
+
+
+def test_a_cpu_without_events_has_an_empty_buffer():
+    """It stands at the end of the file, in version 7 without a number of chunks."""
+    data = bytearray(forms.trace_dat())
+    places = data.index(b"flyrecord\0") + 10
+    data[places + 16 : places + 32] = (len(data) - forms.PAGE).to_bytes(8, "little") + bytes(8)
+    packed = bytearray(forms.trace_dat_7(zlib.compress, b"zlib", cpus=1))
+    for written in (bytes(data[: -forms.PAGE]), bytes(packed)):
+        recording = parse_traces(written, "t")
+        assert seen(recording.traces[0]) == forms.JOBS[:3]  # C runs on the other one
+        assert not [d for d in recording.diagnostics if d.code == codes.CUT_OFF.id]
 
 
 def test_a_trace_dat_is_as_large_as_its_buffers():
@@ -719,3 +732,12 @@ def test_what_comes_between_equal_packets_counts():
     ends = [event(at, track) for track in (1, 2) for at in (45, 55)]
     again = forms.message((8, 50), (10, 1), (11, begin), (11, forms.message((9, 1), (11, 2), (23, "C"))))
     assert len(perfetto_jobs(*written, two, again, *ends)) == 7
+
+
+def test_events_without_a_track_are_those_of_track_0():
+    """``track_uuid`` is 0 where neither the event nor the defaults of its writer state one."""
+    track = forms.message((60, forms.message((2, "c0"))), (10, 1))
+    begin, end = forms.message((9, 1), (23, "A")), forms.message((9, 2))
+    packets = [forms.message((8, at), (11, what), (10, 1)) for at, what in ((5, begin), (9, end))]
+    (found,) = parse_traces(forms.trace(track, *packets), "t").traces
+    assert [(e.task, e.units, e.start.ns, e.end.ns) for e in found.executions] == [("A", ("c0",), 5, 9)]

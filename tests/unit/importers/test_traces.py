@@ -586,6 +586,13 @@ def test_contradictions_of_one_kind_are_reported_once():
     assert [(d.message, d.at.line) for d in odd] == [("terminate without start; 100 times, this is the first", 4)]
 
 
+def test_contradictions_are_counted_from_the_second_on():
+    for count, shown in ((1, ""), (2, "; 2 times, this is the first")):
+        lost = "".join(f"{n},C,0,T,b,{n},terminate\n" for n in range(10, 10 + count))
+        (found,) = told("#version 2.1.5\n0,C,0,T,a,0,start\n5,C,0,T,a,0,terminate\n" + lost, codes.ODD_SEQUENCE)
+        assert found.message == "terminate without start" + shown
+
+
 def test_a_counter_that_wraps_is_reported():
     """Of BTF, in which events stand in the order of time; those of another core may come later."""
     text = "#version 2.1.5\n4294967290,Core_u,0,T,TASK_a,0,start\n4294967295,Core_u,0,T,TASK_a,0,terminate\n"

@@ -187,8 +187,10 @@ def trace_dat(
     return data
 
 
-def trace_dat_7(pack=None, algorithm: bytes = b"none", clock: bytes = b"local", instance: bytes = b"") -> bytes:
-    """Write a trace.dat of version 7, its sections and pages compressed by `pack`."""
+def trace_dat_7(
+    pack=None, algorithm: bytes = b"none", clock: bytes = b"local", instance: bytes = b"", cpus: int = 2
+) -> bytes:
+    """Write a trace.dat of version 7, its sections and pages compressed by `pack`, of which so many CPUs have some."""
 
     def number(value: int, size: int) -> bytes:
         return value.to_bytes(size, "little")
@@ -222,7 +224,7 @@ def trace_dat_7(pack=None, algorithm: bytes = b"none", clock: bytes = b"local", 
     data = data[: buffer + 2] + number(bool(pack), 2) + data[buffer + 4 :]
     for cpu in (0, 1):
         page = _page([switch for switch in RUN if switch[1] == cpu], "<", number, 0)
-        stored = number(1, 4) + chunk(page) if pack else page
+        stored = (number(1, 4) + chunk(page) if pack else page) if cpu < cpus else b""
         places += number(cpu, 4) + number(len(data), 8) + number(len(stored), 8)
         data += stored
     about = number(buffer, 8) + instance + b"\0" + clock + b"\0" + number(PAGE, 4) + number(2, 4) + places

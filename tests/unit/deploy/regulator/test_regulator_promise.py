@@ -1,5 +1,6 @@
 """What is promised in every window, held against integrals that are taken piece by piece on a fine grid."""
 
+from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 from math import ceil
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import regulator_bundles as bundles
+import regulator_switches
 from halpipe.core.durations import Duration
 from halpipe.deploy.regulator import promise
 from halpipe.deploy.regulator.promise import Phase, Timeline
@@ -176,3 +178,19 @@ def test_sample_bundle_by_hand():
         == [0] * 20 + [4] * 6 + [0] * 4 + [2] * 3 + [0] * 7
     )
     assert promise.whole_bursts(timeline, platform, rows["u1", "write"], 40) == [0] * 6 + [3] * 4 + [0] * 30
+
+
+@examples(150)
+@given(st.integers(0, 10**6), st.integers(0, 2))
+def test_a_switch_is_followed_until_the_mode_after_grants_what_is_in_force(seed, least):
+    system, drawn = regulator_switches.drawn(seed)
+    (x, y), (switch,) = drawn.modes, drawn.transitions
+    timeline, cycles = promise.transition_timeline(system, PLATFORM, x, switch, y, least)
+    assert cycles == max(least, regulator_switches.cycles_needed(system, drawn))
+    assert timeline.span == (switch.length + y.hyperperiod * cycles).fraction
+    for instant in range(int(timeline.span / 10**6)):
+        due = Counter()
+        for phase in timeline.phases:
+            if phase.start <= instant * 10**6 < phase.end:
+                due[phase.row] += phase.share
+        assert due == regulator_switches.line(system, drawn, instant)

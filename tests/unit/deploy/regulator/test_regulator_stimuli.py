@@ -1,6 +1,7 @@
 """The script of the software in a simulation, and which table must be played in every window because of it."""
 
 import re
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
@@ -184,3 +185,178 @@ def test_random_traffic_meets_every_table_to_its_end(tables, traffic):
     ended = {e.table for e in run.expected if e.running and e.window + 1 == short.tables[e.table].windows}
     assert ended == {table.index for table in tables.tables}
     assert run.switches >= len(tables.switches)
+
+
+# ------------------------------------------------------------------------------------------------ registers
+
+REACH = (1 << 26) - 1
+"""Bits of an address in an order; what is above are the strobes of AXI4-Lite."""
+
+
+def registers(tables, run):
+    """Execute a script on the registers as docs/reference/regulator-unit.md has them.
+
+    Return what each look at a register shows, the memories of the units when GO is written, and what is written later.
+    """
+    frame = {stimuli.FRAME_GO: 0, stimuli.FRAME_OF: 1, stimuli.FRAME_EXTRA: 0, stimuli.FRAME_LONGEST: 0xFFFF}
+    defaults, memory, late, shown = {}, {}, [], []
+    entries, headers = stimuli.sizes(tables)
+    played, first = follow(tables, run), stimuli.first_window(len(tables.units))
+    before = None
+
+    def window_of(cycle):
+        """Windows since reset, and the one that is in force; that before the first one counts as none."""
+        number = (cycle - first) // run.cycles if cycle >= first else -1
+        return number + 1, played[number] if number >= 0 else (0, NOT_RUNNING)
+
+    def read(cycle, unit, offset):
+        count, (_, window) = window_of(cycle)
+        if unit < 0:
+            known = {
+                stimuli.FRAME_ID: 0x48425746,
+                stimuli.PARAMS: 4 << 24 | 1 << 20 | 1 << 16 | 3 << 8 | len(tables.units),
+                stimuli.FRAME_WINDOW: count,
+            }
+            return known[offset] if offset in known else frame[offset]
+        known = {
+            stimuli.FRAME_ID: 0x48425754,
+            stimuli.PARAMS: 4 << 24 | headers % 256 << 16 | entries,
+            stimuli.UNIT_WINDOW: window,
+        }
+        return known[offset] if offset in known else defaults[unit, offset]
+
+    for cycle, order, address, value in run.script:
+        strobes, unit, offset = address >> 26, (address & REACH) // 2**20 - 1, address & 0xFFFFF
+        if order in "ra":
+            shown.append((cycle, address, read(cycle, unit, offset)))
+            continue
+        if order == "l":
+            shown.append((cycle, address, stimuli.OKAY if strobes == stimuli.WHOLE else stimuli.SLVERR))
+            if strobes != stimuli.WHOLE:
+                continue
+        if offset == stimuli.FRAME_GO and unit < 0:
+            before = dict(memory) if before is None else before
+            frame[offset] = value
+        elif unit < 0 and offset != stimuli.FRAME_REQUEST:
+            least = {stimuli.FRAME_CYCLES: 4, stimuli.FRAME_OF: 1}.get(offset, 0)
+            frame[offset] = max(value, least)
+        elif unit >= 0 and offset in (stimuli.UNIT_DEF_READ, stimuli.UNIT_DEF_WRITE):
+            defaults[unit, offset] = value
+        elif before is None:
+            memory[unit, offset] = value
+        else:
+            late.append((cycle, unit, offset, value))
+    return shown, before, late
+
+
+@examples(20)
+@given(seed=st.integers(0, 10**6), traffic=st.sampled_from((STEPPED, *TRAFFIC)))
+def test_registers_show_what_was_written_and_what_is_played(seed, traffic, tables):
+    run = plan(tables, traffic, seed, windows=300)
+    shown, _, _ = registers(tables, run)
+    assert sorted(shown) == list(run.reads)
+    assert len(run.reads) > stimuli.READS // 2
+    through_lite = [cycle for cycle, order, *_ in run.script if order in "al"]
+    assert all(later - earlier >= stimuli.LITE_CYCLES for earlier, later in pairwise(through_lite))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_tables_that_software_writes_are_those_of_the_memory_images(tables, seed):
+    """Beside them it writes the first header and the first entry that there are not, which changes nothing."""
+    run = plan(tables, Traffic(name="t", by_software=True), seed, windows=100)
+    _, memory, _ = registers(tables, run)
+    entries, headers = stimuli.sizes(tables)
+    beyond = {offset for _, offset in memory if offset >= stimuli.UNIT_ENTRIES + 16 * entries}
+    beyond |= {o for _, o in memory if stimuli.UNIT_HEADERS + 8 * headers <= o < stimuli.UNIT_ENTRIES}
+    assert beyond == {
+        *(stimuli.UNIT_HEADERS + 8 * headers + at for at in (0, 4)),
+        *(stimuli.UNIT_ENTRIES + 16 * entries + at for at in (0, 4, 8)),
+    }
+    for unit in tables.units:
+        due, index = {}, 0
+        for table in tables.tables:
+            at = stimuli.UNIT_HEADERS + 8 * table.index
+            due |= {at: table.windows, at + 4: table.successor << 24 | index}
+            for entry in table.entries[unit.name]:
+                at = stimuli.UNIT_ENTRIES + 16 * index
+                due |= {at: entry.write, at + 4: entry.read, at + 8: entry.window}
+                index += 1
+        due[stimuli.UNIT_ENTRIES + 16 * index + 8] = NOT_RUNNING
+        found = {offset: value for (number, offset), value in memory.items() if number == unit.index}
+        assert {offset: value for offset, value in found.items() if offset not in beyond} == due
+
+
+def test_orders_that_change_nothing_are_given_while_a_table_is_played(tables):
+    """To headers and starts of entries that there are, which are closed then; and requests of tables that are not."""
+    _, headers = stimuli.sizes(tables)
+    kinds = set()
+    for seed in range(8):
+        run = plan(tables, TRAFFIC[0], seed, windows=300)
+        played, first = follow(tables, run), stimuli.first_window(len(tables.units))
+        _, _, late = registers(tables, run)
+        for cycle, unit, offset, value in late:
+            number = (cycle - first) // run.cycles
+            if offset == (stimuli.FRAME_REQUEST if unit < 0 else stimuli.UNIT_REQUEST):
+                if value >= headers:
+                    kinds.add(("request", unit >= 0))
+                    assert value < stimuli.MOST_TABLES
+                continue
+            assert all(window != NOT_RUNNING for _, window in played[number : number + 2])
+            own = sum(len(table.entries[tables.units[unit].name]) for table in tables.tables)
+            known = {stimuli.UNIT_HEADERS + 8 * table.index + at for table in tables.tables for at in (0, 4)}
+            known |= {stimuli.UNIT_ENTRIES + 16 * index + 8 for index in range(own)}
+            assert offset in known
+            kinds.add(offset & 0x1004 if offset < stimuli.UNIT_ENTRIES else "entry")
+    assert kinds == {("request", False), ("request", True), 0, 4, "entry"}
+
+
+def test_software_starts_the_tables_in_any_cycle_of_two_windows(tables):
+    first, cycles = stimuli.first_window(len(tables.units)), tables.platform.window_cycles
+    runs = [plan(tables, TRAFFIC[0], seed, windows=20) for seed in range(60)]
+    starts = [
+        next(cycle for cycle, order, address, _ in run.script if order == "l" and address & REACH == stimuli.FRAME_GO)
+        for run in runs
+    ]
+    assert all(first <= start < first + 2 * cycles for start in starts)
+    assert {(start - first) * 4 // cycles for start in starts} == {*range(8)}
+
+
+def test_requests_are_made_at_any_time_of_a_table(tables):
+    """Before its middle one that is replaced, after it one that counts, and within the last two cycles a late one."""
+    cycles, first = tables.platform.window_cycles, stimuli.first_window(len(tables.units))
+    places = set()
+    for seed in range(60):
+        run = plan(tables, TRAFFIC[0], seed, windows=300)
+        for cycle, order, address, value in run.script:
+            if order == "w" and address == stimuli.FRAME_REQUEST and value < len(tables.tables):
+                number = (cycle - first) // cycles
+                expected = run.expected[number] if 0 <= number < len(run.expected) else None
+                if expected and expected.running:
+                    windows = tables.tables[expected.table].windows
+                    at = expected.window * cycles + (cycle - first) % cycles
+                    places.add(min(at * 8 // (windows * cycles), 7))
+    assert places >= {*range(8)}
+
+
+def test_managers_of_a_mixed_run_differ_and_those_of_a_silent_one_rest(tables):
+    """A half of a manager is greedy, with any of three habits; in a quarter of the cases one of the halves rests."""
+    halves = Counter()
+    for seed in range(200):
+        kinds = TRAFFIC[4].kinds(tables, stimuli.Draw(seed))
+        assert len(kinds) == len(tables.units)
+        for kind in kinds:
+            assert kind & 0xF or kind >> 4
+            halves.update((kind & 0xF, kind >> 4))
+    assert {*halves} == {0, *(stimuli.GREEDY | habits << 1 for habits in range(8))}
+    assert 1 / 12 < halves[0] / halves.total() < 1 / 6
+    assert STEPPED.kinds(tables, stimuli.Draw(1)) == [0] * len(tables.units)
+    both = stimuli.GREEDY | stimuli.LENGTHS | stimuli.GAPS
+    assert TRAFFIC[1].kinds(tables, stimuli.Draw(1)) == [both | both << 4] * len(tables.units)
+
+
+def test_drawn_numbers_are_all_those_below_the_limit():
+    draw = stimuli.Draw(1, "purpose")
+    found = Counter(draw.below(5) for _ in range(500))
+    assert {*found} == {*range(5)}
+    assert min(found.values()) > 60
+    assert [stimuli.Draw(1, "a").below(2**60)] != [stimuli.Draw(1, "b").below(2**60)]

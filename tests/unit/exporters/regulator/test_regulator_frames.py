@@ -1,14 +1,19 @@
 """Which phases a table covers: circles of modes, lines of transitions, and what reaches from one into the other."""
 
+from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 
+from hypothesis import given
+from hypothesis import strategies as st
 from regulator_samples import gang, one_mode, switching, two_units
 
+import regulator_switches
 from halpipe.core.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, Row, grid_of
 from halpipe.models import Interrupt, Split
 from halpipe.pipeline.parts import job_of
+from profiles import examples
 from support import access, job, model, ms, task, version
 
 WINDOW = milliseconds(1)
@@ -146,3 +151,21 @@ def test_budgets_follow_the_phases_through_the_parts():
         ("t", "u1", "read", 8, 10, Fraction(1, 4)),  # L(1) = 2
         ("t", "u1", "write", Fraction(11, 2), Fraction(17, 2), Fraction(1, 2)),  # from 25.5 to 25 + L(1.5)
     ]
+
+
+@examples(150)
+@given(st.integers(0, 10**6))
+def test_a_switch_has_a_table_until_the_one_of_the_mode_after_grants_what_is_in_force(seed):
+    system, schedule = regulator_switches.drawn(seed)
+    found, grid = frames(system, schedule)
+    cycles = regulator_switches.cycles_needed(system, schedule)
+    length = int(schedule.transitions[0].length.in_unit("ms"))
+    assert len(found) == 2 + bool(cycles or length)
+    for frame in found[2:]:
+        assert (frame.cycles, frame.length) == (cycles, length * grid.window)
+        for instant in range(frame.span // grid.window):
+            tick, due = instant * grid.window, Counter()
+            for phase in frame.phases:
+                if phase.begin <= tick < phase.end:
+                    due[phase.row] += phase.bound
+            assert due == regulator_switches.line(system, schedule, instant)

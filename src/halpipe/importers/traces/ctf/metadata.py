@@ -183,7 +183,7 @@ class _Parser:
     def _once(self, kind: str, name: Hashable) -> None:
         """Refuse a second declaration: it is open which one holds."""
         if (kind, name) in self._declared:
-            raise CtfError(f"line {self.line} of the metadata declares a {kind} for the second time")
+            raise CtfError(f"line {self.line} of the metadata declares a second {kind}")
         self._declared.add((kind, name))
 
     def _peek(self, ahead: int = 0) -> str | int | None:
