@@ -351,9 +351,11 @@ def resets(tables: Sequence[Table], backlog: Backlog, profile: Profile) -> Itera
 
     The first begins before the run does, by what the runtime leaves to start.
     """
-    for index, table in enumerate(tables) if profile.watchdog else ():
+    if profile.watchdog is None:
+        return
+    for index, table in enumerate(tables):
         longest = profile.tick * table.length + backlog.tables[index] + profile.service + START * table.is_mode
-        if profile.watchdog and profile.watchdog.timeout < longest:
+        if profile.watchdog.timeout < longest:
             message = f'the time-out is {profile.watchdog.timeout}, and "{table.name}" may last {longest}'
             yield WATCHDOG_SHORT(message, path="watchdog", help=f"set the time-out to at least {longest}")
 

@@ -1,5 +1,6 @@
 """Figures of regulator exports against what they are of: facts against scripts, settings against bounds in force."""
 
+import json
 import re
 from contextlib import suppress
 from dataclasses import replace
@@ -29,6 +30,7 @@ from halpipe.exporters.regulator import codes, windows
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.memguard import writer as memguard
 from halpipe.exporters.regulator.platform import DIRECTIONS, LEAST_CYCLES
+from halpipe.exporters.regulator.report import _below_burst, format_json, summarise
 from halpipe.exporters.regulator.table.writer import header_lines
 from halpipe.exporters.regulator.writing import backend, file_names
 from support import access, job, model, ms, task, version
@@ -258,7 +260,7 @@ def divides(n, spans, clock=10**6):
     return all((Fraction(span.ns) * clock / 10**9 / n).denominator == 1 for span in spans if span)
 
 
-@pytest.mark.parametrize("cycles", [900, 999, 1001, 1700, 3001, 60])
+@pytest.mark.parametrize("cycles", [900, 999, 1000, 1001, 1700, 3001, 60])
 @pytest.mark.parametrize("capacity", ["6.4MB/s", "6.6MB/s", "7.1MB/s"])
 def test_the_nearest_windows_divide_all_spans_and_carry_whole_bursts_where_any_does(tmp_path, cycles, capacity):
     spans = [ms(10), ms(6), ms(0)]
@@ -330,3 +332,63 @@ def test_a_capacity_is_a_remedy_where_the_bus_carries_it(tmp_path):
                 build(tmp_path, *nearly_all(), **rates | {"capacity": said})
     assert proposed
     assert all(capacity <= most for most, capacity in proposed)
+
+
+def test_defaults_may_take_all_of_a_window(tmp_path):
+    """Of 6600 bytes 6592 are whole bursts; a burst more does not fit."""
+    for burst, is_safe in ((103, True), (104, False)):
+        text = PLATFORM.replace("manager: 0,", f"manager: 0, default-read: {64 * burst - 192}B,")
+        text = text.replace("manager: 2,", "manager: 2, default-write: 64B, default-read: 128B,")
+        changes = {"text": text, "capacity": "6.592MB/s"}
+        if is_safe:
+            assert not [d for d in build(tmp_path, *two_units(), **changes)[1] if d.is_error]
+            continue
+        with pytest.raises(HalpipeError) as refused:
+            build(tmp_path, *two_units(), **changes)
+        assert [d.message for d in refused.value.diagnostics] == ["defaults and overshoot sum to 6656 bytes per window"]
+
+
+@pytest.mark.parametrize("clock", ["1MHz", "999999Hz", "100MHz"])
+def test_a_cycle_is_the_time_of_one(tmp_path, clock):
+    p = platform(tmp_path, clock=clock, guaranteed="64kB/s", window=1000000)
+    assert p.cycle * p.clock == Duration.parse("1s")
+
+
+# ------------------------------------------------------------------------------------------------------ report
+
+
+def test_reports_are_ascii_with_one_entry_on_a_line():
+    """What fits a line of 160 characters beside its depth stands on one; others have a line for each of their items."""
+    row = {"name": "\u00fc", "n": [*range(20)]}
+    value = {"rows": [row] * 9, "empty": {}, "text": "x" * 300}
+    lines = format_json(value).decode("ascii").splitlines()
+    assert json.loads(format_json(value)) == value
+    assert lines[0] == "{"
+    assert lines[1] == ' "rows": ['
+    assert lines[2:11] == [f"  {json.dumps(row)},"] * 8 + [f"  {json.dumps(row)}"]
+    assert lines[11:] == [" ],", ' "empty": {},', f' "text": "{"x" * 300}"', "}"]
+
+
+@pytest.mark.parametrize("length", [156, 157])
+def test_a_line_of_a_report_has_160_characters_at_most(length):
+    """At depth 1 a list of one text may have 159."""
+    (_, *lines, _) = format_json([["x" * (length - 1)], "y" * 20]).decode().splitlines()
+    assert (len(lines) == 2) == (length == 156)
+
+
+def test_units_without_access_are_named_so(tmp_path):
+    system, schedule = two_units()
+    text = PLATFORM + "  u3: {manager: 4}\n"
+    tables, _ = build(tmp_path, system, schedule, text=text, capacity="7MB/s")
+    assert "units: u1, u2, u3 (no access)" in summarise(tables, backend("table"), DIGEST).splitlines()
+
+
+def test_a_bound_below_a_burst_states_the_bursts_of_a_window(tmp_path):
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 5, "0.007", "read")))
+    system = model(t, units="u1", resources="mem")
+    tables, _ = build(tmp_path, system, one_mode(system, 10, job(system, "t", 0, 0, "u1")), "controlled")
+    (found,) = _below_burst(tables)
+    assert found.message == (
+        'bound 0.007 is 0.7 bursts of 64 bytes per window for unit "u1": one burst every 2 windows'
+    )
+    assert found.help == "use a bound of at least 0.01, or a window of at least 1429 cycles"

@@ -4,9 +4,21 @@ import pytest
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration
-from halpipe.exporters.riscv.codes import BAD_DRIVERS, BAD_INPUT, IDLE_DRIVER
-from halpipe.exporters.riscv.drivers import NONE, REQUEST, Driver, Drivers, check_drivers, read_drivers, read_inputs
+from halpipe.exporters.riscv import drivers
+from halpipe.exporters.riscv.codes import BAD_DRIVERS, BAD_INPUT, IDLE_DRIVER, MISSING_ENTRY
+from halpipe.exporters.riscv.drivers import (
+    NONE,
+    REQUEST,
+    Driver,
+    Drivers,
+    check_drivers,
+    compile_drivers,
+    read_drivers,
+    read_inputs,
+)
 from halpipe.exporters.riscv.images import Part
+from halpipe.exporters.riscv.sources import SourceTree
+from halpipe.exporters.riscv.toolchain import Elf
 from halpipe.models import AccessKind
 from riscv_models import PHASES, deployed
 
@@ -155,3 +167,32 @@ def test_recordings_are_of_buffers_that_tasks_read_alone(tmp_path):
 def test_a_folder_without_a_recording(tmp_path):
     assert recorded(tmp_path) == ({}, ["has no recording"])
     assert read_inputs("", PARTS, SIZES, Findings()) == {}
+
+
+# ------------------------------------------------------------------------------------------------ sources
+
+
+def test_a_driver_is_defined_by_its_sources(monkeypatch, tmp_path):
+    """The function that asks for a mode is the runtime's own; each that is missing is named where it first stands."""
+
+    class Shop:
+        def __init__(self):
+            self.compiled = []
+
+        def compile(self, steps):
+            self.compiled += steps
+            return []
+
+        def read(self, name):
+            return name
+
+    symbols = {"build/drivers/0.o": {"get": 1}, "build/drivers/1.o": {"put": 1}}
+    monkeypatch.setattr(drivers, "read_elf", lambda name: Elf((), symbols[name]))
+    tree, shop = SourceTree(tmp_path, Findings()), Shop()
+    known = [driver("input", READ, "get"), driver("output", WRITE, "put"), driver("word", WRITE, REQUEST)]
+    assert compile_drivers(shop, Drivers(tuple(known)), ["a.c", "b.c"], tree) == (*symbols,)
+    assert [(step.source, step.target) for step in shop.compiled] == [*zip(("a.c", "b.c"), symbols, strict=True)]
+    absent = [Driver("output", "gone", Duration(1), WRITE, "", Location("d", line)) for line in (3, 4)]
+    assert refused(compile_drivers, shop, Drivers((*known, *absent)), ["a.c", "b.c"], tree) == [
+        (MISSING_ENTRY.id, 'no source defines the driver "gone"', 3)
+    ]

@@ -18,14 +18,17 @@ from halpipe.exporters.riscv.operations import (
     OUTPUT,
     RUN,
     STOP,
+    Backlog,
     Operation,
     Operations,
+    Table,
     check_grid,
     check_version,
     find_backlog,
+    resets,
 )
 from halpipe.exporters.riscv.phases import COPIES, Clock, shares
-from halpipe.exporters.riscv.profile import Region, read_profile
+from halpipe.exporters.riscv.profile import Region, Watchdog, read_profile
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
 from riscv_models import PHASES, deployed, moving, single
@@ -213,5 +216,28 @@ def test_copies_of_logical_execution_times_have_the_drivers_of_their_buffers():
     memory = replace(MEMORY, shadows={(task, kind, name): Region(0x5000, 64) for task, kind, name in copies.shadows})
     made = Operations(clock, {"memory": 0, COPIES: 1}, memory, images, Slots(len(cores)), drivers, copies)
     made.tables(schedule(system, "5ms", job(system, "scale", 0, 0, "u1")))
-    found = [(o.kind, o.what) for o in made.programs[0].operations if o.kind in (INPUT, OUTPUT) or o.is_copy]
-    assert found == [(INPUT, "get, input"), (COPY, "input"), (COPY, "output"), (OUTPUT, "put, output")]
+    found = [(o.at, o.kind, o.what) for o in made.programs[0].operations if o.kind in (INPUT, OUTPUT) or o.is_copy]
+    write, read = copies.turns
+    begin, later = write.at + write.after, read.at + read.after
+    assert (write.kind, begin, read.kind, later) == (AccessKind.WRITE, 2000, AccessKind.READ, write.length)
+    assert found == [
+        (later, INPUT, "get, input"),
+        (later, COPY, "input"),
+        (begin, COPY, "output"),
+        (begin + write.length, OUTPUT, "put, output"),
+    ]
+
+
+def test_a_watchdog_outlasts_every_table():
+    """A mode is written to the watchdog when it begins: the start of the runtime may take a millisecond before it."""
+    profile = read_profile("vcu118")
+    tables = [Table("m", 0, 0, 5000, ()), Table("m->n", 0, 1, 4000, ())]
+    late = Backlog({}, {0: US * 7, 1: US * 9})
+    longest = [profile.tick * 5000 + US * 7 + profile.service + ms(1), profile.tick * 4000 + US * 9 + profile.service]
+    for timeout, names in ((longest[0], []), (longest[0] - US, ["m"]), (longest[1] - US, ["m", "m->n"])):
+        known = replace(profile, watchdog=Watchdog(0x70000000, 1, timeout))
+        messages = [d.message for d in resets(tables, late, known)]
+        assert messages == [
+            f'the time-out is {timeout}, and "{name}" may last {longest[index]}' for index, name in enumerate(names)
+        ]
+    assert list(resets(tables, late, profile)) == []

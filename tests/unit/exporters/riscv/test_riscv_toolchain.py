@@ -104,6 +104,9 @@ def test_reservations_are_found_among_instructions_of_two_and_four_bytes():
     assert [*toolchain._reserving(code, 0x100)] == [0x102, 0x10A]
     assert [*toolchain._reserving(code + short, 0x100)] == [0x102, 0x10A]
     assert [*toolchain._reserving(b"", 0)] == []
+    within = (0x002F0013).to_bytes(4, "little") + (0x00001013).to_bytes(4, "little")  # their halves look like one
+    assert [*toolchain._reserving(within, 0)] == []
+    assert [*toolchain._reserving(short + within, 0)] == []
 
 
 class Tools:
