@@ -41,6 +41,8 @@ EQUIVALENT = {
         "graph.py",
         "_USUAL_RATES = (1, 2, 4, 5, 8, 10, 12, 15, 16, 20, 24, 25, 30, 40, 50, 60, 75, 80, 90, 100, 120, 125, 150, 200, 241)",
     ): CHOICE,
+    ("target.py", "return (json.dumps(value, indent=2, ensure_ascii=True) + '\\n').encode()"): "the layout of a file that programs read",
+    ("toolchain.py", "while at + 2 < len(code):"): "the last two bytes alone are no lr or sc, which have four",
     ("graph.py", "_FINE_GRIDS = tuple((Duration(step) for step in (100001, 10000, 1000)))"): CHOICE,
     ("matching.py", "SAMPLE = 2001"): BUDGET,
     ("matching.py", "line, place = (np.full(len(rows), -2, dtype=np.int32) for _ in range(2))"): "only whether it is negative counts",

@@ -1,12 +1,14 @@
 """Every diagnostic of the ARXML importer has a small input that triggers it at the line marked HERE."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from arxml_case import FIXTURES, read, refusal
 
-from halpipe.core.diagnostics import Code, HalpipeError, Severity
+from halpipe.core.diagnostics import Code, Findings, HalpipeError, Severity
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.build import check_tasks
 
 CASES = sorted((FIXTURES / "findings").iterdir())
 WITHOUT_FIXTURE = {
@@ -73,3 +75,33 @@ def test_every_code_has_a_fixture():
     shown = {case.name.split("-")[0] for case in CASES}
     assert declared - WITHOUT_FIXTURE <= shown
     assert not declared & WITHOUT_FIXTURE & shown
+
+
+@pytest.mark.parametrize(
+    ("counts", "held", "advice"),
+    [
+        ({}, "nothing that runs", "add the files with component types and their events, or the ECU configuration"),
+        ({"events": 2}, "2 events", "add the ECU configuration of Os and Rte that triggers the events"),
+        ({"tasks": 3, "mappings": 1}, "3 OS tasks, 1 event mappings", "add the files with component types"),
+        ({"events": 2, "tasks": 3}, "2 events, 3 OS tasks", "add the files with component types and their events, or"),
+        ({"limits": 1, "arrivals": 2, "orders": 4}, "7 timing constraints", "add the files with component types"),
+        ({"components": 5}, "5 component types", "add the files with component types"),
+    ],
+)
+def test_input_without_a_task_is_told_from_what_it_holds(counts, held, advice):
+    """And from what is missing: the configuration of the OS beside events, the events beside tasks."""
+    of = {name: range(counts.get(name, 0)) for name in ("components", "events", "tasks", "mappings", "limits")}
+    of |= {name: range(counts.get(name, 0)) for name in ("arrivals", "orders")}
+    system = SimpleNamespace(
+        components=of["components"],
+        events=of["events"],
+        orders=of["orders"],
+        configuration=SimpleNamespace(tasks=of["tasks"], mappings=of["mappings"]),
+        timing=SimpleNamespace(limits=of["limits"], arrivals=of["arrivals"]),
+    )
+    with pytest.raises(HalpipeError) as refused:
+        check_tasks(system, [], ["a.arxml"], Findings())
+    (found,) = refused.value.diagnostics
+    assert found.message == f"no periodic task in the input, which holds {held}"
+    assert found.help.startswith(advice)
+    check_tasks(system, [object()], ["a.arxml"], Findings())

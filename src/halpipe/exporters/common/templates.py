@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import jinja2
 
 
-def environment(folder: Traversable, *, autoescape: bool = False, lstrips: bool = True) -> jinja2.Environment:
+def environment(folder: Traversable, *, autoescape: bool = False) -> jinja2.Environment:
     """Return an environment for the templates of a folder; without `autoescape`, names were checked before."""
     import jinja2
 
@@ -20,5 +20,5 @@ def environment(folder: Traversable, *, autoescape: bool = False, lstrips: bool 
         autoescape=autoescape,
         keep_trailing_newline=True,
         trim_blocks=True,
-        lstrip_blocks=lstrips,
+        lstrip_blocks=True,
     )

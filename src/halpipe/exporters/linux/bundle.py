@@ -184,7 +184,7 @@ def _check_start(platform: Platform, findings: Findings) -> None:
 
 def filled(name: str, values: Mapping[str, Any], folder: Path = FOLDER / "templates") -> bytes:
     """Return a template with its values; only XML is escaped: names are checked before they get into C or CMake."""
-    text = environment(folder, autoescape=".xml" in name, lstrips=False).get_template(name).render(**values)
+    text = environment(folder, autoescape=".xml" in name).get_template(name).render(**values)
     return text.encode()
 
 

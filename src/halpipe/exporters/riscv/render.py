@@ -71,7 +71,7 @@ class Renderer:
     environment: Any = field(init=False)
 
     def __post_init__(self) -> None:
-        self.environment = environment(FOLDER, lstrips=False)
+        self.environment = environment(FOLDER)
         self.environment.trim_blocks = False
         self.environment.filters["hex"] = hex
         self.environment.globals["profile"] = self.profile

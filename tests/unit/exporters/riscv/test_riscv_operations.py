@@ -1,5 +1,6 @@
 """From jobs to operations: what is done when, for images whose addresses are chosen by hand."""
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -29,6 +30,7 @@ from halpipe.exporters.riscv.operations import (
 )
 from halpipe.exporters.riscv.phases import COPIES, Clock, shares
 from halpipe.exporters.riscv.profile import Region, Watchdog, read_profile
+from halpipe.exporters.riscv.target import _json
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
 from riscv_models import PHASES, deployed, moving, single
@@ -241,3 +243,9 @@ def test_a_watchdog_outlasts_every_table():
             f'the time-out is {timeout}, and "{name}" may last {longest[index]}' for index, name in enumerate(names)
         ]
     assert list(resets(tables, late, profile)) == []
+
+
+def test_the_description_of_a_bundle_is_ascii():
+    """Programs of any locale read it."""
+    assert json.loads(_json({"name": "\u00fcber"})) == {"name": "\u00fcber"}
+    assert _json({"name": "\u00fcber"}).isascii()
