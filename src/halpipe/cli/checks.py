@@ -123,7 +123,7 @@ def explain(
     output.report(explanation.diagnostics, as_result=True)
     if output.is_text():
         _summarise(explanation)
-    return explanation.exit
+    return Exit.INTERRUPTED if stop.pressed else explanation.exit
 
 
 def _summarise(explanation: Explanation) -> None:

@@ -46,3 +46,12 @@ def test_the_time_of_a_search_is_from_its_begin_to_its_end(tmp_path, monkeypatch
     assert invoke(["new", "first"]) == 0
     assert invoke(["schedule", "first/model.xml", "-o", "s.xml"]) == 0
     assert 0 < float(re.search(r"moves? in ([0-9.]+) s", capsys.readouterr().err)[1]) <= next(now) - 100
+
+
+def test_an_explanation_that_is_stopped_ends_as_interrupted(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert invoke(["new", "first"]) == 0
+    clock = Stop.clock
+    monkeypatch.setattr(Stop, "clock", lambda stop: signal.raise_signal(signal.SIGINT) or clock(stop))
+    assert invoke(["explain", "first/model.xml"]) == 130
+    assert "stopping; what was found so far follows" in capsys.readouterr().err
