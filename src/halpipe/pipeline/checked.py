@@ -71,8 +71,11 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     """
     for name in options.modes:
         require_mode(name, model.modes)
-    findings = Findings(validate_model(model))
-    findings.stop_on_errors()
+    findings = validate_model(model)
+    if errors := [found for found in findings if found.is_error]:
+        from halpipe.pipeline.explain.witnesses import proves_infeasible
+
+        raise HalpipeError(*findings, exit=Exit.INFEASIBLE if proves_infeasible(model, errors) else Exit.FINDINGS)
     if options.shipped is not None:
         from halpipe.pipeline.shipped import check_shipped
 
@@ -85,7 +88,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         raise
     if not best.is_complete:
         doubt.settle()
-    return replace(best, diagnostics=(*findings.items, *best.diagnostics))
+    return replace(best, diagnostics=(*findings, *best.diagnostics))
 
 
 class _Doubt:
