@@ -5,7 +5,9 @@ import re
 import pytest
 
 from command_line import run_here
+from halpipe.exporters.native import format_model
 from halpipe.starters import first_model
+from support import model, task, version
 
 AUTOSAR = '<AUTOSAR xmlns="http://autosar.org/schema/r4.0"><AR-PACKAGES/></AUTOSAR>'
 AMALTHEA = '<am:Amalthea xmlns:am="http://app4mc.eclipse.org/amalthea/3.0.0"/>'
@@ -291,3 +293,25 @@ def test_slips_in_a_yaml_file(folder, words, text, old, new, remedy):
     refused = run_here(folder, *words.format("f.yaml").split())
     assert refused.returncode == 1
     assert remedy in refused.stderr
+
+
+@pytest.mark.parametrize(("wcet", "code"), [("2ms", 0), ("3ms", 4), ("-3ms", 1)])
+def test_schedule_and_explain_leave_with_the_same_code(tmp_path, wcet, code):
+    """An overload proves that there is no schedule; a model that is wrong proves nothing."""
+    system = model(task("a", 10, version("v", "8ms", "u")), task("b", 10, version("v", "7ms", "u")), units="u")
+    (tmp_path / "model.xml").write_bytes(format_model(system).replace(b'"7ms"', f'"{wcet}"'.encode()))
+    for words in (["schedule", "model.xml", "-o", "s.xml"], ["explain", "model.xml"]):
+        assert run_here(tmp_path, *words).returncode == code
+
+
+@pytest.mark.parametrize(
+    ("schedule", "export", "line"), [("mode: [lim]", "", 3), ("mode: [all]", "mode: lim,", 5), ("seed: 1", "", None)]
+)
+def test_an_unknown_mode_in_a_pipeline_is_reported_at_its_section(tmp_path, schedule, export, line):
+    (tmp_path / "model.xml").write_bytes(format_model(model(task("a", 10, version("v", 1, "u")), units="u")))
+    lines = "halpipe-pipeline: 1", "model: model.xml", f"schedule: {{{schedule}, output: s.xml}}", "exports:"
+    (tmp_path / "p.yaml").write_text("\n".join((*lines, f"  - {{format: graph, {export} output: g.dot}}")))
+    done = run_here(tmp_path, "run", "p.yaml")
+    assert done.returncode == (2 if line else 0)
+    assert ("HAL0802" in done.stderr) == (f"p.yaml:{line}: error[HAL0802] there is no mode" in done.stderr)
+    assert (line is not None) == ("HAL0802" in done.stderr)

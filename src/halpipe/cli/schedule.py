@@ -15,7 +15,7 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.options import WorkerCount, takes
 from halpipe.cli.searching import Stop
-from halpipe.core.diagnostics import Exit
+from halpipe.core.diagnostics import Exit, located
 from halpipe.core.files import STDIO, make_folder, read_bytes, refuse_inputs
 from halpipe.core.options import Values
 
@@ -81,7 +81,8 @@ def run(
     refuse_inputs(*([plan.model] if plan.imports is not None else []), plan.schedule, *outputs)
     if plan.imports is not None:
         source = plan.imports
-        imported = formats.import_model(source.format, source.inputs, source.options)
+        with located(source.at):
+            imported = formats.import_model(source.format, source.inputs, source.options)
         output.report(imported.diagnostics)
         refuse_inputs(plan.model, plan.schedule, *outputs)  # the sources are known by now
         write_output(plan.model, format_model(imported.model))
@@ -92,12 +93,14 @@ def run(
         refuse_name(step.output, *formats.endings_of(step.format, step.options))
     for file in (plan.model, plan.schedule):
         refuse_name(file, ".xml")
-    code = find_schedule(model, replace(plan.search, workers=workers_of(workers)), plan.schedule)
+    with located(plan.at):
+        code = find_schedule(model, replace(plan.search, workers=workers_of(workers)), plan.schedule)
     if code not in (Exit.OK, Exit.FINDINGS):
         return code
     schedule = read_schedule(plan.schedule)
     for step in plan.exports:
-        write_export(formats.export_with_remarks(step.format, model, schedule, step.options), step.output)
+        with located(step.at):
+            write_export(formats.export_with_remarks(step.format, model, schedule, step.options), step.output)
     return code
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
 
 class Severity(StrEnum):
@@ -266,6 +267,16 @@ class HalpipeError(Exception):
     def __str__(self) -> str:
         """Return the text that the command line shows, so that an uncaught error in Python says as much."""
         return "\n".join(map(render_text, self.diagnostics))
+
+
+@contextmanager
+def located(at: Location) -> Iterator[None]:
+    """Give the findings of an error that have no place the one where the work is stated."""
+    try:
+        yield
+    except HalpipeError as failure:
+        failure.diagnostics = tuple(d if d.at != NOWHERE else replace(d, at=at) for d in failure.diagnostics)
+        raise
 
 
 @dataclass(slots=True)

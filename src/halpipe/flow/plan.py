@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import NOWHERE, Findings, HalpipeError, Location, error, sort_diagnostics
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, located, sort_diagnostics
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
 from halpipe.core.options import file_name, from_fields, names_of, refuse_unused
 from halpipe.core.records import record
@@ -43,6 +43,7 @@ class ImportStep:
     format: str
     inputs: tuple[str, ...]
     options: ImportOptions
+    at: Location
 
 
 @record
@@ -52,6 +53,7 @@ class ExportStep:
     format: str
     output: str
     options: ExportOptions
+    at: Location
 
 
 @record
@@ -62,6 +64,8 @@ class Plan:
     model: str
     search: SearchOptions
     schedule: str
+    at: Location
+    """Where the search is stated."""
     exports: tuple[ExportStep, ...]
 
 
@@ -98,6 +102,7 @@ class _Reader:
             model=top.value("model", self._path, ""),
             search=SearchOptions() if schedule is None else self._search(schedule),
             schedule="" if schedule is None else schedule.value("output", self._path, ""),
+            at=top.at("schedule"),
             exports=tuple(self._export(f, source) for f in top.items("exports", (), "export")),
         )
 
@@ -109,7 +114,7 @@ class _Reader:
         name = self._format(f, importer)
         inputs = tuple(stated.value for stated in f.texts("inputs", self._path))
         kind = importer(name).options if name else ImportOptions
-        return ImportStep(name, inputs, self._options(f, kind, ("format", "inputs") if name else ()))
+        return ImportStep(name, inputs, self._options(f, kind, ("format", "inputs") if name else ()), f.at())
 
     def _options(self, f: Fields, kind: type[K], others: tuple[str, ...]) -> K:
         """Read the options of a format, beside other keys (none: of what format is not known, so any may be there)."""
@@ -136,10 +141,10 @@ class _Reader:
     def _search(self, f: Fields) -> SearchOptions:
         values = from_fields(SearchOptions, f, str(self._base))
         try:
-            return search_options(values)
+            with located(f.at()):
+                return search_options(values)
         except HalpipeError as failure:
-            placed = (each if each.at != NOWHERE else replace(each, at=f.at()) for each in failure.diagnostics)
-            self._findings.extend(placed)
+            self._findings.extend(failure.diagnostics)
             return SearchOptions()
 
     def _export(self, f: Fields, source: ImportStep | None) -> ExportStep:
@@ -150,4 +155,4 @@ class _Reader:
         if getattr(options, "onto", "") and source is not None:  # it is the project that was imported
             used = {each: getattr(source.options, each, "") for each in OF_PROJECT if not getattr(options, each)}
             options = replace(options, **used)
-        return ExportStep(name, f.value("output", self._path, ""), options)
+        return ExportStep(name, f.value("output", self._path, ""), options, f.at())
