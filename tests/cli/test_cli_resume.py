@@ -35,6 +35,10 @@ def tight_model():
     return model(*tasks, units=UNITS, resources="mem", modes=[mode("one", tasks), mode("two", tasks[:9])])
 
 
+OFTEN = [(2, 1000), (9, 1000), (2, 100)]
+"""Slices until a stop, and the work of a slice; a hundred are stopped some hundred times."""
+
+
 class Stop:
     """Lets the search of a mode run for some slices and then stops it; switches are searched in one go."""
 
@@ -48,8 +52,9 @@ class Stop:
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize("slices", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 9))])  # 1 stops most
-@pytest.mark.parametrize("work", [pytest.param(100, marks=pytest.mark.slow), 1000])  # some hundred stops, or some ten
+@pytest.mark.parametrize(
+    ("slices", "work"), [(1, 1000), *(pytest.param(*each, marks=pytest.mark.slow) for each in OFTEN)]
+)
 def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices, workers, work):
     from halpipe.pipeline.solve.kernel import slices as kernel_slices
 
