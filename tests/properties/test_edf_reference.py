@@ -17,6 +17,7 @@ from halpipe.pipeline.solve.edf.fixed import fix
 from halpipe.pipeline.solve.edf.plans import Plan, allowed_ways, first_plan
 from halpipe.pipeline.solve.edf.trials import ChainTimes, named
 from halpipe.pipeline.solve.edf.works import works_of
+from profiles import volume
 
 
 def drawn_mode(rng):
@@ -82,4 +83,5 @@ def test_too_little_room_changes_nothing():
 
 @pytest.mark.slow  # the same with other seeds
 def test_tables_of_many_systems_are_those_of_the_reference():
-    assert sum(map(compared, range(1000, 2500))) > 1000
+    count = volume(400)
+    assert sum(map(compared, range(1000, 1000 + count))) > count * 3 // 5

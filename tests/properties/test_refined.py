@@ -24,6 +24,7 @@ from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import reading, verify
 from halpipe.pipeline.verify.chains import measured
+from profiles import volume
 
 PROGRAM = Path(__file__).parents[2] / "docs" / "safety" / "second_checker.py"
 BUILDERS = (
@@ -94,7 +95,7 @@ def test_three_checkers_agree(tmp_path):
 
 @pytest.mark.slow  # the test above has the same subject
 def test_three_checkers_agree_on_many(tmp_path):
-    compare(tmp_path, 2, 8000)
+    compare(tmp_path, 2, volume(2000))
 
 
 def with_chains(rng, system):

@@ -111,14 +111,15 @@ def count_unsolved(seeds, **options):
 
 @pytest.mark.slow
 def test_schedules_are_found_where_they_exist():
-    unsolved, tried = count_unsolved(range(300))
-    assert tried > 250
+    count = volume(100)
+    unsolved, tried = count_unsolved(range(count))
+    assert tried > count * 5 // 6
     assert len(unsolved) <= tried // 100, unsolved
 
 
 @pytest.mark.slow
 def test_schedules_are_found_where_they_exist_at_length():
-    count = volume(1000)
+    count = volume(250)
     unsolved, tried = count_unsolved(range(count), budget=20_000)
     assert tried > count * 5 // 6
     assert len(unsolved) <= tried // 500, unsolved
@@ -127,7 +128,7 @@ def test_schedules_are_found_where_they_exist_at_length():
 @pytest.mark.slow
 @pytest.mark.parametrize("grain", [1, 3])
 def test_soundness_at_length(grain):
-    solved, count = 0, volume(800)
+    solved, count = 0, volume(200)
     for seed in range(count):
         system = random_model(seed, grain)
         if is_sound(system):

@@ -15,6 +15,7 @@ from halpipe.pipeline.checked import schedule_model, validate_model, verify_sche
 from halpipe.pipeline.solve import schedule as search
 from halpipe.pipeline.solve.edf import trials
 from halpipe.pipeline.solve.schedule import SearchOptions
+from profiles import volume
 from support import access, model, ms, task, version
 
 OPEN = {1, 175, 195}
@@ -24,7 +25,7 @@ OPEN = {1, 175, 195}
 @pytest.mark.slow  # single windows and polls: unit/pipeline/test_edf.py
 def test_systems_that_have_a_table_get_one():
     missing = set()
-    for seed in range(200):
+    for seed in range(min(200, volume(60))):
         owner, _ = valid_system(random.Random(seed))
         if any(v.split.is_allowed for t in owner.tasks for v in t.versions):
             found = schedule_model(owner, SearchOptions(budget=1000), lambda *_: True)
