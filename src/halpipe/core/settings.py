@@ -78,7 +78,7 @@ class Fields:
     is read has to be present; with `unknown`, the code of keys that are not read, a value may be absent or empty.
     """
 
-    addition = 'add "{}: ..."'
+    addition = 'add "KEY: ..."'
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class Fields:
         """Return whether all `keys` are there; report those that are not."""
         missing = [key for key in keys if key not in self._data]
         for key in missing:
-            self.complain(MISSING_KEY, f'lacks the key "{key}"', help=self.addition.format(key))
+            self.complain(MISSING_KEY, f'lacks the key "{key}"', help=self.addition.replace("KEY", key))
         return not missing
 
     def _lacks(self, key: str) -> bool:

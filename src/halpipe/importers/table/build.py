@@ -133,7 +133,7 @@ class _Table:
                 continue
             data = YamlMap(line)
             row = Fields(self.sheet.file, findings, data, f"row of {self.kind.name}", ())
-            row.addition = 'fill in the column "{}", or remove the row: each row below the heads is an element'
+            row.addition = 'fill in the column "KEY", or remove the row: each row below the heads is an element'
             for column in self.columns:
                 text = cells[column.place] if column.place < len(cells) else ""
                 if column.key and text and text not in ("-", "—", "n/a"):
