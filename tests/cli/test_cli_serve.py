@@ -10,6 +10,7 @@ import pytest
 from command_line import run_here
 from halpipe.cli.serve import _end_when_the_terminal_closes
 from halpipe.starters import first_model
+from halpipe.workbench.edits import Edit
 from halpipe.workbench.session import Session
 
 
@@ -93,3 +94,13 @@ def test_edits_that_no_journal_keeps_are_named_at_the_end(folder, monkeypatch):
     ended = run_here(folder, "serve", "model.xml")
     assert ended.returncode == 1
     assert "error[HAL1541] model.xml/no-folder: the edits since the last journal are lost" in ended.stderr
+
+
+def test_restored_edits_are_announced_in_the_terminal(folder, monkeypatch):
+    uvicorn = pytest.importorskip("uvicorn", reason="the extra [serve]")
+    monkeypatch.setattr(Session, "begin", lambda _: None)  # no schedule is looked at
+    monkeypatch.setattr(uvicorn.Server, "run", lambda *_, **__: None)
+    announced = "model.xml.edits: edits of an earlier session are restored"
+    assert announced not in run_here(folder, "serve", "model.xml").stderr
+    Session(str(folder / "model.xml")).edit(Edit("version", "camera", "wcet", "7ms", "full"))
+    assert announced in run_here(folder, "serve", "model.xml").stderr

@@ -42,10 +42,9 @@ def serve(
 
         from halpipe.workbench.server import application
     except ImportError:
-        help = "pip install starlette uvicorn"
-        raise HalpipeError(NO_SERVER("starlette and uvicorn are not installed", help=help)) from None
+        raise HalpipeError(NO_SERVER("starlette or uvicorn is missing", help="pip install starlette uvicorn")) from None
     from halpipe.cli.searching import processor_count
-    from halpipe.workbench.session import Session
+    from halpipe.workbench.session import RESTORED, Session
 
     listening = _listen(port)
     session = Session(model, workers or processor_count())
@@ -54,6 +53,8 @@ def serve(
     address = f"http://127.0.0.1:{number}/?token={token}"
     output.result(address)
     output.flush_results()
+    if session.past:
+        output.say(f"{session.journal.path}: {RESTORED} are restored: save them in the page, or undo them")
     threading.Thread(target=session.begin, daemon=True).start()
     app = application(session, token, number)
     config = uvicorn.Config(
@@ -90,8 +91,7 @@ def _listen(port: int) -> socket:
         listening.listen()
     except OSError as failure:
         listening.close()
-        help = "choose another --port, or leave it out"
-        raise HalpipeError(PORT_TAKEN(f"port {port}: {failure.strerror}", help=help)) from None
+        raise HalpipeError(PORT_TAKEN(f"port {port}: {failure.strerror}", help="leave --port out")) from None
     return listening
 
 

@@ -10,6 +10,7 @@ from halpipe.exporters.report.chains import latency_of
 from halpipe.exporters.report.scene import scene
 from halpipe.flow.formats import EXPORTERS, formats
 from halpipe.workbench.edits import LIMITS, ROWS
+from halpipe.workbench.session import RESTORED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -38,6 +39,7 @@ def picture(session: Session) -> Plain:
         "valid": state.is_valid,
         "solved": state.solved,
         "what": state.what,
+        "restored": state.what == RESTORED,
         "can_undo": bool(session.past),
         "can_redo": bool(session.future),
         "changed_on_disk": session.changed_on_disk(),
@@ -48,9 +50,7 @@ def picture(session: Session) -> Plain:
             "milliseconds": None if seconds is None else round(seconds * 1000),
         },
         "findings": [plain(found) for found in findings],
-        "beside": None
-        if beside is None
-        else {"kind": session.lower[0], "name": beside.name, "found": beside.found[:MOST]},
+        "beside": beside and {"kind": session.lower[0], "name": beside.name, "found": beside.found[:MOST]},
         "variants": list(session.variants),
         "forms": [
             *_chains(state.model, state.schedule if state.solved else None),

@@ -48,6 +48,7 @@ NO_SUCH_JOB = error("HAL0954", "There is no such job", "A job is named by its mo
 BUDGET = 2_000
 """Moves per task for one answer; a person waits for it."""
 HISTORY = 200
+RESTORED = "edits of an earlier session"
 LOWER = ("nothing", "variant", "trace")
 
 
@@ -107,7 +108,7 @@ class Session:
         kept = self.journal.read(self._on_disk)
         if kept is not None:
             self._remember()
-            self.shown = State(*kept, what="edits of an earlier session")
+            self.shown = State(*kept, what=RESTORED)
 
     def begin(self) -> None:
         """Find the first schedule."""
@@ -187,8 +188,7 @@ class Session:
         """Write the model, or into a YAML file the edits as an overlay; over a file that is there only if asked for."""
         target = path or self.path
         if os.path.isdir(target) or not is_ended(target):  # a pipe would block every later order
-            help = "name a plain file"
-            raise HalpipeError(CANNOT_WRITE("is no plain file", at=Location(target), help=help))
+            raise HalpipeError(CANNOT_WRITE("is no plain file", at=Location(target), help="name a plain file"))
         is_overlay = os.path.splitext(target)[1].lower() in SUFFIXES
         content = overlay_of(self.opened, self.state.model) if is_overlay else format_model(self.state.model)
         is_source = os.path.realpath(target) == os.path.realpath(self.path)
@@ -200,6 +200,7 @@ class Session:
         if is_source:
             self._on_disk = sha256(content)
             self._saved = self.state.model
+            self.shown = replace(self.shown, what="saved")
             self._note()
         return target
 

@@ -376,6 +376,20 @@ def test_pins_outlive_the_server(session):
     assert Session(session.path).state.pins == session.state.pins
 
 
+def test_restored_edits_are_announced_until_they_are_saved_or_undone(session):
+    session.edit(wcet("7ms"))
+    assert not picture(session)["restored"]
+    again = Session(session.path)
+    again.begin()
+    assert picture(again)["restored"]
+    again.undo()
+    assert not picture(again)["restored"]
+    again.redo()
+    assert picture(again)["restored"]
+    again.save("", force=True)
+    assert not picture(again)["restored"]
+
+
 def test_saved_edits_leave_no_journal(session):
     session.edit(wcet("7ms"))
     session.save("", force=True)

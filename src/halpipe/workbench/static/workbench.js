@@ -77,9 +77,10 @@ function show(told, quiet) {
   if (told.refused) say(told.refused[0].message, "bad");
   else if (!told.solved) say(`solving: ${told.what}`, "");
   else if (told.valid) say(answered.milliseconds === null ? `valid, verified before: ${told.what}` : `valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
-  else say("no schedule of this model: the last valid one is shown", "bad");
+  else say(`no schedule of this model${told.modes.length ? ": the last valid one is shown" : ""}`, "bad");
   findings([...(told.refused || []), ...told.findings]);
   if (told.unkept) findings([{severity: "warning", message: `edits are in memory only: ${told.unkept}`, help: "save under another name before you stop the server"}], true);
+  if (told.restored) findings([{severity: "warning", message: "edits of an earlier session are restored", help: "save them, or undo them to see the model as its file has it"}], true);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
   if (told.beside) findings(told.beside.found.map(message => ({severity: "note", message, path: "", help: "", code: ""})), true);
   if (!viewer.selected) viewer.select(null);
