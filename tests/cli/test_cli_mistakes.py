@@ -315,3 +315,29 @@ def test_an_unknown_mode_in_a_pipeline_is_reported_at_its_section(tmp_path, sche
     assert done.returncode == (2 if line else 0)
     assert ("HAL0802" in done.stderr) == (f"p.yaml:{line}: error[HAL0802] there is no mode" in done.stderr)
     assert (line is not None) == ("HAL0802" in done.stderr)
+
+
+ARXML, AMXMI = (f"`halpipe import {format} FILE" for format in ("arxml", "amalthea"))
+DOT, TABLE, OTHER = "`halpipe import ros", "`halpipe import table", "`halpipe import` makes"
+ROWS, GRAPH = "name a table with", "the importer reads"
+"""What the importers of tables and of graphs say of a file that no other importer reads."""
+
+
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        (f'<?xml version="1.0"?><!-- a\nb -->{AUTOSAR}', {"amalthea": ARXML, "ros": ARXML, "table": ARXML}),
+        (AMALTHEA, {"arxml": AMXMI, "ros": AMXMI, "table": AMXMI}),
+        ('digraph { "/a" -> "/b"; }', {"arxml": DOT, "amalthea": DOT, "table": DOT}),
+        ("task,period,wcet\n", {"arxml": TABLE, "amalthea": TABLE, "ros": TABLE, "table": ROWS}),
+        ("a,b\n1,2\n", {"arxml": TABLE, "amalthea": TABLE, "ros": TABLE, "table": ROWS}),
+        ("words", {"arxml": OTHER, "amalthea": OTHER, "ros": GRAPH, "table": ROWS}),
+    ],
+)
+def test_the_wrong_importer_names_the_one_that_reads_the_file(tmp_path, text, advice):
+    (tmp_path / "file").write_text(text)
+    for format, said in advice.items():
+        refused = run_here(tmp_path, "import", format, "file", "-o", "o.xml")
+        assert refused.returncode == 1
+        helps = [line for line in refused.stderr.splitlines() if "help: " in line]
+        assert any(said in line for line in helps), (format, helps)

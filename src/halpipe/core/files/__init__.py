@@ -49,6 +49,7 @@ from halpipe.core.files.writing import write_outputs as write_outputs
 from halpipe.core.files.xml import BROKEN_XML as BROKEN_XML
 from halpipe.core.files.xml import HAS_DOCTYPE as HAS_DOCTYPE
 from halpipe.core.files.xml import LargeXmlParser as LargeXmlParser
+from halpipe.core.files.xml import advice_for as advice_for
 from halpipe.core.files.xml import parse_xml as parse_xml
 from halpipe.core.files.yaml import BROKEN_YAML as BROKEN_YAML
 from halpipe.core.files.yaml import Number as Number

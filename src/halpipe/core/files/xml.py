@@ -176,13 +176,19 @@ _ADVICE = (
 """Advice by a part of the parser's messages, which name what is expected, not what to write."""
 
 
+_HEAD = r"(<\?[^>]*>\s*|<!--(?s:.*?)-->\s*)*<(\w+:)?"
 KINDS = (
     (r"\Z", "the file is empty: write or copy it again"),
+    (_HEAD + r"AUTOSAR\b", "import it: `halpipe import arxml FILE -o model.xml`"),
+    (_HEAD + r"Amalthea\b", "import it: `halpipe import amalthea FILE -o model.xml`"),
+    (r"PK\x03\x04", "unpack it; a workbook is imported as it is: `halpipe import table FILE -o model.xml`"),
+    (r"[^\n:<{]*\b(period|wcet)\b[^\n:]*[,;\t]", "import it: `halpipe import table FILE -o model.xml`"),
     (
         r"#version|\[\s*\{|\{\s*\"|[^\n:]*\b(task|start|end)\b[^\n:]*[,;\t]",
         "a trace comes second: `halpipe compare SCHEDULE TRACE`",
     ),
     (r"(strict\s+)?(di)?graph\b", "import the graph first: `halpipe import ros FILE -o model.xml`"),
+    (r"[^\n:<{]*[,;\t]", "name a sheet of tasks with the columns task, period and wcet to `halpipe import table`"),
     (r"halpipe-pipeline:", "run the pipeline file: `halpipe run FILE`"),
     (r"halpipe-overlay:", "give the overlay to an import: `halpipe import FORMAT SOURCE --overlay FILE -o model.xml`"),
     (r"(---\s+)?[\w\"'-]+:(\s|\Z)", "it has the form of YAML: name the XML file, or use `halpipe import ros`"),
@@ -190,11 +196,14 @@ KINDS = (
 """Beginnings of files of other kinds, and what to do with these."""
 
 
-def kind_of(data: bytes) -> str:
-    """Return what to do with a file of another kind, by its beginning."""
+_OTHER = "`halpipe import` makes a model of other sources"
+
+
+def advice_for(data: bytes, format: str = "?", otherwise: str = _OTHER) -> str:
+    """Return what to do with a file of another kind than that of an imported `format`, by its beginning."""
     begin = re.sub(r"\A(\s*(#(?!version)|//)[^\n]*\n)*\s*", "", data[:2000].decode("utf-8-sig", "replace"))
-    found = (advice for form, advice in KINDS if re.match(form, begin, re.IGNORECASE))
-    return next(found, "`halpipe import` makes a model of other sources")
+    found = next((advice for form, advice in KINDS if re.match(form, begin, re.IGNORECASE)), otherwise)
+    return otherwise if f"import {format}" in found else found
 
 
 def _syntax_errors(
@@ -202,7 +211,7 @@ def _syntax_errors(
 ) -> list[Diagnostic]:
     said = "".join(entry.message for entry in parser.error_log)
     help = next((advice for sign, advice in _ADVICE if sign in said), "repair the file")
-    help = help if is_xml else f"this is no XML; {kind_of(data)}"
+    help = help if is_xml else f"this is no XML; {advice_for(data)}"
     entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
     unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
     return [

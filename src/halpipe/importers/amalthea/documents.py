@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.embedding import joined, properties_hash
-from halpipe.core.files import parse_xml, read_bytes
+from halpipe.core.files import advice_for, parse_xml, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.xmi import Forest, Item, text_of
@@ -86,7 +86,7 @@ def recognise(data: bytes, name: str) -> Document:
     version = _version(namespace)
     if version and (tag in ("Amalthea", "AMALTHEA") or _MODEL.fullmatch(tag)):
         return Document(name, root, version)
-    help = f"name {_SUFFIX} files of APP4MC"
+    help = advice_for(f"<{tag} ".encode(), "amalthea", f"name {_SUFFIX} files of APP4MC")
     if tag == "EPackage":
         raise HalpipeError(codes.NOT_AMALTHEA("is a metamodel (ecore), not a model", at=at, help=help))
     where = f'in the namespace "{namespace}"' if namespace else "without a namespace"

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, Severity
-from halpipe.core.files import YamlMap, find_inputs, parse_yaml, read_bytes
+from halpipe.core.files import YamlMap, advice_for, find_inputs, parse_yaml, read_bytes
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.structure import FORMAT_KEY
@@ -125,10 +125,10 @@ def recognise(name: str, data: bytes) -> Input:
     if name.lower().endswith(".py"):
         raise _unrecognised(name, 1, "is a program of Python: a launch file starts nodes and has no graph of them")
     if data.lstrip()[:1] == b"<":
-        raise _unrecognised(name, 1, "is a launch file" if b"<launch" in data else "is XML or HTML")
+        raise _unrecognised(name, 1, "is a launch file" if b"<launch" in data else "is XML or HTML", data)
     document = parse_yaml(data, name)
     if not isinstance(document, YamlMap):
-        raise _unrecognised(name, 0, "is empty" if document is None else "is not a mapping of keys to values")
+        raise _unrecognised(name, 0, "is empty" if document is None else "is not a mapping of keys to values", data)
     if isinstance(document.get("rosbag2_bagfile_information"), YamlMap):
         return Input(name, FileKind.BAG, document)
     if FORMAT_KEY in document:
@@ -166,5 +166,5 @@ def _not_dot(name: str, data: bytes) -> Diagnostic:
     )
 
 
-def _unrecognised(name: str, line: int, what: str) -> HalpipeError:
-    return HalpipeError(codes.UNRECOGNISED(what, at=Location(name, line), help=_READS))
+def _unrecognised(name: str, line: int, what: str, data: bytes = b"?") -> HalpipeError:
+    return HalpipeError(codes.UNRECOGNISED(what, at=Location(name, line), help=advice_for(data, "ros", _READS)))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about, error, warning
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.files import YamlList, YamlMap
+from halpipe.core.files import STDIO, YamlList, YamlMap, advice_for, beginning_of
 from halpipe.core.quantities import format_rational, parse_rational, quoted
 from halpipe.core.settings import BAD_VALUE, Fields
 from halpipe.core.suggest import did_you_mean
@@ -207,7 +207,8 @@ def import_tables(paths: Sequence[str], options: ImportOptions) -> Imported:
     findings, coverage = Findings(), Coverage()
     tables = list(_tables(paths, findings, coverage))
     if not any(table.kind.name == "tasks" and table.rows for table in tables) and not findings.has_errors:
-        help = "name a table with the columns task, period and wcet"
+        begin = beginning_of(paths[0]) if paths and paths[0] != STDIO else b"?"
+        help = advice_for(begin, "table", "name a table with the columns task, period and wcet")
         findings.add(NO_TABLE("no table has tasks", at=Location(paths[0] if paths else ""), help=help))
     findings.stop_on_errors()
     model = _Builder(tables, findings, coverage).model(options.name or PurePath(paths[0]).stem.replace(" ", "_"))

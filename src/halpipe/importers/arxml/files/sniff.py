@@ -23,6 +23,7 @@ from halpipe.core.files import (
     MAX_INPUT_BYTES,
     STDIO,
     LargeXmlParser,
+    advice_for,
     find_inputs,
     input_size,
     open_input,
@@ -297,9 +298,8 @@ def recognise(root: etree._Element, name: str) -> Document:
             raise HalpipeError(codes.EB_XDM("is EB tresos data that configure no module", at=at, help=help))
         return Document(name, translated, is_project_data=not is_setting, imports=imported_files(root))
     if tag != "AUTOSAR":
-        raise HalpipeError(
-            codes.NOT_ARXML(f'has the root element "{tag}", not AUTOSAR', at=at, help="name ARXML files only")
-        )
+        help = advice_for(f"<{tag} ".encode(), "arxml", "name ARXML files only")
+        raise HalpipeError(codes.NOT_ARXML(f'has the root element "{tag}", not AUTOSAR', at=at, help=help))
     release = _release(root, namespace)
     if release:
         return Document(name, modernise(root), release)
