@@ -4,6 +4,8 @@ import os
 import re
 import subprocess
 from dataclasses import replace
+from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,6 +13,8 @@ import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
+from halpipe.deploy.regulator.axi_realm import _difference, _sums
+from halpipe.deploy.regulator.memguard import Module
 from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator import codes as export_codes
@@ -467,3 +471,84 @@ def test_rates_of_one_port_that_fall_and_rise_are_written_one_by_one(tmp_path):
     whole = replace(schedule(m, 10), modes=tuple(found), transitions=switches)
     files = RegulatorExporter().write(m, whole, RegulatorOptions(platform=str(path), backend="qos400"))
     assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()
+
+
+def module(cores=0, period="1ms"):
+    """MemGuard of units on the cores 0 and 2, of a machine of so many cores (0: as many as the units need)."""
+    units = {"u1": {"core": "0"}, "u2": {"core": "2"}, "dma": {"core": None}}
+    settings = {"line": "64B", "write-refills": "1", "write-backs": "1/2", "period": period}
+    platform = SimpleNamespace(
+        number=lambda *_: cores, units=units, settings={"memguard": settings}, window_ns=Fraction(2_000_000)
+    )
+    tables = SimpleNamespace(units=[SimpleNamespace(name=name) for name in units])
+    return Module(SimpleNamespace(platform=platform, tables=tables))
+
+
+@pytest.mark.parametrize(("stated", "cores"), [(0, 3), (3, 3), (8, 8)])
+def test_memguard_has_the_cores_that_are_stated_or_those_up_to_the_last_unit(stated, cores):
+    """Cores that no unit has get limits, too, under their number."""
+    device = module(stated)
+    assert device.write("read", " ".join(["7"] * cores)) == ""
+    owners = {0: "u1 read", 2: "u2 read"}
+    assert device.limits == {owners.get(core, f"core {core} read"): 7 for core in range(cores)}
+
+
+@pytest.mark.parametrize(
+    ("text", "refused"),
+    [
+        ("1 2 3", ""),
+        ("1 2", "2 limits in 3 characters; there are 3 cores"),
+        ("1 2 3 4", "4 limits in 7 characters; there are 3 cores"),
+        ("1 2 x", "3 limits in 5 characters; there are 3 cores"),
+        ("1 0 3", "core 1 does not take 0"),
+        (f"1 2 {2**31 - 1}", ""),
+        (f"1 2 {2**31}", f"core 2 does not take {2**31}"),
+        ("1 2 " + "3".zfill(251), ""),
+        ("1 2 " + "3".zfill(252), "3 limits in 256 characters; there are 3 cores"),
+    ],
+)
+def test_memguard_takes_one_limit_for_every_core_of_255_characters_at_most(text, refused):
+    assert module().write("write", text) == refused
+
+
+def test_limits_of_memguard_are_the_least_that_give_a_rate():
+    for period, microseconds in (("1ms", 1000), ("", 2000), ("1500us", 1500)):  # by default, the window
+        device = module(period=period)
+        assert device.period == microseconds
+        for rate in (1, 63_999, 64_000, 64_001, 6_400_000):
+            events = device.events(Fraction(rate))
+            assert device.rate(events) >= rate > device.rate(events - 1)
+
+
+@pytest.mark.parametrize(
+    ("seen", "said"),
+    [
+        ([(0, 64), (3, 128)], "is not 64 bytes from window 8 on, as promised"),
+        ([(0, 64), (3, 128), (8, 64)], ""),
+        ([(0, 64), (4, 128)], "is 128 bytes from window 4 on, promised are 128 from window 3 on"),
+        ([(0, 64), (3, 192)], "is 192 bytes from window 3 on, promised are 128 from window 3 on"),
+        ([], "is not 64 bytes from window 0 on, as promised"),
+        ([(0, 64), (3, 128), (8, 64), (9, 7)], "is 7 bytes from window 9 on, which is not promised"),
+    ],
+)
+def test_budgets_of_axi_realm_are_compared_step_by_step(seen, said):
+    """Those of a mode end with the one that it begins with."""
+    table = SimpleNamespace(windows=8, successor=1, index=1)
+    assert _difference(seen, [(0, 64), (3, 128)], table) == said
+    same = [(0, 64), (3, 128), (5, 64)]
+    assert _difference(same, same, table) == ""
+    assert _difference([(0, 64), (3, 128)], [(0, 64), (3, 128)], SimpleNamespace(windows=8, successor=0, index=1)) == ""
+
+
+@pytest.mark.parametrize(("capacity", "window"), [(438, None), (437, 2), (278, 2), (277, 0)])
+def test_all_budgets_and_a_burst_of_each_are_within_the_capacity(capacity, window):
+    noted = []
+    case = SimpleNamespace(
+        platform=SimpleNamespace(burst_bytes=64, capacity_bytes=capacity),
+        note=lambda code, name, text, **_: noted.append((code, text)),
+    )
+    seen = {"a": [(0, 100), (2, 300), (4, 9000)], "b": [(0, 50), (2, 10)]}  # the last is for the table that follows
+    _sums(case, "0-m.txt", SimpleNamespace(name="m", windows=4), seen)
+    total = {0: 278, 2: 438}.get(window)
+    text = f"{total} B may pass in window {window}, the capacity is {capacity} B"
+    assert noted == ([(codes.DEVICE_OVER_CAPACITY, text)] if window is not None else [])

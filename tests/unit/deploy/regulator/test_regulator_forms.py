@@ -1,6 +1,7 @@
 """The forms that are loaded say what tables.json says, or each difference is found: memory images, C header."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
@@ -85,3 +86,8 @@ def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
     assert findings(with_depth(files, used)) == []
     (finding,) = findings(with_depth(files, used - 1))
     assert finding.code == codes.TOO_DEEP.id
+
+
+@pytest.mark.parametrize(("count", "lines"), [(1, 16), (15, 16), (16, 32), (31, 32), (32, 64), (255, 256), (256, 256)])
+def test_a_header_image_has_a_line_that_no_table_has_as_far_as_there_are_addresses(count, lines):
+    assert forms.header_lines(SimpleNamespace(tables=range(count))) == lines

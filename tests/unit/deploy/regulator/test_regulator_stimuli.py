@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -360,3 +361,31 @@ def test_drawn_numbers_are_all_those_below_the_limit():
     assert {*found} == {*range(5)}
     assert min(found.values()) > 60
     assert [stimuli.Draw(1, "a").below(2**60)] != [stimuli.Draw(1, "b").below(2**60)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_runs_expect_what_follows_from_their_scripts(tables, seed):
+    """Late requests, and parts of words that change nothing, are drawn in few of the runs."""
+    for number in range(10 * seed, 10 * seed + 10):
+        run = plan(tables, TRAFFIC[0], number, windows=120)
+        assert follow(tables, run) == [(e.table, e.window) for e in run.expected]
+        strobes = {address >> 26 for _, order, address, _ in run.script if order == "l"}
+        assert len(strobes) == 2
+        assert max(strobes) == stimuli.WHOLE
+        assert min(strobes) > 0
+
+
+@pytest.mark.parametrize(("entries", "size"), [(1, 1024), (1023, 1024), (1024, 2048), (2047, 2048), (2048, 4096)])
+def test_a_unit_has_room_for_its_entries_and_the_terminator(entries, size):
+    table = SimpleNamespace(entries={"u1": range(entries - 1), "u2": ()})
+    rest = SimpleNamespace(entries={"u1": range(1), "u2": ()})
+    units = [SimpleNamespace(name=name) for name in ("u1", "u2")]
+    assert stimuli.sizes(SimpleNamespace(tables=[table, rest], units=units)) == (size, 16)
+
+
+def test_habits_of_managers_are_the_bits_of_the_bench():
+    """``kind`` of ``bench/traffic.v``: on, random lengths, random gaps, clusters."""
+    bench = Path(halpipe.__file__).with_name("deploy").joinpath("regulator", "bench", "traffic.v").read_text()
+    stated = re.search(r"kind, +// bit 0 on, bit 1 random lengths, bit 2 random gaps, bit 3 comes in clusters", bench)
+    assert stated
+    assert (stimuli.GREEDY, stimuli.LENGTHS, stimuli.GAPS, stimuli.CLUSTERS) == (1 << 0, 1 << 1, 1 << 2, 1 << 3)

@@ -4,8 +4,7 @@ from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 
-from hypothesis import given
-from hypothesis import strategies as st
+import pytest
 from regulator_samples import gang, one_mode, switching, two_units
 
 import regulator_switches
@@ -13,7 +12,6 @@ from halpipe.core.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, Row, grid_of
 from halpipe.models import Interrupt, Split
 from halpipe.pipeline.parts import job_of
-from profiles import examples
 from support import access, job, model, ms, task, version
 
 WINDOW = milliseconds(1)
@@ -153,8 +151,7 @@ def test_budgets_follow_the_phases_through_the_parts():
     ]
 
 
-@examples(150)
-@given(st.integers(0, 10**6))
+@pytest.mark.parametrize("seed", range(60))
 def test_a_switch_has_a_table_until_the_one_of_the_mode_after_grants_what_is_in_force(seed):
     system, schedule = regulator_switches.drawn(seed)
     found, grid = frames(system, schedule)
