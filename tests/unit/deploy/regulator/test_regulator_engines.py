@@ -3,12 +3,15 @@
 import os
 import stat
 import sys
+from types import SimpleNamespace
 
 import pytest
 
+import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.programs import NOT_STARTED
-from halpipe.deploy.regulator import codes, simulate
+from halpipe.deploy.regulator import codes, simulate, stimuli
+from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import Design, Icarus, Verilator, run_bench
 
 
@@ -184,3 +187,72 @@ def test_without_a_cache_it_is_compiled_each_time(builds, tmp_path):
 def test_what_is_kept_is_for_its_user_only(builds):
     player, _ = builds(design())
     assert stat.S_IMODE(os.stat(player[0]).st_mode) == 0o700
+
+
+# ------------------------------------------------------------------------------------------------ runs
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    return bundles.target(bundles.export(tmp_path_factory.mktemp("runs"), *bundles.system(), window="64")).bundle
+
+
+def runs(monkeypatch, bundle, cycles, *, shares=(6400, 1280), stepped=4000):
+    """The tables and the run of each simulation of an engine that has so many cycles for each unit."""
+    tables = read_tables(bundle)
+    units = len(tables.units)
+    monkeypatch.setattr(simulate, "CYCLES", {"e": tuple(share * units for share in shares)})
+    monkeypatch.setattr(simulate, "STEPPED_CYCLES", {"e": stepped})
+    monkeypatch.setattr(simulate, "play", lambda loaded, tables, player, run: loaded)
+    monkeypatch.setattr(simulate, "judge", lambda tables, run, loaded, _: (tables, run, loaded))
+    engine = SimpleNamespace(name="e", build=lambda design, folder: [])
+    return tables, [*simulate.simulate(bundle, tables, engine, seed=3, cycles=cycles)]
+
+
+def test_runs_take_the_cycles_of_their_engine(monkeypatch, bundle):
+    """Every table is stepped through, the greedy run has all windows of the tables, random traffic has excerpts."""
+    tables, found = runs(monkeypatch, bundle, 0)
+    assert [run.traffic for _, run, _ in found] == [stimuli.STEPPED, *stimuli.TRAFFIC]
+    windows = [4000 // 4, 6400 // 64, *[1280 // 64] * (len(found) - 2)]
+    for (played, run, loaded), most in zip(found, windows, strict=True):
+        is_excerpt = run.traffic not in (stimuli.STEPPED, stimuli.TRAFFIC[0])
+        assert played == (stimuli.excerpt(tables, most) if is_excerpt else tables)
+        assert (loaded is bundle) == (played is tables)
+        assert run == stimuli.plan(played, run.traffic, 3, windows=most)
+        assert len(run.expected) <= most
+
+
+def test_runs_are_of_four_windows_at_least(monkeypatch, bundle):
+    _, found = runs(monkeypatch, bundle, 0, shares=(64, 64), stepped=4)
+    assert {len(run.expected) for _, run, _ in found} == {4}
+
+
+def test_with_cycles_every_mode_is_played_as_often_and_every_switch_is_made(monkeypatch, bundle):
+    tables, (stepped, *found) = runs(monkeypatch, bundle, 3)
+    assert len(stepped[1].expected) <= 1000
+    for played, run, loaded in found:
+        assert played is tables
+        assert loaded is bundle
+        assert run == stimuli.plan(tables, run.traffic, 3, windows=2**31, repeats=3)
+
+
+def test_the_bench_gets_what_the_run_is_made_of(bundle):
+    """Data of writes waits in 3 of 4 cycles of a run that owes; the latency leaves each unit two bursts of a window."""
+    tables = read_tables(bundle)
+    platform, units = tables.platform, len(tables.units)
+    beats = platform.burst_bytes // platform.bus_bytes
+    for traffic in (stimuli.STEPPED, *stimuli.TRAFFIC):
+        run = stimuli.plan(tables, traffic, 2**32 + 7, windows=100)
+        stated = dict(word[1:].split("=") for word in simulate._arguments(tables, run))
+        assert stated == {
+            "cycles": str(run.cycles),
+            "extra": "0",
+            "of": "1",
+            "windows": str(len(run.expected)),
+            "seed": "7",
+            "hold": str(len(run.expected) * run.cycles * 3 // 4 if traffic.is_owing else 0),
+            "latency": str(max(0, min(traffic.latency, run.cycles - 2 * units * beats))),
+            "depth": str(traffic.depth),
+            "longest": "1" if traffic.is_owing else str(beats),
+            "kinds": "".join(f"{kind:02x}" for kind in reversed(run.kinds)),
+        }

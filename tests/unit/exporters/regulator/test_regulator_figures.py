@@ -19,17 +19,21 @@ from regulator_samples import (
     nearly_all,
     one_mode,
     platform,
+    platform_file,
     switching,
     two_units,
 )
 
+from halpipe.core.bundles import MODEL, SCHEDULE
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
+from halpipe.core.files import MANIFEST
 from halpipe.core.quantities import parse_bandwidth
-from halpipe.exporters.regulator import codes, windows
+from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions, codes, windows
+from halpipe.exporters.regulator.embedded import embedded
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.memguard import writer as memguard
-from halpipe.exporters.regulator.platform import DIRECTIONS, LEAST_CYCLES
+from halpipe.exporters.regulator.platform import DIRECTIONS, LEAST_CYCLES, read_platform
 from halpipe.exporters.regulator.report import _below_burst, format_json, summarise
 from halpipe.exporters.regulator.table.writer import header_lines
 from halpipe.exporters.regulator.writing import backend, file_names
@@ -392,3 +396,43 @@ def test_a_bound_below_a_burst_states_the_bursts_of_a_window(tmp_path):
         'bound 0.007 is 0.7 bursts of 64 bytes per window for unit "u1": one burst every 2 windows'
     )
     assert found.help == "use a bound of at least 0.01, or a window of at least 1429 cycles"
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [("5", "5 and 0/1"), ("501/100", "5.01"), ("506/101", "5 and 1/101"), ("499/100", "4.99"), ("1/3", "0.33")],
+)
+def test_a_number_of_windows_does_not_look_whole_unless_it_is(value, shown):
+    assert windows._shown(Fraction(value)) == shown
+
+
+@pytest.mark.parametrize(("capacity", "clock", "burst", "least"), [
+    (6_400_000, 10**6, 64, 10), (6_400_001, 10**6, 64, 10), (6_399_999, 10**6, 64, 11), (6_400_000, 10**5, 64, 4),
+])  # fmt: skip
+def test_the_shortest_window_carries_a_burst(tmp_path, capacity, clock, burst, least):
+    p = replace(platform(tmp_path), capacity=capacity, clock=clock, burst=burst)
+    assert p.least_cycles == least == max(LEAST_CYCLES, ceil(Fraction(burst * clock, capacity)))
+
+
+@pytest.mark.parametrize(("bound", "said"), [("0.5", "a bound of at least 1, or "), ("0.6", "")])
+def test_a_bound_is_a_remedy_up_to_1(tmp_path, bound, said):
+    """A window of 32 bytes carries half a burst at a bound of 1/2; where it carries less, no bound does."""
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 5, bound, "read")))
+    system = model(t, units="u1", resources="mem")
+    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
+    rate = "64kB/s" if said else "50kB/s"
+    tables, _ = build(tmp_path, system, schedule, "controlled", guaranteed=rate, capacity="200kB/s", bus="8bit")
+    (found,) = _below_burst(tables)
+    assert found.help.startswith(f"use {said}a window of at least ")
+
+
+def test_bundles_of_cores_have_the_files_of_their_regulators_but_those_of_the_system(tmp_path):
+    """Model, schedule and manifest are the bundle's own."""
+    path = platform_file(tmp_path, capacity="7MB/s")
+    alone = RegulatorExporter().write(*two_units(), RegulatorOptions(platform=path))
+    files, known = embedded(*two_units(), path)
+    own = (MANIFEST, MODEL, SCHEDULE)
+    assert files == {f"regulator/{name}": data for name, data in alone.items() if name not in own}
+    assert {*own} <= {*alone}
+    assert known == read_platform(path)
+    assert embedded(*two_units(), "") == ({}, None)
