@@ -595,6 +595,7 @@ def test_labels_without_a_number_count_on_from_the_one_before():
         ("struct a { string x; string x; };", 'has the field "x" twice'),
         ("struct a { string x[-1]; };", "has an array of -1 elements"),
         ("#", "has '#'"),
+        ("#" * 21, f"has {'#' * 20!r}"),
     ],
 )
 def test_faults_of_declarations_are_named_with_their_line(text, said):
@@ -612,3 +613,19 @@ def test_a_stream_without_an_id_is_that_of_events_without_one():
         parse(f"{HEAD} stream {{ }}; stream {{ id = 0; }};")
     with pytest.raises(CtfError, match="declares a second event"):
         parse(f"{HEAD} event {{ name = e; }}; event {{ name = f; id = 0; stream_id = 0; }};")
+
+
+def test_callback_groups_of_a_node_are_numbered(tmp_path):
+    """What is said last of a callback holds: here, that the subscription is in a group of its own."""
+    trace = ros_trace(2)
+    trace.add(
+        "ros2_caret:add_callback_group", 15, executor_addr=50, callback_group_addr=61, group_type_name="reentrant"
+    )
+    trace.add("ros2_caret:callback_group_add_subscription", 16, callback_group_addr=61, subscription_handle=30)
+    found = read_ros_trace(str(trace.write(tmp_path)), Findings())
+    groups = {name: (kind, [key.kind for key in keys]) for name, (kind, keys) in found.groups.items()}
+    assert groups == {
+        "/sink/callback_group_0": ("mutually_exclusive", ["timer"]),
+        "/sink/callback_group_1": ("reentrant", ["subscription"]),
+    }
+    assert found.executors == {"executor_0": ("multi_threaded_executor", [*groups])}

@@ -145,13 +145,18 @@ def test_texts_end_with_the_first_null_byte(name):
     assert decoder(Array(Int(16, 16, False, "<", text=True), 2))(b"a\0b\0", 0, {}) == ([97, 98], 4)
 
 
-@pytest.mark.parametrize("element", [Int(16, 16, True, "<"), Int(16, 32, True, "<"), String()])
-def test_a_sequence_is_within_its_packet(element):
-    """Its length may be any number where the file is damaged: memory for it is no matter of trust."""
+@pytest.mark.parametrize(
+    ("element", "most", "refused"),
+    [(Int(16, 16, True, "<"), 6, 7), (Int(16, 32, True, "<"), 3, 13), (String(), 12, 13)],
+)
+def test_a_sequence_is_within_its_packet(element, most, refused):
+    """Its length may be any number where the file is damaged: no memory is taken for more than what follows."""
     read = decoder(Struct((("n", Int(32, 8, True, "<")), ("s", Array(element, "n")))))
-    for length in (-1, 2**31 - 1):
+    for length in (-1, refused, 2**31 - 1):
         with pytest.raises(CtfError, match="sequence"):
             read(length.to_bytes(4, "little", signed=True) + bytes(12), 0, {})
+    whole, _ = read(most.to_bytes(4, "little") + bytes(12), 0, {})
+    assert len(whole["s"]) == most
 
 
 @pytest.mark.parametrize(

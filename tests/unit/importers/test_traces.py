@@ -245,6 +245,17 @@ def test_a_btf_job_polls_parks_and_runs_on_elsewhere():
     assert not told(text, codes.ODD_SEQUENCE)
 
 
+def test_btf_runnables_are_jobs_where_no_task_is_recorded():
+    """They are suspended and resumed; where tasks come later, those count alone."""
+    rows = ["0,T,0,R,f,0,start", "2,T,0,R,f,0,suspend", "5,T,0,R,f,0,resume", "9,T,0,R,f,0,terminate"]
+    (seen,) = executions("#timeScale ns\n" + "\n".join(rows) + "\n")
+    assert (seen.task, seen.start.ns, seen.end.ns, seen.busy.ns) == ("f", 0, 9, 6)
+    assert [(a.ns, b.ns) for a, b in seen.stretches] == [(0, 2), (5, 9)]
+    later = ["3,C,0,T,t,0,start", "8,C,0,T,t,0,terminate"]
+    text = "#timeScale ns\n" + "\n".join([*rows[:1], *later, *rows[1:]]) + "\n"
+    assert [(e.task, e.busy.ns) for e in executions(text)] == [("t", 5)]
+
+
 def test_btf_events_of_unknown_name_are_counted():
     text = "1,C,0,T,a,0,start\n2,C,0,T,a,0,levitate\n4,C,0,T,a,0,terminate\n"
     assert "1 of levitate" in told(text, codes.LEFT_OUT)[0].message
@@ -742,6 +753,9 @@ def test_well_nested_slices_are_paired_by_columns_alone(monkeypatch):
         ("task,start,end,busy\na,1,2,-3\n", 2, "runs for -3"),
         ("task,start,end\na,3,2\n", 2, "ends at 2, before it starts"),
         ("task,start,end\na,1/0,2\n", 2, "'1/0' is no time"),
+        ("<halpipe-schedule/>", 1, "this is XML"),
+        ("callback,duration_ns\n/n/a,5\n", 1, "it has durations, but no starts and ends"),
+        ("", 1, "it is empty"),
     ],
 )
 def test_what_cannot_be_read_is_shown_with_its_line_and_its_beginning(data, line, said):
