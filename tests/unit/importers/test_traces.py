@@ -776,3 +776,18 @@ def test_instants_are_exact_in_any_notation(text):
 def test_instants_in_other_notations_are_refused(text):
     with pytest.raises(ValueError, match="is no time"):
         numbers.instant(text, 1)
+
+
+@pytest.mark.parametrize("count", [1, 100])
+def test_slices_without_a_length_are_some_where_the_text_is_in_order(count):
+    """A begin and its end at one instant stay in their order there; of a text that is not, ends come first."""
+    marks = [("B", 1), ("E", 1), ("B", 1), ("E", 2)]
+    events = [
+        {"ph": phase, "name": "a", "pid": 1, "tid": 1, "ts": 10 * turn + at}
+        for turn in range(count)
+        for phase, at in marks
+    ]
+    recording = parse_traces(json.dumps(events).encode(), "t")
+    spans = [(e.start.ns // 1000 % 10, e.end.ns // 1000 % 10) for e in recording.traces[0].executions]
+    assert spans == [(1, 1), (1, 2)] * count
+    assert recording.diagnostics == ()

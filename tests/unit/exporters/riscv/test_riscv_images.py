@@ -22,6 +22,7 @@ from halpipe.exporters.riscv.codes import (
 from halpipe.exporters.riscv.cores import cores_of
 from halpipe.exporters.riscv.images import Image, Part, compile_sources, link_images, measure
 from halpipe.exporters.riscv.profile import read_profile
+from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.riscv.toolchain import Compile, Elf, Failure, Segment, Symbol
 from riscv_models import PHASES, deployed, moving, single
@@ -258,3 +259,14 @@ def test_an_image_fits_beside_monitor_stack_and_mailbox(code, data):
         for (what, room), beyond in zip(rooms.items(), (code, data), strict=True)
         if beyond
     ]
+
+
+@pytest.mark.parametrize("place", [(0, 0), (64, 128)])
+def test_an_image_lies_behind_those_that_are_open_with_it(place):
+    """Code behind the monitor, data behind the stack, each as far behind other images as stated."""
+    part = part_of()
+    script = Renderer(PROFILE).image_script(part, part.cores[0], 0x80001000, place)
+    code, data = 0x01820000 + 4096 + place[0], 0x01040000 + 8192 + place[1]
+    assert hex(code) in script
+    assert hex(data) in script
+    assert hex(0x80001000) in script
