@@ -109,6 +109,16 @@ def test_a_late_job_is_late_by_what_the_tolerance_does_not_forgive(late, toleran
     assert found(seen, origin=ZERO, tolerance=Duration(tolerance)) == expected
 
 
+@pytest.mark.parametrize(("late", "is_rounded"), [(Fraction(1, 3), True), (1, False)])
+def test_less_than_a_nanosecond_is_explained_by_the_unit_of_the_trace(late, is_rounded):
+    """A trace in whole nanoseconds has no fractions of them, unlike the schedule that it plays."""
+    seen = moved(play(), 2, start=late, end=late)
+    deviating = deviations(seen, origin=ZERO)
+    assert {each.code for each in deviating} == {codes.WRONG_START.id, codes.LATE_END.id}
+    assert {"--tolerance 1ns" in each.help for each in deviating} == {is_rounded}
+    assert not found(seen, origin=ZERO, tolerance=Duration(1))
+
+
 def test_an_early_job_is_a_deviation_though_it_ends_in_time():
     assert found(moved(play(), 2, start=-1, end=-1), origin=ZERO) == {codes.WRONG_START.id}
 

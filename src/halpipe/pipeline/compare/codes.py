@@ -171,4 +171,7 @@ KINDS: Mapping[Kind, tuple[Code | None, str]] = {
     Kind.NO_DATA: (NO_DATA, "start its publisher before the tables, or schedule it later"),
 }
 """Code and help of each kind; of those without help it depends. A check of a bundle has codes of its own."""
+ROUNDED = "traces in whole nanoseconds round the instants of the schedule: state --tolerance 1ns"
+TIMED = frozenset({Kind.EARLY, Kind.LATE, Kind.LATE_END, Kind.OVERRUN})
+"""Kinds of which less than a nanosecond may come of what wrote the trace."""
 CODES: Mapping[Kind, Code] = {kind: code for kind, (code, _) in KINDS.items() if code is not None}

@@ -15,7 +15,7 @@ from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.core.suggest import counted
 from halpipe.models.trace import column, groups, plain
-from halpipe.pipeline.compare.codes import CODES, KINDS, Kind
+from halpipe.pipeline.compare.codes import CODES, KINDS, ROUNDED, TIMED, Kind
 from halpipe.pipeline.compare.matching import Match, Matching, Ran
 
 if TYPE_CHECKING:
@@ -271,7 +271,8 @@ class Judge:
         key = code.id, Path(f"{self.prefix}{path}", path.subjects if isinstance(path, Path) else ())
         self._often[key] += count
         if key not in self._worst or (amount, -rank) > self._worst[key][:2]:
-            self._worst[key] = amount, -rank, code, message, at, help or KINDS[kind][1]
+            help = ROUNDED if kind in TIMED and amount < 1 else help or KINDS[kind][1]
+            self._worst[key] = amount, -rank, code, message, at, help
 
     def diagnostics(self) -> list[Diagnostic]:
         """Return one diagnostic for each job and kind of deviation, in the order of code and job."""
