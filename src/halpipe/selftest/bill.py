@@ -28,6 +28,9 @@ HASH_RULE = (
     "The SHA-256 of a package is that of the lines `SHA-256  path` of its files, sorted by path: by its RECORD, "
     "without what the installer adds; of halpipe, by hashes.json."
 )
+_HOMES = ("homepage", "home", "source", "source code", "code", "repository", "github", "documentation")
+"""Names of links to what a supplier says of a package, the most general first."""
+
 _BY_INSTALLER = {"INSTALLER", "RECORD", "REQUESTED", "direct_url.json"}
 _COMPILED = re.compile(r"\.(so|pyd|dll|dylib)(\.|$)")
 _LONGEST_NAME = 100  # some packages have the text of the licence in the place of its name
@@ -108,8 +111,9 @@ def bill(hashes: dict[str, str], timestamp: str) -> dict[str, Any]:
 
 def _package(name: str, package: Distribution) -> dict[str, Any]:
     purl = f"pkg:pypi/{name}@{package.version}"
-    links = dict(link.split(", ", 1) for link in package.metadata.get_all("Project-URL") or () if ", " in link)
-    home = _stated(package, "Home-page") or next(iter(links.values()), "")
+    stated = (link.split(", ", 1) for link in package.metadata.get_all("Project-URL") or () if ", " in link)
+    links = {name.casefold(): address for name, address in stated}
+    home = _stated(package, "Home-page") or next((links[name] for name in _HOMES if name in links), "")
     return {
         "type": "library",
         "bom-ref": purl,

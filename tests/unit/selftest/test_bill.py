@@ -126,6 +126,11 @@ def test_licences(package, fields, licenses):
         (["Author: A. Smith", "Maintainer: B"], {"name": "A. Smith"}),
         (["Author-email: A. Smith <a@gear.example>, b@gear.example"], {"name": "A. Smith, b@gear.example"}),
         (["Maintainer: B", "Home-page: https://gear.example"], {"name": "B", "url": ["https://gear.example"]}),
+        (
+            ["Project-URL: Changelog, https://gear.example/c", "Project-URL: Homepage, https://gear.example"],
+            {"name": "not stated", "url": ["https://gear.example"]},
+        ),
+        (["Project-URL: Changelog, https://gear.example/c"], {"name": "not stated"}),
         (["Project-URL: Source, https://gear.example/s"], {"name": "not stated", "url": ["https://gear.example/s"]}),
     ],
 )
