@@ -198,7 +198,7 @@ def test_the_server_searches_beside_the_page(monkeypatch, capsys):
     """The search ends with the server, so that Ctrl-C needs not wait for it."""
     uvicorn = pytest.importorskip("uvicorn", reason="the extra [serve]")
     threads, opened, closed = [], [], []
-    session = SimpleNamespace(begin=lambda: None, close=lambda: closed.append(True))
+    session = SimpleNamespace(begin=lambda: None, close=lambda: closed.append(True), past=[])
     monkeypatch.setattr("halpipe.workbench.session.Session", lambda model, workers: session)
     monkeypatch.setattr("halpipe.workbench.server.application", lambda *_: None)
     monkeypatch.setattr("threading.Thread", lambda **stated: threads.append(stated) or SimpleNamespace(start=list))
