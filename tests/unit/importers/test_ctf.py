@@ -156,6 +156,24 @@ def test_declarations_that_babeltrace2_refuses(tmp_path, sound, damaged):
         list(events([str(folder)], Damage()))
 
 
+@pytest.mark.parametrize("other", ["offset = 1;", "freq = 1000;", "offset_s = 1;"])
+@pytest.mark.parametrize(("mapped", "is_read"), [(["monotonic"], True), (["monotonic", "other"], False), ([], False)])
+def test_of_several_clocks_those_count_that_integers_map(tmp_path, other, mapped, is_read):
+    trace = Trace(header="small")
+    trace.declare("a:one")
+    trace.add("a:one", 5)
+    trace.text = trace.text.replace("clock {", f"clock {{ name = other; {other} }}; clock {{", 1)
+    for bits, clock in zip((27, 32), mapped, strict=False):
+        alias = f"integer {{ size = {bits};"
+        trace.text = trace.text.replace(alias, f"{alias} map = clock.{clock}.value;")
+    folder = str(trace.write(tmp_path / "t"))
+    if is_read:
+        assert [event.time - trace.offset for event in events([folder], Damage())] == [5]
+        return
+    with pytest.raises(CtfError, match="unlike frequencies or offsets"):
+        list(events([folder], Damage()))
+
+
 def test_streams_of_which_no_event_can_be_read(tmp_path):
     folder = ros_trace(3).write(tmp_path)
     text = (folder / "metadata").read_text()

@@ -155,6 +155,8 @@ class _Parser:
                 self._declaration()
         if unknown := self._mapped - {str(clock["name"]) for clock in self.found.clocks}:
             raise CtfError(f'the metadata declares no clock "{min(unknown)[:40]}"')
+        if self._mapped:
+            self.found.clocks = [clock for clock in self.found.clocks if str(clock["name"]) in self._mapped]
 
     def _keep(self, kind: str, body: dict[str, Any]) -> None:
         for key, known in _HEADERS.items():  # where a name is damaged, ids or times would be misread

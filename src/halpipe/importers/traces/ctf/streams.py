@@ -176,6 +176,12 @@ def _general(header: Struct) -> Head:
     return head
 
 
+def _frequency_and_offset(clock: dict[str, Any]) -> tuple[int, int]:
+    """Return the cycles of a clock in a second, and the nanoseconds from its origin to its first cycle."""
+    frequency = int(clock.get("freq", 10**9))
+    return frequency, int(clock.get("offset_s", 0)) * 10**9 + int(clock.get("offset", 0)) * 10**9 // frequency
+
+
 def _clocks(type: Type | None) -> list[tuple[str, int]]:
     fields = type.fields if isinstance(type, Struct) else ()
     ints = [(field_name(name), field) for name, field in fields if isinstance(field, Int)]
@@ -196,10 +202,10 @@ class _Trace:
             raise CtfError("what the metadata declares cannot be read: a number, a size or a name is none") from None
 
     def _take(self, meta: Metadata) -> None:
-        clock = meta.clocks[0] if meta.clocks else {}
-        self._frequency = int(clock.get("freq", 10**9))
-        self._offset = int(clock.get("offset_s", 0)) * 10**9
-        self._offset += int(clock.get("offset", 0)) * 10**9 // self._frequency
+        clocks = {_frequency_and_offset(clock) for clock in meta.clocks or [{}]}
+        if len(clocks) > 1:
+            raise CtfError("its clocks have unlike frequencies or offsets; only traces with one clock are read")
+        [(self._frequency, self._offset)] = clocks
         self._header = decoder(meta.trace.get("packet.header", Struct(())))
         self._uuid = [*bytes.fromhex(str(meta.trace.get("uuid", "")).replace("-", ""))]
         tracer = (meta.env.get("tracer_name"), meta.env.get("tracer_major", 0), meta.env.get("tracer_minor", 0))
