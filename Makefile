@@ -107,7 +107,7 @@ conditions: $(VENV)/.test-ready
 SYSTEMS ?= 100000
 VOLUMES = $(addprefix tests/properties/test_,amalthea_requirements.py edf_reference.py kernel_cost.py least_remedies.py \
   refined.py refined_search.py search_verify.py split_exhaustive.py split_search.py verify_mutations.py \
-  verify_never_raises.py) tests/unit/selftest/test_selftest_mutants.py
+  verify_never_raises.py) tests/unit/selftest/test_selftest_mutants.py tests/riscv/cosim/test_cosim_mutants.py
 # The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
 # Then valid systems through every verb: 100 000 take about an hour of the processor. Then slow tests of the search with
 # five times as many systems, and reports at all sizes of a window.

@@ -96,20 +96,20 @@ def test_evidence_is_made_again_to_the_same_bytes(halpipe, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mark", "code"), [("", 0), ("<failure/>", 1)])
-def test_results_reach_the_evidence_and_failures_the_exit_code(halpipe, tmp_path, mark, code):
-    file = "tests.unit.pipeline.test_verify_split_switches"
-    case = f'<testcase classname="{file}" name="test_a_bound_task_keeps_to_its_unit">{mark}</testcase>'
-    (tmp_path / "r.xml").write_text(f"<testsuites><testsuite>{case}</testsuite></testsuites>", encoding="utf-8")
+def test_results_reach_the_evidence_and_failures_the_exit_code(halpipe, tmp_path):
+    rooms = "tests.unit.pipeline.test_verify_"
+    passed = f'<testcase classname="{rooms}split_switches" name="test_a_bound_task_keeps_to_its_unit"/>'
+    failed = f'<testcase classname="{rooms}split" name="test_nesting_holds_round_the_end"><failure/></testcase>'
+    (tmp_path / "r.xml").write_text(f"<testsuites><testsuite>{passed}{failed}</testsuite></testsuites>")
     words = ["selftest", "--mutants", "1", "--results", str(tmp_path / "r.xml")]
     assert halpipe(*words).returncode == 2
     said = halpipe(*words, "--evidence", str(tmp_path / "e"))
-    assert said.returncode == code
-    assert ("1 case of the tests failed" in said.stdout) == bool(code)
+    assert said.returncode == 1
+    assert "1 case of the tests failed" in said.stdout
     found = json.loads((tmp_path / "e" / "requirements.json").read_bytes())
-    (binding,) = (entry for entry in found["requirements"] if entry["id"] == "verify/binding")
-    assert binding["result"] == ("failed" if code else "passed")
-    assert [result["failed"] for result in found["results"]] == [code]
+    results = {entry["id"]: entry["result"] for entry in found["requirements"]}
+    assert (results["verify/binding"], results["verify/nested"]) == ("passed", "failed")
+    assert [(result["passed"], result["failed"]) for result in found["results"]] == [(1, 1)]
 
 
 def test_every_format_has_a_row_of_its_own():

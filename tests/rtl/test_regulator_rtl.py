@@ -35,7 +35,7 @@ from halpipe.deploy.regulator.simulate import (
 )
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, Traffic, plan, unit_address
 from one_fault import with_fault
-from profiles import volume
+from profiles import in_turn, volume
 from regulator_proof import PARTS, missing, prove
 
 RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "table" / "rtl"
@@ -49,11 +49,6 @@ yosys = pytest.mark.skipif(shutil.which("yosys") is None, reason="yosys is not i
 def sometimes_slow(items, fast):
     """The first `fast` of them in the fast tier, all of them in `make test`."""
     return [item if n < fast else pytest.param(item, marks=pytest.mark.slow) for n, item in enumerate(items)]
-
-
-def in_turn(items):
-    """A third of them; all in `make endurance`, and by `benchmarks/regulator.py --faults`."""
-    return items if volume(1) > 1 else items[::3]
 
 
 @pytest.fixture(scope="module")

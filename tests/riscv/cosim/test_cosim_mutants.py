@@ -17,6 +17,7 @@ from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv import bundle
 from halpipe.exporters.riscv.profile import FOLDER
 from one_fault import with_fault
+from profiles import in_turn
 
 # file, what stands there, what stands there instead; the code that the check must find
 CONTAINMENT = {
@@ -155,7 +156,7 @@ def found_in(target, **options):
     return {d.code for d in DEPLOYMENT.check(target, CheckOptions(**options)).diagnostics if d.is_error}
 
 
-@pytest.mark.parametrize("name", list(CONTAINMENT))
+@pytest.mark.parametrize("name", in_turn(CONTAINMENT))
 @pytest.mark.slow  # test_cosim_faults.py has the quick ones
 def test_what_does_not_contain_faults(mutant, name):
     file, what, instead, code = CONTAINMENT[name]
@@ -164,7 +165,7 @@ def test_what_does_not_contain_faults(mutant, name):
     assert code is None or code.id in found
 
 
-@pytest.mark.parametrize("name", list(OTHERS))
+@pytest.mark.parametrize("name", in_turn(OTHERS))
 @pytest.mark.slow
 def test_what_calls_jobs_in_a_wrong_way(mutant, name):
     file, what, instead, code = OTHERS[name]
