@@ -78,7 +78,7 @@ lint: $(VENV)/.test-ready
 
 # First answers within minutes; then what is slow, and the properties again with all their examples.
 test: lint test-fast
-	$(BIN)/pytest $(PARALLEL) -m "slow or hypothesis"
+	$(BIN)/pytest $(PARALLEL) -m "(slow or hypothesis) and not endurance"
 
 test-fast: $(VENV)/.test-ready
 	@$(BUILD)
@@ -107,7 +107,8 @@ conditions: $(VENV)/.test-ready
 SYSTEMS ?= 100000
 VOLUMES = $(addprefix tests/properties/test_,amalthea_requirements.py edf_reference.py kernel_cost.py least_remedies.py \
   refined.py refined_search.py search_verify.py split_exhaustive.py split_search.py verify_mutations.py \
-  verify_never_raises.py) tests/unit/selftest/test_selftest_mutants.py tests/riscv/cosim/test_cosim_mutants.py
+  verify_never_raises.py verify_split_mutations.py) tests/unit/selftest/test_selftest_mutants.py tests/riscv/cosim/test_cosim_mutants.py \
+  tests/realdata/test_amalthea_silence.py tests/unit/deploy/regulator/test_regulator_kernels.py
 # The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
 # Then valid systems through every verb: 100 000 take about an hour of the processor. Then slow tests of the search with
 # five times as many systems, and reports at all sizes of a window.
@@ -116,8 +117,9 @@ endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python kills.py 2000
 	cd tests && ../$(BIN)/python limits.py
 	cd tests && ../$(BIN)/python every_verb.py $(SYSTEMS)
+	$(BIN)/pytest -m endurance
 	HALPIPE_VOLUME=5 $(BIN)/pytest $(VOLUMES)
-	HALPIPE_VOLUME=5 $(BIN)/pytest tests/rtl/test_regulator_rtl.py -k "fault or refuted"
+	HALPIPE_VOLUME=5 $(BIN)/pytest tests/rtl/test_regulator_rtl.py -k "fault or refuted or images"
 	HALPIPE_VOLUME=5 $(BIN)/pytest tests/workbench/test_looks.py
 
 lock: | $(BIN)/python

@@ -25,6 +25,7 @@ def test_verbs_agree(tmp_path, seed):
 
 
 @pytest.mark.slow  # the test above has the same subject
+@pytest.mark.endurance
 def test_verbs_agree_on_every_pair_of_features(tmp_path):
     ends, codes = driven(tmp_path, 0, len(PAIRS), every=8)
     assert ends["found"] > len(PAIRS) // 2

@@ -81,6 +81,7 @@ def test_remedies_of_some_systems_are_least():
 
 
 @pytest.mark.slow  # the test above has the same subject
+@pytest.mark.endurance
 def test_remedies_of_many_systems_are_least():
     count = volume(25)
     judged = fractions(count, 1000)

@@ -5,7 +5,7 @@ the addition stands on the list of what is harmless. The judge is the .ecore fil
 """
 
 import re
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ from halpipe.exporters.native.model import format_model
 from halpipe.importers.amalthea import FORMAT
 from halpipe.importers.amalthea.build import RULES
 from halpipe.importers.common.base import ImportOptions
+from profiles import in_turn
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "amalthea"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the metamodels of AMALTHEA are not part of the project")
@@ -140,7 +141,6 @@ def test_every_class_of_the_metamodel_is_made(release):
 
 
 @pytest.mark.slow  # all of them in all releases; above, some in the last
-@pytest.mark.parametrize("kind", list(KINDS))
-@pytest.mark.parametrize("release", RELEASES)
+@pytest.mark.parametrize(("release", "kind"), in_turn(product(RELEASES, KINDS), 4))
 def test_nothing_is_dropped_in_silence(release, kind, tmp_path):
     assert list(silent(tmp_path, release, KINDS[kind])) == []

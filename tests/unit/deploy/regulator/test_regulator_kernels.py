@@ -21,6 +21,7 @@ from halpipe.exporters.regulator import codes as export_codes
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.memguard.writer import _events as memguard_events
 from halpipe.exporters.regulator.resctrl.writer import Steps
+from profiles import volume
 from resctrl_kernel import KERNELS, Kernel
 from support import access, job, mode, model, schedule, task, version
 
@@ -76,10 +77,10 @@ def given(kernel, value, peak):
 
 
 @pytest.mark.slow
-def test_ten_thousand_platforms_grant_what_the_kernel_makes_of_their_values(tmp_path):
+def test_many_platforms_grant_what_the_kernel_makes_of_their_values(tmp_path):
     """Each group is granted its promise by the least value that does, as the kernel stores and shows it."""
     rng = random.Random(39)
-    for _ in range(10_000):
+    for _ in range(volume(3000)):
         kernel = random_kernel(rng)
         peak, rate = rng.randrange(10**6, 10**11), rng.randrange(10**10)
         told = {"kind": kernel.kind, "domain": "0", "others": "", "width": str(kernel.width or 8), "levels": ""}
@@ -263,10 +264,10 @@ def test_the_model_reads_back_as_the_kernel_shows(tmp_path):
 
 
 @pytest.mark.slow
-def test_ten_thousand_platforms_grant_what_memguard_counts(tmp_path):
+def test_many_platforms_grant_what_memguard_counts(tmp_path):
     """Limits are events of a cache line per period; one direction brings lines of the other, and 0 is not taken."""
     rng = random.Random(39)
-    for _ in range(10_000):
+    for _ in range(volume(3000)):
         period, line = rng.choice([1000, 1500, 4095, 12345, rng.randrange(1000, 10**6)]), rng.choice([32, 64, 128])
         refills, backs = (Fraction(rng.randrange(5), rng.randrange(4, 9)) for _ in range(2))
         guaranteed, bounds = rng.randrange(10**6, 10**11), [Fraction(rng.randrange(101), 100) for _ in range(2)]
