@@ -372,7 +372,7 @@ class Drive:
         """Run every verb, and return how the model ended: invalid, found, not found or infeasible."""
         (self.folder / "m.xml").write_bytes(format_model(model))
         if self.run("validate", "m.xml", "-q", lawful=(0, 1)):
-            self.run("schedule", "m.xml", "-o", "s.xml", "-q", lawful=(1,), label="schedule invalid")
+            self.run("schedule", "m.xml", "-o", "s.xml", "-q", lawful=(1, 4), label="schedule invalid")
             self.run("explain", "m.xml", "-q", lawful=(1, 4), label="explain invalid")
             return "invalid"
         seed = str(rng.randrange(5))

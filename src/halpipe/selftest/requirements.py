@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter, defaultdict
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,6 +147,7 @@ def _tests() -> dict[str, list[str]]:
     return naming
 
 
+@cache
 def _closures(source: str) -> dict[str, set[str]]:
     """Return the functions of a file, methods too, with the words in each and in what it uses of the file."""
     lines, own = source.splitlines(), {}
