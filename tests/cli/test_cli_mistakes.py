@@ -331,6 +331,7 @@ ROWS, GRAPH = "name a table with", "the importer reads"
         ('digraph { "/a" -> "/b"; }', {"arxml": DOT, "amalthea": DOT, "table": DOT}),
         ("task,period,wcet\n", {"arxml": TABLE, "amalthea": TABLE, "ros": TABLE, "table": ROWS}),
         ("a,b\n1,2\n", {"arxml": TABLE, "amalthea": TABLE, "ros": TABLE, "table": ROWS}),
+        ("# Head\n\nA sentence is no row, and has a comma.\n", {"arxml": OTHER, "amalthea": OTHER, "ros": GRAPH}),
         ("words", {"arxml": OTHER, "amalthea": OTHER, "ros": GRAPH, "table": ROWS}),
     ],
 )

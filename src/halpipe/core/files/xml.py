@@ -188,7 +188,10 @@ KINDS = (
         "a trace comes second: `halpipe compare SCHEDULE TRACE`",
     ),
     (r"(strict\s+)?(di)?graph\b", "import the graph first: `halpipe import ros FILE -o model.xml`"),
-    (r"[^\n:<{]*[,;\t]", "name a sheet of tasks with the columns task, period and wcet to `halpipe import table`"),
+    (
+        r"[^\n:<{,;\t.]{0,30}([,;\t][^\n:<{,;\t.]{0,30})+(\n|\Z)",
+        "name a sheet of tasks with the columns task, period and wcet to `halpipe import table`",
+    ),
     (r"halpipe-pipeline:", "run the pipeline file: `halpipe run FILE`"),
     (r"halpipe-overlay:", "give the overlay to an import: `halpipe import FORMAT SOURCE --overlay FILE -o model.xml`"),
     (r"(---\s+)?[\w\"'-]+:(\s|\Z)", "it has the form of YAML: name the XML file, or use `halpipe import ros`"),
