@@ -66,6 +66,14 @@ def test_the_bound_knows_that_a_job_follows_soon(units, window, most):
     assert bound(system) == most
 
 
+@pytest.mark.parametrize(("units", "most"), [("u1", Fraction(1, 7)), ("u1 u2", 3)])
+def test_the_bound_knows_how_many_jobs_follow_soon(units, most):
+    """Two jobs of b of 3 ms start within 4 ms after the end of one of a, so one of them lies between."""
+    soon = version("v", 3, units, after("a", 0, 4, "end"))
+    system = model(task("a", 20, version("v", 4), slack=1), task("b", 10, soon, slack=1), units="u1 u2")
+    assert bound(system) == most
+
+
 def test_the_bound_knows_nothing_of_jobs_that_may_be_cut():
     late = version("v", 3, "u1", after("a", 0, 1, "end"))
     cut = replace(version("v", 4), split=Split(points=(ms(2),)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from fractions import Fraction
 from itertools import combinations, pairwise, product
+from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
@@ -124,7 +125,9 @@ class _Bound:
         for active in self.cyclic:  # whose jobs there are, whatever versions others have
             gaps = [self.gaps(version) for version in active.versions]
             for name in set(gaps[0]).intersection(*gaps):
-                yield from self.followed(self.by_name[name], active, max(found[name] for found in gaps))
+                before = self.by_name[name]
+                alike = ceil(Fraction(active.jobs, before.jobs or active.jobs))  # in the window of one job before them
+                yield from self.followed(before, active, max(found[name] for found in gaps), alike)
 
     def gaps(self, version: Version) -> dict[str, Rational]:
         """Return how long at most after the end of a job on one of its units this version starts, by task.
@@ -156,10 +159,12 @@ class _Bound:
                 for before, active in pairwise(members if gaps else ()):
                     yield from self.followed(before, active, min(gaps))
 
-    def followed(self, before: ActiveTask, active: ActiveTask, gap: Rational) -> Iterator[Fraction]:
-        """Yield by what a stay could grow before a job on one of its units that starts so long after its end."""
+    def followed(self, before: ActiveTask, active: ActiveTask, gap: Rational, alike: int = 1) -> Iterator[Fraction]:
+        """Yield by what a stay could grow before so many jobs on one of its units that start so long after its end."""
         if all(_share_units(version, before) for version in active.versions) and (gap <= 0 or not _is_split(before)):
-            yield 1 + Fraction(max(0, gap), self.stay(before))
+            is_one = _is_split(active) or not all(_share_units(version, active) for version in active.versions)
+            own, between = self.stay(before), 0 if is_one else (alike - 1) * self.stay(active)
+            yield max(Fraction(1), Fraction(own + max(0, gap), own + between))
 
 
 def _share_units(version: Version, other: ActiveTask) -> bool:
