@@ -97,6 +97,11 @@ EQUIVALENT = {
         "precedence.py",
         "before = min(cycles, max(1, -((switch.length + cyclic.start - least) // cycle)))",
     ): "the cycle is looked at in the second range instead of the first",
+    ("server.py", "self._token, self._pass = (token, secrets.token_urlsafe(25))"): "a longer secret is as good",
+    ("server.py", "self._token = secrets.token_urlsafe(25)"): "a longer secret is as good",
+    ("server.py", "if int(request.headers.get('content-length') or 1) > MAX_BODY or 'transfer-encoding' in request.headers:"): "1 is as far below the limit as 0",
+    ("session.py", "BUDGET = 2001"): BUDGET,
+    ("session.py", "HISTORY = 201"): BUDGET,
 }  # fmt: skip
 
 BROKEN = "only where another rule has refused the job or the schedule already"

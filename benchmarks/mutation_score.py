@@ -71,7 +71,7 @@ ROOMS = {
     "models": ("models", "unit/importers/test_native_* unit/pipeline/test_expand* unit/exporters/test_native_*"),
     "schemas": ("schemas", "unit/test_schemas* unit/importers/test_native_*"),
     "selftest": ("selftest", "unit/selftest/*"),
-    "workbench": ("workbench", "unit/workbench/*"),
+    "workbench": ("workbench", "unit/workbench/* cli/test_cli_serve*"),
     "importers/native": ("importers/native", "unit/importers/test_native_* unit/exporters/test_native_*"),
     "importers/overlay": ("importers/overlay", "unit/importers/test_overlay_*"),
     "importers/table": ("importers/table", "unit/importers/test_table* properties/test_table*"),
@@ -130,12 +130,15 @@ ROOMS = {
 }
 """The folder of each room in the package, and its tests."""
 
-OPTIONS = ["-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no"]
+OPTIONS = ["-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no", "-o", "timeout=0"]
 MEMORY = 3 << 30
 """What a mutant may use; the tests need a tenth of it."""
 
 PATIENCE = 4
-"""Seconds of the processor that a test may take with a mutant, and five times what it takes with a trace."""
+"""Seconds of the processor that a test may take with a mutant, and five times what it takes with a trace.
+
+It may take five times as long by the clock, so that one that waits for ever ends, too.
+"""
 
 SWAPS = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -274,7 +277,9 @@ class Chosen:
         items[:] = sorted((i for i in items if i.nodeid in self._seconds), key=lambda i: self._seconds[i.nodeid])
 
     def pytest_runtest_setup(self, item):
-        signal.setitimer(signal.ITIMER_PROF, PATIENCE + 5 * self._seconds[item.nodeid])  # nothing answers SIGPROF
+        seconds = PATIENCE + 5 * self._seconds[item.nodeid]
+        signal.setitimer(signal.ITIMER_PROF, seconds)  # nothing answers SIGPROF or SIGALRM
+        signal.setitimer(signal.ITIMER_REAL, 5 * seconds)  # a reader of an empty pipe takes no processor
 
 
 class Tests:

@@ -72,7 +72,7 @@ class Journal:
         rows = [[pin.mode, pin.task, pin.index, str(pin.start), pin.unit] for pin in pins]
         stated = {"base": base, "pins": rows, "model": format_model(model).decode()}
         try:
-            write_output(self.path, json.dumps(stated, indent=1).encode())
+            write_output(self.path, json.dumps(stated).encode())
             self.fault = ""
         except HalpipeError as refused:
             self.fault = refused.diagnostics[0].message

@@ -48,7 +48,7 @@ def overlay_of(opened: TaskModel, shown: TaskModel) -> bytes:
     document: Plain = {"halpipe-overlay": 1}
     document |= {"tasks": tasks} if tasks else {}
     document |= {"chains": chains} if chains else {}
-    return yaml.safe_dump(document, sort_keys=False, default_flow_style=False, allow_unicode=True).encode()
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode()
 
 
 def _task(old: Task, new: Task) -> Plain:

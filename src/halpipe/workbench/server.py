@@ -37,7 +37,7 @@ BAD_ORDER = error(
     "Orders are JSON objects of known words with known fields; the page gives no others.",
 )
 
-MAX_BODY = 2**20
+MAX_BODY = 1_048_576
 LONGEST_NAME = 100
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
@@ -208,7 +208,7 @@ def _json(value: Any, status: int = 200) -> Any:
 
 
 def _text(stated: dict[str, Any], name: str, default: str | None = None) -> str:
-    value = stated.pop(name) if default is None else stated.pop(name, default)
+    value = stated.pop(name, default)
     if not isinstance(value, str):
         raise TypeError(name)
     return value

@@ -192,7 +192,7 @@ class Session:
         is_overlay = os.path.splitext(target)[1].lower() in SUFFIXES
         content = overlay_of(self.opened, self.state.model) if is_overlay else format_model(self.state.model)
         is_source = os.path.realpath(target) == os.path.realpath(self.path)
-        if not force and (os.path.lexists(target) or is_source):
+        if not force and os.path.lexists(target):
             text = "was changed since it was read" if is_source and self.changed_on_disk() else "is there already"
             help = "save under another name, or save over it on purpose"
             raise HalpipeError(CHANGED_ON_DISK(f"{target} {text}", path=target, help=help))
@@ -325,11 +325,15 @@ class Session:
 
     def _solved(self, state: State, shown: State | None) -> State:
         """Return the state with a verified schedule, or with the reasons of a refusal and the schedule before."""
+        schedule = before = None if shown is None else shown.schedule
+        if state.pins and before is None:  # they hold jobs of a schedule
+            free = self._solved(replace(state, pins=()), None)
+            return self._solved(state, free) if free.schedule else replace(free, pins=state.pins)
         began = time.monotonic()
         self._cancelled = False
-        schedule = before = None if shown is None else shown.schedule
         findings = []
-        options = SearchOptions(budget=BUDGET, workers=self._workers, near=before, shipped=self._pinned(state, before))
+        shipped = _pinned(state, before) if state.pins and before else None
+        options = SearchOptions(budget=BUDGET, workers=self._workers, near=before, shipped=shipped)
         try:
             model = self._as_read(state.model)
             kept = _settled(shown, state, model)
@@ -354,15 +358,15 @@ class Session:
         self.progress = (mode, made, allowed)
         return not self._cancelled
 
-    def _pinned(self, state: State, before: Schedule | None) -> Schedule | None:
-        if before is None or not state.pins:
-            return None
-        modes = []
-        for mode in before.modes:
-            pins = _pins(state, mode)
-            held = tuple(_moved(job, pins[job.task, job.index]) for job in mode.jobs if (job.task, job.index) in pins)
-            modes.append(replace(mode, jobs=held))
-        return before.alone(tuple(modes))
+
+def _pinned(state: State, before: Schedule) -> Schedule:
+    """Return the pinned jobs of a schedule at their places."""
+    modes = []
+    for mode in before.modes:
+        pins = _pins(state, mode)
+        held = tuple(_moved(job, pins[job.task, job.index]) for job in mode.jobs if (job.task, job.index) in pins)
+        modes.append(replace(mode, jobs=held))
+    return before.alone(tuple(modes))
 
 
 def _drawn(before: State, wanted: State) -> Schedule | None:

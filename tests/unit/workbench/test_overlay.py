@@ -1,5 +1,7 @@
 """Edits saved as an overlay: an import of the source with it gives the model that the workbench shows."""
 
+from dataclasses import replace
+
 import pytest
 from lxml import etree
 
@@ -62,6 +64,17 @@ def test_a_deadline_that_was_taken_away_is_stated_as_the_period():
     before = edited(opened(), Edit("task", "logging", "deadline", "20ms"))
     period = before.task("logging").period
     assert f"deadline: {period}".encode() in overlay_of(before, edited(before, Edit("task", "logging", "deadline", "")))
+
+
+def test_an_overlay_begins_with_its_mark_and_has_names_as_they_are_written():
+    model = opened()
+    named = replace(model, tasks=tuple(replace(t, name="Kühlung") if t.name == "logging" else t for t in model.tasks))
+    shown = named
+    for edit in (Edit("task", "Kühlung", "period", "25ms"), Edit("chain", "see-and-brake", "max_age", "50ms")):
+        shown = edited(shown, edit)
+    stated = overlay_of(named, shown).decode().splitlines()
+    assert [line for line in stated if line[0] not in " -"] == ["halpipe-overlay: 1", "tasks:", "chains:"]
+    assert "  Kühlung:" in stated
 
 
 def test_an_offset_that_was_taken_away_is_refused():

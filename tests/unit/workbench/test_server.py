@@ -14,7 +14,7 @@ pytest.importorskip("httpx2", reason="starlette's test client needs it")
 from starlette.testclient import TestClient
 
 from halpipe.starters import first_model
-from halpipe.workbench.server import FILES, MAX_BODY, ORDERS, _number, application
+from halpipe.workbench.server import FILES, LONGEST_NAME, MAX_BODY, ORDERS, _number, application
 from halpipe.workbench.session import Session
 
 TOKEN, PORT = "a-token", 8000
@@ -92,7 +92,7 @@ def test_the_pages_are_small(inside):
 
 @pytest.mark.parametrize("path", ["/../session.py", "/static/workbench.js", "/%2e%2e/session.py", "/api", "/api/x/y"])
 def test_there_are_no_other_files(inside, path):
-    assert inside.get(path).status_code in (404, 405)
+    assert inside.get(path).status_code == 404
 
 
 def test_an_edit_answers_with_the_new_state(inside):
@@ -210,6 +210,32 @@ def test_what_json_cannot_carry_back_is_refused(inside, order, body):
     assert inside.get("/api/state").json() == before
 
 
+@pytest.mark.parametrize("fields", ['"name": "\\ud800"', '"name": "a\\u0000"', '"name": null', '"name": 1'])
+def test_names_are_texts_that_a_page_can_show(inside, fields):
+    body = b'{"revision": %d, %s}' % (inside.session.revision, fields.encode())
+    assert inside.post("/api/keep", content=body).json()["refused"][0]["code"] == "HAL0955"
+    assert inside.get("/api/state").json()["variants"] == []
+
+
+def test_names_of_variants_have_a_longest_length(inside):
+    for length, status in ((LONGEST_NAME, 200), (LONGEST_NAME + 1, 409)):
+        order = {"revision": inside.session.revision, "name": "x" * length}
+        assert inside.post("/api/keep", json=order).status_code == status
+
+
+def save(client, **fields):
+    return client.post("/api/save", json={"revision": client.session.revision, **fields})
+
+
+def test_the_page_saves_over_a_file_only_on_purpose(inside, tmp_path):
+    edit(inside, "7ms")
+    for force, code in (({}, "HAL0953"), ({"force": False}, "HAL0953"), ({"force": "no"}, "HAL0955")):
+        assert save(inside, **force).json()["refused"][0]["code"] == code
+    assert save(inside, path=str(tmp_path / "new.xml")).json()["said"].endswith("new.xml: written")
+    assert save(inside, force=True).json()["said"].endswith("model.xml: written")
+    assert (tmp_path / "new.xml").read_bytes() == (tmp_path / "model.xml").read_bytes()
+
+
 def test_an_order_that_repeats_a_field_is_refused(inside):
     body = b'{"revision": %d, "revision": %d}' % (0, inside.session.revision)
     assert inside.post("/api/undo", content=body).json()["refused"][0]["code"] == "HAL0955"
@@ -220,7 +246,8 @@ def test_an_order_that_is_none_is_said_to_be_so(inside):
 
 
 def test_exports_come_as_files(inside):
-    report = inside.post("/api/export/report", json={"revision": 1})
+    report = inside.post("/api/export/report", json={"revision": 1, "title": "of today"})
+    assert b"<h1>of today</h1>" in report.content
     assert report.content.startswith(b"<!DOCTYPE html>")
     assert 'filename="export.html"' in report.headers["content-disposition"]
     packed = inside.post("/api/export/linux", json={"revision": 1, "busy": 50})

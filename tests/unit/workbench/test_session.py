@@ -23,6 +23,7 @@ from halpipe.workbench.edits import Edit, Pin, edited
 from halpipe.workbench.journal import EDITS_LOST
 from halpipe.workbench.picture import picture
 from halpipe.workbench.session import Session
+from support import model, ms, task, version
 
 
 @pytest.fixture
@@ -154,6 +155,23 @@ def test_a_pinned_job_stays_and_the_rest_gives_way(session):
     assert job.start == start
     assert session.state.is_valid
     assert verified(session) == []
+
+
+def test_only_the_pinned_job_of_a_task_with_slack_moves(tmp_path):
+    steer = task("steer", "10ms", version("v", "1ms", "u1"), slack="1/2")
+    lights = task("lights", "20ms", version("v", "1ms", "u1"))
+    path = tmp_path / "slack.xml"
+    path.write_bytes(format_model(model(steer, lights, units="u1")))
+    session = Session(str(path))
+    session.begin()
+
+    def starts():
+        return {job.index: job.start for job in session.state.schedule.modes[0].jobs if job.task == "steer"}
+
+    before = starts()
+    session.pin(Pin("all", "steer", 1, before[1] + ms(2)))
+    assert session.state.is_valid, session.state.findings
+    assert starts() == {0: before[0], 1: before[1] + ms(2)}
 
 
 def test_jobs_without_slack_move_with_the_pinned_one(session):
@@ -329,6 +347,45 @@ def test_forms_have_the_values_of_the_model_and_none_where_it_has_none(session):
     assert forms["modes", mode.name][1]["wide"]
 
 
+def test_the_page_edits_windows_and_accesses_that_their_names_identify(session):
+    def rows():
+        forms = [form for form in picture(session)["forms"] if form["table"] == "windows"]
+        return {tuple(form["edit"].values()): form["cells"][2]["text"] for form in forms}
+
+    windows = {("detection", name, "window", "camera"): "after the end of camera" for name in ("fine", "coarse")}
+    accesses = {
+        ("camera", "full", "access", "memory"): "access to memory: from, to, share",
+        ("logging", "only", "access", "memory"): "access to memory: from, to, share",
+    }
+    assert rows() == windows | accesses
+    opened = session.state.model
+    camera = opened.task("camera")
+    twice = replace(camera.versions[0], accesses=camera.versions[0].accesses * 2)
+    tasks = (replace(camera, versions=(twice,)), *opened.tasks[1:])
+    session.shown = replace(session.shown, model=replace(opened, tasks=tasks))
+    assert rows().keys() == (windows | accesses).keys() - {("camera", "full", "access", "memory")}
+
+
+def test_the_page_states_the_time_of_an_answer_in_milliseconds(session):
+    session.answered = replace(session.answered, seconds=1.25)
+    assert picture(session)["answered"]["milliseconds"] == 1250
+
+
+@pytest.mark.parametrize(
+    ("edit", "what"),
+    [
+        (wcet("7ms"), 'task "camera" version "full" wcet = 7ms'),
+        (Edit("mode", "limp", "tasks", "logging"), 'mode "limp" tasks = logging'),
+        (Edit("chain", "see-and-brake", "max_age", ""), 'chain "see-and-brake" max-age = nothing'),
+        (Edit("window", "detection", "max", "3ms", "fine", "camera"), 'task "detection" version "fine" max = 3ms'),
+        (Edit("remove", "logging", "task", ""), 'remove task "logging"'),
+    ],
+)
+def test_the_history_names_edits_in_words(session, edit, what):
+    session.edit(edit)
+    assert session.shown.what == what
+
+
 def test_the_picture_has_every_job_once(session):
     drawn = picture(session)
     assert [len(mode["jobs"]) for mode in drawn["modes"]] == [9, 4]
@@ -374,6 +431,23 @@ def test_pins_outlive_the_server(session):
     job = next(job for job in session.state.schedule.modes[0].jobs if job.task == "camera")
     session.pin(Pin(session.state.schedule.modes[0].name, "camera", job.index, job.start))
     assert Session(session.path).state.pins == session.state.pins
+
+
+@pytest.mark.parametrize("between", ["", "21ms"])
+def test_pinned_jobs_stay_over_an_end_of_the_server(session, between):
+    """Also where no schedule is found between: the first that is found again has them."""
+    start = Duration.parse("20ms")
+    session.pin(Pin("drive", "logging", 0, start))
+    if between:
+        session.edit(wcet(between))
+    again = Session(session.path)
+    again.begin()
+    assert again.state.is_valid == (not between)
+    assert again.state.pins == session.state.pins
+    if between:
+        again.edit(wcet("6ms"))
+    [job] = [job for job in again.state.schedule.mode("drive").jobs if job.task == "logging"]
+    assert (job.start, again.state.is_valid) == (start, True)
 
 
 def test_restored_edits_are_announced_until_they_are_saved_or_undone(session):
@@ -458,6 +532,7 @@ def test_a_variant_is_drawn_under_the_schedule_also_after_edits(session):
     session.settle()
     assert "off" in marks(session)
     assert picture(session)["beside"]["name"] == 'variant "first"'
+    assert picture(session)["beside"]["kind"] == "variant"
     assert any('task "camera"' in text for text in picture(session)["beside"]["found"])
     session.draw_under("nothing", "")
     assert marks(session) == set()
