@@ -217,6 +217,11 @@ def test_names_are_texts_that_a_page_can_show(inside, fields):
     assert inside.get("/api/state").json()["variants"] == []
 
 
+def test_a_number_beyond_all_is_no_title(inside):
+    body = b'{"revision": %d, "title": 1e999}' % inside.session.revision
+    assert inside.post("/api/export/report", content=body).json()["refused"][0]["code"] == "HAL0955"
+
+
 def test_names_of_variants_have_a_longest_length(inside):
     for length, status in ((LONGEST_NAME, 200), (LONGEST_NAME + 1, 409)):
         order = {"revision": inside.session.revision, "name": "x" * length}
