@@ -64,7 +64,10 @@ ROOMS = {
             "unit/cli/* cli/test_cli_verbs* cli/test_cli_mistakes* cli/test_cli_help* cli/test_cli_whatif* "
             "cli/test_cli_explain* cli/test_cli_fleet* cli/test_cli_generate* cli/test_cli_completion* "
             "cli/test_cli_golden* cli/test_cli_ros* cli/test_cli_arxml* cli/test_cli_verify* cli/test_cli_regulator* "
-            "cli/test_cli_new* cli/test_cli_serve* "
+            "cli/test_cli_new* cli/test_cli_serve* cli/test_cli_faults* cli/test_cli_limits* cli/test_cli_own_files* "
+            "cli/test_cli_start* cli/test_cli_streams* cli/test_cli_trouble* cli/test_cli_programs* "
+            "unit/deploy/test_check_onto* unit/importers/test_arxml_[ov]* unit/pipeline/test_budget* "
+            "unit/pipeline/test_plan* unit/core/test_libraries* unit/test_formats_and_checked* unit/test_options* "
             "unit/test_docs_generated*"
         ),
     ),
@@ -93,7 +96,13 @@ ROOMS = {
     "exporters/btf": ("exporters/btf", "unit/exporters/test_btf*"),
     "exporters/trace": ("exporters/trace", "unit/exporters/test_trace*"),
     "exporters/graph": ("exporters/graph", "unit/exporters/test_graph*"),
-    "exporters/report": ("exporters/report", "unit/exporters/test_report*"),
+    "exporters/report": (
+        "exporters/report",
+        (
+            "unit/exporters/test_report* unit/exporters/test_parts_shown* unit/exporters/test_split_switches_shown* "
+            "unit/exporters/test_selection* unit/exporters/test_exporters_total* unit/workbench/*"
+        ),
+    ),
     "exporters/ros": ("exporters/ros", "unit/exporters/test_ros_*"),
     "exporters/linux": ("exporters/linux", "linux/test_linux_bundle* linux/test_linux_let*"),
     "exporters/regulator": ("exporters/regulator", "unit/exporters/regulator/test_regulator_[!s]*"),

@@ -92,7 +92,7 @@ class Session:
         self.variants: dict[str, State] = {}
         self.answered = Answered()
         self.progress: tuple[str, int, int] | None = None
-        self._cancelled = False
+        self._cancelled = threading.Event()
         self._workers = Workers(workers)
         self._on_disk = sha256(content)
         self.past: list[State] = []
@@ -213,7 +213,7 @@ class Session:
 
     def cancel(self) -> None:
         """End the search that runs."""
-        self._cancelled = True
+        self._cancelled.set()
 
     # ---- what may be asked
 
@@ -249,9 +249,9 @@ class Session:
         """Return why a mode (empty: any) has no schedule and what would help; a cancelled search ends early."""
         from halpipe.pipeline.explain.explanation import ExplainOptions, explain
 
-        self._cancelled = False
+        self._cancelled.clear()
         model = self._as_read(self.state.model)
-        return explain(model, ExplainOptions(mode=mode), lambda: not self._cancelled).diagnostics
+        return explain(model, ExplainOptions(mode=mode), lambda: not self._cancelled.is_set()).diagnostics
 
     def margins(self) -> dict[str, float]:
         """Return for each task by how much of it the WCET can grow before the schedule breaks, the least of all."""
@@ -330,7 +330,7 @@ class Session:
             free = self._solved(replace(state, pins=()), None)
             return self._solved(state, free) if free.schedule else replace(free, pins=state.pins)
         began = time.monotonic()
-        self._cancelled = False
+        self._cancelled.clear()
         findings = []
         shipped = _pinned(state, before) if state.pins and before else None
         options = SearchOptions(budget=BUDGET, workers=self._workers, near=before, shipped=shipped)
@@ -356,7 +356,7 @@ class Session:
 
     def _on_progress(self, mode: str, made: int, allowed: int, least: int, *_: Any) -> bool:
         self.progress = (mode, made, allowed)
-        return not self._cancelled
+        return not self._cancelled.is_set()
 
 
 def _pinned(state: State, before: Schedule) -> Schedule:
