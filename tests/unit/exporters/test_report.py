@@ -220,6 +220,49 @@ def test_jobs_name_the_job_they_waited_for():
     assert "path_planner #0 ended 0ms before" in drawn["modes"][0]["waits"]
 
 
+def test_the_table_of_tasks_has_what_the_model_states():
+    tasks = (
+        task("plain", 10, version("v", "2ms", "u1")),
+        task("full", 20, version("v", "2ms", "u1 u2", gang=2), slack="1/10", offset=2, deadline=8),
+        replace(task("polling", 10, version("v", "1ms", "u1")), distance=ms(30)),
+        replace(task("strict", 10, version("v", "1ms", "u1"), deadline=25), distance=ms(30)),
+        task("wide", 20, version("v", "1ms", "u1 u2 u3 u4 u5 u6"), version("w", "1ms", "u1 u2 u3 u4 u5 u6 u7")),
+        task("demand", None, version("v", None, "u1")),
+    )
+    system = model(*tasks, units="u1 u2 u3 u4 u5 u6 u7")
+    full = [job(system, "full", 0, 2, "u1 u2")]
+    table = write(system, schedule(system, 20, job(system, "plain", 0, 0, "u1"), *full)).split('<table class="tasks">')[
+        1
+    ]
+    rows = [
+        [re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<td.*?>(.*?)</td>", row)]
+        for row in re.findall(r"<tr>(<td.*?)</tr>", table.split("</table>")[0])
+    ]
+    polls = "10ms, polls arrivals 30ms apart"
+    few, many = "u1, u2, u3, u4, u5, u6", "u1, u2, u3 … (7 units)"
+    assert rows == [
+        ["plain", "10ms", "0%", "–", "period", "v", "2ms", "u1", "", "", "all (1)"],
+        ["full", "20ms", "10%", "2ms", "8ms", "v", "2ms", "2 of u1, u2", "", "", "all (1)"],
+        [
+            "polling",
+            "10ms, polls arrivals 30ms apart",
+            "0%",
+            "–",
+            "30ms from the arrival",
+            "v",
+            "1ms",
+            "u1",
+            "",
+            "",
+            "",
+        ],
+        ["strict", polls, "0%", "–", "25ms from the arrival", "v", "1ms", "u1", "", "", ""],
+        ["wide", "20ms", "0%", "–", "period", "v", "1ms", few, "", "", ""],
+        ["w", "1ms", many, "", "", ""],
+        ["demand", "on demand", "0%", "–", "–", "v", "not stated", "u1", "", "", ""],
+    ]
+
+
 def test_transitions_are_listed_and_drawn():
     page = write(*two_modes())
     drawn = scene_of(page)

@@ -27,7 +27,7 @@ from halpipe.pipeline.measure import latency
 from halpipe.pipeline.measure.placement import Placement
 from profiles import examples
 from stated_options import stated
-from support import model, ms, task, version
+from support import job, model, ms, task, version
 
 # ------------------------------------------------------------------------------------------------ modes
 
@@ -193,6 +193,26 @@ def test_ways_of_logical_execution_times_and_events_are_as_long_as_the_figures(r
     assert [way[-1].finish - way[0].begin for way in ways] == [found.latency, found.reaction, found.age]
     for way in ways:
         assert path_chart(system, "id", "title", way, ms(9), missed=way is ways[1])["bars"]
+
+
+def test_a_way_is_drawn_with_its_waits_and_logical_execution_times():
+    """Data of the job of `a` at 1 ms are written at 5 ms; the job of `b` that has them ends at 8 ms."""
+    first = replace(task("a", 10, version("v", 2), offset=0, slack=1), let=ms(5))
+    drawn = Chain(name="c", tasks=("a", "b"))
+    system = model(first, task("b", 10, version("v", 2), slack=1), chains=[drawn])
+    jobs = (job(system, "a", 0, 1, "u1"), job(system, "b", 0, 6, "u1"))
+    table = ModeSchedule(name="all", hyperperiod=ms(10), status=Status.VALID, jobs=jobs)
+    chart = path_chart(system, "id", "title", worst_age(system, drawn, table), ms(10), missed=False)
+    one, two = chart["bars"]
+    assert one["title"] == "a: waits 0ms, starts at 1ms, runs 2ms, reads at 0ms and writes at 5ms"
+    assert two["title"] == "b: waits 1ms, starts at 6ms, runs 2ms"
+    places = ("x", "width", "wait_x", "wait_width", "let_x", "let_width")
+    assert [one[name] for name in places] == ["10", "20", "0", "0", "0", "50"]
+    assert [two[name] for name in places] == ["60", "20", "50", "10", "60", "0"]
+    assert (one["y"] < two["y"], two["y"] < chart["height"], chart["limit"]) == (True, True, "100")
+    late = path_chart(system, "id", "title", worst_reaction(system, drawn, table), None, missed=True)
+    assert [bar["task"] for bar in late["bars"]] == ["a", "b"]
+    assert (late["bars"][0]["wait_x"], late["limit"]) == ("0", "")
 
 
 # ------------------------------------------------------------------------------------------------ account

@@ -255,12 +255,13 @@ def _tasks(model: TaskModel, schedule: Schedule) -> list[Row]:
     for table in schedule.modes:
         for job in table.jobs:
             uses[table.name, job.task, job.version] += 1
-            gaps[table.name, job.task, job.version] += max(0, len(job.parts) - 1)
+            gaps[table.name, job.task, job.version] += len(job.parts[1:])
 
     def used(task: Task, version: Version) -> str:
         keys = [(table.name, task.name, version.name) for table in schedule.modes]
-        more = {key: f", {count} gaps" for key, count in gaps.items() if count}
-        return ", ".join(f"{key[0]} ({uses[key]}{more.get(key, '')})" for key in keys if uses[key])
+        return ", ".join(
+            f"{key[0]} ({uses[key]}{f', {gaps[key]} gaps' if gaps[key] else ''})" for key in keys if uses[key]
+        )
 
     return [
         {

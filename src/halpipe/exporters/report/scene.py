@@ -111,7 +111,7 @@ def figures(task: Task, jobs: Sequence[Job], length: Duration) -> Plain:
     """
     if not jobs:
         return {}
-    plain: Plain = {"jobs": len(jobs), "gaps": sum(max(0, len(job.parts) - 1) for job in jobs)}
+    plain: Plain = {"jobs": len(jobs), "gaps": sum(len(job.parts[1:]) for job in jobs)}
     if task.period is None:
         return plain
     delays = delays_of(task, task.period, jobs, length)
