@@ -196,6 +196,7 @@ def test_jobs_without_slack_move_with_the_pinned_one(session):
     after = {job.index: job.start for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
     assert session.state.is_valid, session.state.findings
     assert {n: after[n] - before[n] for n in before} == {n: Duration.parse("1ms") for n in before}
+    assert 0 < session.answered.stayed < session.answered.jobs
 
 
 def test_a_job_is_pinned_to_another_unit_and_keeps_its_start(session):
