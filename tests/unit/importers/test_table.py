@@ -51,6 +51,9 @@ def task(imported, name="a"):
         "name\tT_ms\tC [us]\tunits\na\t2.5\t1.25\tc0\n".encode("utf-16"),
         "\ufeffrunnable,period,wcet,core\r\na,2.5ms,1.25us,c0\r\n",
         "Task,Period in ms,WCET,ECU\na,2.5,1.25 µs,c0\n",
+        "Task,Rate [Hz],WCET [US],ECU\na,400,1.25,c0\n",
+        'Task,frequency_kHz,WCET us,ECU\na,"0,4",1.25,c0\n',
+        "Task,Rate,WCET us,ECU\na,400 Hz,1.25,c0\n",
     ],
 )
 def test_dialects_state_the_same(read, text):
@@ -390,3 +393,29 @@ def test_a_wrong_item_of_a_list_is_reported_in_its_row(read):
     with pytest.raises(HalpipeError) as failure:
         read(tasks=TASKS, chains='chain,tasks\n\nc,"a -> b?"\n')
     assert [found.at.line for found in failure.value.diagnostics] == [3]
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"), [("30", '"30 Hz", or "Rate [Hz]"'), ("0 Hz", "has no period"), ("-5 Hz", "-5")]
+)
+def test_a_rate_without_meaning_is_refused(read, cell, words):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=f"Task,Rate,WCET [us],Core\na,{cell},500,c0\n")
+    assert words in str(failure.value)
+
+
+def test_a_row_of_sums_is_no_task(read):
+    with pytest.raises(HalpipeError) as failure:
+        read(tasks=TASKS + "Total,,500,\n")
+    assert [(found.code, found.at.line) for found in failure.value.diagnostics] == [("HAL0023", 3)]
+    assert task(read(tasks=TASKS + "Total,20,500,\n"), "Total").period == Duration.parse("20ms")
+
+
+def test_names_that_differ_in_capitals_alone_warn(read):
+    rows = "Task,Period [ms],WCET [us],Core,Modes\na,10,5,c0,Drive\nb,10,5,C0,drive\nA,10,5,c0,Drive\n"
+    found = read(tasks=rows).diagnostics
+    assert [(one.code, one.message[:4], one.at.line) for one in found] == [
+        ("HAL1550", '"A" ', 4),
+        ("HAL1550", '"C0"', 3),
+        ("HAL1550", '"dri', 3),
+    ]

@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location, about, error, warning
+from halpipe.core.diagnostics import NOWHERE, Findings, HalpipeError, Location, about, error, warning
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import STDIO, YamlList, YamlMap, advice_for, beginning_of
 from halpipe.core.quantities import format_rational, parse_rational, quoted
@@ -22,9 +22,12 @@ from halpipe.importers.table.columns import (
     AFTER,
     KINDS,
     MODES,
+    PERIOD,
+    RATES,
     REMARKS,
     RESULTS,
     SHARES,
+    SUMS,
     TASK,
     VERSION,
     Column,
@@ -80,6 +83,11 @@ CONTRADICTION = error(
 UNKNOWN_NAME = error(
     "HAL1486", "Row names something that no table has", "The name of a task, resource or mode must occur in its table."
 )
+ALIKE = warning(
+    "HAL1550",
+    "Names differ in capitals alone",
+    "Names are compared letter by letter, so that two elements come of them.",
+)
 
 T = TypeVar("T")
 
@@ -89,6 +97,7 @@ HEADS = 20
 DEFAULT = "default"
 _ARROWS = re.compile(r"\s*(?:->|=>|→|>|[,;\n])\s*")
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:[.,][0-9]+)?")
+_RATE = re.compile(r"([0-9.]+)\s*(k?)hz", re.IGNORECASE)
 _THOUSANDS = re.compile(r"(?<![0-9])[1-9][0-9]{0,2}(?:,[0-9]{3})+(?![0-9])")
 _GROUPED = re.compile(r"(?<=[0-9])(?:[\s'\u2019](?=[0-9]{3}(?![0-9]))|\.(?=[0-9]{3},[0-9])|,(?=[0-9]{3}\.[0-9]))")
 """Signs that separate thousands for sure."""
@@ -154,17 +163,28 @@ def _cell(column: Column, text: str, signs: dict[str, str]) -> str:
         raise ValueError(f"{quoted(text)} is what a formula failed with; correct it, or write the value")
     if is_time(column.key):
         number = _with_point(text, signs).replace("µ", "u").replace("μ", "u")
-        if column.unit and _NUMBER.fullmatch(number):
-            return number + column.unit
         if _NUMBER.fullmatch(number):
-            raise ValueError(f'{quoted(text)} has no unit; write "{text} ms", or "{column.head} [ms]" as the head')
-        return number
+            unit = "Hz" if plain(column.head) in RATES else "ms"
+            if not column.unit:
+                raise ValueError(
+                    f'{quoted(text)} has no unit; write "{text} {unit}", or "{column.head} [{unit}]" as the head'
+                )
+            number += column.unit
+        rate = _RATE.fullmatch(number) if column.key == PERIOD else None
+        return _period_of(rate) if rate else number
     if column.key in SHARES:
         number = _with_point(text, signs)
         if number.endswith("%") or column.unit == "%":
             return format_rational(parse_rational(number.removesuffix("%")) / 100)
         return number
     return _name(text)
+
+
+def _period_of(rate: re.Match[str]) -> str:
+    """Return how far the jobs of a rate are apart."""
+    if not (a_second := parse_rational(rate[1]) * (1000 if rate[2] else 1)):
+        raise ValueError("a rate of 0 has no period; leave the cell of a task without period empty")
+    return f"{format_rational(1000 / a_second)}ms"
 
 
 def _with_point(text: str, signs: dict[str, str]) -> str:
@@ -323,6 +343,8 @@ class _Builder:
             self._interrupt(row, units)
         self._fill(tuple(units))
         self._precede()
+        modes = self._modes()
+        self._tell_alike(units.values(), resources.values(), modes)
         for row in self._rows("precedences"):
             self._precedence(row)
         return TaskModel(
@@ -334,10 +356,20 @@ class _Builder:
                 for task, one in self._drafts.items()
             ),
             chains=tuple(self._chains()),
-            modes=self._modes(),
+            modes=modes,
             transitions=tuple(found for _, found in self._elements("transitions", Transition)),
             health=tuple(self._health()),
         )
+
+    def _tell_alike(self, *elements: Iterable[Unit | Resource | Mode]) -> None:
+        """Warn of names that are spelt in two ways: they are two elements."""
+        named = [*self._drafts.items(), *((each.name, each) for each in chain.from_iterable(elements))]
+        first: dict[tuple[type, str], str] = {}
+        for spelt, each in named:
+            other = first.setdefault((type(each), spelt.lower()), spelt)
+            if other != spelt:
+                text = f'"{spelt}" and "{other}" are two names, which differ in capitals alone'
+                self._findings.add(ALIKE(text, at=each.at, help=f'write "{other}" in both places if they are one'))
 
     def _rows(self, kind: str) -> Iterator[Fields]:
         for table in self._tables:
@@ -366,6 +398,9 @@ class _Builder:
         if task is None:
             return
         stated = {one: value.value for one, value in stated_attributes(row, Task, "name").items()}
+        if task.value.lower() in SUMS and PERIOD not in row and AFTER not in row:
+            row.complain(BAD_VALUE, "has no period and may be a sum", TASK, help="delete the row, or state its period")
+            return
         draft = self._drafts.setdefault(task.value, _Draft({}, row.at()))
         for one, value in stated.items():
             if draft.stated.setdefault(one, value) != value:
@@ -490,15 +525,20 @@ class _Builder:
     def _modes(self) -> tuple[Mode, ...]:
         """Return the modes that tables name; a task that names none runs in all of them."""
         stated = dict(self._elements("modes", Mode, runs=()))
-        named = dict.fromkeys(mode for draft in self._drafts.values() for mode in draft.modes)
+        named: dict[str, Location] = {}
+        for draft in self._drafts.values():
+            for mode in draft.modes:
+                named.setdefault(mode, draft.at)
         found = []
-        for mode in {**stated, **named} or {DEFAULT: None}:
+        for mode in {**stated, **named} or (DEFAULT,):
             runs = [
                 Run(task=task, versions=tuple(draft.modes.get(mode, ()) if draft.modes else draft.versions))
                 for task, draft in self._drafts.items()
                 if not draft.modes or mode in draft.modes
             ]
-            found.append(replace(stated.get(mode) or Mode(name=mode, runs=()), runs=tuple(runs)))
+            found.append(
+                replace(stated.get(mode) or Mode(name=mode, runs=(), at=named.get(mode, NOWHERE)), runs=tuple(runs))
+            )
         return tuple(found)
 
     def _known(self, row: Fields, key: str) -> str | None:

@@ -10,7 +10,10 @@ from halpipe.core.records import record
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-TASK, AFTER, MODES, VERSION = "task", "after", "modes", "version"
+TASK, AFTER, MODES, VERSION, PERIOD = "task", "after", "modes", "version", "period"
+
+RATES = ("rate", "frequency", "frequenz")
+"""Columns of periods that state how many jobs a second has."""
 
 RESULTS = "schedule "
 """Beginning of the names of sheets that an export fills from a schedule."""
@@ -26,6 +29,9 @@ kommentar bemerkung beschreibung verantwortlich
 """
 REMARKS = frozenset(_REMARKS.split())
 """Columns without influence on timing."""
+
+SUMS = frozenset(("total", "sum", "average", "mean", "summe", "gesamt", "mittelwert"))
+"""What a row below all tasks may be called that is none."""
 
 
 @record(eq=False)
@@ -57,7 +63,7 @@ KINDS = (
         {
             TASK: _TASK,
             VERSION: ("variant",),
-            "period": ("cycle time", "cycle", "interval", "t", "periode", "zykluszeit"),
+            PERIOD: ("cycle time", "cycle", "interval", "t", "periode", "zykluszeit", *RATES),
             "offset": ("phase", "o", "initial offset"),
             "slack": ("start jitter", "jitter", "release window"),
             "deadline": ("relative deadline", "d", "frist"),
@@ -145,8 +151,8 @@ KINDS = (
     Kind("units", ("unit", "cores", "platform"), {"name": _UNIT, "type": ("core type", "kind")}, ("name", "type")),
 )
 
-_HEAD = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|(?:\bin\s|[\s_/])\s*([mnuµμ]?s))?\s*")
-_UNITS = {"s": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "%": "%", "": ""}
+_HEAD = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|(?:\bin\s|[\s_/])\s*([mnuµμ]?s|k?hz))?\s*", re.I)
+_UNITS = {"s": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "hz": "hz", "khz": "khz", "%": "%"}
 
 
 @record
@@ -186,7 +192,7 @@ def is_time(key: str) -> bool:
 def is_unit_of(unit: str, key: str) -> bool:
     """Whether numbers of a column can have such a unit."""
     if is_time(key):
-        return unit in ("s", "ms", "us", "ns", "")
+        return unit in ("s", "ms", "us", "ns", "") or (key == PERIOD and unit in ("hz", "khz"))
     return not unit or (unit == "%" and key in SHARES)
 
 
