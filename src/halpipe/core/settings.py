@@ -5,7 +5,7 @@ Readers of single values turn text into a value and raise ``ValueError("what is 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from halpipe.core.diagnostics import Code, Findings, Location, error
 from halpipe.core.files import Number, YamlList, YamlMap, parse_json, parse_yaml
@@ -169,6 +169,10 @@ class Fields:
             self.complain(MISSING_KEY, f'lacks the key "{key}"', help=self.addition.replace("KEY", key))
         return not missing
 
+    def stop_on_errors(self) -> None:
+        """Raise `HalpipeError` with everything that was collected, of any mapping, if there are errors."""
+        self._findings.stop_on_errors()
+
     def _lacks(self, key: str) -> bool:
         """Return whether a key is absent; report it where every value has to be present."""
         if self._unknown:
@@ -185,6 +189,11 @@ class Fields:
         """Return the plain value of `key`, `default` when absent or wrong."""
         found = self.get(key, read)
         return default if found is None else found.value
+
+    def required(self, key: str, read: Callable[[str], T]) -> T:
+        """Return the value of a key that has to be there; compute nothing from it before `stop_on_errors`."""
+        found = self.get(key, read) if self._written or self.require(key) else None
+        return cast("T", found and found.value)
 
     def text(self, key: str) -> str:
         """Return a text as it stands there, an empty one when absent or wrong."""

@@ -91,17 +91,15 @@ class _Reader:
         self._findings = findings
 
     def plan(self, top: Fields) -> Plan:
-        top.require("model", "schedule")
+        top.require("schedule")
         imports = top.section("import", (), "import")
         schedule = top.section("schedule", ("output", *names_of(SearchOptions)), "schedule")
-        if schedule is not None:
-            schedule.require("output")
         source = None if imports is None else self._import(imports)
         return Plan(
             imports=source,
-            model=top.value("model", self._path, ""),
+            model=top.required("model", self._path),
             search=SearchOptions() if schedule is None else self._search(schedule),
-            schedule="" if schedule is None else schedule.value("output", self._path, ""),
+            schedule="" if schedule is None else schedule.required("output", self._path),
             at=top.at("schedule"),
             exports=tuple(self._export(f, source) for f in top.items("exports", (), "export")),
         )
@@ -129,7 +127,7 @@ class _Reader:
 
     def _format(self, f: Fields, find: Callable[[str], object]) -> str:
         """Read the name of a format that is installed."""
-        name = f.value("format", str, "")
+        name = f.text("format")
         try:
             if name:
                 find(name)
@@ -148,11 +146,11 @@ class _Reader:
             return SearchOptions()
 
     def _export(self, f: Fields, source: ImportStep | None) -> ExportStep:
-        f.require("format", "output")
+        f.require("format")
         name = self._format(f, exporter)
         kind = exporter(name).options if name else ExportOptions
         options = self._options(f, kind, ("format", "output") if name else ())
         if getattr(options, "onto", "") and source is not None:  # it is the project that was imported
             used = {each: getattr(source.options, each, "") for each in OF_PROJECT if not getattr(options, each)}
             options = replace(options, **used)
-        return ExportStep(name, f.value("output", self._path, ""), options, f.at())
+        return ExportStep(name, f.required("output", self._path), options, f.at())

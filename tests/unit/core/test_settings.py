@@ -4,10 +4,10 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.core.diagnostics import Findings
-from halpipe.core.files import parse_json
-from halpipe.core.quantities import parse_rational
-from halpipe.core.settings import BAD_VALUE, Fields
+from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.files import parse_json, parse_yaml
+from halpipe.core.quantities import parse_rational, whole
+from halpipe.core.settings import BAD_VALUE, MISSING_KEY, Fields
 
 
 def read(text, use):
@@ -100,3 +100,24 @@ def test_faults_have_the_path_of_their_mapping():
 def test_a_long_value_is_cut():
     _, [(_, message)] = read('{"n": "%s"}' % ("x" * 500), lambda top: top.number("n"))
     assert len(message) < 200
+
+
+def test_nothing_is_computed_from_required_values_with_faults():
+    def total(top):
+        one, other = (top.required(key, whole(0)) for key in "ab")
+        top.stop_on_errors()
+        return one + other
+
+    assert read('{"a": 3, "b": 4}', total) == (7, [])
+    with pytest.raises(HalpipeError) as caught:
+        read('{"a": "x"}', total)
+    wrong, lacking = (d.message for d in caught.value.diagnostics)
+    assert "is no whole number" in wrong
+    assert lacking == 'lacks the key "b"'
+
+
+def test_faults_of_required_values_that_people_edit_are_collected():
+    findings, data = Findings(), parse_yaml(b"a: x\nc: 3\n", "f.yaml")
+    top = Fields("f.yaml", findings, data, "top")
+    assert [top.required(key, whole(0)) for key in "abc"][2:] == [3]
+    assert [(d.code, d.at.line) for d in findings.items] == [(BAD_VALUE.id, 1), (MISSING_KEY.id, 1)]

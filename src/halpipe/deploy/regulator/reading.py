@@ -205,7 +205,7 @@ def _tables(root: Fields, platform: Platform) -> Tables:
     if not tables or [table.index for table in tables] != list(range(len(tables))):
         raise ValueError("tables must be there, in the order of their index, from 0 on")
     return Tables(
-        backend=root.value("backend", Words(*DEVICES), ""),
+        backend=root.required("backend", Words(*DEVICES)),
         schedule_sha256=root.text("schedule_sha256"),
         model_sha256=root.text("model_sha256"),
         platform=platform,
@@ -218,10 +218,6 @@ def _tables(root: Fields, platform: Platform) -> Tables:
 
 def _word(f: Fields, key: str) -> int:
     return f.number(key, 0, MAX_WORD)
-
-
-def _rational(f: Fields, key: str) -> Fraction:
-    return f.value(key, parse_rational, Fraction(0))
 
 
 def _by_direction(f: Fields) -> dict[str, int]:
@@ -240,7 +236,7 @@ def _unit(f: Fields) -> Unit:
 
 def _table(f: Fields, units: list[str], burst: int) -> Table:
     name, entries = f.text("name"), f.part("entries")
-    moves = f.value("kind", Words("mode", "transition"), "") == "transition"
+    moves = f.required("kind", Words("mode", "transition")) == "transition"
     windows = f.number("windows", 1, MAX_WINDOWS)
     if sorted(entries) != sorted(units):
         raise ValueError(f'table "{name}" must have entries for every unit and no other')
@@ -251,9 +247,9 @@ def _table(f: Fields, units: list[str], burst: int) -> Table:
         source=f.text("from") if moves else "",
         windows=windows,
         successor=_word(f, "successor"),
-        rounding=f.value("rounding", Words("whole", "controlled"), ""),
+        rounding=f.required("rounding", Words("whole", "controlled")),
         cycles=_word(f, "cycles") if moves else 0,
-        length_ns=_rational(f, "length_ns") if moves else Fraction(0),
+        length_ns=f.required("length_ns", parse_rational) if moves else Fraction(0),
         entries={
             unit: _entries(list(entries.items(unit)), f'"{name}", unit "{unit}"', windows, burst) for unit in units
         },
@@ -287,17 +283,18 @@ def read_platform(bundle: Bundle) -> Platform:
 
 
 def _platform(top: Fields) -> Platform:
-    clock = top.value("clock", parse_frequency, 1)
-    cycles = top.value("window", lambda text: _cycles(text, clock), Fraction(0))
-    guaranteed = top.value("guaranteed", parse_bandwidth, 0)
+    clock, guaranteed = top.required("clock", parse_frequency), top.required("guaranteed", parse_bandwidth)
+    top.stop_on_errors()
+    cycles = top.required("window", lambda text: _cycles(text, clock))
+    top.stop_on_errors()
 
     def stated(key: str, read: Callable[[str], T], default: D) -> T | D:
-        return top.value(key, read, default) if key in top else default
+        return top.required(key, read) if key in top else default
 
     return Platform(
         clock_hz=clock,
-        bus_bytes=top.value("bus", _bus, 0),
-        burst_bytes=top.value("burst", parse_size, 0),
+        bus_bytes=top.required("bus", _bus),
+        burst_bytes=top.required("burst", parse_size),
         window_cycles=int(cycles),
         window_extra=cycles - int(cycles),
         guaranteed=guaranteed,

@@ -236,7 +236,7 @@ def _times(text: str) -> Fraction:
 
 
 def _at(f: Fields, key: str = "base") -> int:
-    return f.value(key, _address, 0)
+    return f.required(key, _address)
 
 
 def _area(f: Fields, base: str = "base") -> Area:
@@ -244,12 +244,12 @@ def _area(f: Fields, base: str = "base") -> Area:
 
 
 def _duration(f: Fields, key: str) -> Duration:
-    return f.value(key, Duration.parse, ZERO)
+    return f.required(key, Duration.parse)
 
 
 def _site(top: Fields) -> Site:
     top.number("halpipe-target", 2, 2)
-    cpi = each(top, "cpi", ("jobs", "management", *CLASSES), lambda f, key: f.value(key, _times, Fraction(1)))
+    cpi = each(top, "cpi", ("jobs", "management", *CLASSES), lambda f, key: f.required(key, _times))
     return Site(
         profile=top.text("profile"),
         clock=top.number("clock", 1, 10**12),
@@ -322,7 +322,7 @@ def _dma(dma: Fields) -> DmaSite:
 
 def watchdog_of(dog: Fields) -> Watchdog:
     """Read a watchdog, of a profile or of target.json."""
-    address, value = (dog.value(key, parse_address, 0) for key in ("address", "value"))
+    address, value = (dog.required(key, parse_address) for key in ("address", "value"))
     return Watchdog(address, value, _duration(dog, "timeout"))
 
 

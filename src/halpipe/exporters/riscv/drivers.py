@@ -116,14 +116,13 @@ def _drivers(fields: Fields) -> Drivers:
 
 
 def _driver(fields: Fields, kind: AccessKind, what: str, keys: tuple[str, ...]) -> Driver:
-    fields.path = f'{what} "{fields.value("buffer", str, "")}"'
-    fields.require(*keys[:-1])
+    fields.path = f'{what} "{fields.text("buffer")}"'
     return Driver(
-        buffer=fields.value("buffer", str, ""),
-        function=fields.value("function", _function, "") if "function" in keys else REQUEST,
-        time=fields.value("time", _time, ZERO),
+        buffer=fields.required("buffer", str),
+        function=fields.required("function", _function) if "function" in keys else REQUEST,
+        time=fields.required("time", _time) if "time" in keys else ZERO,
         kind=kind,
-        task=fields.value("task", str, ""),
+        task=fields.text("task"),
         at=fields.at(),
     )
 

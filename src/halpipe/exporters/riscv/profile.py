@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.core.durations import Duration, seconds
+from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
 from halpipe.core.quantities import parse_address, parse_bandwidth, parse_rational, parse_size, whole
 from halpipe.core.records import record
@@ -131,13 +131,18 @@ class Dma:
     stride: int
     channels: int
     into: dict[str, int]
-    bus: int
+    stated_bus: int | None
     setup: Duration
 
     @property
     def bandwidth(self) -> int:
         """Least bandwidth of a channel, whatever the memory."""
         return min(self.into.values())
+
+    @property
+    def bus(self) -> int:
+        """Bandwidth of all channels together."""
+        return self.channels * self.bandwidth if self.stated_bus is None else self.stated_bus
 
 
 @record
@@ -240,15 +245,14 @@ def read_profile(name: str) -> Profile:
 
 
 def _profile(name: str, f: Fields) -> Profile:
-    f.require("cores", "clock", "timebase", "main", "ispm", "dspm", "service", "clint", "uart", "dma")
     uart = _section(f, "uart", "kind", "base")
     jobs, management, classes = _cpi(f)
     return Profile(
         name=name,
-        summary=f.value("summary", str, ""),
-        cores=f.value("cores", whole(1, 64), 1),
-        clock=f.value("clock", whole(1000, 10**11), 1000),
-        timebase=f.value("timebase", whole(1000, 10**9), 1000),
+        summary=f.text("summary"),
+        cores=f.required("cores", whole(1, 64)),
+        clock=f.required("clock", whole(1000, 10**11)),
+        timebase=f.required("timebase", whole(1000, 10**9)),
         main=_region(f, "main"),
         scratchpad=_region(f, "scratchpad") if "scratchpad" in f else None,
         watchdog=_watchdog(f) if "watchdog" in f else None,
@@ -256,14 +260,14 @@ def _profile(name: str, f: Fields) -> Profile:
         ispm=_scratchpads(f, "ispm"),
         dspm=_scratchpads(f, "dspm", "lr-sc"),
         stack=f.value("stack", _size, 8192),
-        service=f.value("service", Duration.parse, Duration(0)),
+        service=f.required("service", Duration.parse),
         cpi=jobs,
         management_cpi=management,
         classes=classes,
-        latency=f.value("latency", Duration.parse, Duration(0)),
-        clint=f.value("clint", parse_address, 0),
-        uart_kind=uart.value("kind", Words("sifive", "ns16550", "ns16550x4", "litex"), ""),
-        uart=uart.value("base", parse_address, 0),
+        latency=f.value("latency", Duration.parse, ZERO),
+        clint=f.required("clint", parse_address),
+        uart_kind=uart.required("kind", Words("sifive", "ns16550", "ns16550x4", "litex")),
+        uart=uart.required("base", parse_address),
         dma=_dma(f),
         finisher=f.value("finisher", parse_address, 0),
         qemu=tuple(stated.value for stated in f.texts("qemu", str)),
@@ -275,68 +279,63 @@ def _cpi(f: Fields) -> tuple[Fraction, Fraction, dict[str, Fraction]]:
     if not f.is_mapping("cpi"):
         jobs = f.value("cpi", _cycles, Fraction(1))
         return jobs, jobs, dict.fromkeys(CLASSES, jobs)
-    each = _section(f, "cpi", "jobs", also=("management", *CLASSES))
-    jobs = each.value("jobs", _cycles, Fraction(1))
+    each = _section(f, "cpi", "jobs", "management", *CLASSES)
+    jobs = each.required("jobs", _cycles)
     classes: dict[str, Fraction] = {}
     for name, like in CLASSES.items():
         classes[name] = each.value(name, _cycles, classes.get(like, jobs))
     return jobs, each.value("management", _cycles, jobs), classes
 
 
-def _section(f: Fields, key: str, *keys: str, also: tuple[str, ...] = ()) -> Fields:
-    """Return a mapping that needs `keys` and may have others; an empty one where it is absent or wrong."""
-    found = f.section(key, (*keys, *also), key)
-    if found is None:
-        return Fields("", Findings(), YamlMap(0), key)
-    found.require(*keys)
-    return found
+def _section(f: Fields, key: str, *keys: str) -> Fields:
+    """Return a mapping that has to be there; where it is not, an empty one whose faults are not reported."""
+    found = f.section(key, keys, key) if f.require(key) else None
+    return found or Fields("", Findings(), YamlMap(0), key)
 
 
 def _region(f: Fields, key: str) -> Region:
     section = _section(f, key, "base", "size")
-    return Region(section.value("base", parse_address, 0), section.value("size", _size, 0))
+    return Region(section.required("base", parse_address), section.required("size", _size))
 
 
 def _watchdog(f: Fields) -> Watchdog:
     section = _section(f, "watchdog", "address", "value", "timeout")
-    address, value = (section.value(key, parse_address, 0) for key in ("address", "value"))
-    return Watchdog(address, value, section.value("timeout", Duration.parse, Duration(0)))
+    address, value = (section.required(key, parse_address) for key in ("address", "value"))
+    return Watchdog(address, value, section.required("timeout", Duration.parse))
 
 
 def _scratchpads(f: Fields, key: str, *others: str) -> Scratchpads:
-    section = _section(f, key, "base", "stride", "size", also=others)
+    section = _section(f, key, "base", "stride", "size", *others)
     return Scratchpads(
-        section.value("base", parse_address, 0),
-        section.value("stride", parse_address, 0),
-        section.value("size", _size, 0),
+        section.required("base", parse_address),
+        section.required("stride", parse_address),
+        section.required("size", _size),
         section.value("lr-sc", Words("yes", "no"), "yes") == "yes",
     )
 
 
 def _dma(f: Fields) -> Dma:
-    section = _section(f, "dma", "kind", "bandwidth", "setup", also=("base", "stride", "channels", "bus"))
-    kind = section.value("kind", Words("pdma", "copy"), "")
+    section = _section(f, "dma", "kind", "bandwidth", "setup", "base", "stride", "channels", "bus")
+    kind = section.required("kind", Words("pdma", "copy"))
     if kind == "pdma":
         section.require("base")
-    channels = section.value("channels", whole(1, 64), 1)
-    into = _into(section)
     return Dma(
         kind=kind,
         base=section.value("base", parse_address, 0),
         stride=section.value("stride", parse_address, 4096),
-        channels=channels,
-        into=into,
-        bus=section.value("bus", parse_bandwidth, channels * min(into.values())),
-        setup=section.value("setup", Duration.parse, Duration(0)),
+        channels=section.value("channels", whole(1, 64), 1),
+        into=_into(section),
+        stated_bus=section.value("bus", parse_bandwidth, None),
+        setup=section.required("setup", Duration.parse),
     )
 
 
 def _into(dma: Fields) -> dict[str, int]:
     """Read a bandwidth for each memory that bytes are moved into, or one for all."""
     if not dma.is_mapping("bandwidth"):
-        return dict.fromkeys(MEMORIES, dma.value("bandwidth", parse_bandwidth, 1))
+        return dict.fromkeys(MEMORIES, dma.required("bandwidth", parse_bandwidth))
     each = _section(dma, "bandwidth", *MEMORIES)
-    return {memory: each.value(memory, parse_bandwidth, 1) for memory in MEMORIES}
+    return {memory: each.required(memory, parse_bandwidth) for memory in MEMORIES}
 
 
 def _faults(p: Profile) -> Iterator[str]:

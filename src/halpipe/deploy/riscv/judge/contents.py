@@ -23,7 +23,7 @@ from halpipe.deploy.riscv.target import CLASSES, MAILBOX, MEMORIES, Area, DmaSit
 from halpipe.models import AccessKind, TaskModel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from halpipe.core.bundles import Bundle
     from halpipe.deploy.riscv.run.expectation import Image
@@ -82,19 +82,21 @@ def _described(f: Fields, site: Site) -> Site:
     classes: dict[str, Fraction] = {}
     for name in CLASSES:
         classes[name] = _own(cycles, name, parse_rational, classes.get(_LIKE.get(name, ""), jobs))
+    rows = [_row(f.part(name)) for name in ("ispm", "dspm")]
+    f.stop_on_errors()
     return replace(
         site,
-        clock=f.value("clock", int, 0),
-        timebase=f.value("timebase", int, 0),
+        clock=f.required("clock", int),
+        timebase=f.required("timebase", int),
         main=_memory(f.part("main")),
-        clint=f.value("clint", parse_address, 0),
-        uart=f.part("uart").value("base", parse_address, 0),
+        clint=f.required("clint", parse_address),
+        uart=f.part("uart").required("base", parse_address),
         dma=_engine(f.part("dma")),
         finisher=_own(f, "finisher", parse_address, 0) or None,
         stack=_own(f, "stack", parse_size, 8192),
-        units=tuple(_unit(unit, f.part("ispm"), f.part("dspm")) for unit in site.units),
+        units=tuple(_unit(unit, rows) for unit in site.units),
         qemu=tuple(word.value for word in f.texts("qemu", str)) if "qemu" in f else (),
-        service=f.value("service", Duration.parse, ZERO),
+        service=f.required("service", Duration.parse),
         cpi=jobs,
         management_cpi=_own(cycles, "management", parse_rational, jobs),
         classes=classes,
@@ -105,34 +107,33 @@ def _described(f: Fields, site: Site) -> Site:
 
 
 def _memory(f: Fields) -> Area:
-    return Area(f.value("base", parse_address, 0), f.value("size", parse_size, 0))
+    return Area(f.required("base", parse_address), f.required("size", parse_size))
+
+
+def _row(f: Fields) -> tuple[int, int, int]:
+    return f.required("base", parse_address), f.required("stride", parse_address), f.required("size", parse_size)
 
 
 def _own(f: Fields, key: str, read: Callable[[str], T], default: T) -> T:
     """Read a value that may be absent."""
-    return f.value(key, read, default) if key in f else default
+    return f.required(key, read) if key in f else default
 
 
 def _engine(dma: Fields) -> DmaSite:
-    into = each(dma, "bandwidth", MEMORIES, lambda f, key: f.value(key, parse_bandwidth, 1))
-    engine = DmaSite(dma.text("kind"), 0, 0, 0, into, dma.value("setup", Duration.parse, ZERO))
+    into = each(dma, "bandwidth", MEMORIES, lambda f, key: f.required(key, parse_bandwidth))
+    engine = DmaSite(dma.text("kind"), 0, 0, 0, into, dma.required("setup", Duration.parse))
     if engine.kind == "copy":
         return engine
     channels = _own(dma, "channels", int, 1)
-    bus = dma.value("bus", parse_bandwidth, 1) if "bus" in dma else channels * min(into.values())
-    base, stride = dma.value("base", parse_address, 0), _own(dma, "stride", parse_address, 4096)
+    dma.stop_on_errors()
+    bus = dma.required("bus", parse_bandwidth) if "bus" in dma else channels * min(into.values())
+    base, stride = dma.required("base", parse_address), _own(dma, "stride", parse_address, 4096)
     return replace(engine, base=base, stride=stride, channels=channels, bus=bus)
 
 
-def _unit(unit: UnitSite, *rows: Fields) -> UnitSite:
+def _unit(unit: UnitSite, rows: Iterable[tuple[int, int, int]]) -> UnitSite:
     """Return a unit with the scratchpads that the profile's rows have for its core."""
-    ispm, dspm = (
-        Area(
-            row.value("base", parse_address, 0) + (unit.hart - 1) * row.value("stride", parse_address, 0),
-            row.value("size", parse_size, 0),
-        )
-        for row in rows
-    )
+    ispm, dspm = (Area(base + (unit.hart - 1) * stride, size) for base, stride, size in rows)
     return replace(unit, ispm=ispm, dspm=dspm, mailbox=dspm.end - MAILBOX, reserved=dspm.end - RESERVED)
 
 
