@@ -12,6 +12,10 @@ MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("prepare.py", "core = Core('', 0, profile.ispm.of(1), profile.dspm.of(0))"): "sizes are the same on every core",
+    ("prepare.py", "core = Core('', 0, profile.ispm.of(0), profile.dspm.of(1))"): "sizes are the same on every core",
+    ("operations.py", "needs: int = 1"): "read of transfers only, all of which state it",
+    ("toolchain.py", "while at <= len(code):"): "behind the code there are no bits of an instruction",
     ("ticks.py", "length = work * whole // (whole + taken)"): GUESS,
     ("ticks.py", "length = work // whole // (whole - taken)"): GUESS,
     ("ticks.py", "found = (self._cycle if until > self._settled else self._first).latest(until)"): "both know it",

@@ -41,7 +41,7 @@ class Outline(Fields):
         super().__init__("", Findings(), YamlMap(0), "", ())
         self._maps = maps
         self._meanings = meanings
-        self.required: list[str] = []
+        self.needed: list[str] = []
         self.asked: dict[str, dict[str, Any]] = {}
         self.each: Outline | None = None
         self.named = False
@@ -57,7 +57,7 @@ class Outline(Fields):
             return {"type": "object"}
         found = {key: self._described(key, form) for key, form in self.asked.items()}
         made: dict[str, Any] = {"type": "object", "properties": found, "additionalProperties": False}
-        return made | ({"required": sorted(set(self.required))} if self.required else {})
+        return made | ({"required": sorted(set(self.needed))} if self.needed else {})
 
     def _described(self, key: str, form: dict[str, Any]) -> dict[str, Any]:
         meaning = self._meanings.get(key, "")
@@ -89,7 +89,7 @@ class Outline(Fields):
 
     def require(self, *keys: str) -> bool:
         """Note that the keys are required."""
-        self.required += keys
+        self.needed += keys
         return True
 
     def get(self, key: str, read: Callable[[str], Any]) -> None:
@@ -189,7 +189,7 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 def _finished(title: str, key: str, outline: Outline) -> dict[str, Any]:
     outline.asked[key] = {"const": 1, "description": "Version of the format."}
-    outline.required.append(key)
+    outline.needed.append(key)
     return {"$schema": DIALECT, "title": title, **outline.schema()}
 
 
@@ -246,7 +246,7 @@ def _pipeline() -> dict[str, Any]:
 
     keys = ("import", "model", "schedule", "exports")
     outline = Outline(keys, meanings("pipeline.md"))
-    outline.required += ["model", "schedule"]
+    outline.needed += ["model", "schedule"]
     outline.get("model", str)
     made = _finished("halpipe pipeline: sources, stages and exports", "halpipe-pipeline", outline)
     sources = [_step(name, each.options, ("format", "inputs")) for name, each in _formats(IMPORTERS)]
@@ -284,7 +284,7 @@ def _step(format: str, kind: type, required: tuple[str, ...]) -> dict[str, Any]:
         step.texts("inputs", str)
     if format:
         step.asked["format"] = {"const": format}
-    step.required += required
+    step.needed += required
     return step.schema()
 
 

@@ -38,6 +38,7 @@ def test_it_stands_alone(simple):
     }
     expected |= {"README.md", "Makefile", "src/scale.c", "link/bundle.ld", "images/0.elf", "runtime/runtime.c"}
     assert expected <= simple.keys()
+    assert "runtime/calibrate.c" not in simple  # unless --calibrate is given
     manifest = json.loads(simple["manifest.json"])
     assert manifest["kind"] == "riscv"
     assert manifest["files"] == {name: sha256(data) for name, data in simple.items() if name != "manifest.json"}

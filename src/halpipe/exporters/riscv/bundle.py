@@ -274,7 +274,6 @@ def _flat(elf: bytes, base: int) -> bytes:
     """Return the program as it lies in main memory from `base` on."""
     content = bytearray()
     for segment in read_elf(elf).segments:
-        at = segment.source - base
-        content.extend(bytes(max(at + segment.size - len(content), 0)))
-        content[at : at + segment.size] = elf[segment.offset : segment.offset + segment.size]
+        content += bytes(segment.source - base - len(content))
+        content += elf[segment.offset : segment.offset + segment.size]
     return bytes(content)

@@ -116,7 +116,7 @@ def buffer_sizes(versions: Iterable[tuple[str, Version]], findings: Findings) ->
     read: dict[str, int] = {}
     for _, kind, transfer in found:
         sizes = written if kind is AccessKind.WRITE else read
-        sizes[transfer.buffer] = max(sizes.get(transfer.buffer, 0), transfer.size)
+        sizes[transfer.buffer] = max(sizes.get(transfer.buffer, transfer.size), transfer.size)
     reserved = read | written
     for path, _, transfer in found:
         if transfer.size > reserved[transfer.buffer]:

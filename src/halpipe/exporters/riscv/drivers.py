@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes, read_plain
+from halpipe.core.quantities import quoted
 from halpipe.core.records import record
 from halpipe.core.settings import Fields, Stated
 from halpipe.core.suggest import did_you_mean
@@ -129,7 +130,7 @@ def _driver(fields: Fields, kind: AccessKind, what: str, keys: tuple[str, ...]) 
 
 def _function(text: str) -> str:
     if _FUNCTION.fullmatch(text) is None:
-        raise ValueError(f"{text[:60]!r} is no C identifier of your own; names that begin with hp_ are the runtime's")
+        raise ValueError(f"{quoted(text)} is no C identifier of your own; names that begin with hp_ are the runtime's")
     return text
 
 

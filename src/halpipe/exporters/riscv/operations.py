@@ -318,7 +318,7 @@ def _play(
     free = ZERO
     for tick, _, index, time, which in sorted(due, key=lambda d: d[:2]):
         instant = profile.tick * tick
-        late = free - instant if free > instant else ZERO
+        late = max(free - instant, ZERO)
         free = instant + late + profile.service + time
         found.tables[index] = max(found.tables[index], late)
         if which is not None:

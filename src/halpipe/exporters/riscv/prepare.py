@@ -205,7 +205,7 @@ class Prepared:
     diagnostics: tuple[Diagnostic, ...]
 
 
-def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> Prepared:
+def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Prepared:
     """Return the model with the phases that its images need; raise `HalpipeError` if these cannot be made."""
     profile = read_profile(options.profile)
     render = Renderer(profile)

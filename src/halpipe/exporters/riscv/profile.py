@@ -245,6 +245,7 @@ def read_profile(name: str) -> Profile:
 
 
 def _profile(name: str, f: Fields) -> Profile:
+    f.require("main", "ispm", "dspm", "uart", "dma")
     uart = _section(f, "uart", "kind", "base")
     jobs, management, classes = _cpi(f)
     return Profile(
@@ -288,9 +289,8 @@ def _cpi(f: Fields) -> tuple[Fraction, Fraction, dict[str, Fraction]]:
 
 
 def _section(f: Fields, key: str, *keys: str) -> Fields:
-    """Return a mapping that has to be there; where it is not, an empty one whose faults are not reported."""
-    found = f.section(key, keys, key) if f.require(key) else None
-    return found or Fields("", Findings(), YamlMap(0), key)
+    """Return a mapping; where it is absent or wrong, an empty one whose faults are not reported."""
+    return f.section(key, keys, key) or Fields("", Findings(), YamlMap(0), key)
 
 
 def _region(f: Fields, key: str) -> Region:
@@ -388,7 +388,7 @@ def _devices(p: Profile) -> dict[str, Region]:
 
 def _size(text: str) -> int:
     size = parse_size(text)
-    if not 0 < size <= 2**34:
+    if not size or size > 2**34:
         raise ValueError(f"{text} is out of range; write a size above 0 and up to 16GiB")
     return size
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.files import read_bytes
+from halpipe.core.quantities import quoted
 from halpipe.core.settings import Stated
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
 
@@ -47,14 +48,14 @@ class SourceTree:
         for name in (*source.entry.split(), *(t.symbol for a in version.accesses for t in a.transfers)):
             if _IDENTIFIER.fullmatch(name) is None:
                 help = "use a C identifier"
-                self.findings.add(BAD_NAME(f'"{name[:60]}" is no C identifier', at=source.at, path=path, help=help))
+                self.findings.add(BAD_NAME(f"{quoted(name)} is no C identifier", at=source.at, path=path, help=help))
         for define in source.defines:
             if _DEFINE.fullmatch(define) is None:
                 help = "write NAME or NAME=value, without blanks and $"
-                self.findings.add(BAD_NAME(f'"{define[:60]}" is no definition', at=source.at, path=path, help=help))
+                self.findings.add(BAD_NAME(f"{quoted(define)} is no definition", at=source.at, path=path, help=help))
         names = Counter(define.partition("=")[0] for define in source.defines)
         for name in (name for name, stated in names.items() if stated > 1):
-            text, help = f'"{name[:60]}" is defined twice', "keep one definition; a compiler takes the last"
+            text, help = f"{quoted(name)} is defined twice", "keep one definition; a compiler takes the last"
             self.findings.add(BAD_NAME(text, at=source.at, path=path, help=help))
         return self.take([Stated(name, source.at) for name in source.files], path)
 
@@ -93,7 +94,7 @@ class SourceTree:
             return None
         if _FILE.fullmatch(normal) is None:
             help = "rename it to letters, digits and _ . + -, beginning with one of the first three"
-            self.findings.add(BAD_NAME(f"{normal[:80]!r} is no usable file name", at=at, path=path, help=help))
+            self.findings.add(BAD_NAME(f"{quoted(normal)} is no usable file name", at=at, path=path, help=help))
             return None
         file = self.folder / normal
         if not file.resolve().is_relative_to(self.folder.resolve()):
@@ -118,7 +119,7 @@ class SourceTree:
             at = Location(str(self.folder / name), content.count(b"\n", 0, found.start()) + 1)
             text = found[0].decode("utf-8", "replace").strip()
             help = f"include files below {self.folder} by their relative names, and state bytes in the source itself"
-            self.findings.add(OUTSIDE_FILE(f"{text[:80]} reads a file from elsewhere", at=at, path=path, help=help))
+            self.findings.add(OUTSIDE_FILE(f"{quoted(text)} reads a file from elsewhere", at=at, path=path, help=help))
 
     def _outside(self, name: str, at: Location, path: str) -> None:
         help = f"move it below {self.folder}, or name a folder that holds it all with --sources"

@@ -218,7 +218,7 @@ _ATOMIC, _FUNCTIONS = 0x2F, (2, 3)  # lr and sc among the atomic operations
 
 def _reserving(code: bytes, base: int) -> Iterator[int]:
     at = 0
-    while at + 2 <= len(code):
+    while at < len(code):
         word = int.from_bytes(code[at : at + 4], "little")
         if word & 0x7F == _ATOMIC and word >> 27 in _FUNCTIONS:
             yield base + at

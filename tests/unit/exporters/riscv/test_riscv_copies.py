@@ -13,6 +13,7 @@ from halpipe.exporters.riscv.cores import MainMemory
 from halpipe.exporters.riscv.operations import Operation, Program, Release, Table
 from halpipe.exporters.riscv.phases import COPIES, Clock
 from halpipe.exporters.riscv.profile import Region, read_profile
+from halpipe.exporters.riscv.target import _copies
 from halpipe.models import AccessKind, Schedule, Status, TransitionTable
 from riscv_models import deployed, moving
 from support import job, model, ms, schedule, task
@@ -62,6 +63,17 @@ def test_all_that_write_have_their_turns_before_all_that_read():
         ("r", READ, "in"): 4,
         ("w", READ, "in"): 400,
     }
+
+
+def test_a_bundle_describes_the_buffers_of_each_turn():
+    copies = Copies(turns())
+    shadows = {shadow: Region(0x5000 + 0x1000 * number, 8) for number, shadow in enumerate(copies.shadows)}
+    found = _copies(copies, 1, replace(MEMORY, shadows=shadows))["turns"]
+    assert [(turn["task"], turn["kind"], {b["name"]: b["address"] for b in turn["buffers"]}) for turn in found] == [
+        ("w", "write", {"out": "0x5000"}),
+        ("r", "read", {"out": "0x6000", "in": "0x7000"}),
+        ("w", "read", {"in": "0x8000"}),
+    ]
 
 
 def test_a_turn_is_long_enough_for_the_version_that_moves_most():

@@ -4,6 +4,7 @@ import pytest
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
 from halpipe.core.durations import Duration
+from halpipe.core.quantities import quoted
 from halpipe.exporters.riscv import drivers
 from halpipe.exporters.riscv.codes import BAD_DRIVERS, BAD_INPUT, IDLE_DRIVER, MISSING_ENTRY
 from halpipe.exporters.riscv.drivers import (
@@ -87,7 +88,7 @@ def test_files_that_state_no_drivers(tmp_path, text, message, line):
 def test_functions_that_are_none(tmp_path, name):
     text = f'halpipe-drivers: 1\ninputs: [{{buffer: b, function: "{name}", time: 1us}}]\n'
     ((_, message, line),) = refused(read, tmp_path, text)
-    assert message.startswith(f'"function": {name[:60]!r} is no C identifier')
+    assert message.startswith(f'"function": {quoted(name)} is no C identifier')
     assert line == 2
     assert read(tmp_path, text.replace(f'"{name}"', "x" * 201)).functions == ("x" * 201,)
 

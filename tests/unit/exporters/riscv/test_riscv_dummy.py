@@ -55,6 +55,10 @@ def test_a_window_in_the_middle_moves_data_out_and_in():
     assert {"COUNT_0=16695", "COUNT_1=16695"} <= set(found.source.defines)
 
 
+def test_a_window_of_one_tick_is_not_divided():
+    assert shape(dummy(window("0.4ms", "0.401ms"))) == [("400us", "401us", "write", 1)]
+
+
 def test_windows_at_the_ends_have_one_direction():
     found = dummy(window("0ms", "0.1ms"), window("0.8ms", "1ms"))
     assert shape(found) == [("0ms", "100us", "read", 1), ("800us", "1ms", "write", 1)]

@@ -95,6 +95,7 @@ def test_regions_of_64_bits_and_a_system_without_an_engine(tmp_path):
         ("sifive,dtim0", "sifive,other0", "4 ITIMs and 0 DTIMs"),
         ("riscv,clint0", "riscv,other", "no node with compatible clint"),
         ("0x10c0000 0x40000", "0x10c0000 0x20000", "differ in size or distance"),
+        ("0x1100000 0x40000", "0x1140000 0x40000", "differ in size or distance"),  # the last is farther from the rest
         ("<0x80000000 0x4000000>", "<0x80000000>", "1 cells"),
         ("};\n};\n", "};};};};\n", "pop from empty list"),
     ],

@@ -33,6 +33,7 @@ from halpipe.exporters.riscv.profile import Region, Watchdog, read_profile
 from halpipe.exporters.riscv.target import _json
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
+from halpipe.models import Part as JobPart
 from riscv_models import PHASES, deployed, moving, single
 from support import job, ms, schedule
 
@@ -151,6 +152,16 @@ def test_releases_are_ticks_of_the_timer(start, is_on_grid):
         assert "--tick 1us" in findings.items[0].help
 
 
+@pytest.mark.parametrize("later", ["0.0015ms", "0.003ms"])
+def test_every_part_of_a_job_starts_at_a_tick_of_the_timer(later):
+    system, _ = single()
+    findings = Findings()
+    cut = [JobPart(start=ms(at), end=ms(at), executed_from=US, executed_to=US) for at in (0, later)]
+    check_grid(schedule(system, "5ms", replace(job(system, "scale", 0, 0, "u1"), parts=tuple(cut))), CLOCK, findings)
+    expected = ["the start of a part 1.5us is no multiple of the timer's tick 1us"] if later == "0.0015ms" else []
+    assert [d.message for d in findings.items] == expected
+
+
 def test_hyperperiods_and_tables_are_whole_ticks():
     _, tables = single()
     switch = TransitionTable(source="all", target="all", length=US / 2, worst_latency=ms(6), status=Status.VALID)
@@ -215,7 +226,8 @@ def test_copies_of_logical_execution_times_have_the_drivers_of_their_buffers():
     )
     cores = cores_of(system, set(), read_profile("vcu118"), Findings())
     images = {("scale", version.name, unit): image_of(version, core) for unit, core in cores.items()}
-    memory = replace(MEMORY, shadows={(task, kind, name): Region(0x5000, 64) for task, kind, name in copies.shadows})
+    shadows = {shadow: Region(0x5000 + 0x100 * number, 64) for number, shadow in enumerate(copies.shadows)}
+    memory = replace(MEMORY, shadows=shadows)
     made = Operations(clock, {"memory": 0, COPIES: 1}, memory, images, Slots(len(cores)), drivers, copies)
     made.tables(schedule(system, "5ms", job(system, "scale", 0, 0, "u1")))
     found = [(o.at, o.kind, o.what) for o in made.programs[0].operations if o.kind in (INPUT, OUTPUT) or o.is_copy]
@@ -228,6 +240,9 @@ def test_copies_of_logical_execution_times_have_the_drivers_of_their_buffers():
         (begin, COPY, "output"),
         (begin + write.length, OUTPUT, "put, output"),
     ]
+    moved = {o.what: o for o in made.programs[0].operations if o.kind == COPY and not o.is_copy}
+    assert moved["input"].source == shadows["scale", AccessKind.READ, "input"].base
+    assert moved["output"].target == shadows["scale", AccessKind.WRITE, "output"].base
 
 
 def test_a_watchdog_outlasts_every_table():
