@@ -51,7 +51,7 @@ UNSCHEDULABLE_YET = warning(
     "HAL0905",
     "Imported model cannot be scheduled yet",
     "The model was written, but validation finds errors in it; most often WCETs are missing, which no source "
-    "format states. Give them in an overlay.",
+    "format states. Correct the source, or give them in an overlay.",
 )
 IMPORTERS = "halpipe.importers"
 _HEAD = 4096
@@ -146,7 +146,7 @@ def _readiness(model: TaskModel) -> list[Diagnostic]:
         UNSCHEDULABLE_YET(
             f"it cannot be scheduled yet: {counted(count, 'time')}: {first}{others}",
             path=about(model=model.name),
-            help="complete it with --overlay; `halpipe validate` lists every finding",
+            help="correct the source, or complete it with --overlay; `halpipe validate` lists every finding",
         )
     ]
 
