@@ -12,6 +12,16 @@ MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("simulate.py", "BUILD_SECONDS = 601"): BUDGET,
+    ("simulate.py", "RUN_SECONDS = 1801"): BUDGET,
+    ("stimuli.py", "middle = last + (end - 3 - last) // 2"): CHOICE,
+    ("stimuli.py", "middle = last + (end - 2 - last) // 3"): CHOICE,
+    ("stimuli.py", "if fate != 1:"): CHOICE,
+    ("stimuli.py", "self._write_lite(cycle - LITE_CYCLES, FRAME_CYCLES, self._cycles - 1, strobes=1 + self._draw.below(WHOLE - 1))"): "a write of some bytes only is ignored, whatever it has",
+    ("frames.py", "tails = [phase for phase in foreign if phase.end >= length]"): TOUCH,
+    ("frames.py", "foreign = [p for p in (*before, *self._phases(table.jobs, 0)) if p.end >= 0]"): TOUCH,
+    ("frames.py", "return Frame(mode.name, MODE, mode.name, mode.name, span, 2, span, phases, mode.at)"): "cycles are shown of transitions only",
+    ("arithmetic.py", "if had and (not budget) and (entry.window + 1 <= end):"): "the next entry states the same window, or it is behind the table",
     ("prepare.py", "core = Core('', 0, profile.ispm.of(1), profile.dspm.of(0))"): "sizes are the same on every core",
     ("prepare.py", "core = Core('', 0, profile.ispm.of(0), profile.dspm.of(1))"): "sizes are the same on every core",
     ("operations.py", "needs: int = 1"): "read of transfers only, all of which state it",

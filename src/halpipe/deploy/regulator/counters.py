@@ -249,7 +249,7 @@ class Judge:
         def until(instant: Fraction) -> Fraction:
             turns, rest = divmod(instant / width, len(volumes) - 1)
             window = rest // 1
-            inside = (rest - window) * (volumes[min(window + 1, len(volumes) - 1)] - volumes[window])
+            inside = (rest - window) * (volumes[window + 1] - volumes[window])
             return (turns * volumes[-1] + volumes[window] + inside) * burst / scale
 
         return until(sample.end) - until(sample.start)

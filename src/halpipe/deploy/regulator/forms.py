@@ -65,13 +65,18 @@ def entry_words(tables: Tables, unit: Unit) -> list[str]:
     return [f"{e.window:08x}{e.read:08x}{e.write:08x}" for table in tables.tables for e in table.entries[unit.name]]
 
 
-def header_words(tables: Tables, unit: Unit) -> list[str]:
-    """Return the headers of a unit as words of 64 bits: successor, base, windows."""
-    words, base = [], 0
+def _headers(tables: Tables, unit: Unit) -> list[tuple[int, int, int]]:
+    """Return successor, base and windows of each table of a unit."""
+    found, base = [], 0
     for table in tables.tables:
-        words.append(f"{table.successor:02x}{base:06x}{table.windows:08x}")
+        found.append((table.successor, base, table.windows))
         base += len(table.entries[unit.name])
-    return words
+    return found
+
+
+def header_words(tables: Tables, unit: Unit) -> list[str]:
+    """Return the headers of a unit as words of 64 bits."""
+    return [f"{successor:02x}{base:06x}{windows:08x}" for successor, base, windows in _headers(tables, unit)]
 
 
 def _lines(bundle: Bundle, name: str, expected: Sequence[str]) -> Iterator[Diagnostic]:
@@ -145,9 +150,10 @@ def _initialisers(tables: Tables) -> dict[str, list[str]]:
         n = str(unit.index)
         words = entry_words(tables, unit)
         numbers = [str(int(word[k : k + 8], 16)) for word in words for k in (0, 8, 16)]
-        headers = [(int(w[8:], 16), int(w[:2], 16), int(w[2:8], 16)) for w in header_words(tables, unit)]
         arrays[f"bw_entries_{n}"] = numbers
-        arrays[f"bw_tables_{n}"] = [str(value) for header in headers for value in header]
+        arrays[f"bw_tables_{n}"] = [
+            str(value) for successor, base, windows in _headers(tables, unit) for value in (windows, successor, base)
+        ]
         facts = (unit.manager, unit.default["read"], unit.default["write"], len(words))
         arrays["bw_units"] += [unit.name, *map(str, facts), f"bw_tables_{n}", f"bw_entries_{n}"]
     if tables.switches:

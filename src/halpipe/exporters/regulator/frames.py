@@ -185,8 +185,6 @@ def _cycles(foreign: list[Phase], own: list[Phase], length: int, cycle: int) -> 
     before or of the transition may still be at work. None, if what wraps in covers for those at every instant.
     """
     tails = [phase for phase in foreign if phase.end > length]
-    if not tails:
-        return 0
     idle = [_moved(phase, -cycle) for phase in own if phase.end - cycle > length]
     if _covered(tails, idle, length):
         return 0

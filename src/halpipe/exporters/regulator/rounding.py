@@ -178,7 +178,7 @@ def controlled_seams(
     """
     rows = len({*promised, *before_first})
     kept, fault = 0, None
-    while kept <= max(0, room):
+    while True:
         found = controlled(promised, count, room - kept)
         if isinstance(found, Overload):
             return fault or found
@@ -187,9 +187,8 @@ def controlled_seams(
             return found
         fault = fault or excess
         if kept == rows:
-            break
+            return fault
         kept = min(rows, 2 * kept or 1)
-    return fault or Overload(0, 1, room)
 
 
 def _busy(due: list[list[int]], allowed: list[list[int]], count: int) -> list[list[int]]:

@@ -41,6 +41,16 @@ def test_intervals_have_the_budgets_of_all_windows_that_they_touch(target):
     assert found(target, "u1,read,12.9,13.4,257", header=header, mode="full") == [(codes.USED_ABOVE_BUDGET.id, 2)]
 
 
+def test_half_a_window_is_promised_half_its_bytes(target):
+    row = "u1,read,13.12,13.44,0"  # the second half of window 20
+    counted = compare_counters(target, f"unit,direction,start_us,end_us,bytes\n{row}", "c.csv", "full")
+    assert counted.usage["full", "u1", "read"].promised == 128
+
+
+def test_the_largest_number_of_a_counter_is_read(target):
+    assert found(target, "full,u1,read,20," + "1" * 18)[0] == (codes.USED_ABOVE_BUDGET.id, 2)
+
+
 def test_modes_repeat_and_switches_do_not(target):
     assert found(target, "full,u1,read,60,256") == []
     assert found(target, "full,u1,read,60,257") == [(codes.USED_ABOVE_BUDGET.id, 2)]
@@ -69,6 +79,7 @@ def test_promised_granted_and_used_bytes_are_summed(target):
         ("full,u1,both,20,1", "no direction 'both'"),
         ("full,u1,read,20,-1", "not a whole number"),
         ("full,u1,read,1e3,1", "not a whole number"),
+        ("full,u1,read,20," + "1" * 19, "not a whole number"),
         ("full,u1,read", "is not a number"),
         (",u1,read,20,1", "no table"),
     ],

@@ -1,5 +1,6 @@
 """What back-ends load, executed on models of their devices: it passes as exported, and no fault put into it does."""
 
+import json
 import os
 import re
 import subprocess
@@ -15,6 +16,7 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
 from halpipe.deploy.regulator.axi_realm import _difference, _sums
 from halpipe.deploy.regulator.memguard import Module
+from halpipe.deploy.regulator.resctrl import FileSystem
 from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator import codes as export_codes
@@ -241,8 +243,62 @@ def test_scripts_of_another_schedule_or_of_none_are_found(exported, name):
     digest = re.search(rb"schedule ([0-9a-f]{64})", files[script])[1]
     other = {**files, script: files[script].replace(digest, b"0" * 64)}
     assert codes.OTHER_SCHEDULE.id in ids(other)
-    assert codes.NOT_UNDERSTOOD.id in ids({f: data for f, data in files.items() if f != script})
+    lacking = bundles.target({f: data for f, data in files.items() if f != script})
+    found = [d for d in DEPLOYMENT.check(lacking, CheckOptions()).diagnostics if d.code == codes.NOT_UNDERSTOOD.id]
+    assert [d.at.line for d in found] == [0]
+    beyond = script.replace("/0-", f"/{len(json.loads(files['tables.json'])['tables'])}-")
+    assert codes.NOT_UNDERSTOOD.id in ids({**files, beyond: files[script]})
     assert codes.NOT_UNDERSTOOD.id in ids({**files, f"{backend}/more.sh": b"# nobody asked for this\n"})
+
+
+def messages(files):
+    return [d.message for d in DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics]
+
+
+def test_a_period_of_axi_realm_is_written_after_its_budget(exported):
+    """It loads the budget: one that is written later counts from the next period on."""
+    files = exported["axi-realm"][1]
+    lines = files["axi-realm/setup.txt"].decode().splitlines()
+    guard, *writes = [number for number, line in enumerate(lines) if line.startswith("WRITE(")]
+    backwards = dict(zip(writes, reversed(writes), strict=True))
+    turned = "\n".join(lines[backwards.get(number, number)] for number in range(len(lines))) + "\n"
+    assert lines[guard].startswith("WRITE(-1, 0x7fc")
+    assert any(
+        "is written before its budget" in text for text in messages({**files, "axi-realm/setup.txt": turned.encode()})
+    )
+
+
+def test_a_value_of_resctrl_that_is_written_twice_changes_nothing(exported):
+    files = exported["resctrl"][1]
+    line = re.search(r"^put one .*\n", files["resctrl/0-fast.sh"].decode(), re.MULTILINE)[0]
+    assert "changes nothing" not in messages(files)
+    assert "changes nothing" in messages(changed(files, "resctrl/0-fast.sh", line, line + line))
+
+
+def test_a_default_of_a_unit_without_phases_has_its_overshoot_kept(tmp_path):
+    path = tmp_path / "platform.yaml"
+    path.write_text(PLATFORM.replace("group: three", "group: three, default-read: 64B") + "overshoot: 64B\n")
+    files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="table"))
+    assert json.loads(files["tables.json"])["units"][2]["overshoot"] == {"read": 64, "write": 0}
+    assert ids(files) == set()
+
+
+@pytest.mark.parametrize(("width", "least", "step"), [(1, 50, 50), (3, 13, 13), (6, 2, 2), (8, 0, 1)])
+def test_percentages_of_mpam_are_those_of_the_width_of_its_field(width, least, step):
+    settings = {"kind": "mpam", "width": width, "min": "", "step": "", "max": "", "levels": "", "domain": "0"}
+    platform = SimpleNamespace(settings={"resctrl": settings | {"others": ""}}, capacity=1, peak=None)
+    found = FileSystem(SimpleNamespace(platform=platform))
+    assert (found.least, found.step) == (least, step)
+
+
+def test_without_a_simulator_the_tables_are_checked_and_it_says_so(exported, monkeypatch, tmp_path):
+    monkeypatch.setattr("halpipe.deploy.regulator.simulate.choose_engine", lambda name: (None, "no simulator"))
+    path = tmp_path / "platform.yaml"
+    path.write_text(PLATFORM)
+    files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="table"))
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions())
+    assert checked.diagnostics == ()
+    assert "no simulator" in checked.lines
 
 
 @pytest.mark.parametrize(("managers", "regions", "guard"), [(8, 2, 0x7FC), (16, 2, 0xFFC), (8, 8, 0x1FFC)])

@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Location
 from halpipe.deploy.regulator import codes
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import judge
-from halpipe.deploy.regulator.stimuli import Expected, Run, Traffic
+from halpipe.deploy.regulator.stimuli import _CALM, Expected, Run, Traffic
 
 AT = Location("cfg/table")
 
@@ -102,6 +102,16 @@ def test_a_burst_carried_into_a_window_without_budget_passes_alone(tables):
     assert verdict(tables, run, last, alone).carried == 1
     another = window(tables, 6, u1_read=128, u1_read_carried=64).replace("W 6", "W 1")
     assert [f.code for f in verdict(tables, run, last, another).findings] == [codes.SPENT_TOO_MUCH.id]
+
+
+def test_no_byte_passes_between_the_defaults_and_the_first_table(tables):
+    run = run_of(1, greedy=False)
+    calm = Run(**{name: getattr(run, name) for name in run.__slots__} | {"expected": (_CALM,)})
+    rows = [f"{unit.name}_{direction}" for unit in tables.units for direction in ("read", "write")]
+    nothing = {"table": 0, "window": _CALM.window} | dict.fromkeys([*rows, *(f"{row}_left" for row in rows)], 0)
+    assert verdict(tables, calm, window(tables, 0, **nothing)).findings == []
+    spent = verdict(tables, calm, window(tables, 0, **nothing | {"u1_read": 1})).findings
+    assert [f.code for f in spent] == [codes.SPENT_TOO_MUCH.id]
 
 
 @pytest.mark.parametrize(("left", "code"), [(320, codes.SPENT_TOO_MUCH), (192, codes.GOT_TOO_LITTLE)])

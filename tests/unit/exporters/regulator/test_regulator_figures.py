@@ -264,7 +264,7 @@ def divides(n, spans, clock=10**6):
     return all((Fraction(span.ns) * clock / 10**9 / n).denominator == 1 for span in spans if span)
 
 
-@pytest.mark.parametrize("cycles", [900, 999, 1000, 1001, 1700, 3001, 60])
+@pytest.mark.parametrize("cycles", [900, 999, 1000, 1001, 1700, 3001, 60, 130])
 @pytest.mark.parametrize("capacity", ["6.4MB/s", "6.6MB/s", "7.1MB/s"])
 def test_the_nearest_windows_divide_all_spans_and_carry_whole_bursts_where_any_does(tmp_path, cycles, capacity):
     spans = [ms(10), ms(6), ms(0)]

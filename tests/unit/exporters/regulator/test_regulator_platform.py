@@ -108,6 +108,20 @@ def test_cycles_and_bytes_of_a_window_are_words_of_32_bits(tmp_path, window, gua
     assert refused.message == "cycles and bytes of a window must fit into 32 bits"
 
 
+@pytest.mark.parametrize("period", ["0us", "1.5us"])
+def test_a_period_of_memguard_is_whole_microseconds(tmp_path, period):
+    (found,) = refusal(platform_file(tmp_path, memguard=f"{{period: {period}}}"))
+    assert "is not whole microseconds above zero" in found.message
+
+
+def test_parts_of_cycles_have_a_denominator_of_32_bits(tmp_path):
+    """As the register of the unit that counts them."""
+    finest = 2**32 - 1
+    assert platform(tmp_path, window=f"{100 * finest + 1}/{finest}us").extra == Fraction(1, finest)
+    (found,) = refusal(platform_file(tmp_path, window=f"{100 * 2**32 + 1}/{2**32}us"))
+    assert "too fine a part of one" in found.message
+
+
 def test_a_window_of_too_many_digits_is_no_shorter_one(tmp_path):
     (found,) = refusal(platform_file(tmp_path, window="1" + "0" * 20))
     assert "is too large" in found.message

@@ -14,6 +14,7 @@ Measurements of its RTL decide how it is programmed:
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, about
@@ -192,9 +193,7 @@ def _worst(tables: Tables) -> tuple[int, str]:
     """Return the most writes in any one window, and where; a switch writes every budget."""
     worst, where = len(_bound(tables)), "any switch"
     for table in tables.tables:
-        counts: dict[int, int] = {}
-        for write in _changes(tables, table):
-            counts[write.at] = counts.get(write.at, 0) + 1
+        counts = Counter(write.at for write in _changes(tables, table))
         for window, count in counts.items():
             if count > worst:
                 worst, where = count, f"{table.frame.path} window {window}"

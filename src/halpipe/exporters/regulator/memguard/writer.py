@@ -198,8 +198,8 @@ def _check_cores(tables: Tables) -> Iterator[Diagnostic]:
     known = _cores(tables)
     stated = int(tables.platform.settings[MemGuard.name]["cores"])
     owned = ((port.unit, port.core, port.at) for port in ports if port.core is not None)
-    yield from check_owners(owned, "core", lambda _: range(stated or len(ports) + max(known, default=0)))
     last = max(known, default=0)
+    yield from check_owners(owned, "core", lambda _: range(stated or len(ports) + last))
     if stated and last >= stated:
         message = f"core {last} does not exist; the platform has {stated} cores"
         help = f'use 0 to {stated - 1}, or state "memguard: {{cores: {last + 1}}}"'

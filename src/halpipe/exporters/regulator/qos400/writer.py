@@ -77,7 +77,7 @@ class Qos400:
         """Return the step and the number of settings of every table."""
         step = _step(tables.platform)
         return {
-            "step_bytes_per_second": step.numerator // step.denominator,
+            "step_bytes_per_second": int(step),
             "settings": {table.name: len(_settings(tables, table)) for table in tables.tables},
         }
 
