@@ -84,6 +84,7 @@ def test_the_report_draws_parts_and_counts_gaps():
     gaps = {name: [(a[1], b[0]) for a, b in pairwise(own)] for name, own in parts.items()}
     assert gaps == {"slow": [(7, 12.5), (18.6, 22.5)], "logger": [(8, 9)], "detect": [(39.6, 44)]}
     assert "run (1, 2 gaps)" in page
+    assert "<td>29.6ms, 2 gaps</td>" in page  # of the list that is read without scripts
     assert "split at 4ms 9ms, 100us to resume" in page
     assert "can_rx 500us in 5ms" in page
     assert "8ms, polls arrivals 12ms apart" in page

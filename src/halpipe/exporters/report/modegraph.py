@@ -20,7 +20,8 @@ _ASIDE = 22
 
 # Points of the unit circle in 1/1000, clockwise from the left, for each number of modes; no floating point, so that
 # the same model has the same picture on every machine. Made from cos and sin, rounded.
-_SINES = (0, 383, 707, 924, 1000, 924, 707, 383, 0, -383, -707, -924, -1000, -924, -707, -383)
+_HALF = (0, 383, 707, 924, 1000, 924, 707, 383)
+_SINES = (*_HALF, *(-sine for sine in _HALF))
 
 
 def build_mode_graph(model: TaskModel, schedule: Schedule) -> dict[str, Any] | None:
