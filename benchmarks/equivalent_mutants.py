@@ -115,6 +115,7 @@ EQUIVALENT = {
     ("server.py", "self._token = secrets.token_urlsafe(25)"): "a longer secret is as good",
     ("server.py", "if int(request.headers.get('content-length') or 1) > MAX_BODY or 'transfer-encoding' in request.headers:"): "1 is as far below the limit as 0",
     ("session.py", "BUDGET = 2001"): BUDGET,
+    ("modegraph.py", "if abs(dx) * half_height >= abs(dy) * half_width:"): "on the diagonal both give the corner of the box",
     ("session.py", "HISTORY = 201"): BUDGET,
 }  # fmt: skip
 

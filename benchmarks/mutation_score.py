@@ -160,6 +160,9 @@ DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict", "maxsize"}
 LIMIT = re.compile(r"_?(?:MOST|MAX|LONGEST)[A-Z_]* = \d+")
 """Assignments of limits, of which one more is as good; tests/unit/test_limit_constants* try each on both sides."""
 
+CACHES = {"cache", "lru_cache"}
+"""Decorators of functions whose lines only the first test executes that calls them."""
+
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor"}
 
 
@@ -229,8 +232,9 @@ class Mutant:
         return max(around, key=lambda s: (s.lineno, -(s.end_lineno or 0)))
 
     def _reached_by(self, node: ast.AST) -> range | None:
-        """Return the lines of the expression's statement; None for what is decided at import."""
-        bodies = [s for f in ast.walk(self._tree) if isinstance(f, ast.FunctionDef) for s in f.body]
+        """Return the lines of the expression's statement; None for what is decided at import, or kept by a cache."""
+        functions = (f for f in ast.walk(self._tree) if isinstance(f, ast.FunctionDef))
+        bodies = [s for f in functions if not CACHES & {*map(ast.unparse, f.decorator_list)} for s in f.body]
         if not any(n is node for body in bodies for n in ast.walk(body)):
             return None
         statement = self._statement(node)

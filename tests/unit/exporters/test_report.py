@@ -319,6 +319,7 @@ def test_ticks_are_few_in_order_and_never_too_near_the_ends(length, start):
         ("25ms", "0ms 5ms 10ms 15ms 20ms 25ms"),
         ("1/30s", "0ms 5ms 10ms 15ms 20ms 25ms 30ms 100/3ms"),
         ("1ms", "0us 100us 200us 300us 400us 500us 600us 700us 800us 900us 1000us"),
+        ("2ms", "0ms 0.2ms 0.4ms 0.6ms 0.8ms 1ms 1.2ms 1.4ms 1.6ms 1.8ms 2ms"),
         ("7s", "0s 1s 2s 3s 4s 5s 6s 7s"),
     ],
 )

@@ -227,6 +227,17 @@ def test_a_way_is_drawn_with_its_waits_and_logical_execution_times():
     assert (late["bars"][0]["wait_x"], late["limit"]) == ("0", "")
 
 
+def test_of_data_that_are_written_together_the_newer_are_read():
+    """The job from 6 to 15 ms ends with the one from 1 to 5 ms of the next cycle, which has read later."""
+    chained = Chain(name="c", tasks=("a", "b"))
+    system = model(*(task(name, 5 if name == "a" else 10, version("v", 2), slack=1) for name in "ab"), chains=[chained])
+    short, long = (job(system, "a", index, start, "u1") for index, start in ((0, 1), (1, 6)))
+    jobs = replace(short, end=ms(5)), replace(long, end=ms(15)), job(system, "b", 0, 5, "u1")
+    table = ModeSchedule(name="all", hyperperiod=ms(10), status=Status.VALID, jobs=jobs)
+    [read, _] = worst_age(system, chained, table)
+    assert (read.start, read.end) == (ms(1), ms(5))
+
+
 @pytest.mark.parametrize(("reaction", "latency"), [(None, None), (14, 7)])
 def test_a_latency_is_that_of_the_slowest_way_where_data_arrive(reaction, latency):
     chained = Chain(name="c", tasks=("a", "b"))
@@ -262,6 +273,15 @@ def test_the_account_counts_what_was_read_and_says_why_not(account):
     assert counts["graph.yaml"]["tasks"] == counts["graph.yaml"]["versions"] == 1
     assert counts[""]["units"] == 1
     assert built["sources"][-1]["file"] == ""
+
+
+def test_reasons_that_are_as_frequent_are_in_the_order_of_the_alphabet(tmp_path):
+    coverage = Coverage()
+    for name, reason in (("a", "plumbing"), ("b", "zero rate"), ("c", "clock"), ("d", "plumbing")):
+        coverage.ignored("topic", name, reason)
+    path = tmp_path / "import.json"
+    path.write_bytes(format_account(Imported(model=model(), diagnostics=(), coverage=coverage)))
+    assert build_account(model(), str(path))["reasons"] == [("plumbing", 2), ("clock", 1), ("zero rate", 1)]
 
 
 def test_a_model_written_by_hand_has_no_account():

@@ -88,7 +88,7 @@ def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) ->
         mode["waits"] = waits(model, table)
     shown = {table.name for table in schedule.modes}
     filled = [bool(mode.jobs) for mode in schedule.modes] + [bool(table.jobs) for table in schedule.transitions]
-    most = max(1, LISTED_JOBS // max(1, sum(filled)))
+    most = -(-LISTED_JOBS // max(1, sum(filled)))
     return _template().render(
         title=options.title or f"{model.name} schedule",
         model=model,
