@@ -117,6 +117,12 @@ def test_a_task_that_polls_responds_to_arrivals(starts, response, margin):
     assert (found["response"], found["margin"]) == (response, margin)
 
 
+@pytest.mark.parametrize(("offset", "drawn"), [(12, [2, 10, 5]), (None, [])])
+def test_logical_execution_times_are_drawn_from_the_release(offset, drawn):
+    made = replace(task("a", 10, version("v", 1), offset=offset), let=ms(5))
+    assert [each["let"] for each in scene(model(made, task("b", 10, version("v", 1))), None)["tasks"]] == [drawn, []]
+
+
 def test_a_scene_without_a_schedule_has_the_model():
     drawn = scene(system(2), None)
     assert (len(drawn["tasks"]), drawn["modes"]) == (2, [])
