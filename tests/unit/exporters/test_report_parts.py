@@ -333,6 +333,13 @@ def test_the_page_has_all_parts(account):
     assert 'class="modes"' not in alone
 
 
+def test_the_graph_of_modes_leads_to_their_sections():
+    page = FORMAT.write(*two_modes(), ReportOptions())[""].decode()
+    sections = dict(re.findall(r'<h2 id="([^"]*)">Mode ([a-z-]+)', page))
+    graph = page[page.index('class="modes"') :].split("</svg>")[0]
+    assert {sections[id] for id in re.findall(r'href="#([^"]*)"', graph)} == {"race", "safe-stop"}
+
+
 @pytest.mark.slow  # ten thousand jobs; test_a_wide_schedule_stays_small has two thousand
 def test_a_large_page_stays_within_a_few_megabytes():
     page = FORMAT.write(*many(units=40, jobs_per_unit=250), ReportOptions())[""]
