@@ -116,6 +116,8 @@ EQUIVALENT = {
     ("server.py", "if int(request.headers.get('content-length') or 1) > MAX_BODY or 'transfer-encoding' in request.headers:"): "1 is as far below the limit as 0",
     ("session.py", "BUDGET = 2001"): BUDGET,
     ("modegraph.py", "_CHARACTERS = 20"): BUDGET,
+    ("modegraph.py", "return (start[0] + dx * half_height // abs(dy), start[1] + (half_height if dy >= 0 else -half_height))"): "a level line leaves at a side",
+    ("modegraph.py", "return (start[0] + dx * half_height // abs(dy), start[1] + (half_height if dy > 1 else -half_height))"): "boxes are further apart",
     ("modegraph.py", "return (start[0] + (half_width if dx > 1 else -half_width), start[1] + dy * half_width // abs(dx))"): "boxes are further apart",
     ("modegraph.py", "if abs(dx) * half_height >= abs(dy) * half_width:"): "on the diagonal both give the corner of the box",
     ("session.py", "HISTORY = 201"): BUDGET,

@@ -65,7 +65,7 @@ ROOMS = {
             "cli/test_cli_explain* cli/test_cli_fleet* cli/test_cli_generate* cli/test_cli_completion* "
             "cli/test_cli_golden* cli/test_cli_ros* cli/test_cli_arxml* cli/test_cli_verify* cli/test_cli_regulator* "
             "cli/test_cli_new* cli/test_cli_serve* cli/test_cli_faults* cli/test_cli_limits* cli/test_cli_own_files* "
-            "cli/test_cli_trouble* cli/test_cli_programs* "
+            "cli/test_cli_trouble* cli/test_cli_programs* cli/test_cli_selftest* "
             "unit/deploy/test_check_onto* unit/importers/test_arxml_[ov]* unit/pipeline/test_budget* "
             "unit/pipeline/test_plan* unit/core/test_libraries* unit/test_formats_and_checked* unit/test_options* "
             "unit/test_docs_generated*"

@@ -137,23 +137,19 @@ def selftest(
     quiet: Quiet = False,
 ) -> int:
     """Have two independent checkers judge valid and faulty schedules, and count where they do not agree."""
+    from halpipe.core.files import write_directory
     from halpipe.selftest import run
+    from halpipe.selftest.evidence import folder
+    from halpipe.selftest.requirements import read_results
 
     output.choose(None, quiet=quiet, verbose=False)
     if results and not evidence:
         raise typer.BadParameter("results of tests are for the evidence; add --evidence", param_hint="--results")
-    failed = 0
+    found = read_results(results or ())
+    outcome = run(mutants, seed)
     if evidence:
-        from halpipe.core.files import write_directory
-        from halpipe.selftest.evidence import folder
-        from halpipe.selftest.requirements import read_results
-
-        found = read_results(results or ())
-        outcome = run(mutants, seed)
         write_directory(evidence, folder(outcome, mutants, seed, found))
-        failed = sum(int(file["failed"]) for file in found.files)
-    else:
-        outcome = run(mutants, seed)
+    failed = sum(int(file["failed"]) for file in found.files)
     if failed:
         output.result(f"{failed} case{'s' * (failed > 1)} of the tests failed by the results given")
     for line in outcome.differing[:_SHOWN]:

@@ -208,11 +208,11 @@ def test_ways_of_logical_execution_times_and_events_are_as_long_as_the_figures(r
 
 
 def test_a_way_is_drawn_with_its_waits_and_logical_execution_times():
-    """Data of the job of `a` at 1 ms are written at 5 ms; the job of `b` that has them ends at 8 ms."""
-    first = replace(task("a", 10, version("v", 2), offset=0, slack=1), let=ms(5))
+    """Data of the job of `a` at 2 ms are written at 6 ms; the job of `b` that has them ends at 9 ms."""
+    first = replace(task("a", 10, version("v", 2), offset=1, slack=1), let=ms(5))
     drawn = Chain(name="c", tasks=("a", "b"))
     system = model(first, task("b", 10, version("v", 2), slack=1), chains=[drawn])
-    jobs = (job(system, "a", 0, 1, "u1"), job(system, "b", 0, 6, "u1"))
+    jobs = (job(system, "a", 0, 2, "u1"), job(system, "b", 0, 7, "u1"))
     table = ModeSchedule(name="all", hyperperiod=ms(10), status=Status.VALID, jobs=jobs)
     chart = path_chart(system, "id", "title", worst_age(system, drawn, table), ms(10), missed=False)
     one, two = chart["bars"]

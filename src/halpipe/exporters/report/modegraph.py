@@ -96,4 +96,4 @@ def _edge(start: Point, end: Point, side: int) -> Point:
     half_width, half_height = NODE_WIDTH // 2 + 3, NODE_HEIGHT // 2 + 3
     if abs(dx) * half_height > abs(dy) * half_width:
         return start[0] + (half_width if dx > 0 else -half_width), start[1] + dy * half_width // abs(dx)
-    return start[0] + dx * half_height // max(abs(dy), 1), start[1] + (half_height if dy > 0 else -half_height)
+    return start[0] + dx * half_height // abs(dy), start[1] + (half_height if dy > 0 else -half_height)
