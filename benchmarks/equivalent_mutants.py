@@ -12,6 +12,7 @@ MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("phases.py", "return max(left // (len(rates) - number), 2)"): "a bus that moves no byte per second and channel",
     ("simulate.py", "BUILD_SECONDS = 601"): BUDGET,
     ("simulate.py", "RUN_SECONDS = 1801"): BUDGET,
     ("stimuli.py", "middle = last + (end - 3 - last) // 2"): CHOICE,

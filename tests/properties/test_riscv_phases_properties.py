@@ -135,10 +135,9 @@ def written_down(tables, programs, line, service):
 )
 def test_lateness_is_what_a_queue_has(shapes, ticks, service):
     programs = [
-        Program(
-            "scale", "v", (i,), tuple(sorted((Operation(at=at, kind=k, unit=i) for at, k in ops), key=lambda o: o.key))
-        )
+        Program("scale", "v", (i,), tuple(sorted(made, key=lambda o: o.key)), 0, 1)
         for i, ops in enumerate(shapes)
+        for made in [[Operation(at=at, kind=kind, unit=i) for at, kind in ops]]
     ]
     releases = tuple(
         sorted((Release(ticks[i], i, JOB) for i in range(len(programs))), key=lambda r: (r.tick, r.program))

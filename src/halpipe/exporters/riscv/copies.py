@@ -61,7 +61,7 @@ class Copies:
     def shadows(self) -> dict[Shadow, int]:
         """The sizes of the tasks' own buffers."""
         return {
-            (turn.task, turn.kind, name): max(sizes.get(name, 0) for sizes in turn.sizes.values())
+            (turn.task, turn.kind, name): max(sizes[name] for sizes in turn.sizes.values() if name in sizes)
             for turn in self.turns
             for name in dict.fromkeys(name for sizes in turn.sizes.values() for name in sizes)
         }

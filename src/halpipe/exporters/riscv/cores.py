@@ -186,12 +186,12 @@ class Shape:
 
     def begin(self, instant: Duration) -> Duration:
         """Return when what begins at an instant of execution begins."""
-        wall, start, _ = next((p for p in self.parts if p[1] <= instant < p[2]), self.parts[-1])
+        wall, start, _ = next((p for p in self.parts if instant < p[2]), self.parts[-1])
         return wall + (instant - start)
 
     def end(self, instant: Duration) -> Duration:
         """Return when what ends at an instant of execution ends."""
-        wall, start, _ = next((p for p in self.parts if p[1] < instant <= p[2]), self.parts[0])
+        wall, start, _ = next((p for p in self.parts if instant <= p[2]), self.parts[-1])
         return wall + (instant - start)
 
 

@@ -76,8 +76,8 @@ class Program:
     version: str
     units: tuple[int, ...]
     operations: tuple[Operation, ...]
-    slot: int = 0
-    slots: int = 1
+    slot: int
+    slots: int
 
 
 @record
@@ -188,7 +188,8 @@ class Operations:
         part, channel, unit = image.part, self.channels[COPIES], image.core.index
         phases = [access for access in phases_of(part.version) if access.kind is turn.kind]
         drivers = [driver for access in phases for driver in self._drivers(access, image)]
-        at, end = turn.at + turn.after, turn.at + turn.after + turn.length
+        at = turn.at + turn.after
+        end = at + turn.length
         yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
         copy = Operation(at=at, kind=COPY, unit=unit, channel=channel, access=phases[0], is_copy=True)
         moves = []

@@ -33,7 +33,7 @@ def copy(at, limit=100, needs=3):
 
 
 def program(*operations, unit=0):
-    return Program("scale", "v", (unit,), operations)
+    return Program("scale", "v", (unit,), operations, 0, 1)
 
 
 def mode(length, *releases, index=0):

@@ -120,7 +120,7 @@ def phase(at, kind, buffer, limit=10, is_copy=False):
 
 def conflicts(*others, own=(), own_turns=(OUT, IN), releases=(100,), length=10000, system=SYSTEM):
     """Play one mode whose jobs of w are released at these ticks, beside one of free that is released at tick 100."""
-    programs = [Program("w", "v", (0,), tuple(own)), Program("free", "v", (1,), others)]
+    programs = [Program("w", "v", (0,), tuple(own), 0, 1), Program("free", "v", (1,), others, 0, 1)]
     at = [*(Release(tick, 0, JOB) for tick in releases), Release(100, 1, JOB)]
     tables = [Table("m", 0, 0, length, tuple(at))]
     found = list(Copies(own_turns).conflicts(tables, programs, MEMORY, system, CLOCK))

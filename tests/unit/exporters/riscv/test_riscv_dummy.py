@@ -5,12 +5,17 @@ from fractions import Fraction
 
 import pytest
 
+from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import Duration
+from halpipe.exporters.riscv.cores import Core
+from halpipe.exporters.riscv.drivers import Driver, Drivers
+from halpipe.exporters.riscv.images import Part
 from halpipe.exporters.riscv.phases import Clock
-from halpipe.exporters.riscv.prepare import FILE, grow, with_dummies
+from halpipe.exporters.riscv.prepare import FILE, _grow, grow, with_dummies
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Renderer
-from halpipe.models import Split
+from halpipe.exporters.riscv.toolchain import Elf, Segment
+from halpipe.models import AccessKind, Split
 from riscv_models import deployed, moving
 from support import model, task, version
 
@@ -114,6 +119,18 @@ def test_a_phase_that_moves_nothing_stays_as_short_as_it_is():
     grown = grow(idle, [(400, "ispm")], "memory", CLOCK, 24)
     assert [(str(a.start), str(a.end)) for a in grown.accesses] == [("0ms", "27us"), ("527us", "527.5us")]
     assert str(grown.wcet) == "1.027ms"
+
+
+@pytest.mark.parametrize(("units", "end"), [("u1", "27us"), ("u1 u2", "127us"), ("u1 u2 u3", "227us")])
+def test_a_load_outlasts_a_driver_of_every_other_core(units, end):
+    """Operations of four cores take 24 us, 400 bytes 3 us, and a driver 100 us."""
+    core = Core("u1", 0, PROFILE.ispm.of(0), PROFILE.dspm.of(0))
+    drivers = Drivers((Driver("out", "put", US * 100, AccessKind.WRITE, "", Location("d")),))
+    owner = version("v", "1ms", "u1")
+    system = model(task("a", "5ms", owner), units=units, resources="memory")
+    elf = Elf((Segment(0, 0, PROFILE.ispm.base, 400),), {})
+    grown = _grow(Part("a", owner, (core,), ()), elf, system, PROFILE, drivers, Findings(), 0)
+    assert str(grown.accesses[0].end) == end
 
 
 def test_what_lies_at_an_instant_is_later_by_what_grew_before_it():

@@ -30,7 +30,7 @@ from halpipe.exporters.riscv.operations import (
 )
 from halpipe.exporters.riscv.phases import COPIES, Clock, shares
 from halpipe.exporters.riscv.profile import Region, Watchdog, read_profile
-from halpipe.exporters.riscv.target import _json
+from halpipe.exporters.riscv.target import _board, _json
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
 from halpipe.models import Part as JobPart
@@ -240,6 +240,13 @@ def test_copies_of_logical_execution_times_have_the_drivers_of_their_buffers():
         (begin, COPY, "output"),
         (begin + write.length, OUTPUT, "put, output"),
     ]
+    ends = [(o.at, o.what) for o in made.programs[0].operations if o.kind == DONE and o.what.startswith("LET")]
+    assert ends == [(later + read.length, "LET read"), (begin + write.length, "LET write")]
+    copied = {o.what: (o.source, o.target) for o in made.programs[0].operations if o.is_copy}
+    assert copied == {
+        "input": (MEMORY.buffers["input"].base, shadows["scale", AccessKind.READ, "input"].base),
+        "output": (shadows["scale", AccessKind.WRITE, "output"].base, MEMORY.buffers["output"].base),
+    }
     moved = {o.what: o for o in made.programs[0].operations if o.kind == COPY and not o.is_copy}
     assert moved["input"].source == shadows["scale", AccessKind.READ, "input"].base
     assert moved["output"].target == shadows["scale", AccessKind.WRITE, "output"].base
@@ -258,6 +265,13 @@ def test_a_watchdog_outlasts_every_table():
             f'the time-out is {timeout}, and "{name}" may last {longest[index]}' for index, name in enumerate(names)
         ]
     assert list(resets(tables, late, profile)) == []
+
+
+@pytest.mark.parametrize(("rates", "bandwidth"), [((5, 5, 5), 5), ((5, 7, 5), {"ispm": 5, "dspm": 7, "main": 5})])
+def test_a_bundle_describes_the_bandwidth_into_each_memory(rates, bandwidth):
+    profile = read_profile("vcu118")
+    into = dict(zip(("ispm", "dspm", "main"), rates, strict=True))
+    assert _board(replace(profile, dma=replace(profile.dma, into=into)))["dma"]["bandwidth"] == bandwidth
 
 
 def test_the_description_of_a_bundle_is_ascii():
