@@ -85,6 +85,15 @@ def test_a_turn_is_long_enough_for_the_version_that_moves_most():
     assert Copies((turn,)).shadows == {("t", READ, "in"): 800, ("t", READ, "out"): 800}
 
 
+def test_a_turn_is_of_all_versions_where_one_alone_moves_something():
+    idle = version_of(("write", ("out", "b", 8)), name="idle")
+    system = model(held("t", "5ms", version_of(("read", ("in", "a", 8))), idle), resources="memory")
+    assert [(turn.kind, turn.sizes) for turn in turns(system)] == [
+        (WRITE, {"v": {}, "idle": {"out": 8}}),
+        (READ, {"v": {"in": 8}, "idle": {}}),
+    ]
+
+
 def test_without_logical_execution_times_there_are_no_turns():
     assert turns(model(FREE, resources="memory")) == ()
     none = Copies()

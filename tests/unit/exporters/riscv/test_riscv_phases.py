@@ -16,7 +16,7 @@ from halpipe.exporters.riscv.codes import (
 )
 from halpipe.exporters.riscv.phases import Clock, check_phases, clock_of, disorder, executions, written_alone
 from halpipe.exporters.riscv.profile import FOLDER, read_profile
-from halpipe.models import Resource, Task, TaskModel, Version
+from halpipe.models import Resource, Split, Task, TaskModel, Version
 from riscv_models import PHASES, deployed, moving, single
 
 US = Duration.parse("1us")
@@ -165,3 +165,13 @@ def test_scalars_of_gangs_are_told():
 
     assert told(8, 2) == [(FIRST_ALONE.id, "here")]
     assert told(16, 2) == told(8, 1) == []
+
+
+def test_functions_are_those_between_phases_before_those_between_preemption_points():
+    """Two executions with a phase between them are two functions, although the first could be preempted."""
+    ms = US * 1000
+    loads = tuple(moving("memory", f"{start}ms", f"{start + 1}ms", "load") for start in (0, 5))
+    divided = Version(name="v", wcet=ms * 10, units=("u",), accesses=loads, split=Split(points=(ms * 3,)))
+    assert executions(divided, 2) == [(ms, ms * 5), (ms * 6, ms * 10)]
+    assert executions(divided, 3) == [(ms, ms * 3), (ms * 3, ms * 5), (ms * 6, ms * 10)]
+    assert executions(divided, 4) == []
