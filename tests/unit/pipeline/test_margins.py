@@ -17,7 +17,7 @@ from halpipe.pipeline.solve.kernel.widen import FINEST, following, halves
 from halpipe.pipeline.solve.optimise import lower_bound
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
-from support import after, job, model, ms, task, version
+from support import after, chain, job, model, ms, task, version
 
 
 def margin(system, jobs):
@@ -131,3 +131,17 @@ def test_the_least_margin_of_a_schedule_is_that_of_the_tightest_stay():
     assert margin(system, jobs) == Fraction(1, 4)
     assert margin(system, jobs[::2]) == 4
     assert margin(system, []) == LARGEST_MARGIN
+
+
+@pytest.mark.parametrize(("slack", "most"), [("0", 0), ("1/2", Fraction(1, 2)), ("1", Fraction(3, 4))])
+def test_the_bound_knows_how_far_two_jobs_may_be_apart(slack, most):
+    """A job of 6 ms lies between two of 1 ms, which start up to 7 ms and the jitter apart."""
+    often = task("often", 7, version("v", 1), slack=Fraction(slack))
+    assert bound(model(often, task("rare", 14, version("v", 6), slack=1))) == most
+
+
+def test_the_bound_knows_how_long_a_late_input_waits():
+    """An input after the start of a waits for the next job of b, 20 ms later, and its path takes 5 ms."""
+    rare = task("b", 20, version("v", 3), slack=1)
+    system = model(task("a", 10, version("v", 2), slack=1), rare, chains=[chain("c", "a b", reaction=25)])
+    assert bound(system) == 0

@@ -116,9 +116,9 @@ class _Bound:
             for (period, each), (other, its) in combinations(tops, 2):
                 cycle = greatest_common_divisor([Duration(period), Duration(other)])
                 yield Fraction(cycle.ns, self.stay(each) + self.stay(its))
-            for (period, each), its in product(tops, whole[:2]):  # a job in one piece lies between two of a strict task
+            for each, its in product(whole, whole[:2]):  # a job in one piece lies between two of another task
                 if its is not each:
-                    yield Fraction(period, self.stay(each) + self.stay(its))
+                    yield _period(each) * (1 + each.task.slack) / Fraction(self.stay(each) + self.stay(its))
 
     def of_windows(self) -> Iterator[Fraction]:
         """Yield by what a stay could grow where a window makes another job begin soon after it."""
@@ -147,13 +147,13 @@ class _Bound:
     def of_chains(self) -> Iterator[Fraction]:
         """Yield by what a stay could grow where a chain makes the next job begin soon after it.
 
-        Of a reaction time, the worst job of the first task starts at least a period after the one before it.
+        In a reaction time, what comes too late for a job of any of the tasks waits for the next one, a period later.
         """
         cyclic = {each.name: each for each in self.cyclic if each.task.let is None} if self.model.chains else {}
         for chain in self.model.chains:
             members = [cyclic[name] for name in chain.tasks if name in cyclic]
             if len(members) == len(chain.tasks) and not (chain.anchor or chain.to):
-                limits = (chain.max_latency, 0), (chain.max_age, 0), (chain.max_reaction, _period(members[0]))
+                limits = (chain.max_latency, 0), (chain.max_age, 0), (chain.max_reaction, max(map(_period, members)))
                 work = sum(map(self.stay, members))
                 gaps = [limit.ns - less - work for limit, less in limits if limit]
                 for before, active in pairwise(members if gaps else ()):
