@@ -12,6 +12,8 @@ MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("operations.py", "start = 1"): "operations that all come a tick later have the same lateness",
+    ("operations.py", "_RELEASE, _DECIDE = (1, 4)"): "no order lies between",
     ("phases.py", "return max(left // (len(rates) - number), 2)"): "a bus that moves no byte per second and channel",
     ("simulate.py", "BUILD_SECONDS = 601"): BUDGET,
     ("simulate.py", "RUN_SECONDS = 1801"): BUDGET,

@@ -13,8 +13,8 @@ from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.tables import Entry, Switch
 from halpipe.exporters.regulator.windows import cut
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
-from halpipe.models import Resource
-from support import access, job, model, ms, task, version
+from halpipe.models import ModeSchedule, Resource, Schedule, Status, TransitionTable
+from support import access, job, mode, model, ms, task, version
 
 
 def refusal(*arguments, **changes):
@@ -143,6 +143,23 @@ def test_numbers_for_people_are_cut():
 
 
 # --------------------------------------------------------------------------------------- capacity and overshoot
+
+
+def test_a_burst_of_the_mode_before_needs_room_in_the_first_window(tmp_path):
+    """Unit u1 has all of the last window of a mode, and u2 all of the first one of the mode that follows."""
+    last, first = (
+        task(name, 10, version("v", 1, unit, access("mem", 0, 1, 1))) for name, unit in (("a", "u1"), ("b", "u2"))
+    )
+    modes = (mode("before", [last]), mode("after", [first]))
+    system = model(last, first, units="u1 u2", resources="mem", modes=modes, transitions=[("before", "after", None)])
+    jobs = {"before": job(system, "a", 0, 9, "u1"), "after": job(system, "b", 0, 0, "u2")}
+    tables = [ModeSchedule(name=n, hyperperiod=ms(10), status=Status.VALID, jobs=(j,)) for n, j in jobs.items()]
+    plain = TransitionTable(source="before", target="after", length=ms(0), worst_latency=ms(10), status=Status.VALID)
+    schedule = Schedule(model=system.name, model_sha256="", modes=tuple(tables), transitions=(plain,))
+    (found,) = refusal(tmp_path, system, schedule)
+    assert (found.code, found.path) == (codes.OVER_CAPACITY.id, 'mode "after"')
+    assert "window 0 needs 101 bursts of 64 bytes, there is room for 100" in found.message
+    assert build(tmp_path, system, schedule, capacity="6.464MB/s")[0].room == 101
 
 
 def test_exactly_full_fits_and_one_burst_more_does_not(tmp_path):

@@ -48,6 +48,10 @@ def test_without_windows_it_only_counts():
     assert "COUNT_0=43695" in found.source.defines
 
 
+def test_it_counts_once_at_least():
+    assert "COUNT_0=1" in dummy(wcet="20us").source.defines
+
+
 def test_where_instructions_take_longer_it_counts_less():
     slow = dummy(profile=replace(PROFILE, cpi=Fraction(7, 4)))
     assert f"COUNT_0={97_100 * 9 // 10 * 4 // (7 * 2)}" in slow.source.defines

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
@@ -80,6 +81,13 @@ def test_the_life_of_a_job():
     copies = [o for o in made.programs[0].operations if o.kind == COPY]
     assert [(o.limit, o.needs) for o in copies] == [(100, 7), (97, 4), (100, 3), (100, 3)]
     assert made.programs[0].operations[5].limit == 700
+
+
+def test_only_the_first_execution_of_a_job_clears_its_data():
+    middle = moving("memory", "0.5ms", "0.6ms", "read", ("input", "numbers", 64))
+    version = deployed(phases=(*PHASES[:2], middle, PHASES[2]), entry="scale numbers")
+    made, _ = operations_of(*single(version), version)
+    assert [(o.at, o.size) for o in made.programs[0].operations if o.kind == RUN] == [(200, 0x18), (600, 0)]
 
 
 def test_a_gang_loads_and_reads_on_each_unit_and_each_member_writes_its_part():
@@ -272,6 +280,13 @@ def test_a_bundle_describes_the_bandwidth_into_each_memory(rates, bandwidth):
     profile = read_profile("vcu118")
     into = dict(zip(("ispm", "dspm", "main"), rates, strict=True))
     assert _board(replace(profile, dma=replace(profile.dma, into=into)))["dma"]["bandwidth"] == bandwidth
+
+
+def test_a_bundle_describes_the_cycles_of_each_class_of_instructions():
+    profile = read_profile("vcu118")
+    assert _board(replace(profile, cpi=Fraction(2), management_cpi=Fraction(2)))["cpi"]["jobs"] == "2"
+    even = {"cpi": Fraction(2), "management_cpi": Fraction(2), "classes": dict.fromkeys(profile.classes, Fraction(2))}
+    assert _board(replace(profile, **even))["cpi"] == "2"
 
 
 def test_the_description_of_a_bundle_is_ascii():
