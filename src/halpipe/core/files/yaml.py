@@ -134,7 +134,8 @@ def _refuse_tabs(data: bytes, name: str) -> None:
 
 _ADVICE = (
     ("nests", "repair the file"),
-    ("is not text", "name a text file; a workbook is imported by `halpipe import table FILE -o model.xml`"),
+    ("control characters", "remove them; a workbook is imported by `halpipe import table FILE -o model.xml`"),
+    ("is not text", "save it as UTF-8"),
     ("alias", 'quote names that begin with *, as in "*core": without quotes, * refers to a part of the file'),
     ("is XML", "name a YAML file; a model is read by `halpipe validate`, `halpipe schedule` and others"),
     ("expected ',' or", "close the bracket, or put a comma between its entries"),
