@@ -122,8 +122,7 @@ class _Judge:
 
     @property
     def _end(self) -> int:
-        cycles = [cycle for cycle, _order, _address, _value in self._run.script]
-        return max(cycles, default=0) + 1
+        return max((cycle + 1 for cycle, *_ in self._run.script), default=0)
 
     def _note(self, code: Code, path: str, text: str) -> None:
         first, times = self._noted.get((code, path), (text, 0))

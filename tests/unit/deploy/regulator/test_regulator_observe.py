@@ -104,6 +104,45 @@ def test_a_burst_carried_into_a_window_without_budget_passes_alone(tables):
     assert [f.code for f in verdict(tables, run, last, another).findings] == [codes.SPENT_TOO_MUCH.id]
 
 
+def test_what_all_take_in_a_window_is_within_the_capacity(tables):
+    capacity = tables.platform.capacity_bytes
+    others = sum(tables.tables[0].budgets(unit.name, d)[20] for unit in tables.units for d in ("read", "write"))
+    others -= tables.tables[0].budgets("u1", "read")[20]
+    assert codes.SHARED_TOO_MUCH.id not in found(tables, window(tables, 0, u1_read=capacity - others))
+    assert codes.SHARED_TOO_MUCH.id in found(tables, window(tables, 0, u1_read=capacity - others + 1))
+
+
+def test_a_fault_of_several_windows_is_reported_once_with_their_number(tables):
+    lines = [window(tables, n, u1_read=256 + 8) for n in range(3)]
+    for count, tail in ((1, ""), (2, ", and 1 windows more"), (3, ", and 2 windows more")):
+        (fault,) = verdict(tables, run_of(3), *lines[:count], *(window(tables, n) for n in range(count, 3))).findings
+        assert fault.message.startswith("264 B in window 0 (")
+        assert fault.message.endswith(f"the budget is 256 B{tail} (traffic: t, seed 7)")
+
+
+def test_windows_that_are_missing_or_too_many_are_counted(tables):
+    for simulated in (1, 3):
+        (fault,) = verdict(tables, run_of(2), *(window(tables, n) for n in range(simulated))).findings
+        assert (fault.code, fault.path) == (codes.PLAYED_WRONG.id, "trace")
+        assert fault.message.startswith(f"the trace has {simulated} windows, 2 were simulated")
+
+
+def test_what_was_granted_and_used_is_summed(tables):
+    seen = verdict(tables, run_of(2), window(tables, 0), window(tables, 1, u1_read=192, u1_read_waiting=64))
+    budgets = [
+        tables.tables[0].budgets(unit.name, d)[20 + n]
+        for unit in tables.units for d in ("read", "write") for n in (0, 1)
+    ]  # fmt: skip
+    assert (seen.windows, seen.granted, seen.used, seen.carried) == (2, sum(budgets), sum(budgets) - 64, 0)
+    assert seen.largest_sum == max(sum(budgets[::2]), sum(budgets[1::2]) - 64)
+
+
+def test_nothing_is_carried_that_was_not_shown_before(tables):
+    assert found(tables, window(tables, 0, u1_read=64, u1_read_carried=64, u1_read_left=256), greedy=False) == [
+        codes.SPENT_TOO_MUCH.id
+    ]
+
+
 def test_no_byte_passes_between_the_defaults_and_the_first_table(tables):
     run = run_of(1, greedy=False)
     calm = Run(**{name: getattr(run, name) for name in run.__slots__} | {"expected": (_CALM,)})
