@@ -16,7 +16,7 @@ from halpipe.pipeline.transitions import tables as tables_module
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape
 from halpipe.pipeline.transitions.search import Blocked, Table
-from halpipe.pipeline.transitions.tables import NO_IMPLIED_TABLE, NO_TABLE, on_common_grid, switch_tables
+from halpipe.pipeline.transitions.tables import MAY_BE_LONG, NO_IMPLIED_TABLE, NO_TABLE, on_common_grid, switch_tables
 from support import access, after, chain, job, mode, model, schedule, task, version
 
 
@@ -229,22 +229,56 @@ def test_processes_find_the_same_tables(monkeypatch):
     assert switched(system, workers=Workers(2)) == switched(system)
 
 
-@pytest.mark.parametrize(("phase_after", "in_processes"), [(0, []), (3, [2])])
-def test_two_pairs_go_to_processes_only_where_the_least_length_has_no_table(monkeypatch, phase_after, in_processes):
-    system, plan = two_modes(0, 0, phase_after)
+def test_two_pairs_stay_in_this_process(monkeypatch):
+    system, plan = two_modes(0, 0, 3)
     system = replace(system, transitions=())
     expected = switch_tables(system, plan, _is_sound_switch)
     assert len(expected.tables) == 2
-    sent = []
-
-    def spread(_workers, function, items, go_on):
-        sent.append(len(items))
-        return map(function, items)
-
     monkeypatch.setattr(tables_module, "SPREAD", 1)
-    monkeypatch.setattr(Workers, "spread", spread)
+    monkeypatch.setattr(Workers, "spread", None)
     assert switch_tables(system, plan, _is_sound_switch, workers=Workers(2)) == expected
-    assert sent == in_processes
+
+
+def later_in_mode_b(*rows):
+    """Return tasks (name, units, unit, phase, WCET) with a period of 100 ms, and a schedule: in mode b 3 ms later."""
+    tasks = [task(name, 100, version("v", wcet, units)) for name, units, _, _, wcet in rows]
+    system = model(*tasks, units="u0 u1 u2", modes=[mode("a", tasks), mode("b", tasks)], transitions=[("a", "b", None)])
+    modes = [
+        schedule(system, 100, *(job(system, n, 0, phase + late, unit) for n, _, unit, phase, _ in rows), mode_name=name)
+        for name, late in (("a", 0), ("b", 3))
+    ]
+    return system, replace(modes[0], modes=tuple(each.modes[0] for each in modes))
+
+
+def test_the_search_for_a_shorter_table_ends_with_the_work_of_a_pair(monkeypatch):
+    system, plan = later_in_mode_b(*((f"t{n}", "u0", "u0", n, 1) for n in range(20)))
+    shortest = tables_of(system, plan)
+    assert shortest.diagnostics == ()
+    monkeypatch.setattr(tables_module, "MOST_WORK", 0)
+    found = tables_of(system, plan)
+    (table,), (note,) = found.tables, found.diagnostics
+    assert table.length > shortest.tables[0].length
+    assert note.code == MAY_BE_LONG.id
+    assert str(table.length) in note.message
+
+
+def test_only_the_jobs_of_a_group_that_does_not_fit_are_placed_anew():
+    crowd = [(f"t{n}", "u0 u1", f"u{n % 2}", n // 2 * 4, 4) for n in range(4)]
+    system, plan = later_in_mode_b(*crowd, ("alone", "u2", "u2", 0, 1))
+    table = Table(Change(*on_common_grid(system, *plan.modes)), 1)
+    assert isinstance(table.fill(), Blocked)
+    assert table.change.group["t0"] == ["t0", "t1", "t2", "t3"]
+    assert (table.work - 1) % 4 == 0
+    assert table.work > 5
+
+
+@pytest.mark.parametrize(("length", "rounds"), [(3, 0), (4, 1)])
+def test_a_unit_without_room_for_all_its_jobs_is_seen_before_they_are_placed(length, rounds):
+    system, plan = later_in_mode_b(*((f"t{n}", "u0", "u0", n, 1) for n in range(4)))
+    table = Table(Change(*on_common_grid(system, *plan.modes)), length)
+    table.fill()
+    assert table.work // 4 >= rounds
+    assert (table.work == 0) == (rounds == 0)
 
 
 def test_paces_of_tasks_that_serve_arrivals_are_linear_in_them():

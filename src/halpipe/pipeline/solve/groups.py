@@ -19,7 +19,7 @@ from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
 from halpipe.pipeline.solve.construction import Groups
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, Task, TaskModel
@@ -38,6 +38,16 @@ MOST_NAMED = 8
 
 def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion]:
     """Return the groups of a mode as modes of their own, by their first tasks."""
+    runs = {run.task: run for run in expansion.mode.runs}
+    found = []
+    for tasks in linked_tasks(expansion, model.chains).values():
+        mode = replace(expansion.mode, runs=tuple(runs[active.name] for active in tasks))
+        found.append(replace(expansion, mode=mode, tasks=tuple(tasks)))
+    return found
+
+
+def linked_tasks(expansion: Expansion, chains: Iterable[Chain] = ()) -> dict[str, list[ActiveTask]]:
+    """Return the tasks of every group by the name of one of them."""
     groups = Groups[str]()
     owner: dict[tuple[str, str], str] = {}
     for active in expansion.tasks:
@@ -45,19 +55,14 @@ def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion
             groups.join(active.name, owner.setdefault(shared, active.name))
         for other in _linked(active, expansion):
             groups.join(active.name, other)
-    for chain in filter(_is_limited, model.chains):
+    for chain in filter(_is_limited, chains):
         if all(name in expansion.by_name for name in chain.tasks):
             for name in chain.tasks:
                 groups.join(name, chain.tasks[0])
     members: dict[str, list[ActiveTask]] = {}
     for active in expansion.tasks:
         members.setdefault(groups.root(active.name), []).append(active)
-    runs = {run.task: run for run in expansion.mode.runs}
-    found = []
-    for tasks in members.values():
-        mode = replace(expansion.mode, runs=tuple(runs[active.name] for active in tasks))
-        found.append(replace(expansion, mode=mode, tasks=tuple(tasks)))
-    return found
+    return members
 
 
 def _shared(active: ActiveTask) -> Iterator[tuple[str, str]]:

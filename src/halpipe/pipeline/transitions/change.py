@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.models import Anchor, Task
+from halpipe.pipeline.solve.groups import linked_tasks
 from halpipe.pipeline.transitions.line import GridMode, Layer, Line, LineJob, Window
 
 if TYPE_CHECKING:
@@ -138,6 +139,12 @@ class Change:
     def most(self) -> dict[str, int]:
         """The longest distance of two starts of each periodic task of both modes."""
         return {pace.task: pace.most for pace in self.paces}
+
+    @cached_property
+    def group(self) -> dict[str, list[str]]:
+        """Return for every task those, itself included, whose jobs can be in the way of its own."""
+        groups = ([active.name for active in tasks] for tasks in linked_tasks(self.after.expansion).values())
+        return {name: names for names in groups for name in names}
 
     # ---- who precedes whom
 

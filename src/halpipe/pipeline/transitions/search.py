@@ -2,7 +2,7 @@
 
 What is fixed is in `Change`: the cycles of the mode before and of the mode after. What is asked: the fewest jobs that
 keep tasks of both modes from starving and that give jobs of the mode after the predecessors they need. Jobs are placed
-by latest start first; those that do not fit are tried earlier in the next round.
+by latest start first; those that do not fit are tried earlier in the next round, with those in their way alone.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.transitions.line import Line, LineJob, Shape, Window
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.pipeline.transitions.change import Change, Pace
 
@@ -56,6 +56,8 @@ class Table:
         self.change = change
         self.length = length
         self.work = 0
+        self._wanted: dict[str, list[_Wanted]] = {}
+        self._count = 0
         self._placed: dict[str, list[LineJob]] = {}
         self._paced: dict[tuple[str, int], LineJob] = {}
 
@@ -64,39 +66,43 @@ class Table:
         clash = self.change.clash(self.length)
         if clash is not None:
             return Blocked(clash, "unit or resource is still in use by the mode before")
-        wanted = self._wanted()
-        if isinstance(wanted, Blocked):
-            return wanted
+        hopeless = self._want_all() or self._crowded()
+        if hopeless is not None:
+            return hopeless
         patience = PATIENCE + len(self.change.paces) // MORE_PATIENCE
-        blocked, fewest, stale = Blocked("", ""), len(wanted) + 1, 0
-        while stale < patience:
-            placed = self._place(wanted)
-            if isinstance(placed, tuple):
-                return placed
-            blocked = Blocked(placed[0].task, placed[0].rule, progress=1)
-            fewest, stale = (len(placed), 0) if len(placed) < fewest else (fewest, stale + 1)
-            for want in placed:
+        unfit, fewest, stale = self._place(self._wanted), self._count + 1, 0
+        while unfit:
+            blocked = Blocked(unfit[0].task, unfit[0].rule, progress=1)
+            fewest, stale = (len(unfit), 0) if len(unfit) < fewest else (fewest, stale + 1)
+            for want in unfit:
                 want.order -= 1
-                self._want_predecessors_of(want, wanted)
-        return blocked
+                self._want_predecessors_of(want)
+            if stale >= patience:
+                return blocked
+            unfit = self._place(want.task for want in unfit)
+        return tuple(_numbered([job for jobs in self._placed.values() for job in jobs]))
 
     # ---- what is wanted
 
-    def _wanted(self) -> list[_Wanted] | Blocked:
-        wanted: list[_Wanted] = []
+    def _want(self, *wanted: _Wanted) -> None:
+        for want in wanted:
+            self._wanted.setdefault(want.task, []).append(want)
+        self._count += len(wanted)
+
+    def _want_all(self) -> Blocked | None:
         for pace in self.change.paces:
             found = self._against_starving(pace)
             if isinstance(found, Blocked):
                 return found
-            wanted += found
+            self._want(*found)
         for job, window in self.change.open_windows:
             low, high = job.start - window.high + self.length, job.start - window.low + self.length
             if self.change.has_past(window, low, high):
                 continue
-            blocked = self._want_predecessor(job, window, low, high, wanted)
+            blocked = self._want_predecessor(job, window, low, high)
             if blocked is not None:
                 return blocked
-        return wanted
+        return None
 
     def _against_starving(self, pace: Pace) -> list[_Wanted] | Blocked:
         """Return the starts that fill a gap between the last job before and the first job after the switch."""
@@ -115,63 +121,85 @@ class Table:
             wanted.append(_Wanted(pace.task, earliest, latest, "would not start often enough", number=number))
         return wanted
 
-    def _want_predecessor(
-        self, job: LineJob, window: Window, low: int, high: int, wanted: list[_Wanted]
-    ) -> Blocked | None:
+    def _want_predecessor(self, job: LineJob, window: Window, low: int, high: int) -> Blocked | None:
         """Narrow a start that is wanted anyway to one that meets the window, or want one more."""
         rule = f'job of "{job.task}" lacks its predecessor "{window.task}"'
         shapes = self.change.after.shapes.get(window.task)
         if not shapes:
             return Blocked(job.task, rule)
         instants = (low, high, window)
-        if any(known.task == window.task and instants in known.instants for known in wanted):
+        wanted = self._wanted.get(window.task, ())
+        if any(instants in known.instants for known in wanted):
             return None
         lags = [window.lag(shape) for shape in shapes]
         earliest, latest = max(0, low - max(lags)), min(self.length - 1, high - min(lags))
         if earliest > latest:
             return Blocked(job.task, rule)
         for known in wanted:
-            if known.task != window.task or known.instants:
-                continue
-            if known.earliest <= latest and earliest <= known.latest:
+            if not known.instants and known.earliest <= latest and earliest <= known.latest:
                 known.earliest, known.latest = max(known.earliest, earliest), min(known.latest, latest)
                 known.instants.append(instants)
                 return None
-        wanted.append(_Wanted(window.task, earliest, latest, rule, instants=[instants]))
+        self._want(_Wanted(window.task, earliest, latest, rule, instants=[instants]))
         return None
 
-    def _want_predecessors_of(self, want: _Wanted, wanted: list[_Wanted]) -> None:
+    def _want_predecessors_of(self, want: _Wanted) -> None:
         """Want the jobs without which no version of a job of the table finds its predecessors."""
         change = self.change
         shape = change.after.shapes[want.task][0]
         for window in (stated.of(shape) for stated in change.after.windows[want.task, shape.version]):
             low, high = want.earliest - window.high, want.latest - window.low
             met = change.has_past(window, low, high) or change.has_future(window, low - self.length, high - self.length)
-            if met or not change.after.shapes.get(window.task) or len(wanted) > change.most_wanted:
+            if met or not change.after.shapes.get(window.task) or self._count > change.most_wanted:
                 continue
             shift = window.lag(change.after.shapes[window.task][0])
             earliest, latest = max(0, low - shift), min(self.length - 1, high - shift)
-            if earliest <= latest and not any(w.task == window.task and w.latest == latest for w in wanted):
-                wanted.append(_Wanted(window.task, earliest, latest, want.rule, want.order))
+            if earliest <= latest and all(w.latest != latest for w in self._wanted.get(window.task, ())):
+                self._want(_Wanted(window.task, earliest, latest, want.rule, want.order))
 
     # ---- placing
 
-    def _place(self, wanted: list[_Wanted]) -> tuple[LineJob, ...] | list[_Wanted]:
-        """Place every wanted job, predecessors first; return them numbered, or the wishes that do not fit."""
+    def _crowded(self) -> Blocked | None:
+        """Return a job that finds no room: of those that can run on one unit alone, all but the last end before it."""
+        crowds: dict[str, list[_Wanted]] = {}
+        shapes = self.change.after.shapes
+        for want in (want for wanted in self._wanted.values() for want in wanted):
+            units = {unit for shape in shapes[want.task] for unit in shape.units}
+            if len(units) == 1 and not any(shape.parts for shape in shapes[want.task]):
+                crowds.setdefault(units.pop(), []).append(want)
+        for crowd in crowds.values():
+            lengths = [min(shape.length for shape in shapes[want.task]) for want in crowd]
+            span = max(want.latest for want in crowd) - min(want.earliest for want in crowd)
+            if sum(lengths) - max(lengths) > span:
+                return Blocked(crowd[-1].task, crowd[-1].rule, progress=1)
+        return None
+
+    def _place(self, tasks: Iterable[str]) -> list[_Wanted]:
+        """Place anew the wanted jobs of the groups of some tasks, predecessors first; return those that do not fit.
+
+        Jobs of one group never stand in the way of another, so what is placed of the others stays.
+        """
         change = self.change
-        line = Line(change.after.quanta, (change.tail_layer, 0), (change.future_layer, self.length))
-        self._placed, self._paced = {}, {}
         unfit: list[_Wanted] = []
-        for want in sorted(wanted, key=lambda w: (w.order, change.depth[w.task], w.latest, w.task)):
-            job = self._place_one(want, line)
-            if job is None:
-                unfit.append(want)
-                continue
-            line.enter(job)
-            self._placed.setdefault(job.task, []).append(job)
-            if want.number:
-                self._paced[want.task, want.number] = job
-        return unfit or tuple(_numbered([job for jobs in self._placed.values() for job in jobs]))
+        for group in {change.group[task][0]: change.group[task] for task in tasks}.values():
+            line = Line(change.after.quanta, (change.tail_layer, 0), (change.future_layer, self.length))
+            wanted = [want for task in group for want in self._wanted.get(task, ())]
+            for want in wanted:
+                self._placed[want.task] = []
+                self._paced.pop((want.task, want.number), None)
+            for want in sorted(wanted, key=self._turn):
+                job = self._place_one(want, line)
+                if job is None:
+                    unfit.append(want)
+                    continue
+                line.enter(job)
+                self._placed[job.task].append(job)
+                if want.number:
+                    self._paced[want.task, want.number] = job
+        return sorted(unfit, key=self._turn)
+
+    def _turn(self, want: _Wanted) -> tuple[int, int, int, str]:
+        return want.order, self.change.depth[want.task], want.latest, want.task
 
     def _place_one(self, want: _Wanted, line: Line) -> LineJob | None:
         self.work += 1

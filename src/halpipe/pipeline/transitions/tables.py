@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Diagnostic, about, error, warning
+from halpipe.core.diagnostics import Diagnostic, about, error, note, warning
 from halpipe.core.records import record
 from halpipe.models import Job, Part, Schedule, Status, TaskModel, Transition, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
@@ -36,6 +36,9 @@ LENGTHS = 400
 WORK = 60_000
 """Jobs that are placed for one pair, over all lengths, before it is given up."""
 
+MOST_WORK = 400_000
+"""Jobs that are placed for one pair, over all lengths, before no shorter table is looked for."""
+
 LEAST_TRIES = 8
 """Lengths that are tried however large the modes are."""
 
@@ -50,7 +53,13 @@ SPREAD = 4_000
 """Jobs of all pairs together from which processes are worth their start; a job takes about a millisecond."""
 
 FEW_PAIRS = 2
-"""Pairs whose first length is tried here: to hand over both modes takes as long as to find an easy table."""
+"""Pairs up to which all are searched here: to hand over both modes takes as long as to find an easy table."""
+
+MAY_BE_LONG = note(
+    "HAL0416",
+    "Transition table may be longer than necessary",
+    "The search for a shorter table of this mode pair ended at its limit of work. The table is valid.",
+)
 
 Check = Callable[["TaskModel", "Schedule", TransitionTable], bool]
 """Decides whether a table is valid: the independent check of the stages. It may be sent to another process."""
@@ -67,6 +76,16 @@ class Switched:
     diagnostics: tuple[Diagnostic, ...]
     failed: tuple[tuple[str, str], ...] = ()
     stopped: bool = False
+
+
+@record
+class _Cut:
+    """A table for which the search of a shorter one ended with the work that it may take."""
+
+    table: TransitionTable
+
+
+_Result = TransitionTable | Blocked | _Cut | None
 
 
 @record
@@ -106,11 +125,16 @@ def switch_tables(
     found: dict[int, TransitionTable | Blocked] = {n: kept[p.name] for n, p in enumerate(pairs) if p.name in kept}
     order = [number for number in range(len(pairs)) if number not in found]
     order.sort(key=lambda number: pairs[number].name not in (doubtful or ()))
-    is_stopped = False
+    is_stopped, notes = False, list[Diagnostic]()
     for number, result in zip(order, _results([pairs[n] for n in order], go_on, workers or Workers()), strict=False):
         if result is None:
             is_stopped = True
             break
+        if isinstance(result, _Cut):
+            result = result.table
+            pair, help = pairs[number], f"state a max-length below {result.length}"
+            text = f"the search for one shorter than {result.length} ended after {MOST_WORK} placed jobs"
+            notes.append(MAY_BE_LONG(text, at=pair.transition.at, path=about(transition=pair.name), help=help))
         found[number] = result
         if isinstance(result, Blocked) and doubtful is not None:
             break
@@ -118,7 +142,7 @@ def switch_tables(
     blocked = {number: result for number, result in sorted(found.items()) if isinstance(result, Blocked)}
     return Switched(
         () if blocked and doubtful is not None else tables,
-        tuple(_failure(model, pairs[number].transition, result) for number, result in blocked.items()),
+        (*notes, *(_failure(model, pairs[number].transition, result) for number, result in blocked.items())),
         tuple(pairs[number].name for number in blocked),
         is_stopped,
     )
@@ -135,32 +159,21 @@ def _pairs(model: TaskModel, schedule: Schedule, check: Check) -> list[_Pair]:
     return pairs
 
 
-def _results(pairs: list[_Pair], go_on: GoOn, workers: Workers) -> Iterator[TransitionTable | Blocked | None]:
+def _results(pairs: list[_Pair], go_on: GoOn, workers: Workers) -> Iterator[_Result]:
     """Yield what comes of every pair; None for the first that is not finished."""
-    is_spread = workers.count > 1 and len(pairs) > 1 and sum(pair.jobs for pair in pairs) >= SPREAD
-    done, total = 0, len(pairs)
-    if is_spread and total <= FEW_PAIRS:
-        while done < total and (table := _at_once(pairs[done], partial(go_on, done, total))) is not None:
-            yield table
-            done += 1
-    if is_spread and total - done > 1:
-        yield from workers.spread(_shortest, pairs[done:], lambda more: go_on(done + more, total))
+    total = len(pairs)
+    is_spread = workers.count > 1 and total > FEW_PAIRS and sum(pair.jobs for pair in pairs) >= SPREAD
+    if is_spread:
+        yield from workers.spread(_shortest, pairs, lambda done: go_on(done, total))
         return
-    for number in range(done, total):
+    for number in range(total):
         if not go_on(number, total):
             yield None
             return
         yield _shortest(pairs[number], partial(go_on, number, total))
 
 
-def _at_once(pair: _Pair, go_on: Callable[[], bool]) -> TransitionTable | None:
-    """Return the table of the least length with which no task must starve, if there is one: no other is looked at."""
-    search = _Search(pair, go_on)
-    lengths = search.possible()
-    return search.table if lengths and search.tries(lengths[0]) else None
-
-
-def _shortest(pair: _Pair, go_on: Callable[[], bool] = lambda: True) -> TransitionTable | Blocked | None:
+def _shortest(pair: _Pair, go_on: Callable[[], bool] = lambda: True) -> _Result:
     """Return the shortest table that is found: where one length works, most longer ones do.
 
     So some lengths are tried from short to long, then some just below the first that works; the rest only if none
@@ -171,9 +184,10 @@ def _shortest(pair: _Pair, go_on: Callable[[], bool] = lambda: True) -> Transiti
     coarse = range(0, len(lengths), _step(len(lengths), pair.jobs))
     rest = [index for index in range(len(lengths)) if index not in coarse]
     index = next((index for index in (*coarse, *rest) if search.tries(lengths[index])), -1)
-    if search.table is not None and coarse.step > 1:
-        search.shorten(lengths[max(0, index - coarse.step) : index + 1])
-    return None if search.is_stopped else search.table or search.blocked
+    if search.table is None or search.is_stopped:
+        return None if search.is_stopped else search.blocked
+    is_shortest = coarse.step == 1 or search.shorten(lengths[max(0, index - coarse.step) : index + 1])
+    return None if search.is_stopped else search.table if is_shortest else _Cut(search.table)
 
 
 def _step(lengths: int, jobs: int) -> int:
@@ -217,11 +231,14 @@ class _Search:
         table = self._table(length)
         return table is not None and self._takes(table)
 
-    def shorten(self, lengths: list[int]) -> None:
-        """Look for a table between the last of `lengths`, which works, and the first, by halves; have it checked."""
+    def shorten(self, lengths: list[int]) -> bool:
+        """Look for a table between the last of `lengths`, which works, and the first, by halves; have it checked.
+
+        Return whether that was finished with the work that one pair may take.
+        """
         found: list[TransitionTable] = []
         below, works = 0, len(lengths) - 1
-        while works - below > 1:
+        while works - below > 1 and self._work <= MOST_WORK:
             middle = (below + works) // 2
             table = self._table(lengths[middle])
             if table is None:
@@ -229,6 +246,7 @@ class _Search:
             else:
                 found, works = [table, *found], middle
         any(self._takes(table) for table in found)
+        return works - below <= 1
 
     def _table(self, length: int) -> TransitionTable | None:
         self.is_stopped = self.is_stopped or not self._go_on()
