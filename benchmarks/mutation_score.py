@@ -132,7 +132,7 @@ ROOMS = {
         "pipeline/whatif",
         (
             "unit/pipeline/test_whatif_* cli/test_cli_whatif* properties/test_whatif_* properties/test_growth_* "
-            "unit/test_options*"
+            "properties/test_cost_verify_split* unit/workbench/test_session* unit/test_options*"
         ),
     ),
     "solve": ("pipeline/solve", "unit/pipeline/test_*"),
