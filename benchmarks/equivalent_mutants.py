@@ -12,6 +12,7 @@ MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("rounding.py", "if least >= before:"): "nothing is due then, and nothing is added",
     ("operations.py", "start = 1"): "operations that all come a tick later have the same lateness",
     ("operations.py", "_RELEASE, _DECIDE = (1, 4)"): "no order lies between",
     ("phases.py", "return max(left // (len(rates) - number), 2)"): "a bus that moves no byte per second and channel",

@@ -83,7 +83,7 @@ def nearest_windows(platform: Platform, spans: Iterable[Duration]) -> list[int]:
     """
     cycle = seconds(Fraction(1, platform.clock))
     counts = [int(window / cycle) for window in divisors(greatest_common_divisor(spans), cycle)]
-    fitting = [n for n in counts if n >= LEAST_CYCLES and platform.capacity * n >= platform.burst * platform.clock]
+    fitting = [n for n in counts if n >= platform.least_cycles]
     whole = [n for n in fitting if (platform.capacity * n) % (platform.burst * platform.clock) == 0]
     chosen = whole or fitting
     return [n for n in chosen if n < platform.cycles][-1:] + [n for n in chosen if n > platform.cycles][:1]

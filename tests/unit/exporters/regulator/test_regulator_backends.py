@@ -135,6 +135,7 @@ def test_scripts_are_shell(tmp_path, name):
 def test_names_in_c_are_unique_and_plain():
     found = identifiers(["a->b", "a.to.b", "a-b", "a_b", "1"])
     assert found == ["A_TO_B", "A_TO_B_2", "A_B", "A_B_2", "1"]
+    assert identifiers(["a b", "a-b", "a.b"]) == ["A_B", "A_B_2", "A_B_3"]
 
 
 def test_file_names_are_unique_and_safe():

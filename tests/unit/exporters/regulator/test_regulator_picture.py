@@ -45,6 +45,12 @@ def test_tables_lie_below_each_other_with_room_for_their_texts():
     assert f'viewBox="0 0 {WIDTH + 100} ' in picture
 
 
+def test_a_resource_that_one_mode_alone_uses_has_its_picture():
+    system, schedule = switching()
+    idle = replace(schedule.modes[1], jobs=())
+    assert ">mode slow<" in picture_of(system, replace(schedule, modes=(schedule.modes[0], idle), transitions=()))
+
+
 def test_the_legend_has_four_rows_to_a_line_above_the_tables():
     for units, lines in ((2, 1), (3, 2), (4, 2), (5, 3)):
         picture = picture_of(*many(units))

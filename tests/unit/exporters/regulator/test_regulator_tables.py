@@ -160,6 +160,8 @@ def test_a_burst_of_the_mode_before_needs_room_in_the_first_window(tmp_path):
     assert (found.code, found.path) == (codes.OVER_CAPACITY.id, 'mode "after"')
     assert "window 0 needs 101 bursts of 64 bytes, there is room for 100" in found.message
     assert build(tmp_path, system, schedule, capacity="6.464MB/s")[0].room == 101
+    earlier = replace(tables[0], jobs=(job(system, "a", 0, 8, "u1"),))  # nothing is left of it in the last window
+    build(tmp_path, system, replace(schedule, modes=(earlier, tables[1])))
 
 
 def test_exactly_full_fits_and_one_burst_more_does_not(tmp_path):
