@@ -143,7 +143,7 @@ Answers = Annotated[AnswerFormat, typer.Option("--format", help="Form of the ans
 
 def print_json(value: Any) -> None:
     """Print an answer as JSON; durations are texts in it."""
-    output.text(json.dumps(value, indent=2, ensure_ascii=True, default=str))
+    output.text(json.dumps(value, indent=2, default=str))
 
 
 def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:

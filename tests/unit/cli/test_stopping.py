@@ -9,7 +9,9 @@ import pytest
 
 from halpipe.cli import invoke
 from halpipe.cli.searching import Stop
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.core.durations import seconds
+from halpipe.pipeline.solve.codes import INTERRUPTED
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -55,3 +57,16 @@ def test_an_explanation_that_is_stopped_ends_as_interrupted(tmp_path, monkeypatc
     monkeypatch.setattr(Stop, "clock", lambda stop: signal.raise_signal(signal.SIGINT) or clock(stop))
     assert invoke(["explain", "first/model.xml"]) == 130
     assert "stopping; what was found so far follows" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("is_user", [True, False])
+def test_a_search_that_ends_with_nothing_was_stopped_by_the_user_or_by_its_limit(is_user, tmp_path, monkeypatch):
+    def ended(*_):
+        if is_user:
+            signal.raise_signal(signal.SIGINT)
+        raise HalpipeError(INTERRUPTED("stopped"), exit=Exit.INTERRUPTED)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("halpipe.pipeline.checked.schedule_model", ended)
+    assert invoke(["new", "first"]) == 0
+    assert invoke(["schedule", "first/model.xml", "-o", "s.xml"]) == (Exit.INTERRUPTED if is_user else Exit.NOT_FOUND)

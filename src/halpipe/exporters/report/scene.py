@@ -231,5 +231,5 @@ def _ms(value: Duration) -> float:
 
 def embedded(plain: Plain) -> str:
     """Return values as JSON that may stand in a page, whatever names they hold."""
-    text = json.dumps(plain, separators=(",", ":"), ensure_ascii=True)
+    text = json.dumps(plain, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
