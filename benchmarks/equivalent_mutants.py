@@ -119,6 +119,8 @@ EQUIVALENT = {
     ("server.py", "self._token = secrets.token_urlsafe(25)"): "a longer secret is as good",
     ("server.py", "if int(request.headers.get('content-length') or 1) > MAX_BODY or 'transfer-encoding' in request.headers:"): "1 is as far below the limit as 0",
     ("session.py", "BUDGET = 2001"): BUDGET,
+    ("trial.py", "BUDGET = 2001"): BUDGET,
+    ("size.py", "largest = min((2 - margin for margin in margins if margin is not None), default=Fraction(0))"): "a guess of where to begin, from which the first value without a proof is found all the same",
     ("checks.py", "return textwrap.fill(text, min(101, shutil.get_terminal_size().columns), break_on_hyphens=False)"): BUDGET,
     ("modegraph.py", "_CHARACTERS = 20"): BUDGET,
     ("modegraph.py", "return (start[0] + dx * half_height // abs(dy), start[1] + (half_height if dy >= 0 else -half_height))"): "a level line leaves at a side",
