@@ -6,9 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.models import Interrupt, Part, Split
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.whatif import sensitivity
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
 from halpipe.pipeline.whatif.trial import Search
 from support import after, chain, job, mode, model, ms, schedule, task, version
@@ -238,3 +240,14 @@ def test_a_task_that_polls_grows_until_its_arrivals_wait_too_long():
     owner = replace(task("a", 10, version("v", 1), slack=1), distance=ms(14))
     system = model(owner)
     assert growth(system, schedule(system, 10, job(system, "a", 0, 0, "u1")))[0] == ms(3)
+
+
+@pytest.mark.parametrize(("most", "names"), [(9, ()), (3, ("a",)), (8, None), (2, None)])
+def test_versions_that_take_too_many_jobs_to_verify_are_to_be_named(monkeypatch, most, names):
+    """Each of three versions takes three jobs to verify, where one of them may be cut."""
+    monkeypatch.setattr(sensitivity, "MOST_VERIFIED", most)
+    if names is not None:
+        assert len(list(sensitivities(*split_case(), frozenset(names)))) == (len(names) or 3)
+        return
+    with pytest.raises(HalpipeError, match="HAL0444"):
+        list(sensitivities(*split_case(), frozenset("a" if most < 3 else ())))

@@ -25,6 +25,11 @@ NONE_FOUND = error(
     "The search found no schedule for any value that was tried, up to the one beyond which a larger one cannot help. "
     "That is no proof: the budget may be too small. If it is not, something else is too scarce.",
 )
+TOO_MANY_JOBS = error(
+    "HAL0444",
+    "Schedule is too large for the growth of every version",
+    "Where jobs are split or interrupted, or modes are switched, all jobs are verified anew for each version.",
+)
 NOT_COMPARABLE = error(
     "HAL0445",
     "Files of different kinds cannot be compared",

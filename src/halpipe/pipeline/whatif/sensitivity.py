@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.options import Form, option
 from halpipe.core.records import record
@@ -20,6 +21,7 @@ from halpipe.pipeline.parts import parts_of, reserved_length, service_of
 from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
+from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.trial import (
     WINDOWS,
     Changed,
@@ -36,6 +38,9 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel, TransitionTable, Version
+
+MOST_VERIFIED = 20_000_000
+"""Jobs that are verified if every version has to be grown once."""
 
 
 @record(kw_only=True)
@@ -84,22 +89,26 @@ def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -
     require_names(sorted(tasks), (task.name for task in model.tasks), "task")
     tick = common_tick(model, schedule)
     whole = _has_undisturbed_jobs(model) and not any(True for _ in model.refinements())
+    asked = [(t.name, v.name, v.wcet) for t in model.tasks for v in t.versions if not tasks or t.name in tasks]
+    jobs = sum(len(mode.jobs) for mode in schedule.modes) + sum(len(table.jobs) for table in schedule.transitions)
+    if (schedule.transitions or not whole) and len(asked) * jobs > MOST_VERIFIED:
+        text = f"{len(asked)} versions of {jobs} jobs are more than {MOST_VERIFIED} jobs to verify"
+        raise HalpipeError(codes.TOO_MANY_JOBS(text, help="name the tasks in question with --task"))
     modes = {mode.name: FixedStarts.of(model, mode, tick) for mode in schedule.modes} if whole else {}
-    for task in model.tasks:
-        for version in task.versions:
-            if version.wcet is None or (tasks and task.name not in tasks):
-                continue
-            limit = _in_modes(modes, task.name, version.name)
-            if not whole:
-                limit = _by_verify(model, schedule, task.name, version.name, tick)
-            limit = _across_switches(model, schedule, task.name, version.name, tick, limit)
-            yield Sensitivity(
-                task=task.name,
-                version=version.name,
-                wcet=version.wcet,
-                growth=None if limit is None else tick * limit.growth,
-                reason="" if limit is None else limit.reason,
-            )
+    for task, version, wcet in asked:
+        if wcet is None:
+            continue
+        limit = _in_modes(modes, task, version)
+        if not whole:
+            limit = _by_verify(model, schedule, task, version, tick)
+        limit = _across_switches(model, schedule, task, version, tick, limit)
+        yield Sensitivity(
+            task=task,
+            version=version,
+            wcet=wcet,
+            growth=None if limit is None else tick * limit.growth,
+            reason="" if limit is None else limit.reason,
+        )
 
 
 def _in_modes(modes: dict[str, FixedStarts], task: str, version: str) -> Limit | None:
