@@ -109,11 +109,13 @@ VOLUMES = $(addprefix tests/properties/test_,amalthea_requirements.py edf_refere
   refined.py refined_search.py search_verify.py split_exhaustive.py split_search.py verify_mutations.py \
   verify_never_raises.py verify_split_mutations.py) tests/unit/selftest/test_selftest_mutants.py tests/riscv/cosim/test_cosim_mutants.py \
   tests/realdata/test_amalthea_silence.py tests/unit/deploy/regulator/test_regulator_kernels.py
-# The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
+# The worst inputs of each reader, 10 MB each, then large models through every verb, then 2000 kills, then every verb
+# with little memory: more than an hour.
 # Then valid systems through every verb: 100 000 take about an hour of the processor. Then slow tests of the search with
 # five times as many systems, and reports at all sizes of a window.
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
+	cd tests && ../$(BIN)/python large_models.py
 	cd tests && ../$(BIN)/python kills.py 2000
 	cd tests && ../$(BIN)/python limits.py
 	cd tests && ../$(BIN)/python every_verb.py $(SYSTEMS)

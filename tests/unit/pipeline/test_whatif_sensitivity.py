@@ -1,5 +1,6 @@
 """What stops a WCET from growing, rule by rule; the exactness itself is a property (test_growth_verify)."""
 
+from bisect import bisect_left
 from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
@@ -8,8 +9,9 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.models import Interrupt, Part, Split
+from halpipe.models import Anchor, Interrupt, Part, Split
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif import sensitivity
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
 from halpipe.pipeline.whatif.trial import Search
@@ -242,12 +244,55 @@ def test_a_task_that_polls_grows_until_its_arrivals_wait_too_long():
     assert growth(system, schedule(system, 10, job(system, "a", 0, 0, "u1")))[0] == ms(3)
 
 
-@pytest.mark.parametrize(("most", "names"), [(9, ()), (3, ("a",)), (8, None), (2, None)])
-def test_versions_that_take_too_many_jobs_to_verify_are_to_be_named(monkeypatch, most, names):
-    """Each of three versions takes three jobs to verify, where one of them may be cut."""
-    monkeypatch.setattr(sensitivity, "MOST_VERIFIED", most)
-    if names is not None:
-        assert len(list(sensitivities(*split_case(), frozenset(names)))) == (len(names) or 3)
-        return
-    with pytest.raises(HalpipeError, match="HAL0444"):
-        list(sensitivities(*split_case(), frozenset("a" if most < 3 else ())))
+def verified(monkeypatch, system, plan, *names):
+    """Return the least limit of jobs to verify within which the growth of the versions is found."""
+
+    def fits(most):
+        monkeypatch.setattr(sensitivity, "MOST_VERIFIED", most)
+        try:
+            return len(rows(system, plan, *names)) > 0
+        except HalpipeError:
+            return False
+
+    return bisect_left(range(10_000), True, key=fits)
+
+
+def test_versions_that_take_too_many_jobs_to_verify_are_to_be_named(monkeypatch):
+    """Of each: that it can grow up to the next job on the unit, and why it cannot by more; a job comes after each."""
+    one = 2 * (sensitivity.BESIDE + 2)
+    assert verified(monkeypatch, *split_case(), "a") == one
+    assert verified(monkeypatch, *split_case(), "b") == one + 2  # "c" keeps the length of the hyperperiod
+    monkeypatch.setattr(sensitivity, "MOST_VERIFIED", one - 1)
+    with pytest.raises(HalpipeError, match=r"HAL0444(?s:.)*--task"):
+        rows(*split_case(), "a")
+
+
+@pytest.mark.parametrize("count", [10, 20])
+def test_a_version_costs_the_same_in_a_larger_system(monkeypatch, count):
+    """One task keeps the length of the hyperperiod; two versions meet it anyway, itself and the one before."""
+    jagged = replace(version("v", 1), split=Split(points=(ms(1) / 2,)))
+    system = model(*(task(f"t{n:02}", 100, jagged) for n in range(count)))
+    plan = schedule(system, 100, *(job(system, f"t{n:02}", 0, 3 * n, "u1") for n in range(count)))
+    assert verified(monkeypatch, system, plan) == count * 2 * (sensitivity.BESIDE + 3) - 2 * 2
+
+
+def test_growth_ends_where_a_window_is_lost_that_more_would_find_again():
+    """The end of "a" may lie up to 2 ms after one of "p", which are at 1 and 5 ms; it lies at 2 ms."""
+    row = replace(after("p", 0, 2, "end"), to=Anchor.END)
+    system = model(task("p", 4, version("v", 1, "u2")), task("a", 8, version("v", 2, "u1", row)), units="u1 u2")
+    plan = schedule(system, 8, job(system, "p", 0, 0, "u2"), job(system, "p", 1, 4, "u2"), job(system, "a", 0, 0, "u1"))
+    amount, reason = growth(system, plan)
+    assert amount == ms(1)
+    assert "the window is [0ms, 2ms]" in reason
+
+
+def test_growth_with_interrupts_ends_where_a_window_is_lost_that_more_would_find_again():
+    """An interrupt takes a millisecond of every two, so that growth by 1 ms moves its end from 2 to 4 ms."""
+    row = replace(after("p", 0, 1, "end"), to=Anchor.END)
+    system = model(task("p", 4, version("v", 1, "u2")), task("a", 16, version("v", 1, "u1", row)), units="u1 u2")
+    first = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(2), wcet=ms(1)),))
+    system = replace(system, units=(first, *system.units[1:]))
+    slower = replace(job(system, "a", 0, 0, "u1"), end=ms(2))
+    plan = schedule(system, 16, *(job(system, "p", n, 4 * n, "u2") for n in range(4)), slower)
+    assert not [found for found in verify(system, plan) if found.is_error]
+    assert growth(system, plan)[0] == ms(0)

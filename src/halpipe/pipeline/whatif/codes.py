@@ -28,7 +28,8 @@ NONE_FOUND = error(
 TOO_MANY_JOBS = error(
     "HAL0444",
     "Schedule is too large for the growth of every version",
-    "Where jobs are split or interrupted, or modes are switched, all jobs are verified anew for each version.",
+    "Where jobs are split or interrupted, and where modes are switched, the jobs that a version can run into and those "
+    "tied to it are verified anew for each.",
 )
 NOT_COMPARABLE = error(
     "HAL0445",

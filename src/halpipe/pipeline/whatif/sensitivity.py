@@ -14,14 +14,13 @@ from halpipe.core.options import Form, option
 from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.models.modes import require_names
-from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.latency import Measure, members_of, worst_age, worst_latency, worst_reaction
-from halpipe.pipeline.measure.placement import PlacedJob, Placement
 from halpipe.pipeline.parts import parts_of, reserved_length, service_of
 from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif import codes
+from halpipe.pipeline.whatif.excerpt import Section, Sections
 from halpipe.pipeline.whatif.trial import (
     WINDOWS,
     Changed,
@@ -37,10 +36,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from fractions import Fraction
 
-    from halpipe.models import Chain, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel, TransitionTable, Version
+    from halpipe.models import Chain, Job, Precedence, Schedule, Task, TaskModel, Version
+    from halpipe.pipeline.measure.placement import PlacedJob, Placement
 
-MOST_VERIFIED = 20_000_000
-"""Jobs that are verified if every version has to be grown once."""
+
+MOST_VERIFIED = 1_000_000
+"""Jobs that are verified, one after the other, to see how much all versions can grow."""
+
+BESIDE = 8
+"""Jobs that take as long to verify as what verify does beside them."""
 
 
 @record(kw_only=True)
@@ -82,26 +86,18 @@ class Sensitivity:
 def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -> Iterator[Sensitivity]:
     """Yield one row for each version of the named tasks (or all), for a schedule that verifies.
 
-    By `growth` more the schedule still verifies, with every start where it is; by anything more it does not. Where jobs
-    are split or interrupted, serve arrivals, or keep requirements of MODEL 10, verify itself says so: by a tick more it
-    does not. There the last segment of a preemptive job grows.
+    By `growth` more, and by anything less, the schedule still verifies, with every start where it is; by anything more
+    it does not. Where jobs are split or interrupted, serve arrivals, or keep requirements of MODEL 10, and in switches,
+    verify itself says so: by a tick more it does not. There the last segment of a preemptive job grows.
     """
     require_names(sorted(tasks), (task.name for task in model.tasks), "task")
     tick = common_tick(model, schedule)
-    whole = _has_undisturbed_jobs(model) and not any(True for _ in model.refinements())
-    asked = [(t.name, v.name, v.wcet) for t in model.tasks for v in t.versions if not tasks or t.name in tasks]
-    jobs = sum(len(mode.jobs) for mode in schedule.modes) + sum(len(table.jobs) for table in schedule.transitions)
-    if (schedule.transitions or not whole) and len(asked) * jobs > MOST_VERIFIED:
-        text = f"{len(asked)} versions of {jobs} jobs are more than {MOST_VERIFIED} jobs to verify"
-        raise HalpipeError(codes.TOO_MANY_JOBS(text, help="name the tasks in question with --task"))
-    modes = {mode.name: FixedStarts.of(model, mode, tick) for mode in schedule.modes} if whole else {}
-    for task, version, wcet in asked:
+    asked = {(t.name, v.name): v.wcet for t in model.tasks for v in t.versions if not tasks or t.name in tasks}
+    limits = _limits(model, schedule, tick, [key for key, wcet in asked.items() if wcet is not None])
+    for (task, version), wcet in asked.items():
         if wcet is None:
             continue
-        limit = _in_modes(modes, task, version)
-        if not whole:
-            limit = _by_verify(model, schedule, task, version, tick)
-        limit = _across_switches(model, schedule, task, version, tick, limit)
+        limit = limits.get((task, version))
         yield Sensitivity(
             task=task,
             version=version,
@@ -111,6 +107,24 @@ def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -
         )
 
 
+def _limits(
+    model: TaskModel, schedule: Schedule, tick: Duration, asked: list[tuple[str, str]]
+) -> dict[tuple[str, str], Limit]:
+    """Return the limit of each version that has a job: first what the modes allow, then what the switches do."""
+    sections = Sections(model, schedule, tick)
+    whole = _has_undisturbed_jobs(model) and not any(True for _ in model.refinements())
+    modes = {name: FixedStarts(each, sections.chains) for name, each in sections.placements.items()} if whole else {}
+    found = {key: limit for key in asked if (limit := _in_modes(modes, *key)) is not None}
+    longest = {mode.name: mode.hyperperiod // tick for mode in schedule.modes}
+    cap = max(longest.values(), default=0)
+    judge = _Judge(tick, whole=whole)
+    judged = [] if whole else zip(sections.modes(), longest.values(), strict=True)
+    for section, most in (*judged, *((switch, cap) for switch in sections.switches())):
+        for key in filter(section.__contains__, asked):
+            found[key] = judge.tightened(found.get(key) or Limit(most, "length of the hyperperiod"), section, key)
+    return found
+
+
 def _in_modes(modes: dict[str, FixedStarts], task: str, version: str) -> Limit | None:
     limits = []
     for name, starts in modes.items():
@@ -118,37 +132,6 @@ def _in_modes(modes: dict[str, FixedStarts], task: str, version: str) -> Limit |
         if limit is not None:
             limits.append(Limit(limit.growth, f'mode "{name}": {limit.reason}' if len(modes) > 1 else limit.reason))
     return min(limits, key=lambda limit: limit.growth, default=None)
-
-
-def _by_verify(model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration) -> Limit | None:
-    """Return the limit that the modes give which use the version, each looked at alone."""
-    limit: Limit | None = None
-    for mode in schedule.modes:
-        if any((job.task, job.version) == (task, version) for job in mode.jobs):
-            alone = model.alone(mode.name)
-            most = limit or Limit(mode.hyperperiod // tick, "length of the hyperperiod")
-            limit = _across(
-                alone, schedule.alone((mode,)), task, version, tick, most, _room(mode, task, version) // tick
-            )
-    return limit
-
-
-def _room(mode: ModeSchedule, task: str, version: str) -> Duration:
-    """Return after what growth the jobs of a version certainly run into who comes next on one of their units."""
-    starts: dict[str, list[Duration]] = {}
-    for job in mode.jobs:
-        for unit in job.units:
-            starts.setdefault(unit, []).extend(start % mode.hyperperiod for start, _ in job.occupations())
-    for each in starts.values():
-        each.sort()
-    rooms = []
-    for job in mode.jobs:
-        end = job.end % mode.hyperperiod
-        for unit in job.units if (job.task, job.version) == (task, version) else ():
-            following = bisect_left(starts[unit], end)
-            turn = ZERO if following < len(starts[unit]) else mode.hyperperiod
-            rooms.append(starts[unit][following % len(starts[unit])] + turn - end)
-    return min(rooms)
 
 
 def _has_undisturbed_jobs(model: TaskModel) -> bool:
@@ -191,48 +174,44 @@ def grown(
     return replace(model, tasks=tasks), replace(schedule, modes=modes, transitions=tables)
 
 
-# ------------------------------------------------------------------------------------------------ switches
+# ------------------------------------------------------------------------------------------------ what verify says
 
 
-def _across_switches(
-    model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration, limit: Limit | None
-) -> Limit | None:
-    """Tighten a limit by what verify says of the switches, each with its two modes."""
-    for table in schedule.transitions:
-        alone = _switch_alone(model, schedule, table)
-        jobs = [*table.jobs, *(job for mode in alone[1].modes for job in mode.jobs)]
-        if not any((job.task, job.version) == (task, version) for job in jobs):
-            continue
-        if limit is None:  # used by a table only
-            limit = Limit(max(mode.hyperperiod for mode in schedule.modes) // tick, "length of the hyperperiod")
-        limit = _across(*alone, task, version, tick, limit)
-    return limit
+class _Judge:
+    """Asks verify, which is the only one to know all rules, about excerpts; `whole`: jobs are in one piece.
 
+    Growth into the next job on a unit is known to break a rule. Whole jobs without requirements of MODEL 10 that meet
+    nothing, and whose task is tied to none, break none.
+    """
 
-def _switch_alone(model: TaskModel, schedule: Schedule, table: TransitionTable) -> tuple[TaskModel, Schedule]:
-    pair = (table.source, table.target)
-    listed = tuple(t for t in model.allowed_transitions() if (t.source, t.target) == pair)
-    alone = model.alone(*pair, transitions=listed)
-    modes = tuple(mode for mode in schedule.modes if mode.name in pair)
-    return alone, schedule.alone(modes, (table,))
+    def __init__(self, tick: Duration, *, whole: bool) -> None:
+        self._tick, self._whole, self._verified = tick, whole, 0
 
+    def tightened(self, limit: Limit, section: Section, key: tuple[str, str]) -> Limit:
+        """Return the limit of a version, or a tighter one that a mode or a switch gives."""
+        room = section.room(*key)
+        if self._whole and (room.free is None or room.free >= limit.growth):
+            return limit
+        if self._whole and room.units is not None and room.free == room.units:
+            return Limit(room.units, section.met(room))
+        excerpt = section.around(key[0], room)
 
-def _across(
-    model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration, limit: Limit, room: int | None = None
-) -> Limit:
-    """Bisect with verify, which is the only one to know all rules; growth beyond `room` is known to break one."""
+        def breaks(growth: int, halves: int = 0) -> str:
+            return self._fault(grown(*excerpt, *key, self._tick * (2 * growth + halves) / 2))
 
-    def fault(growth: int) -> str:
-        longer = grown(model, schedule, task, version, tick * growth)
-        return next((f"{d.path}: {d.message}" for d in verify(*longer) if d.is_error), "")
+        most = limit.growth if room.units is None else min(room.units, limit.growth)
+        most = next((growth for growth in section.turns(*key, most) if breaks(growth, 1)), most)
+        good = bisect_left(range(1, most), True, key=lambda growth: bool(breaks(growth))) if breaks(most) else most
+        return limit if good == limit.growth else Limit(good, breaks(good + 1) or breaks(good, 1))
 
-    bad = limit.growth
-    if room is not None and room < limit.growth:
-        bad = room + 1
-    elif not fault(limit.growth):
-        return limit
-    good = bisect_left(range(1, bad), True, key=lambda growth: bool(fault(growth)))
-    return Limit(good, fault(good + 1))
+    def _fault(self, system: tuple[TaskModel, Schedule]) -> str:
+        schedule = system[1]
+        jobs = [len(mode.jobs) for mode in schedule.modes] + [len(table.jobs) for table in schedule.transitions]
+        self._verified += BESIDE + sum(jobs)
+        if self._verified > MOST_VERIFIED:
+            text = f"the growth of all versions takes more than {MOST_VERIFIED} jobs to verify"
+            raise HalpipeError(codes.TOO_MANY_JOBS(text, help="name the tasks in question with --task"))
+        return next((f"{found.path}: {found.message}" for found in verify(*system) if found.is_error), "")
 
 
 # ------------------------------------------------------------------------------------------------ search
@@ -316,17 +295,9 @@ def common_tick(model: TaskModel, schedule: Schedule) -> Duration:
 class FixedStarts:
     """The jobs of one mode, in ticks, each at its start; the schedule of the mode is valid."""
 
-    model: TaskModel
     placement: Placement
-
-    @classmethod
-    def of(cls, model: TaskModel, mode: ModeSchedule, tick: Duration) -> FixedStarts:
-        """Put a valid schedule of a mode onto the grid of `tick`."""
-        expansion = expand(model, model.mode(mode.name))
-        coarse = Placement.of(expansion, mode.jobs, model.units)
-        times = coarse.tick // tick
-        jobs = tuple(replace(job, start=job.start * times, length=job.length * times) for job in coarse.jobs)
-        return cls(model, Placement(expansion, tick, jobs))
+    chains: dict[str, list[Chain]]
+    """Those with a limit, by task."""
 
     def limit(self, task: str, version: str) -> Limit | None:
         """Return the tightest limit for a version; None where no job uses it."""
@@ -444,8 +415,8 @@ class FixedStarts:
 
     def _chains(self, growing: list[PlacedJob], cap: int) -> Iterator[Limit]:
         by_task = self.placement.by_task
-        for chain in self.model.chains:
-            if growing[0].active.name not in chain.tasks or not all(name in by_task for name in chain.tasks):
+        for chain in self.chains.get(growing[0].active.name, ()):
+            if not all(name in by_task for name in chain.tasks):
                 continue
             stated = (
                 ("latency", chain.max_latency, worst_latency),
@@ -462,16 +433,18 @@ class FixedStarts:
     def _chain_reach(self, chain: Chain, measure: Measure, limit: int, growing: list[PlacedJob], cap: int) -> int:
         """Return the largest growth up to `cap` within the limit, by bisection: latencies grow with it."""
         name, version = growing[0].active.name, growing[0].version.name
+        tasks = tuple(self.placement.expansion.by_name[each] for each in dict.fromkeys(chain.tasks))
+        expansion = replace(self.placement.expansion, tasks=tasks)
 
         def keeps(growth: int) -> bool:
             jobs = tuple(
                 replace(job, length=job.length + growth)
                 if (job.active.name, job.version.name) == (name, version)
                 else job
-                for job in self.placement.jobs
-                if job.active.name in chain.tasks
+                for member in tasks
+                for job in self.placement.by_task[member.name]
             )
-            members = members_of(replace(self.placement, jobs=jobs), chain)
+            members = members_of(replace(self.placement, expansion=expansion, jobs=jobs), chain)
             latency = None if members is None else measure(members, self._circle)
             return latency is not None and latency <= limit
 
