@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 class Room(NamedTuple):
-    """What the jobs of a version meet as they grow, in ticks; None: without end."""
+    """The way that jobs of a version have before they meet others as they grow, in ticks; None: without end."""
 
     units: int | None
     """Growth beyond which they certainly run into another job on their units."""
