@@ -121,11 +121,19 @@ ROOMS = {
             "unit/exporters/test_split_switches_shown*"
         ),
     ),
-    "explain": ("pipeline/explain", "unit/pipeline/test_explain*"),
-    "generate": ("pipeline/generate", "unit/pipeline/test_generate*"),
+    "explain": (
+        "pipeline/explain",
+        "unit/pipeline/test_explain* properties/test_explain_*",
+    ),
+    "generate": ("pipeline/generate", "unit/pipeline/test_generate* properties/test_generate_witness*"),
     "measure": (
         "pipeline/measure",
-        "unit/pipeline/test_cost* unit/pipeline/test_latency* unit/pipeline/test_metrics* unit/pipeline/test_circle*",
+        (
+            "unit/pipeline/test_cost* unit/pipeline/test_latency* unit/pipeline/test_metrics* "
+            "unit/pipeline/test_circle* unit/pipeline/test_splitting* unit/pipeline/test_margin* "
+            "unit/pipeline/test_objectives* properties/test_cost_verify* properties/test_cost_refined* "
+            "properties/test_margin_bounds*"
+        ),
     ),
     "transitions": ("pipeline/transitions", "unit/pipeline/test_transitions*"),
     "whatif": (
@@ -136,8 +144,20 @@ ROOMS = {
         ),
     ),
     "solve": ("pipeline/solve", "unit/pipeline/test_*"),
+    "pipeline": (
+        "pipeline",
+        (
+            "unit/pipeline/test_health* unit/pipeline/test_stable* unit/pipeline/test_freeze* "
+            "unit/pipeline/test_parts* unit/pipeline/test_splitting* unit/pipeline/test_expand* "
+            "unit/pipeline/test_diff* unit/pipeline/test_latency* unit/pipeline/test_cost* "
+            "unit/pipeline/test_bound_modes* unit/pipeline/test_crowded* unit/pipeline/test_plan* "
+            "unit/pipeline/test_checked* unit/pipeline/test_transitions* unit/test_formats_and_checked* "
+            "unit/cli/test_shown* unit/workbench/test_reached* properties/test_cost_verify_split* "
+            "properties/test_cost_refined*"
+        ),
+    ),
 }
-"""The folder of each room in the package, and its tests."""
+"""The folder of each room in the package, without those of rooms inside it, and its tests."""
 
 OPTIONS = ["-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no", "-o", "timeout=0"]
 MEMORY = 3 << 30
@@ -364,12 +384,14 @@ def copied(place: Path) -> None:
             shutil.copy(ROOT / name, place)
 
 
-def mutants(folder: Path, only: str) -> list[tuple[Path, int]]:
-    """Return the places of all of them, or those of one file or line."""
+def mutants(package: Path, room: str, only: str) -> list[tuple[Path, int]]:
+    """Return the places of all of them, or those of one file or line; rooms inside the room have their own."""
     name, _, line = only.partition(":")
+    folders = {package / folder: room for room, (folder, _) in ROOMS.items()}
     found = []
-    for path in sorted(folder.rglob("*.py")):
-        if path.name != "codes.py" and name in ("", path.name):
+    for path in sorted((package / ROOMS[room][0]).rglob("*.py")):
+        innermost = next(folders[folder] for folder in path.parents if folder in folders)
+        if innermost == room and path.name != "codes.py" and name in ("", path.name):
             found += [(path, number) for number in range(len(places(ast.parse(path.read_text()))))]
     return [place for place in found if not line or Mutant(*place).line == int(line)]
 
@@ -418,10 +440,10 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="print them and try none")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="halpipe-mutants-") as name:
-        place, (folder, patterns) = Path(name).resolve(), ROOMS[options.room]
-        patterns += " unit/test_limit_constants*"  # the limits of all rooms
+        place = Path(name).resolve()
+        patterns = ROOMS[options.room][1] + " unit/test_limit_constants*"  # the limits of all rooms
         copied(place)
-        found = mutants(place / PACKAGE / folder, options.only)
+        found = mutants(place / PACKAGE, options.room, options.only)
         print(f"{len(found)} places", flush=True)
         if options.mutants:
             found = random.Random(options.seed).sample(found, min(options.mutants, len(found)))

@@ -136,3 +136,8 @@ def test_timeliness_is_cut_to_six_digits():
     system = model(task("a", 6, version(), slack="1/2"), task("b", 12, version()), task("c", 12, version(), slack=1))
     jobs = [job(system, "a", 0, 0, "u1"), job(system, "a", 1, 7, "u1"), job(system, "b", 0, 3, "u1")]
     assert terms(system, *jobs).timeliness == Fraction(888888, 10**6)  # 8/9
+
+
+def test_without_jobs_nothing_is_late_and_all_units_are_empty():
+    found = terms(model(task("a", 10, version()), units="u1 u2"))
+    assert (found.timeliness, found.occupancy, found.precedence) == (1, 1, 0)

@@ -119,13 +119,63 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     assert texts(1)[0] != texts(2)[0]
 
 
-def test_the_bytes_of_a_set_never_change():
+SMALL = replace(RICH, tasks=12, units=4)
+GOLDEN = {
+    "rich": (SMALL, 1, "579bcafff2eeb6b4ec5bacae0fa99fa5e18e685c8cb4e56bd5571a4956386369"),
+    "one unit": (
+        SetParameters(tasks=5, units=1, unit_types=1, access_windows=12),
+        2,
+        "f8d5dec4bec148bb30489fea82f1ab94d60b79395c8b27d38748bcdd86371b96",
+    ),
+    "few tasks": (
+        SetParameters(tasks=3, units=5, access_windows=2, multi_version=Fraction(1, 2)),
+        3,
+        "8c32740cb8ad7f0fbd21811448d74be1906d9abc10cd2f6aa178f2b12e0f4f1a",
+    ),
+    "gang": (
+        SetParameters(tasks=31, units=6, gang=Fraction(1, 2), precedence=Fraction(1)),
+        4,
+        "866adeae701526727cd8ed871902cab70b099ad04a41fb743c9c7b7ea9a27a5f",
+    ),
+    "gang on three units": (
+        SetParameters(tasks=24, units=3, unit_types=1, gang=Fraction(1, 4)),
+        5,
+        "d560b30d8c746d7c26d04cff4afdd8df5af2497916f12db7bc3ab705cf94badf",
+    ),
+    "full resources": (
+        SetParameters(tasks=24, resources=3, resource_fill=Fraction(9, 10)),
+        6,
+        "4c73639c98c89aaa47cfdf0337f1b79264a1c7856d89b05e6bb7fd7530a33119",
+    ),
+    "full resources in shares": (
+        replace(SMALL, tasks=16, gang=Fraction(0), resource_fill=Fraction(4, 5)),
+        7,
+        "8359853b24eedd1da68a1a2a9ff54b89bd4ea6b5bf1c9ff92cfee9bccc4f3a18",
+    ),
+    "many windows": (
+        SetParameters(tasks=8, units=2, resources=1, access_windows=60, fractional=True),
+        8,
+        "2d4c59eead164cb87f2612ebf5c80fba45f2f1484a1df0215a392e652ef36936",
+    ),
+    "unlike units": (
+        SetParameters(tasks=24, units=7, unit_types=2, unlike_units=True, gang=TENTH),
+        9,
+        "9926358d803f7db0bd21f8521b10e9a53e39405ff8ffb6f8a853adf070ae311d",
+    ),
+    "periods": (
+        SetParameters(units=2, periods=tuple(map(milliseconds, (5, 10, 33, 400, 10, 20)))),
+        10,
+        "6386c539c6b665a269a635000c23c3eda48eb37604cffe82c6410d55683cb7cf",
+    ),
+    "table iii": (TABLE_III[3].cells[-1], 11, "7d322d0061867ca41c43451bcfc1c2d3f388e253ea2e974c648e8c9279d0e0ce"),
+}
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_the_bytes_of_a_set_never_change(name):
     """Measurements are quoted with parameters and seed alone; if this fails, they are about other sets."""
-    small = replace(RICH, tasks=12, units=4, resource_fill=None)
-    assert sha256(format_model(generate(small, 1))) == GOLDEN
-
-
-GOLDEN = "579bcafff2eeb6b4ec5bacae0fa99fa5e18e685c8cb4e56bd5571a4956386369"
+    parameters, seed, digest = GOLDEN[name]
+    assert sha256(format_model(generate(parameters, seed))) == digest
 
 
 @pytest.mark.parametrize(
@@ -159,3 +209,90 @@ def test_a_hyperperiod_too_short_for_its_tasks_is_refused():
     with pytest.raises(HalpipeError) as caught:
         generate(SetParameters(hyperperiod=Duration(6000)), 1)
     assert [finding.code for finding in caught.value.diagnostics] == ["HAL0922"]
+
+
+LIMITS = {
+    "tasks": (1, 100_000),
+    "units": (1, 10_000),
+    "unit_types": (1, 10_000),
+    "resources": (0, 10_000),
+    "access_windows": (0, 1_000_000),
+}
+WIDE = SetParameters(units=10_000, access_windows=0)
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_counts_may_be_as_small_and_as_large_as_their_limits(name):
+    wide = replace(WIDE, units=10_000 if name != "units" else 2, unit_types=1)
+    for limit, beyond in zip(LIMITS[name], (-1, 1), strict=True):
+        replace(wide, **{name: limit}).check()
+        with pytest.raises(HalpipeError) as caught:
+            replace(wide, **{name: limit + beyond}).check()
+        found = next(finding for finding in caught.value.diagnostics if finding.path == name)
+        assert found.help == "give a number from {} to {}".format(*LIMITS[name])
+
+
+@pytest.mark.parametrize("name", ["multi_version", "precedence", "utilisation", "slack", "resource_fill"])
+def test_shares_may_be_one(name):
+    SetParameters(**{name: Fraction(1)}).check()
+
+
+def test_half_of_the_tasks_may_be_gangs_on_two_units_of_each_type():
+    half = SetParameters(gang=Fraction(1, 2), units=4)
+    half.check()
+    with pytest.raises(HalpipeError):
+        replace(half, units=3).check()
+
+
+def test_resources_may_be_left_out_where_nothing_uses_them():
+    none = SetParameters(resources=0, access_windows=0)
+    assert achieved(generate(none, 1)).resource_fill == 0
+    for changes in ({"access_windows": 1}, {"resource_fill": TENTH}):
+        with pytest.raises(HalpipeError):
+            replace(none, **changes).check()
+
+
+def test_the_fill_of_one_resource_is_the_share_of_its_time():
+    wanted = SetParameters(resources=1, resource_fill=Fraction(1, 2))
+    assert abs(achieved(generate(wanted, 5)).resource_fill - Fraction(1, 2)) < Fraction(1, 1000)
+
+
+@pytest.mark.parametrize(
+    ("changes", "unused"),
+    [
+        ({}, ("fractional",)),
+        ({"access_windows": 1}, ()),
+        ({"resource_fill": TENTH}, ("access_windows",)),
+        ({"resource_fill": Fraction(0), "access_windows": 1}, ("access_windows", "fractional")),
+        ({"periods": (milliseconds(5),)}, ("tasks", "hyperperiod", "fractional")),
+    ],
+)
+def test_parameters_without_effect_beside_the_others_are_named(changes, unused):
+    assert replace(SetParameters(access_windows=0), **changes).unused() == unused
+
+
+def test_the_experiments_of_table_iii_take_what_the_paper_reports():
+    assert [row.number for row in TABLE_III] == [1, 2, 3, 4]
+    assert [row.paper_seconds for row in TABLE_III] == [(460, 6816), (500, 700), (470, 630), (240, 400)]
+    platforms = {(types, Fraction(share, 10)) for types in (2, 3) for share in (6, 7)}
+    assert [{(cell.unit_types, cell.utilisation) for cell in row.cells} for row in TABLE_III] == [
+        *[platforms] * 3,
+        {(1, Fraction(7, 10))},
+    ]
+    assert [{cell.multi_version for cell in row.cells} for row in TABLE_III[::3]] == [{TENTH}, {0}]
+    steps = [sorted({getattr(cell, row.varies) for cell in row.cells}) for row in TABLE_III[1:3]]
+    assert [[int(100 * share) for share in shares] for shares in steps] == [[0, 10, 25, 50], [0, 20, 40, 60]]
+    assert not any(cell.fractional or cell.unlike_units for row in TABLE_III for cell in row.cells)
+
+
+def test_stated_periods_may_have_as_many_jobs_as_the_limit():
+    SetParameters(periods=(Duration(1000), Duration(999_999_000))).check()
+    with pytest.raises(HalpipeError, match="give 1000001 jobs"):
+        SetParameters(periods=(Duration(1000), Duration(1_000_000_000))).check()
+
+
+@pytest.mark.parametrize("tasks", [1, 2])
+def test_a_microsecond_for_each_sextant_is_enough_for_few_tasks(tasks):
+    short = SetParameters(tasks=tasks, units=1, unit_types=1, hyperperiod=Duration(6000), access_windows=0)
+    model, schedule = generate_with_witness(short, 1)
+    assert errors(model, schedule) == []

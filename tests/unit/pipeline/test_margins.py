@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.models import Anchor, Interrupt, Split
+from halpipe.models import Anchor, Binding, Interrupt, Split
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.margins import LARGEST_MARGIN, least_margin
@@ -145,3 +145,55 @@ def test_the_bound_knows_how_long_a_late_input_waits():
     rare = task("b", 20, version("v", 3), slack=1)
     system = model(task("a", 10, version("v", 2), slack=1), rare, chains=[chain("c", "a b", reaction=25)])
     assert bound(system) == 0
+
+
+def test_no_bound_passes_the_largest_margin():
+    assert bound(model(task("a", 1000, version("v", 1)))) == LARGEST_MARGIN == 100
+
+
+@pytest.mark.parametrize("limit", [{"reaction": 26}, {"age": 6}, {"max_latency": ms(6)}])
+@pytest.mark.parametrize(
+    ("changes", "most"),
+    [({}, Fraction(1, 2)), ({"anchor": Anchor.END}, Fraction(13, 7)), ({"to": Anchor.START}, Fraction(13, 7))],
+)
+def test_the_bound_knows_the_time_that_a_chain_leaves(limit, changes, most):
+    """Both tasks take 5 ms, so that a millisecond is left between a and b, which use one unit."""
+    tasks = [task("a", 10, version("v", 2), slack=1), task("b", 20, version("v", 3), slack=1)]
+    stated = {name: limit[name] for name in ("reaction", "age") if name in limit}
+    row = replace(chain("c", "a b", **stated), max_latency=limit.get("max_latency"), **changes)
+    assert bound(model(*tasks, chains=[row])) == most
+    read_at_release = replace(tasks[0], let=ms(10))
+    assert bound(model(read_at_release, tasks[1], chains=[row])) == Fraction(13, 7)
+
+
+@pytest.mark.parametrize(("other", "most"), [((), Fraction(9, 11)), ((version("w", 5, "u1 u2"),), Fraction(1))])
+def test_the_bound_knows_the_least_work_of_all_versions_on_all_their_units(other, most):
+    """Of 20 ms on two units, 5 ms and twice 3 ms are in use, or 5 ms and 5 ms."""
+    both = task("a", 10, version("v", 3, "u1 u2", gang=2), *other)
+    assert bound(model(both, task("b", 10, version("v", 5, "u1 u2")), units="u1 u2")) == most
+
+
+@pytest.mark.parametrize(
+    ("binding", "most"),
+    [(Binding.JOB, Fraction(27, 13)), (Binding.MODE, Fraction(2, 3)), (Binding.SYSTEM, Fraction(2, 3))],
+)
+def test_the_bound_knows_that_jobs_of_a_bound_task_share_a_unit(binding, most):
+    bound_task = replace(task("a", 10, version("v", 6, "u1 u2")), binding=binding)
+    assert bound(model(bound_task, task("b", 20, version("v", 1, "u1 u2")), units="u1 u2")) == most
+
+
+@pytest.mark.parametrize(("gang", "most"), [(2, 2), (1, 3)])
+def test_the_bound_knows_the_interrupts_of_a_gang_and_of_the_quietest_unit(gang, most):
+    """With the interrupts of u1, 3 ms of 12 take 4; without, 3."""
+    system = model(task("a", 12, version("v", 3, "u1 u2", gang=gang)), units="u1 u2")
+    often = Interrupt(name="i", distance=ms(5), wcet=ms(1))
+    interrupted = replace(system.units[0], interrupts=(often,))
+    assert bound(replace(system, units=(interrupted, system.units[1]))) == most
+
+
+@pytest.mark.parametrize(("gangs", "most"), [((1, 1), Fraction(3)), ((1, 2), 0), ((2, 1), 0)])
+def test_the_bound_knows_that_gangs_have_a_unit_in_common(gangs, most):
+    """b starts at the end of a, on one of its units or on the other one."""
+    first, second = (version("v", c, "u1 u2", gang=gang) for c, gang in zip((2, 5), gangs, strict=True))
+    late = replace(second, precedences=(after("a", 0, 0, "end"),))
+    assert bound(model(task("a", 20, first), task("b", 20, late), units="u1 u2")) == most

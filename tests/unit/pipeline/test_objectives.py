@@ -1,0 +1,74 @@
+"""The figures of the objectives by hand, and which of two schedules is the better one."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from placed_cases import place
+from split_helpers import parted, points, split
+
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.objectives import MEASURES, Judge, Objective, Worth, whole_weights
+from support import chain, job, model, ms, task, version
+
+JITTER, PREEMPTIONS, CHAINS, COST = Objective.JITTER, Objective.PREEMPTIONS, Objective.CHAINS, Objective.COST
+
+
+def measured(objective, system, *jobs):
+    return MEASURES[objective](system, place(system, *jobs))
+
+
+@pytest.mark.parametrize(
+    ("starts", "jitter"),
+    [((2, 12, 22), 0), ((2, 15, 22), 3), ((2, 15, 24), 3), ((28, 12, 22), 4), ((29, 9, 22), 3)],
+)
+def test_jitter_is_the_largest_delay_less_the_least_of_each_periodic_task(starts, jitter):
+    """The job before the release of the others lies at the end of the cycle of 30 ms."""
+    system = model(task("a", 10, version(), slack=1), task("b", 30, version(), slack=1), task("h", None, version()))
+    jobs = [job(system, "a", index, start, "u1") for index, start in enumerate(starts)]
+    assert measured(JITTER, system, *jobs, job(system, "b", 0, 17, "u1")) == ms(jitter).ns
+    other = [job(system, "b", 0, 17, "u1")]
+    assert measured(JITTER, system, *other) == 0
+
+
+def test_preemptions_are_the_gaps_of_all_jobs():
+    cut = split(version("v", 6), points(2, 4))
+    system = model(task("a", 20, cut), task("b", 20, cut), task("c", 20, version()))
+    jobs = [parted("a", 0, "u1", (0, 2, 0, 2), (3, 5, 2, 4), (8, 10, 4, 6)), job(system, "c", 0, 2, "u1")]
+    assert measured(PREEMPTIONS, system, *jobs) == 2
+    assert measured(PREEMPTIONS, system, *jobs, parted("b", 0, "u1", (5, 7, 0, 2), (10, 14, 2, 6))) == 3
+    assert measured(PREEMPTIONS, system, jobs[1]) == 0
+
+
+def test_chains_are_the_weighted_sum_of_reaction_times_and_data_ages():
+    heavy = replace(chain("c", "a"), weight=Fraction(3, 2))
+    system = model(task("a", 10, version("v", 2)), chains=[heavy, chain("d", "a")])
+    placed = job(system, "a", 0, 9, "u1")
+    assert measured(CHAINS, system, placed) == (ms(12).ns + ms(2).ns) * Fraction(5, 2)
+    assert whole_weights(system.chains) == (3, 2)
+
+
+def test_a_schedule_is_better_if_it_is_as_good_as_the_best_and_nothing_is_worse_than_at_first():
+    system = model(task("a", 20, version(), slack=1), task("b", 10, version(), slack=1))
+    judge = Judge(system, expand(system, system.modes[0]), (JITTER, COST))
+
+    def jobs(second):
+        return [job(system, "a", 0, 3, "u1"), job(system, "b", 0, 0, "u1"), job(system, "b", 1, second, "u1")]
+
+    late, later = judge.worth(jobs(12)), judge.worth(jobs(14))
+    assert (late.values[0], later.values[0]) == (ms(2).ns, ms(4).ns)
+    assert judge.better(jobs(12), later, later) == late
+    assert judge.better(jobs(12), later, late) == late
+    assert judge.better(jobs(14), later, late) is None
+    assert judge.better(jobs(12), Worth((later.values[0], late.values[1] - 1)), later) is None
+
+
+@pytest.mark.parametrize(
+    ("objectives", "is_led"),
+    [((CHAINS,), True), ((CHAINS, COST), True), ((CHAINS, JITTER), False), ((COST, CHAINS), False), ((), False)],
+)
+def test_chains_lead_where_nothing_but_the_bonuses_comes_after_them(objectives, is_led):
+    system = model(task("a", 10, version()), task("b", 10, version()), chains=[chain("c", "a b"), chain("d", "a x")])
+    judge = Judge(system, expand(system, system.modes[0]), objectives)
+    assert judge.is_led_by_chains == is_led
+    assert judge.chain_weights == (1,)
