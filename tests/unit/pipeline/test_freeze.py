@@ -4,11 +4,13 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from split_helpers import parted
 
 from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.models import Split
 from halpipe.pipeline.checked import schedule_model, verify_schedule
-from halpipe.pipeline.shipped import check_shipped
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.shipped import check_shipped, overlaps, staying
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, after, job, mode, model, ms, schedule, task, version
@@ -134,3 +136,68 @@ def test_preemptive_jobs_that_are_all_shipped_stay_where_windows_from_releases_h
     again = found(made, shipped)
     assert again.is_complete
     assert placed(again) == {(j.task, j.index): (j.start, j.units, j.version) for j in shipped.modes[0].jobs}
+
+
+def overlapping(system, *jobs):
+    """Return unit, begin, end and the jobs of every overlap, as tasks with indices."""
+    expansion = expand(system, system.modes[0])
+    return [
+        (unit, begin, end, f"{one.task}{one.index}", f"{other.task}{other.index}")
+        for unit, begin, end, one, other in overlaps(expansion, jobs)
+    ]
+
+
+def test_overlaps_name_the_unit_and_the_time_also_round_the_edge():
+    rows = [task("a", 10, version("v", 4, UNITS, gang=2), slack=1), task("b", 20, version("v", 3, UNITS), slack=1)]
+    system = model(*rows, units=UNITS)
+    a, late, b = job(system, "a", 0, 1, UNITS), job(system, "a", 1, 11, UNITS), job(system, "b", 0, 4, "u2")
+    assert overlapping(system, b, late, a) == [("u2", ms(4), ms(5), "a0", "b0")]
+    around = job(system, "b", 0, 19, "u1")
+    assert overlapping(system, around, late, a) == [("u1", ms(21), ms(22), "b0", "a0")]
+    assert overlapping(system, job(system, "b", 0, 18, "u1"), a) == []
+    assert overlapping(system, around) == []
+
+
+def test_of_three_jobs_at_a_time_neighbours_are_named():
+    rows = [task(name, 20, version("v", 4), slack=1) for name in "abc"]
+    system = model(*rows)
+    jobs = [job(system, name, 0, start, "u1") for name, start in (("a", 2), ("b", 2), ("c", 5))]
+    assert [found[3:] for found in overlapping(system, *jobs)] == [("a0", "b0"), ("b0", "c0")]
+
+
+@pytest.mark.parametrize(
+    ("changes", "stays"),
+    [
+        ({}, True),
+        ({"start": ms(20)}, False),
+        ({"start": ms("19.9ms")}, True),
+        ({"version": "w"}, False),
+        ({"units": ("u3",)}, False),
+        ({"units": ("u1", "u2")}, False),
+        ({"index": 1, "task": "new"}, False),
+    ],
+)
+def test_jobs_of_a_task_stay_if_all_of_them_can(changes, stays):
+    system = model(task("b", 20, version("v", 3, UNITS), slack=1), units="u1 u2 u3")
+    expansion, one = expand(system, system.modes[0]), replace(job(system, "b", 0, 4, "u2"), **changes)
+    assert list(staying(expansion, [one])) == ([one] if stays else [])
+
+
+def test_a_task_of_which_a_job_is_missing_or_in_parts_does_not_stay():
+    system = model(task("a", 10, version("v", 4)), task("b", 20, version("v", 1)))
+    expansion = expand(system, system.modes[0])
+    whole = [job(system, "a", 0, 0, "u1"), job(system, "a", 1, 10, "u1"), job(system, "b", 0, 5, "u1")]
+    assert list(staying(expansion, whole)) == whole
+    assert list(staying(expansion, whole[1:])) == whole[2:]
+    cut = parted("a", 0, "u1", (0, 2, 0, 2), (3, 5, 2, 4))
+    assert list(staying(expansion, [cut, *whole[1:]])) == whole[2:]
+
+
+def test_a_shipped_job_beyond_those_of_its_task_says_how_many_there_are():
+    system = model(task("a", 10, version("v", 4)), task("b", 20, version("v", 1)))
+    jobs = [job(system, "a", 0, 0, "u1"), replace(job(system, "a", 1, 10, "u1"), index=2)]
+    with pytest.raises(HalpipeError) as refused:
+        check_shipped(system, schedule(system, 20, *jobs))
+    [finding] = refused.value.diagnostics
+    assert "the task has 2 jobs in this mode" in finding.message
+    check_shipped(system, schedule(system, 20, jobs[0], replace(jobs[1], index=1)))
