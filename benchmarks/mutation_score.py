@@ -143,7 +143,14 @@ ROOMS = {
             "properties/test_cost_verify_split* unit/workbench/test_session* unit/test_options*"
         ),
     ),
-    "solve": ("pipeline/solve", "unit/pipeline/test_*"),
+    "solve": (
+        "pipeline/solve",
+        (
+            "unit/pipeline/test_[bfimnpqru]* unit/pipeline/test_c[lr]* unit/pipeline/test_cons* unit/pipeline/test_ed* "
+            "unit/pipeline/test_exa* unit/pipeline/test_groups* unit/pipeline/test_li* unit/pipeline/test_s[!c]* "
+            "unit/pipeline/test_turns* unit/pipeline/test_workers*"
+        ),
+    ),
     "pipeline": (
         "pipeline",
         (
@@ -151,9 +158,10 @@ ROOMS = {
             "unit/pipeline/test_parts* unit/pipeline/test_splitting* unit/pipeline/test_expand* "
             "unit/pipeline/test_diff* unit/pipeline/test_latency* unit/pipeline/test_cost* "
             "unit/pipeline/test_bound_modes* unit/pipeline/test_crowded* unit/pipeline/test_plan* "
-            "unit/pipeline/test_checked* unit/pipeline/test_transitions* unit/test_formats_and_checked* "
-            "unit/cli/test_shown* unit/workbench/test_reached* properties/test_cost_verify_split* "
-            "properties/test_cost_refined*"
+            "unit/pipeline/test_checked* unit/pipeline/test_transitions* unit/pipeline/test_reserved* "
+            "unit/pipeline/test_quantise* unit/pipeline/test_search* unit/pipeline/test_explain_on_grid* "
+            "unit/test_formats_and_checked* unit/cli/test_shown* unit/workbench/test_reached* "
+            "properties/test_cost_verify_split* properties/test_cost_refined*"
         ),
     ),
 }

@@ -165,4 +165,4 @@ def latest_phase(offsets: Sequence[T], circle: T) -> T:
         return offsets[0]
     gaps = [(later - earlier, later) for earlier, later in pairwise(offsets)]
     gaps.append((offsets[0] + circle - offsets[-1], offsets[0]))
-    return max(gaps)[1] if len(offsets) > 1 else offsets[0]
+    return max(gaps)[1]

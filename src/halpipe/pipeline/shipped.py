@@ -85,7 +85,7 @@ def overlaps(expansion: Expansion, jobs: Iterable[Job]) -> Iterator[tuple[str, D
         spans.sort(key=lambda span: (span[0], span[1], span[2].task))
         first, last = spans[0], spans[-1]
         cycle = expansion.hyperperiod
-        around = [(last, (first[0] + cycle, first[1] + cycle, first[2]))] if len(spans) > 1 else []
+        around = [(last, (first[0] + cycle, *first[1:]))] if len(spans) > 1 else []
         for (_, end, job), (start, _, other) in [*pairwise(spans), *around]:
             if start < end:
                 yield unit, start, end, job, other

@@ -109,9 +109,10 @@ def settled(before: TaskModel, model: TaskModel, schedule: Schedule, changed: Co
     while more := {n for n in tasks if n not in reached and any(tasks[n] & tasks[other] for other in reached)}:
         reached |= more
     tables = schedule.transitions if before.transitions == model.transitions else ()
+    same = tasks.keys() - reached
     return schedule.alone(
-        tuple(mode for mode in schedule.modes if mode.name in tasks and mode.name not in reached),
-        tuple(table for table in tables if not reached & {table.source, table.target}),
+        tuple(mode for mode in schedule.modes if mode.name in same),
+        tuple(table for table in tables if {table.source, table.target} <= same),
     )
 
 

@@ -82,6 +82,8 @@ def test_a_gap_inside_a_phase_is_refused_but_for_a_lock_which_is_held_through_it
             phase(number, job)
     assert phase(0, job, is_lock=True) == (ms(1), ms(12))
     assert phase(1, job, is_lock=True) == (ms(13), ms(22))
+    twice = parted("a", 0, "u1", (0, 2, 0, 2), (10, 19, 2, 10))
+    assert phase(0, twice, is_lock=True) == (ms(1), ms(12))
 
 
 def test_a_lock_is_taken_in_the_part_that_begins_with_it_and_left_in_the_one_that_ends_with_it():

@@ -1,5 +1,6 @@
 """Schedules near an earlier one: who stays, who moves, and what is said of it."""
 
+import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -7,7 +8,7 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
-from halpipe.models import Split
+from halpipe.models import Binding, Split, Status, TransitionTable
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
@@ -16,9 +17,9 @@ from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.exact import Effort
 from halpipe.pipeline.solve.exact_goals import fewest_moved, is_same
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.pipeline.stable import COVERS, NEAR, _covers
+from halpipe.pipeline.stable import COVERS, NEAR, _covers, settled
 from halpipe.pipeline.verify import verify
-from support import job, model, schedule, task, version
+from support import chain, job, mode, model, ms, schedule, task, version
 
 
 def scheduled(owner, near=None):
@@ -245,3 +246,77 @@ def test_a_limit_on_the_moves_is_decided_where_an_objective_is_not():
     near = scheduled(longer, near=first).schedule.modes[0].jobs
     assert sum(not is_same(each, earlier) for each in near) == 2
     assert fewest_moved(longer, expansion, earlier, {}, near, 1, Effort(work=0.05)).bound == 2
+
+
+def test_what_has_changed_is_named_before_what_makes_room():
+    """b is longer, and of the others those behind it make room."""
+    rows = [("a", 2, 0), ("b", 3, 2), ("d", 2, 5), ("e", 2, 8)]
+    owner = model(*(task(name, 10, version("v", wcet)) for name, wcet, _ in rows))
+    first = schedule(owner, 10, *(job(owner, name, 0, start, "u1") for name, _, start in rows))
+    longer = with_longer(owner, "b", Fraction(4, 3))
+    near = scheduled(longer, near=first)
+    [note] = [d for d in near.diagnostics if d.code == NEAR.id]
+    named = re.findall(r"(\w+) \((.*?)\)", note.message.split("not those of")[1])
+    reasons = [reason for _, reason in named]
+    assert reasons == sorted(reasons)  # "has another WCET" before "makes room"
+    assert len(named) == moved(first, near.schedule)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda t: replace(t, versions=(replace(t.versions[0], name="w"),)), 'has no version "v"'),
+        (lambda t: replace(t, versions=(replace(t.versions[0], units=("u2",)),)), "has other units"),
+        (lambda t: replace(t, versions=(replace(t.versions[0], gang=2),)), "has other units"),
+        (lambda t: replace(t, name="new"), "is new"),
+    ],
+)
+def test_the_note_says_why_a_task_has_moved(change, reason):
+    owner = model(task("a", 10, version("v", 3, "u1 u2")), task("b", 10, version("v", 3, "u1 u2")), units="u1 u2")
+    first = schedule(owner, 10, job(owner, "a", 0, 0, "u1"), job(owner, "b", 0, 3, "u1"))
+    changed = change(owner.tasks[0])
+    near = scheduled(model(changed, owner.tasks[1], units="u1 u2"), near=first)
+    [note] = [d for d in near.diagnostics if d.code == NEAR.id]
+    assert f"{changed.name} ({reason})" in note.message
+
+
+def three_modes(**changes):
+    """x runs in two modes, y and z in one each; with a chain of z."""
+    x, y, z = (task(name, 10, version("v", 2, "u1 u2")) for name in "xyz")
+    modes = [mode("m", [x]), mode("n", [x, y]), mode("o", [z])]
+    return replace(model(x, y, z, units="u1 u2", modes=modes, chains=[chain("c", "z", age=10)]), **changes)
+
+
+def kept(system, changed=()):
+    """Return the modes and switches that stay if the system of three modes becomes this one."""
+    before = three_modes()
+    tables = [schedule(before, 10, mode_name=each.name).modes[0] for each in before.modes]
+    limits = {"length": ms(0), "worst_latency": ms(10), "status": Status.VALID, "jobs": ()}
+    pairs = [TransitionTable(source=p.source, target=p.target, **limits) for p in before.allowed_transitions()]
+    plan = replace(schedule(before, 10), modes=tuple(tables), transitions=tuple(pairs))
+    found = settled(before, system, plan, changed)
+    return "".join(t.name for t in found.modes), " ".join(sorted(t.source + t.target for t in found.transitions))
+
+
+def with_task(system, name, **changes):
+    return replace(system, tasks=tuple(replace(t, **changes) if t.name == name else t for t in system.tasks))
+
+
+def test_modes_are_settled_where_nothing_that_they_depend_on_differs():
+    same = three_modes()
+    assert kept(same) == ("mno", "mn mo nm no om on")
+    assert kept(same, ["n"]) == ("mo", "mo om")
+    assert kept(with_task(same, "y", slack=1)) == ("mo", "mo om")
+    assert kept(with_task(same, "x", slack=1)) == ("o", "")
+    assert kept(replace(same, chains=())) == ("mn", "mn nm")
+    assert kept(replace(same, units=same.units[:1])) == ("", "")
+    renamed = replace(same, modes=(*same.modes[:2], replace(same.modes[2], name="p")))
+    assert kept(renamed) == ("mn", "mn nm")
+
+
+def test_tasks_without_migration_tie_their_modes_together():
+    bound = with_task(three_modes(), "x", binding=Binding.SYSTEM)
+    assert kept(bound)[0] == "o"
+    assert kept(with_task(three_modes(), "y", binding=Binding.SYSTEM))[0] == "mo"
+    both = replace(bound, modes=(*bound.modes[:2], mode("o", [bound.tasks[0]])))
+    assert kept(both)[0] == ""
