@@ -1,0 +1,78 @@
+"""Proofs word for word with their numbers, and the least changes that are proven to be the least ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from golden_file import assert_golden
+from halpipe.importers.native import read_model
+from halpipe.models import Interrupt
+from halpipe.pipeline.explain.codes import REMEDY
+from halpipe.pipeline.explain.explanation import explain
+from support import after, chain, model, ms, task, version
+
+FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "explain").glob("*.xml"))
+
+
+def narrow_after_an_end():
+    """b starts at most 3 ms after the end of a, which is over after 2 to 4 ms; both may slip."""
+    rows = [after("a", 0, 3, "end")]
+    first = task("a", 20, version("v", 2, "u1"), version("w", 4, "u2"), slack="1/20")
+    return model(first, task("b", 8, version("v", 1, "u3", *rows), slack="1/8"), units="u1 u2 u3")
+
+
+def windows_with_slack():
+    """b follows a by 1 to 3 ms, c follows b by 2 to 3 ms and a by 9 to 12 ms, of 20 ms."""
+    rows = (("a", (), 0), ("b", (after("a", 1, 3, "end"),), "1/20"), ("c", (after("b", 2, 3), after("a", 9, 12)), 0))
+    return model(
+        *(task(name, 20, version("v", 1, f"u{n}", *own), slack=slack) for n, (name, own, slack) in enumerate(rows)),
+        units="u0 u1 u2",
+    )
+
+
+def window_against_offsets():
+    """b has the offset 9 ms and follows by at most 3 ms a, which has the offset 2 ms."""
+    late = task("b", 20, version("v", 1, "u2", after("a", 1, 3)), offset=9)
+    return model(task("a", 10, version("v", 1, "u1"), offset=2), late, units="u1 u2")
+
+
+def held_for_a_reaction(reaction=20):
+    """See takes 3 ms on the unit that detect holds for 14 ms of 40."""
+    rows = [("grab", 10, 1, "cpu"), ("see", 10, 3, "gpu"), ("detect", 40, 14, "gpu")]
+    tasks = [task(name, period, version("v", wcet, unit), slack=1) for name, period, wcet, unit in rows]
+    return model(*tasks, units="cpu gpu", chains=[chain("picture", "grab see", reaction=reaction)])
+
+
+def interrupted():
+    """With an interrupt of 1 ms in 5, the 3 ms of a take 4 and the 2 ms of b take 3, of gcd(10, 15) = 5 ms."""
+    system = model(task("a", 10, version("v", 3)), task("b", 15, version("v", 2)))
+    often = Interrupt(name="tick", distance=ms(5), wcet=ms(1))
+    return replace(system, units=(replace(system.units[0], interrupts=(often,)),))
+
+
+SYSTEMS = {
+    path.stem: path for path in FIXTURES if "HAL0435" not in path.name  # needs the exact engine
+} | {
+    "narrow-after-an-end": narrow_after_an_end,
+    "windows-with-slack": windows_with_slack,
+    "window-against-offsets": window_against_offsets,
+    "held-for-a-reaction": held_for_a_reaction,
+    "interrupted": interrupted,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_proofs_and_least_changes(name):
+    made = SYSTEMS[name]
+    found = explain(read_model(str(made)) if isinstance(made, Path) else made())
+    lines = [
+        f"{d.code} {d.path}: {d.message}\n    {d.help}\n"
+        for d in found.diagnostics
+        if d.code != REMEDY.id or "proven" in d.message
+    ]
+    assert_golden(f"explain-{name}.txt", "".join(lines), "pipeline")
+
+
+def test_a_unit_may_be_held_for_as_long_as_the_reaction_leaves():
+    assert explain(held_for_a_reaction(21)).exit == 0
