@@ -124,7 +124,7 @@ ROOMS = {
     "explain": (
         "pipeline/explain",
         "unit/pipeline/test_explain* properties/test_explain_* "
-            "properties/test_exact_and_witnesses* properties/test_blocking* properties/test_split_exhaustive*",
+        "properties/test_exact_and_witnesses* properties/test_blocking* properties/test_split_exhaustive*",
     ),
     "generate": ("pipeline/generate", "unit/pipeline/test_generate* properties/test_generate_witness*"),
     "measure": (
