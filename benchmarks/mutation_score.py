@@ -123,8 +123,10 @@ ROOMS = {
     ),
     "explain": (
         "pipeline/explain",
-        "unit/pipeline/test_explain* properties/test_explain_* "
-        "properties/test_exact_and_witnesses* properties/test_blocking* properties/test_split_exhaustive*",
+        (
+            "unit/pipeline/test_explain* properties/test_explain_* properties/test_exact_and_witnesses* "
+            "properties/test_blocking* properties/test_split_exhaustive*"
+        ),
     ),
     "generate": ("pipeline/generate", "unit/pipeline/test_generate* properties/test_generate_witness*"),
     "measure": (
@@ -149,7 +151,10 @@ ROOMS = {
         (
             "unit/pipeline/test_[bfimnpqru]* unit/pipeline/test_c[lr]* unit/pipeline/test_cons* unit/pipeline/test_ed* "
             "unit/pipeline/test_exa* unit/pipeline/test_groups* unit/pipeline/test_li* unit/pipeline/test_s[!c]* "
-            "unit/pipeline/test_turns* unit/pipeline/test_workers*"
+            "unit/pipeline/test_turns* unit/pipeline/test_workers* properties/test_kernel_cost* "
+            "properties/test_search_verify* properties/test_exact_* properties/test_improving* "
+            "properties/test_split_search* properties/test_edf_reference* properties/test_refined_search* "
+            "properties/test_freeze_split*"
         ),
     ),
     "pipeline": (
