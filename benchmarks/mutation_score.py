@@ -138,7 +138,10 @@ ROOMS = {
             "properties/test_margin_bounds*"
         ),
     ),
-    "transitions": ("pipeline/transitions", "unit/pipeline/test_transitions*"),
+    "transitions": (
+        "pipeline/transitions",
+        "unit/pipeline/test_transitions* properties/test_switch_tables*",
+    ),
     "whatif": (
         "pipeline/whatif",
         (

@@ -1,0 +1,259 @@
+"""The line around a switch, and the instants and paces on it, against trying every tick."""
+
+import random
+from dataclasses import replace
+from itertools import count
+
+import pytest
+
+from halpipe.core.durations import milliseconds
+from halpipe.models import Anchor, Edge, Match
+from halpipe.pipeline.measure.placement import PlacedPart
+from halpipe.pipeline.transitions.change import Change, Pace
+from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape, Window, on_common_grid
+from support import after, job, mode, model, ms, schedule, task, version
+
+CAPACITY = 5
+UNITS = ("u1", "u2", "u3")
+
+
+def drawn_shape(rng, name):
+    """A shape of one to three parts, on one or two of some units, with phases."""
+    busy, at = [], 0
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        length = rng.randint(1, 4)
+        busy.append((at, at + length))
+        at += length + rng.randint(1, 5)
+    parts = tuple(PlacedPart(start, end, start, end) for start, end in busy) if len(busy) > 1 else ()
+    units = tuple(rng.sample(UNITS, rng.randint(1, 3)))
+    length = busy[-1][1]
+    phases = []
+    for _ in range(rng.randrange(3)):
+        begin = rng.randrange(length)
+        phases.append(Phase("mem", begin, rng.randint(begin + 1, length), rng.randint(1, CAPACITY)))
+    return Shape(name, "v", length, units, rng.randint(1, len(units)), tuple(phases), parts)
+
+
+def ticks(spans, start):
+    return {start + tick for begin, end in spans for tick in range(begin, end)}
+
+
+def crosses(one, other):
+    """Whether two spans meet, and neither lies in a gap of the other."""
+
+    def in_gap(inner, outer):
+        gaps = zip(outer.shape.busy, outer.shape.busy[1:], strict=False)
+        return any(outer.start + a[1] <= inner.start and inner.end <= outer.start + b[0] for a, b in gaps)
+
+    meet = one.start < other.end and other.start < one.end
+    return meet and not in_gap(one, other) and not in_gap(other, one)
+
+
+def fits(jobs, new):
+    """Decide by every tick whether a job fits beside others."""
+    for one in jobs:
+        if set(one.units) & set(new.units):
+            if ticks(one.shape.busy, one.start) & ticks(new.shape.busy, new.start):
+                return False
+            if one.shape.parts and new.shape.parts and crosses(one, new):
+                return False
+        if one.task == new.task and one.start < new.end and new.start < one.end:
+            return False
+    for phase in new.shape.phases:
+        for tick in range(new.start + phase.start, new.start + phase.end):
+            held = [p for one in jobs for p in one.shape.phases if one.start + p.start <= tick < one.start + p.end]
+            if sum(p.bound for p in held) + phase.bound > CAPACITY:
+                return False
+    return True
+
+
+def units_of(jobs, shape, start):
+    """The first units, as many as the gang, of which each is free for the job."""
+    own = ticks(shape.busy, start)
+    busy = {unit: set().union(*(ticks(j.shape.busy, j.start) for j in jobs if unit in j.units)) for unit in shape.units}
+    free = [unit for unit in shape.units if not busy[unit] & own]
+    return tuple(free[: shape.gang]) if len(free) >= shape.gang else None
+
+
+def crowded_line(rng):
+    """A line of two layers, one of them moved, and jobs entered since; with all its jobs in their places."""
+    layers, jobs = [[], [], []], []
+    names = (f"t{n}" for n in count())
+    for _ in range(12):
+        shape, layer = drawn_shape(rng, next(names) if rng.random() < 0.8 else "again"), rng.randrange(3)
+        shift = (0, 7, 0)[layer]
+        start = rng.randrange(-5, 40)
+        units = units_of(jobs, shape, start)
+        placed = LineJob(start, shape.task, 0, shape, units or ())
+        if units and fits(jobs, placed):
+            jobs.append(placed)
+            layers[layer].append(placed.moved(-shift))
+    line = Line(CAPACITY, (Layer(layers[0]), 0), (Layer(layers[1]), 7))
+    for placed in layers[2]:
+        line.enter(placed)
+    return line, jobs
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_first_fit_is_the_first_start_at_which_all_is_free(seed):
+    rng = random.Random(seed)
+    line, jobs = crowded_line(rng)
+    for name in ("new", "again"):
+        shape = drawn_shape(rng, name)
+        earliest, latest = rng.randrange(20), rng.randrange(20, 50)
+        found = line.first_fit(shape, earliest, latest)
+        expected = None
+        for start in range(earliest, latest + 1):
+            units = units_of(jobs, shape, start)
+            if units and fits(jobs, LineJob(start, name, 0, shape, units)):
+                expected = (start, units)
+                break
+        assert found == expected
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_jobs_clash_and_overload_where_they_do_not_fit(seed):
+    rng = random.Random(seed)
+    line, jobs = crowded_line(rng)
+    for start in range(-8, 45):
+        shape = drawn_shape(rng, "new")
+        placed = LineJob(start, "new", 0, shape, shape.units[: shape.gang])
+        assert line.clashes(placed) == (not fits(jobs, replace(placed, shape=replace(shape, phases=()))))
+        assert line.overloads(placed) == (not fits(jobs, replace(placed, units=())))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_jobs_cross_where_their_spans_meet_outside_gaps(seed):
+    rng = random.Random(seed)
+    for _ in range(40):
+        one, other = (LineJob(rng.randrange(12), n, 0, drawn_shape(rng, n), ()) for n in "ab")
+        assert one.crosses(other) == other.crosses(one) == crosses(one, other)
+
+
+def test_a_point_of_execution_is_reached_after_the_gaps_before_it():
+    parts = (PlacedPart(0, 3, 0, 3), PlacedPart(10, 15, 3, 8))
+    cut = Shape("a", "v", 15, ("u1",), 1, (), parts)
+    assert [cut.reached(point) for point in (0, 2, 3, 4, 8)] == [0, 2, 3, 11, 15]
+    assert [replace(cut, parts=(), length=8).reached(point) for point in (0, 3, 8)] == [0, 3, 8]
+    assert [Window("a", 0, 0, anchor, 4).lag(cut) for anchor in (Anchor.START, Anchor.END, Anchor.POINT)] == [0, 15, 11]
+    late = LineJob(20, "a", 0, cut, ("u1",), 6)
+    assert Window("a", 0, 0, Anchor.RELEASE).instant(late) == 14
+    assert Window("a", 0, 0, Anchor.POINT, 4).instant(late) == 31
+
+
+def test_a_window_to_an_end_is_one_to_the_start_that_much_earlier():
+    shape = Shape("a", "v", 4, ("u1",), 1, ())
+    window = Window("b", 5, 9, to_end=True)
+    assert window.of(shape) == Window("b", 1, 5)
+    assert Window("b", 5, 9).of(shape) == Window("b", 5, 9)
+
+
+@pytest.mark.parametrize("most", [3, 5, 8])
+@pytest.mark.parametrize("shortest", [1, 2, 3])
+def test_a_pace_can_be_kept_where_some_number_of_starts_divides_the_gap(most, shortest):
+    for gap in range(1, 30):
+        pace = Pace("a", -gap + 2, 0, 0, most, shortest)
+        ways = [parts for parts in range(1, gap + 1) if parts * shortest <= gap <= parts * most]
+        assert pace.can_be_kept(2) == bool(ways)
+
+
+# ------------------------------------------------------------------------------------------------ around one switch
+
+
+def change_of(*tasks, before, later, **more):
+    """The switch between two schedules of the same tasks: rows of task, index, start and unit."""
+    units = "u1 u2 u3"
+    system = model(*tasks, units=units, modes=[mode("m", tasks), mode("n", tasks)], **more)
+    length = max(each.period for each in tasks)
+    tables = [
+        schedule(system, length, *(job(system, *row) for row in rows), mode_name=name).modes[0]
+        for name, rows in (("m", before), ("n", later))
+    ]
+    return Change(*on_common_grid(system, *tables)), system
+
+
+ROWS = [("a", 0, 8, "u1"), ("a", 1, 18, "u1"), ("b", 0, 5, "u2")]
+
+
+def plain_change(*rows, slack=0, edge=Edge.OPEN):
+    tasks = [task("a", 10, version("v", 4), slack=slack), task("b", 20, version("v", 3, "u2", *rows))]
+    found, system = change_of(*tasks, before=ROWS, later=[("a", 0, 1, "u1"), ("a", 1, 11, "u1"), ("b", 0, 16, "u2")])
+    if edge is Edge.CLOSED:
+        closed = replace(system, modes=tuple(replace(m, edge=edge) for m in system.modes))
+        found = Change(*on_common_grid(closed, found.before.schedule, found.after.schedule))
+    return found
+
+
+def test_what_runs_across_the_switch_sets_the_least_length():
+    """The last job of a ends 2 ms after the switch; the first one of the mode after starts at 1 ms."""
+    assert [(job.task, job.start, job.end) for job in plain_change().tail] == [("a", -2, 2)]
+    assert plain_change().least == (1, "a")
+    assert plain_change(edge=Edge.CLOSED).least == (2, "a")
+    assert [plain_change().clash(length) for length in (0, 1, 2)] == ["a", None, None]
+    assert plain_change(edge=Edge.CLOSED).clash(1) == "a"
+
+
+@pytest.mark.parametrize(("slack", "most"), [(0, 10), ("1/4", 12)])
+def test_paces_are_those_of_the_last_and_the_first_jobs(slack, most):
+    a, b = plain_change(slack=slack).paces
+    assert a == Pace("a", -2, 2, 1, most, 4)
+    assert b == Pace("b", -15, -12, 16, 20, 3)
+
+
+@pytest.mark.parametrize("origin", [Anchor.START, Anchor.END])
+@pytest.mark.parametrize(("low", "high"), [(0, 4), (-7, 30), (18, 18), (5, 3), (-45, -20), (21, 43)])
+def test_instants_of_both_modes_are_those_of_all_their_cycles(origin, low, high):
+    change, length = plain_change(), 7
+    own = 4 if origin is Anchor.END else 0
+    past = [start + 20 * cycle + own for cycle in range(-9, 0) for start in (8, 18)]
+    future = [start + 20 * cycle + own for cycle in range(9) for start in (1, 11)]
+    window = Window("a", 0, 0, origin)
+    assert change.has_past(window, low, high) == any(low <= at <= high for at in past)
+    assert change.has_future(window, low, high) == any(low <= at <= high for at in future)
+    expected = [at for at in (*past, *(at + length for at in future)) if low <= at <= high]
+    assert sorted(change.instants(window, low, high, length)) == expected
+    assert change.newest_before(window) == max(past)
+    assert change.newest_before(Window("c", 0, 0)) is None
+    assert change.instants(Window("c", 0, 0), low, high, length) == []
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        after("a", 0, 5),
+        after("a", 5, 5),
+        after("a", 30, 36),
+        after("a", 21, 23, "end"),
+        after("a", 55, 60, "release"),
+        replace(after("a", 8, 12), to=Anchor.END),
+        replace(after("a", 30, 36, "point"), point=milliseconds(2)),
+    ],
+)
+def test_windows_are_open_in_the_first_cycles_of_the_mode_that_no_job_of_it_meets(row):
+    """b starts at 16 of every 20 ms, 3 ms before its end; a at 1 and 11, and is released then."""
+    change = plain_change(row)
+    shift = {Anchor.START: 0, Anchor.RELEASE: 0, Anchor.END: 4, Anchor.POINT: 2}[row.anchor]
+    instants = [start + shift + 20 * cycle for cycle in range(12) for start in (1, 11)]
+    reached = 3 if row.to is Anchor.END else 0
+    low, high = (int(time / milliseconds(1)) for time in (row.min, row.max))
+    expected = [
+        start
+        for start in range(16, 200, 20)
+        if not any(low <= start + reached - instant <= high for instant in instants)
+    ]
+    assert [found.start for found, _ in change.open_windows] == expected
+
+
+def test_a_window_of_the_same_cycle_is_open_for_jobs_of_the_cycle_before_only():
+    row = replace(after("a", 0, 19), match=Match.CYCLE)
+    assert plain_change(row).open_windows == []
+
+
+def test_predecessors_lie_deeper():
+    assert plain_change(after("a", 0, 9)).depth == {"a": 0, "b": 1}
+
+
+def test_versions_that_end_after_the_logical_execution_time_are_not_used():
+    let = replace(task("a", 10, version("v", 4), version("w", 8)), let=ms(6))
+    found, _ = change_of(let, before=[("a", 0, 0, "u1")], later=[("a", 0, 2, "u1")])
+    assert [shape.version for shape in found.after.shapes["a"]] == ["v"]
