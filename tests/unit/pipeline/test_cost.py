@@ -1,12 +1,17 @@
 """Every term of the cost function by hand (paper, section III; MODEL 4)."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 from placed_cases import place, roborace, roborace_jobs
+from split_helpers import interrupts, parted, points, split
 
+from halpipe.models import Anchor, Match
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import WEIGHT_OCCUPANCY, WEIGHT_TIMELINESS, cost_terms
-from support import access, after, chain, job, model, task, version
+from halpipe.pipeline.measure.placement import Placement
+from support import access, after, chain, job, model, ms, task, version
 
 
 def terms(system, *jobs):
@@ -124,6 +129,8 @@ def test_occupancy_is_the_share_of_empty_units():
         ((3, 13), "1/2", 2, Fraction(4, 5)),  # both 1 of 5 ms late
         ((18, 8), "1/2", None, 1),  # job 1 lies before job 0 on the circle
         ((3, 13), 0, None, 1),
+        ((3, 14), "1/4", None, Fraction(4, 5)),  # 1 of 2.5 ms late, the other at its phase
+        ((3, 19), "1/4", None, Fraction(1, 2)),  # later than the slack counts no less than nothing
     ],
 )
 def test_timeliness_falls_with_the_delay(starts, slack, offset, expected):
@@ -141,3 +148,27 @@ def test_timeliness_is_cut_to_six_digits():
 def test_without_jobs_nothing_is_late_and_all_units_are_empty():
     found = terms(model(task("a", 10, version()), units="u1 u2"))
     assert (found.timeliness, found.occupancy, found.precedence) == (1, 1, 0)
+
+
+@pytest.mark.parametrize(("slack", "beyond"), [(1, 0), ("3/10", 1), ("1/5", 2)])
+def test_the_phase_of_a_task_of_a_cycle_lies_in_its_first_period(slack, beyond):
+    """Jobs of a start 12 and 13 ms after the cycles' starts: with 4 ms of slack their releases may be at 9 ms."""
+    row = replace(after("a", 0, 19), match=Match.CYCLE)
+    tasks = task("a", 10, version("v", 1), slack=slack), task("b", 20, version("v", 1, "u2", row), slack=1)
+    system = model(*tasks, units="u1 u2")
+    jobs = [job(system, "a", 0, 12, "u1"), job(system, "a", 1, 3, "u1"), job(system, "b", 0, 15, "u2")]
+    assert terms(system, *jobs).precedence == beyond
+
+
+def test_points_of_execution_are_reached_at_worst_pace():
+    cut = split(version("v", 6), points(2, 4, resume=ms(1)))
+    system = interrupts(model(task("a", 40, cut, version("w", 6))), "u1", (5, 1))
+    whole = replace(job(system, "a", 0, 10, "u1", "w"), end=ms(18))
+    parts = parted("a", 0, "u1", (10, 13, 0, 2), (20, 27, 2, 6))
+    for placed, instants in ((whole, (10, 12, 13, 14, 17, 18)), (parts, (10, 12, 13, 23, 25, 27))):
+        found = Placement.of(expand(system, system.modes[0]), [placed], system.units)
+        reached = [found.tick * found.instant(found.jobs[0], Anchor.POINT, ms(point)) for point in (0, 1, 2, 3, 5, 6)]
+        assert reached == [ms(instant) for instant in instants]
+        own = found.jobs[0]
+        assert found.tick * found.instant(own, Anchor.END) == ms(instants[-1])
+        assert found.tick * found.instant(own, Anchor.START) == ms(10)

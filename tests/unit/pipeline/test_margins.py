@@ -197,3 +197,9 @@ def test_the_bound_knows_that_gangs_have_a_unit_in_common(gangs, most):
     first, second = (version("v", c, "u1 u2", gang=gang) for c, gang in zip((2, 5), gangs, strict=True))
     late = replace(second, precedences=(after("a", 0, 0, "end"),))
     assert bound(model(task("a", 20, first), task("b", 20, late), units="u1 u2")) == most
+
+
+def test_the_bound_knows_that_the_longest_of_a_period_meets_others():
+    """d and c meet beyond gcd(10, 15) = 5 ms in sum, and a and b are shorter than d."""
+    rows = (("a", 10, 1), ("b", 10, 1), ("c", 15, 1), ("d", 10, 2))
+    assert bound(model(*(task(name, period, version("v", wcet)) for name, period, wcet in rows))) == Fraction(2, 3)

@@ -5,13 +5,15 @@ from fractions import Fraction
 
 import pytest
 from split_cases import split_example, with_job, with_part
+from split_helpers import points, split
 
 from halpipe.models import Binding, Interrupt, Split, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import cost_terms, mode_report
 from halpipe.pipeline.measure.placement import Placement
+from halpipe.pipeline.measure.splitting import parts_cost
 from halpipe.pipeline.parts import job_of
-from support import job, model, ms, task, version
+from support import access, job, model, ms, task, version
 
 
 def report(system, jobs):
@@ -188,3 +190,37 @@ def test_moving_a_part_onto_another_job_overlaps():
     assert cost(system, moved).overlap == 1
     late = with_job(jobs, "detect", start=ms("29.5ms"))
     assert cost(system, late).precedence > 0
+
+
+@pytest.mark.parametrize(
+    ("how", "bound", "distance"),
+    [
+        (points(2, 5), 2, 0),
+        (points(2, 5), 1, 1),
+        (points(2, 5), 4, 1),
+        (points(2, 5), 9, 4),
+        (Split(), 3, 10),
+        (Split(anywhere=True), 1, 1),  # the phases last from 0 to 3, and from 6 to 8, where another one begins
+        (Split(anywhere=True), 2, 1),
+        (Split(anywhere=True), 3, 0),
+        (Split(anywhere=True), 5, 0),
+        (Split(anywhere=True), 7, 1),
+        (Split(anywhere=True), 8, 0),
+        (Split(anywhere=True), 9, 1),
+    ],
+)
+def test_a_preemption_costs_its_distance_from_the_nearest_point_allowed(how, bound, distance):
+    phases = [access("r", 2, 3, "1/2"), access("r", 0, 3, "1/2"), access("r", 6, 8), access("r", 8, 10)]
+    system = model(task("a", 40, split(version("v", 10, "u1", *phases), how)), resources="r")
+    chosen = system.tasks[0].versions[0]
+    spans = [(ms(0), ms(0), ms(bound)), (ms(20), ms(bound), ms(10))]
+    found = Placement.of(expand(system, system.modes[0]), [job_of("a", 0, chosen, ("u1",), spans, ())], system.units)
+    assert parts_cost(found, found.jobs[0]) == distance
+
+
+@pytest.mark.parametrize(("gaps", "costs"), [(3, 0), (2, 0), (1, 8), (0, 16)])
+def test_each_preemption_too_many_costs_a_mean_wcet(gaps, costs):
+    system = model(task("a", 40, split(version("v", 8), points(2, 4, max_gaps=gaps))))
+    spans = [(ms(0), ms(0), ms(2)), (ms(9), ms(2), ms(4)), (ms(20), ms(4), ms(8))]
+    found = cost(system, [job_of("a", 0, system.tasks[0].versions[0], ("u1",), spans, ())])
+    assert found.precedence == costs

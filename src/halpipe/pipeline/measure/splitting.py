@@ -98,7 +98,7 @@ class _Boundaries:
         if not self.anywhere:
             place = bisect_left(self.points, bound)
             near = self.points[max(0, place - 1) : place + 1]
-            return min((abs(bound - point) for point in near), default=self.wcet or 1)
+            return min((abs(bound - point) for point in near), default=self.wcet)
         if not 0 < bound < self.wcet:
             return max(1 - bound, bound + 1 - self.wcet)
         return next((min(bound - begin, end - bound) for begin, end in self.phases if begin < bound < end), 0)
