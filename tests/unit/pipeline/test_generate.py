@@ -167,6 +167,16 @@ GOLDEN = {
         10,
         "6386c539c6b665a269a635000c23c3eda48eb37604cffe82c6410d55683cb7cf",
     ),
+    "many periods": (
+        SetParameters(units=4, periods=tuple(map(milliseconds, (5, 10, 20, 40, 60) * 8))),
+        12,
+        "031bf558284b3ec60d3a888c1418100daf7cbbfaf258d5e9964767ce3f675be9",
+    ),
+    "short": (
+        SetParameters(tasks=4, units=1, unit_types=1, hyperperiod=Duration(60_000), access_windows=12),
+        13,
+        "54ce39c372711ec9e29fd0ecfca9db43e83504e57fe476bb3d2290f4bb743deb",
+    ),
     "table iii": (TABLE_III[3].cells[-1], 11, "7d322d0061867ca41c43451bcfc1c2d3f388e253ea2e974c648e8c9279d0e0ce"),
 }
 
@@ -205,9 +215,11 @@ def test_parameters_that_no_set_can_have_are_refused(name, parameters):
     assert all(finding.help for finding in caught.value.diagnostics)
 
 
-def test_a_hyperperiod_too_short_for_its_tasks_is_refused():
+@pytest.mark.parametrize(("tasks", "length"), [(60, 6), (8, 12), (8, 24)])
+def test_a_hyperperiod_too_short_for_its_tasks_is_refused(tasks, length):
+    """Also where only some of them would be shorter than a microsecond."""
     with pytest.raises(HalpipeError) as caught:
-        generate(SetParameters(hyperperiod=Duration(6000)), 1)
+        generate(SetParameters(tasks=tasks, units=1, unit_types=1, hyperperiod=Duration(1000 * length)), 1)
     assert [finding.code for finding in caught.value.diagnostics] == ["HAL0922"]
 
 
@@ -250,6 +262,10 @@ def test_resources_may_be_left_out_where_nothing_uses_them():
     for changes in ({"access_windows": 1}, {"resource_fill": TENTH}):
         with pytest.raises(HalpipeError):
             replace(none, **changes).check()
+
+
+def test_a_fill_of_nothing_is_no_window():
+    assert achieved(generate(SetParameters(resource_fill=Fraction(0)), 1)).windows == 0
 
 
 def test_the_fill_of_one_resource_is_the_share_of_its_time():

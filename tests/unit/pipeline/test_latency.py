@@ -1,5 +1,6 @@
 """Reaction time and data age of chains, by hand; against verify they are in properties."""
 
+import pytest
 from placed_cases import place, roborace, roborace_jobs
 
 from halpipe.pipeline.measure.latency import chain_latencies
@@ -31,8 +32,9 @@ def test_a_chain_of_one_task_waits_a_period():
     assert latencies(system, job(system, "a", 0, 9, "u1")) == [(ms(12), ms(2))]
 
 
-def test_of_jobs_that_end_together_the_one_started_later_is_newer():
-    """The long job of a starts at 2 and the short one at 5; both end at 6, and b reads at 6."""
+@pytest.mark.parametrize(("long", "short"), [(2, 5), (11, 2), (11, 14)])
+def test_of_jobs_that_end_together_the_one_started_later_is_newer(long, short):
+    """The long job of a takes 4 ms and the short one 1; both end at once, and b reads then; also round the edge."""
     system = model(
         task("a", 6, version("long", 4, "u1 u2"), version("short", 1, "u1 u2"), slack=1, deadline=12),
         task("b", 12, version("v", 1)),
@@ -40,9 +42,9 @@ def test_of_jobs_that_end_together_the_one_started_later_is_newer():
         chains=[chain("c", "a b")],
     )
     jobs = [
-        job(system, "a", 0, 2, "u1", "long"),
-        job(system, "a", 1, 5, "u2", "short"),
-        job(system, "b", 0, 6, "u1"),
+        job(system, "a", 0, long, "u1", "long"),
+        job(system, "a", 1, short, "u2", "short"),
+        job(system, "b", 0, (long + 4) % 12, "u1"),
     ]
     for listed in (jobs, jobs[::-1]):
         assert latencies(system, *listed)[0][1] == ms(2)
