@@ -57,6 +57,8 @@ EQUIVALENT = {
     ("splitting.py", "self._longest = 1"): "overwritten before it is read",
     ("margins.py", "tops = [(period, each) for period, alike in strict.items() for each in alike[:3]]"): "the third of a period is no longer than the second",
     ("parts.py", "begin = end = parts[1].start"): "only where a job does not execute all of its version, for which it is refused",
+    ("parts.py", "length = work if load < Fraction(1, 3) else _at_least(work, load)"): GUESS,
+    ("parts.py", "length = work if load <= Fraction(1, 2) else _at_least(work, load)"): GUESS,
     ("stable.py", "FOR_EACH_FREE = 31"): BUDGET,
     ("stable.py", "effort = Effort(work=MOVED_WORK, seed=options.seed // 2 ** 31)"): "any seed of the exact engine is as good",
     ("matching.py", "table = np.array([2 * table.first - bool(table.due) for table in lines.table], dtype=np.int64)"): "another number for each of them, too",

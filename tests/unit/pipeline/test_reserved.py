@@ -111,11 +111,11 @@ def test_the_phase_of_a_task_is_where_the_widest_gap_of_its_offsets_ends(offsets
     assert latest_phase([ms(offset) for offset in offsets], ms(10)) == ms(phase)
 
 
-PLAIN = model(task("a", 10, version("v", 2, "u1", access("r", 0, 1))), resources="r")
+PLAIN = model(task("a", 10, version("v", 2, "u1", access("r", 0, 1))), task("b", 10, version()), resources="r")
 
 
 def with_task(**changes):
-    return replace(PLAIN, tasks=(replace(PLAIN.tasks[0], **changes),))
+    return replace(PLAIN, tasks=(replace(PLAIN.tasks[0], **changes), PLAIN.tasks[1]))
 
 
 @pytest.mark.parametrize(

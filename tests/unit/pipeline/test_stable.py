@@ -1,6 +1,5 @@
 """Schedules near an earlier one: who stays, who moves, and what is said of it."""
 
-import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -12,12 +11,13 @@ from halpipe.models import Binding, Split, Status, TransitionTable
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.shipped import excluded_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.exact import Effort
 from halpipe.pipeline.solve.exact_goals import fewest_moved, is_same
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.pipeline.stable import COVERS, NEAR, _covers, settled
+from halpipe.pipeline.stable import COVERS, NEAR, _covers, _in_the_way, settled
 from halpipe.pipeline.verify import verify
 from support import chain, job, mode, model, ms, schedule, task, version
 
@@ -249,17 +249,35 @@ def test_a_limit_on_the_moves_is_decided_where_an_objective_is_not():
 
 
 def test_what_has_changed_is_named_before_what_makes_room():
-    """b is longer, and of the others those behind it make room."""
-    rows = [("a", 2, 0), ("b", 3, 2), ("d", 2, 5), ("e", 2, 8)]
-    owner = model(*(task(name, 10, version("v", wcet)) for name, wcet, _ in rows))
+    """z is longer and has to start at 2 ms, where its unit is full: d, behind it, moves, and new tasks come first."""
+    rows = [("a", 2, 0), ("z", 3, 2), ("d", 2, 5), ("e", 1, 8)]
+    owner = model(*(task(name, 10, version("v", wcet), offset=2 if name == "z" else None) for name, wcet, _ in rows))
     first = schedule(owner, 10, *(job(owner, name, 0, start, "u1") for name, _, start in rows))
-    longer = with_longer(owner, "b", Fraction(4, 3))
-    near = scheduled(longer, near=first)
+    longer = with_longer(owner, "z", Fraction(4, 3))
+    near = scheduled(model(*longer.tasks, task("y", 10, version("v", "0.5ms"))), near=first)
     [note] = [d for d in near.diagnostics if d.code == NEAR.id]
-    named = re.findall(r"(\w+) \((.*?)\)", note.message.split("not those of")[1])
-    reasons = [reason for _, reason in named]
-    assert reasons == sorted(reasons)  # "has another WCET" before "makes room"
-    assert len(named) == moved(first, near.schedule)
+    assert "not those of y (is new), d (makes room); no schedule" in note.message
+
+
+def test_objectives_are_improved_beside_an_earlier_schedule():
+    owner = model(task("a", 10, version("v", 3)), task("b", 10, version("v", 4)))
+    first = scheduled(owner).schedule
+    options = SearchOptions(near=first, optimise=(Objective.COST,))
+    found = schedule_model(owner, options, lambda *_: True)
+    assert [row.objective for row in found.reached] == [Objective.COST]
+    assert schedule_model(owner, SearchOptions(near=first), lambda *_: True).reached == ()
+
+
+def test_tasks_in_broken_rules_are_freed_first_and_else_those_on_the_same_units():
+    rows = [("a", "u1"), ("b", "u1"), ("c", "u2"), ("d", "u2")]
+    owner = model(*(task(name, 10, version("v", 4, unit)) for name, unit in rows), units="u1 u2")
+    apart = [job(owner, name, 0, start, unit) for (name, unit), start in zip(rows, (0, 5, 0, 5), strict=True)]
+    assert _in_the_way(owner, schedule(owner, 10, *apart), frozenset("a")) == {"b"}
+    meeting = [*apart[:3], replace(apart[3], start=ms(2), end=ms(6))]
+    assert _in_the_way(owner, schedule(owner, 10, *meeting), frozenset("a")) == {"c"}
+    assert _in_the_way(owner, schedule(owner, 10, *meeting), frozenset("ab")) == {"c", "d"}
+    assert _in_the_way(owner, schedule(owner, 10, *meeting), frozenset("c")) == {"d"}
+    assert _in_the_way(owner, schedule(owner, 10, *apart), frozenset("abcd")) == frozenset()
 
 
 @pytest.mark.parametrize(
@@ -268,6 +286,7 @@ def test_what_has_changed_is_named_before_what_makes_room():
         (lambda t: replace(t, versions=(replace(t.versions[0], name="w"),)), 'has no version "v"'),
         (lambda t: replace(t, versions=(replace(t.versions[0], units=("u2",)),)), "has other units"),
         (lambda t: replace(t, versions=(replace(t.versions[0], gang=2),)), "has other units"),
+        (lambda t: replace(t, versions=(replace(t.versions[0], units=("u2", "u3")),)), "has other units"),
         (lambda t: replace(t, name="new"), "is new"),
     ],
 )
@@ -275,7 +294,7 @@ def test_the_note_says_why_a_task_has_moved(change, reason):
     owner = model(task("a", 10, version("v", 3, "u1 u2")), task("b", 10, version("v", 3, "u1 u2")), units="u1 u2")
     first = schedule(owner, 10, job(owner, "a", 0, 0, "u1"), job(owner, "b", 0, 3, "u1"))
     changed = change(owner.tasks[0])
-    near = scheduled(model(changed, owner.tasks[1], units="u1 u2"), near=first)
+    near = scheduled(model(changed, owner.tasks[1], units="u1 u2 u3"), near=first)
     [note] = [d for d in near.diagnostics if d.code == NEAR.id]
     assert f"{changed.name} ({reason})" in note.message
 
@@ -300,6 +319,14 @@ def kept(system, changed=()):
 
 def with_task(system, name, **changes):
     return replace(system, tasks=tuple(replace(t, **changes) if t.name == name else t for t in system.tasks))
+
+
+def test_a_gang_of_which_one_unit_is_no_longer_allowed_has_other_units():
+    owner = model(task("a", 10, version("v", 3, "u1 u2", gang=2)), units="u1 u2 u3")
+    first = schedule(owner, 10, job(owner, "a", 0, 0, "u1 u2"))
+    changed = model(task("a", 10, version("v", 3, "u1 u3", gang=2)), units="u1 u2 u3")
+    [note] = [d for d in scheduled(changed, near=first).diagnostics if d.code == NEAR.id]
+    assert "a (has other units)" in note.message
 
 
 def test_modes_are_settled_where_nothing_that_they_depend_on_differs():

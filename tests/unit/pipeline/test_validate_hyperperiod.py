@@ -228,3 +228,27 @@ def test_jobs_agree_with_the_expansion(periods):
     assert validate(system) == ()
     hyperperiod = least_common_multiple(Duration.parse(p) for p in periods)
     assert expand(system, system.modes[0]).hyperperiod == hyperperiod
+
+
+def test_of_the_tasks_of_a_guilty_period_two_are_named():
+    system = periodic("100ms", *["10ms"] * 6, *["9.999999ms"] * 4)
+    assert 'the period 9.999999ms (task "t7", "t8" and 2 more)' in the(system, codes.TOO_MANY_JOBS).message
+
+
+@pytest.mark.parametrize(
+    ("period", "base", "expected"),
+    [
+        ("99.99ms", "100ms", ["100ms"]),
+        ("100.01ms", "100ms", ["100ms"]),
+        ("10.01ms", "1s", ["10ms"]),
+        ("1.0001ms", "1ms", ["1ms"]),
+        ("0.34ms", "1ms", ["1000/3us"]),
+        ("3.3334us", "10us", ["10/3us"]),
+        ("1.001s", "1s", ["1s"]),
+        ("70.1ms", "10ms", ["70ms"]),
+        ("0.101ms", "1ms", ["100us"]),
+    ],
+)
+def test_periods_at_the_ends_of_a_decade_are_rounded_as_well(period, base, expected):
+    found = periods_instead(Duration.parse(period), Duration.parse(base), None)
+    assert [str(choice) for choice in found[:1]] == expected

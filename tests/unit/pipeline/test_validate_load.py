@@ -142,3 +142,32 @@ def test_a_polling_task_longer_than_the_hyperperiod_is_found_though_arrivals_may
     polled = replace(task("a", 12, version("v", wcet, "u1 u2")), slack=Fraction(1), distance=ms(36))
     system = model(polled, units="u1 u2")
     assert bool(found(system, codes.WCET_BEYOND_HYPERPERIOD)) == is_found
+
+
+@pytest.mark.parametrize(
+    ("wcets", "deadline", "room"),
+    [(("2ms",), None, None), (("2.000001ms",), None, "9.999999ms"), (("3ms", "2ms"), None, None), (("3ms",), 13, None)],
+)
+def test_an_arrival_is_served_in_time_by_the_shortest_version(wcets, deadline, room):
+    """It waits for a period of 10 ms and for the whole job, and arrivals are 12 ms apart."""
+    versions = [version(f"v{n}", wcet) for n, wcet in enumerate(wcets)]
+    polled = replace(task("a", 10, *versions, slack=1, deadline=deadline), distance=ms(12))
+    findings = found(model(polled), codes.ARRIVAL_TOO_LATE)
+    assert [f"poll every {room} at most" in finding.help for finding in findings] == ([True] if room else [])
+    late = replace(polled, deadline=ms(2), versions=(version("v", "2ms"),))
+    [finding] = found(model(late), codes.ARRIVAL_TOO_LATE)
+    assert finding.help == "shorten the WCET, or raise the deadline"
+
+
+def test_a_set_of_units_is_overloaded_by_all_that_runs_within_it():
+    """Two tasks of one unit each, and two of both: 41 of 40 ms on two units."""
+    system = model(
+        busy("a", 9, "u1"),
+        busy("b", 9, "u2"),
+        busy("c", 12, "u1 u2"),
+        busy("e", 11, "u1 u2"),
+        busy("d", 1, "u3"),
+        units="u1 u2 u3",
+    )
+    [over] = found(system, codes.UNITS_OVERLOADED)
+    assert "need 41ms" in over.message

@@ -1,16 +1,18 @@
 """Windows, cycles, absent predecessors, and tasks that nobody demands."""
 
 from dataclasses import replace
+from fractions import Fraction
 from itertools import combinations
+from math import lcm
 
 import pytest
 from validate_cases import codes_of, found, the
 
 from halpipe.core.diagnostics import Location, Severity
-from halpipe.models import Match, Mode, Run
+from halpipe.models import Anchor, Match, Mode, Run
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.precedence import MAX_CYCLES
-from support import after, mode, model, task, version
+from support import after, mode, model, ms, task, version
 
 
 def runs(name, *predecessors, period=25):
@@ -36,6 +38,23 @@ def test_a_window_is_compared_with_every_job(period, other):
     for low, high in combinations(range(6), 2):
         is_met = all(low <= distance <= high for distance in distances)
         assert (codes.CONTRADICTION.id in codes_of(same_cycle(period, other, low, high))) is not is_met
+
+
+@pytest.mark.parametrize("anchor", [Anchor.START, Anchor.RELEASE])
+@pytest.mark.parametrize(("slacks", "offsets"), [((0, "1/2"), (1, 0)), (("1/2", 0), (0, 1)), (("1/3", "1/4"), (3, 1))])
+@pytest.mark.parametrize(("period", "other"), [(2, 4), (6, 4), (12, 8), (4, 12)])
+def test_a_window_is_compared_with_all_that_slack_allows(period, other, slacks, offsets, anchor):
+    """A job that may start at any of these instants contradicts the window if none of them lies in it."""
+    hyper, late = lcm(period, other), Fraction(slacks[1]) * other if anchor is Anchor.START else 0
+    own, theirs = (offset % cycle for offset, cycle in zip(offsets, (period, other), strict=True))
+    jobs = [own + at - theirs - at // other * other for at in range(0, hyper, period)]
+    for low, high in combinations(range(9), 2):
+        row = replace(after("a", low, high, anchor), match=Match.CYCLE)
+        followed = task("a", other, version("v", "1ns", "u1"), slack=slacks[1], offset=theirs)
+        system = model(followed, task("b", period, version("v", "1ns", "u1", row), slack=slacks[0], offset=own))
+        jitter = Fraction(slacks[0]) * period
+        is_met = all(between - late <= high and between + jitter >= low for between in jobs)
+        assert (codes.CONTRADICTION.id in codes_of(system)) is not is_met, (low, high)
 
 
 @pytest.mark.parametrize(("high", "is_met"), [(10**6 + 2, True), (10**6 + 1, False)])
@@ -123,3 +142,14 @@ def test_demand_counts_per_mode(asks):
     a, b = runs("a", "d"), runs("b", *(["d"] if asks else []))
     system = model(a, b, d, modes=[mode("m", [a, d]), mode("n", [b, d])])
     assert len(found(system, codes.NEVER_DEMANDED)) == (0 if asks else 1)
+
+
+def test_an_instant_that_is_not_there_points_at_both_tasks_where_both_are_there():
+    row = replace(after("a", 0, 5, "point"), point=ms(3))
+    there = Location("m.xml", 7)
+    system = model(replace(runs("a"), at=there), task("b", 25, version("v", 1, "u1", row)))
+    assert the(system, codes.NO_SUCH_INSTANT).places == (there,)
+    cycle = replace(after("h", 0, 5), match=Match.CYCLE)
+    system = model(task("h", None, version()), task("b", 25, version("v", 1, "u1", cycle)))
+    [lacking] = found(system, codes.CYCLE_WITHOUT_PERIOD)
+    assert 'task "h" has no period' in lacking.message
