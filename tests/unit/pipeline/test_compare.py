@@ -241,8 +241,9 @@ def test_a_pause_of_many_cycles_is_told_as_a_whole(cycles):
     assert f"nothing ran in the {cycles} cycles after cycle 0" in pause.message
 
 
-def test_of_several_gaps_the_longest_are_pauses():
-    race, gaps = [("race", RACE)], [3, 10**12, 2, 10**9]
+@pytest.mark.parametrize(("gaps", "after"), [([3, 10**12, 2, 10**9], 4), ([3, 10**9, 2, 10**12], 10**9 + 8)])
+def test_of_several_gaps_the_longest_are_pauses(gaps, after):
+    race = [("race", RACE)]
     seen, now = play(race, stated=False), 1
     for gap in gaps:
         seen += play(race, RACE.hyperperiod * (now + gap), stated=False)
@@ -250,7 +251,7 @@ def test_of_several_gaps_the_longest_are_pauses():
     answer = compared(seen, mode="race")
     assert {row.task: row.missing for row in answer.rows} == {"a": 10, "b": 5, "c": 5}
     (pause,) = [d for d in answer.diagnostics if d.code == codes.PAUSE.id]
-    assert "1000000000000 cycles after cycle 4" in pause.message
+    assert f"1000000000000 cycles after cycle {after}" in pause.message
     assert "2 times" in pause.message
 
 
@@ -448,6 +449,17 @@ def test_several_modes_and_no_labels_need_a_word():
             compared(seen, **options)
         assert [d.code for d in refused.value.diagnostics] == [code.id]
         assert "race" in refused.value.diagnostics[0].help
+
+
+@pytest.mark.parametrize(("ran", "mode", "is_refused"), [("race", "race", False), ("race", "slow", True)])
+def test_a_mode_that_is_asked_for_beside_labels_is_the_one_that_ran(ran, mode, is_refused):
+    trace = Trace(name="", executions=tuple(sorted(play([(ran, RACE)]), key=lambda each: each.start.ns)))
+    if not is_refused:
+        assert [d.code for d in compare(PLAN, trace, CompareOptions(mode=mode)).diagnostics if d.is_error] == []
+        return
+    with pytest.raises(HalpipeError) as refused:
+        compare(PLAN, trace, CompareOptions(mode=mode))
+    assert "compare with a trace of race" in refused.value.diagnostics[0].message
 
 
 def test_a_mode_without_cycles_is_the_mode_that_ran_and_several_need_a_column():

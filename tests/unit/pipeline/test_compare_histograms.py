@@ -32,3 +32,7 @@ def test_each_figure_has_exact_counts():
 
 def test_a_response_needs_a_release():
     assert set(measured(None)) == {"start error", "execution", "jitter"}
+
+
+def test_a_job_that_is_scheduled_at_its_release_responds_in_its_own_time():
+    assert measured(5)["response"] == ("2ms", "2.016ms", "2us", (3, 1, 0, 0, 0, 0, 0, 1))
