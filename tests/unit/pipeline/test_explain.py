@@ -7,7 +7,7 @@ import pytest
 
 from halpipe.core.diagnostics import Subject
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Anchor, Chain, Edge, Match, Mode, Precedence, Split, Unit
+from halpipe.models import Anchor, Chain, Edge, Match, Mode, Precedence, Split, Status, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
@@ -77,6 +77,16 @@ def test_the_best_placement_given_is_the_one_that_is_explained():
     assert verdicts(explain(packing(last="3ms"), ExplainOptions(schedule=valid))) == [Verdict.SCHEDULABLE]
 
 
+def test_jobs_of_a_placement_that_end_too_early_are_not_put_right():
+    system = packing(last="3ms")
+    jobs = [job(system, name, 0, at, unit) for name, at, unit in (("a", 0, "c1"), ("b", 0, "c2"), ("c", 7, "c2"))]
+    short = replace(jobs[2], end=ms(9))
+    given = schedule(system, 10, *jobs[:2], short, status=Status.NOT_FOUND)
+    assert verdicts(explain(system, replace(NEITHER, schedule=given))) == [Verdict.NOT_FOUND]
+    whole = schedule(system, 10, *jobs, status=Status.NOT_FOUND)
+    assert verdicts(explain(system, replace(NEITHER, schedule=whole))) == [Verdict.SCHEDULABLE]
+
+
 def test_an_invalid_model_is_explained_by_what_validate_finds():
     system = model(task("a", "10ms", version("v", None)))
     explanation = explain(system)
@@ -99,8 +109,10 @@ def test_a_model_without_modes_is_invalid():
         model(task("a", "4ms", version("v", "1ms")), chains=[chain("c", "a", age="0.5ms")]),
         model(task("a", 9, version("v", 1)), task("b", 9, version("v", 1, "u1", after("a", 3, 2)))),
         model(task("a", 9, version("v", 2, "u1", access("m", 0, 1, "2/3"), access("m", 0, 1, "1/2"))), resources="m"),
+        model(replace(task("a", 10, version("v", 9), slack=1), distance=ms(18))),
+        model(replace(task("a", 10, version("v", 3), slack=1, deadline=12), distance=ms(18))),
     ],
-    ids=["deadline", "load", "gang", "chain", "window", "phases"],
+    ids=["deadline", "load", "gang", "chain", "window", "phases", "distance", "deadline of arrivals"],
 )
 def test_errors_of_validate_that_are_proofs(system):
     explanation = explain(system)
@@ -144,6 +156,7 @@ def test_the_conflict_is_minimal_and_leaves_the_rest_out():
     text = conflict.describe(packing(*others).modes[0], found)
     assert text.code == codes.NO_SCHEDULE_FOR.id
     assert "minimal" in text.message
+    assert text.help.endswith("without any single one of them a schedule exists")
 
 
 def test_constraints_that_play_no_part_are_left_out():
@@ -189,7 +202,9 @@ def test_a_conflict_that_is_stopped_is_not_called_minimal():
     pytest.importorskip("ortools")
     found = find_conflict(packing(), packing().modes[0], lambda: False)
     assert (found.answer, found.is_minimal) == (Answer.INFEASIBLE, False)
-    assert "perhaps not minimal" in conflict.describe(packing().modes[0], found).message
+    told = conflict.describe(packing().modes[0], found)
+    assert "perhaps not minimal" in told.message
+    assert told.help == "relax one of these tasks or constraints"
 
 
 def test_without_the_exact_engine_there_is_no_conflict(monkeypatch):
@@ -384,6 +399,15 @@ def test_several_kinds_of_units_together():
     system = replace(model(*cpu, *gpu), units=(Unit(name="cpu", type="core"), Unit(name="gpu", type="gpu")))
     texts = remedies(system)
     assert texts[0].startswith('1 more unit of type "core" and 1 more unit of type "gpu"')
+
+
+def test_no_more_units_of_a_kind_are_proposed_than_are_needed():
+    cpu = [task(f"a{k}", "10ms", version("v", "7ms", "cpu")) for k in range(3)]
+    gpu = [task(f"b{k}", "10ms", version("v", "8ms", "gpu")) for k in range(2)]
+    system = replace(model(*cpu, *gpu), units=(Unit(name="cpu", type="core"), Unit(name="gpu", type="gpu")))
+    assert remedies(system)[0].startswith('2 more units of type "core" and 1 more unit of type "gpu"')
+    late = model(*(task(f"a{k}", 30, version("v", 7, "cpu"), offset=k) for k in range(3)), units="cpu")
+    assert remedies(late)[0] == '2 more units like "cpu" (found sufficient; with less, none was found)'
 
 
 def test_a_task_that_is_called_like_a_unit_is_not_taken_for_it():

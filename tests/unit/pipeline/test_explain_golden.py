@@ -7,9 +7,10 @@ import pytest
 
 from golden_file import assert_golden
 from halpipe.importers.native import read_model
-from halpipe.models import Interrupt
-from halpipe.pipeline.explain.codes import REMEDY
+from halpipe.models import Interrupt, Split
+from halpipe.pipeline.explain.codes import REMEDY, UNIT_HELD
 from halpipe.pipeline.explain.explanation import explain
+from halpipe.pipeline.explain.witnesses import find_witnesses
 from support import after, chain, model, ms, task, version
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "explain").glob("*.xml"))
@@ -51,6 +52,12 @@ def interrupted():
     return replace(system, units=(replace(system.units[0], interrupts=(often,)),))
 
 
+def no_two_on_one_unit():
+    """No two of three tasks fit on one unit: 1.5 + 2 > gcd(6, 15), 1.5 + 3.5 > gcd(6, 10) and 2 + 3.5 > gcd(10, 15)."""
+    rows = (("a", 6, "1.5ms"), ("b", 15, 2), ("c", 10, "3.5ms"))
+    return model(*(task(name, period, version("v", wcet)) for name, period, wcet in rows))
+
+
 SYSTEMS = {
     path.stem: path for path in FIXTURES if "HAL0435" not in path.name  # needs the exact engine
 } | {
@@ -59,6 +66,7 @@ SYSTEMS = {
     "window-against-offsets": window_against_offsets,
     "held-for-a-reaction": held_for_a_reaction,
     "interrupted": interrupted,
+    "no-two-on-one-unit": no_two_on_one_unit,
 }  # fmt: skip
 
 
@@ -76,3 +84,23 @@ def test_proofs_and_least_changes(name):
 
 def test_a_unit_may_be_held_for_as_long_as_the_reaction_leaves():
     assert explain(held_for_a_reaction(21)).exit == 0
+
+
+def test_a_task_that_may_pause_is_not_kept_waiting_by_what_holds_its_unit():
+    """Its job may begin before what holds the unit, and go on afterwards."""
+    system = held_for_a_reaction()
+    cut = replace(system.tasks[1].versions[0], split=Split(points=(ms(1), ms(2))))
+    system = replace(system, tasks=(system.tasks[0], replace(system.tasks[1], versions=(cut,)), system.tasks[2]))
+    assert not find_witnesses(system)
+    elsewhere = replace(system.tasks[1], versions=(version("v", 3, "cpu"),))
+    assert not find_witnesses(replace(system, tasks=(system.tasks[0], elsewhere, system.tasks[2])))
+
+
+@pytest.mark.parametrize(("elsewhere", "is_held"), [(18, False), ("18.000001ms", True)])
+def test_a_chain_may_run_elsewhere_if_that_is_just_quick_enough(elsewhere, is_held):
+    """Of its 20 ms, grab takes one and misses one."""
+    see = task("see", 20, version("gpu", 3, "gpu"), version("cpu", elsewhere, "cpu"), slack=1)
+    others = task("grab", 20, version("v", 1, "cpu"), slack=1), task("detect", 40, version("v", 14, "gpu"), slack=1)
+    system = model(*others, see, units="cpu gpu", chains=[chain("picture", "grab see", reaction=20)])
+    named = {proof.code for hopeless in find_witnesses(system) for proof in hopeless.diagnostics}
+    assert named == ({UNIT_HELD.id} if is_held else set())

@@ -198,9 +198,8 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
     text = f"{few(names, 12)} cannot be scheduled together ({kind}, found and checked again by the exact engine)"
     parts = list(_parts(kept))
     text += f"; what it takes: {few(parts, 12, quote='', between='; ')}" if parts else ""
-    help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
-    if not conflict.is_minimal:
-        help = "relax one of these tasks or constraints"
+    is_needed = "; without any single one of them a schedule exists" if conflict.is_minimal else ""
+    help = f"relax one of these tasks or constraints{is_needed}"
     path, subjects = about(mode=mode.name), tasks_named(names)
     return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=path, help=help, subjects=subjects)
 
