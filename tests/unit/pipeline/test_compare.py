@@ -4,6 +4,7 @@ import tracemalloc
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from random import Random
 
 import pytest
 from compare_cases import PIECES, PLAN, RACE, SLOW, compared, job, moved, play, switch, table
@@ -15,11 +16,11 @@ from halpipe.core.diagnostics import HalpipeError, Location, Severity
 from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Schedule
 from halpipe.models.modes import UNKNOWN_MODE
-from halpipe.models.trace import Execution, Executions, Trace
+from halpipe.models.trace import Execution, Executions, Trace, column
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.compare.codes import Kind
 from halpipe.pipeline.compare.judging import Scope
-from halpipe.pipeline.compare.tables import MOST_SILENT
+from halpipe.pipeline.compare.tables import MOST_SILENT, Due, Starts
 from support import access, model, ms, task, version
 
 
@@ -94,6 +95,15 @@ def test_a_stray_start_does_not_move_the_zero_of_the_schedule(stated):
     assert answer.origin == ms(7)
     assert answer.counts == {Kind.EARLY: 1}
     assert "1 start before the planned instant" in answer.diagnostics[0].message
+
+
+@pytest.mark.parametrize(("cycles", "is_left_out"), [(25, False), (75, True)])
+def test_two_strays_of_two_hundred_starts_do_not_move_the_zero_and_of_fewer_they_do(cycles, is_left_out):
+    """At most one in a hundred is left out, and one at least."""
+    seen = play([("race", RACE)] * cycles, ms(7))
+    for position, early in ((9, 500_000), (17, 499_000)):
+        seen = moved(seen, position, start=-early, end=-early)
+    assert compared(seen).origin == (ms(7) if is_left_out else ms("6.5ms"))
 
 
 def test_a_task_alone_on_time_is_no_stray():
@@ -188,6 +198,30 @@ def test_a_job_that_never_ends_is_late_once_its_end_is_over():
     last = max(seen, key=lambda execution: execution.end.ns)
     open_end = [replace(e, end=None) if e is last else e for e in seen]
     assert deviations(open_end) == []
+
+
+@pytest.mark.parametrize(("tolerance", "is_late"), [(ms(2), False), (ms("1.999999ms"), True)])
+def test_a_job_that_never_ends_is_late_by_what_the_tolerance_does_not_forgive(tolerance, is_late):
+    """The last one ends 2 ms after its end was due."""
+    seen = play([("race", RACE)])[:2]
+    open_end = [replace(seen[0], end=None), replace(seen[1], start=ms(3), end=ms(5), units=("c2",))]
+    answer = compared(open_end, origin=ZERO, tolerance=tolerance)
+    assert (answer.counts[Kind.ENDLESS] > 0) == is_late
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_nearest_start_of_a_task_is_the_earlier_of_two(seed):
+    rng = Random(seed)
+    starts = sorted(rng.sample(range(40), rng.randint(1, 6)))
+    due = [Due.of(job("a", number, start, start + 1), (number,)) for number, start in enumerate(starts)]
+    found = Starts(range(len(due)), due)
+    at = [rng.randrange(-5, 50) * 10**6 for _ in range(30)]
+    expected = [min(range(len(starts)), key=lambda n, t=t: (abs(starts[n] * 10**6 - t), n)) for t in at]
+    assert found.nearest(column(at)).tolist() == expected
+    cycle, number = found.nearest_of_cycles(column(at), 40 * 10**6)
+    line = [(turn, n) for turn in range(-3, 4) for n in range(len(starts))]
+    nearest = [min(line, key=lambda p, t=t: (abs((p[0] * 40 + starts[p[1]]) * 10**6 - t), p)) for t in at]
+    assert [*zip(cycle.tolist(), number.tolist(), strict=True)] == nearest
 
 
 def test_of_a_run_that_was_whole_every_job_is_due():
@@ -390,6 +424,14 @@ def test_the_jobs_of_silent_cycles_are_missing_at_their_instants(lost, missing):
     tables = Counter(d.path.split('"')[1] for d in gone)
     assert (tables, {d.code for d in answer.diagnostics}) == (missing, {codes.MISSING_JOB.id})
     assert sum(row.missing for row in answer.rows) == sum(e.cycle in lost for e in play(pieces))
+
+
+def test_the_jobs_of_many_silent_cycles_are_missing_each_at_its_instant():
+    seen = [each for each in play([("race", RACE)] * 6) if each.cycle in (0, 5)]
+    answer = compared(seen, origin=ZERO)
+    assert {row.task: row.missing for row in answer.rows} == {"a": 8, "b": 4, "c": 4}
+    gone = [d.message for d in answer.diagnostics if d.code == codes.MISSING_JOB.id]
+    assert any("20ms" in message for message in gone)
 
 
 def test_a_switch_without_jobs_is_no_cycle_of_a_third_mode():

@@ -399,6 +399,8 @@ def test_several_kinds_of_units_together():
     system = replace(model(*cpu, *gpu), units=(Unit(name="cpu", type="core"), Unit(name="gpu", type="gpu")))
     texts = remedies(system)
     assert texts[0].startswith('1 more unit of type "core" and 1 more unit of type "gpu"')
+    bare = replace(system, units=(Unit(name="cpu"), Unit(name="gpu")))
+    assert remedies(bare)[0].startswith('1 more unit like "cpu" and 1 more unit like "gpu"')
 
 
 def test_no_more_units_of_a_kind_are_proposed_than_are_needed():

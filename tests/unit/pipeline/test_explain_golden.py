@@ -58,6 +58,14 @@ def no_two_on_one_unit():
     return model(*(task(name, period, version("v", wcet)) for name, period, wcet in rows))
 
 
+def no_gap_beside_interrupts():
+    """The jobs of short, 2 ms with an interrupt of 0.25 ms, leave 4.25 ms free, of which interrupts take 0.25 ms."""
+    long = task("long", 24, version("v", "4.5ms"), version("w", 5), slack=1)
+    system = model(task("short", 6, version("v", "1.75ms"), slack="1/24"), long)
+    rare = Interrupt(name="tick", distance=ms(12), wcet=ms("0.25ms"))
+    return replace(system, units=(replace(system.units[0], interrupts=(rare,)),))
+
+
 SYSTEMS = {
     path.stem: path for path in FIXTURES if "HAL0435" not in path.name  # needs the exact engine
 } | {
@@ -66,6 +74,7 @@ SYSTEMS = {
     "window-against-offsets": window_against_offsets,
     "held-for-a-reaction": held_for_a_reaction,
     "interrupted": interrupted,
+    "no-gap-beside-interrupts": no_gap_beside_interrupts,
     "no-two-on-one-unit": no_two_on_one_unit,
 }  # fmt: skip
 

@@ -78,6 +78,20 @@ def test_what_is_more_or_not_stated_is_raised():
     assert [t.versions[0].wcet for t in fixed.tasks] == [ms(3), ms(3)]
 
 
+def test_what_is_stated_already_is_not_raised():
+    assert wcets(learned(run(2, 2, 2, 2), margin=Fraction(0)))["a"] == (ms(2), False)
+
+
+@pytest.mark.parametrize(("jitter", "is_stated"), [(2_400_000, True), (2_500_000, True), (2_500_001, False)])
+def test_starts_may_vary_by_a_quarter_of_the_period_that_is_stated(jitter, is_stated):
+    starts = [ms(10 * number) + Duration(jitter * (number % 2)) for number in range(10)]
+    seen = tuple(Execution(task="a", start=start, end=start + ms(1)) for start in starts)
+    found = {each.task: each for each in learned(seen).periods}
+    assert (("a" in found) and not found["a"].differs) == is_stated
+    if is_stated:
+        assert (found["a"].period, found["a"].offset, found["a"].jitter) == (ms(10), ZERO, Duration(jitter))
+
+
 def test_a_job_without_an_end_teaches_no_time():
     seen = [Execution(task="a", start=ms(10 * number), end=None) for number in range(5)]
     found = learned(tuple(seen))
