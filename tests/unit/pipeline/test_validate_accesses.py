@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from validate_cases import alone, found, the
+from validate_cases import alone, codes_of, found, the
 
 from halpipe.core.diagnostics import Location
 from halpipe.models import Interrupt, Split, Transfer
@@ -139,3 +139,9 @@ def test_empty_transfer(size):
 def test_transfer_of_one_byte():
     phase = replace(access("bus", 0, 1), transfers=(Transfer(buffer="scan", symbol="s", size=1),))
     assert validate(used(phase)) == ()
+
+
+def test_a_phase_without_length_claims_nothing():
+    system = alone(5, access("r", 0, 4), access("r", 2, 2), resources="r")
+    assert codes.PHASES_OVERLOAD.id not in codes_of(system)
+    assert codes.PHASES_OVERLOAD.id in codes_of(alone(5, access("r", 0, 4), access("r", 2, 3), resources="r"))

@@ -39,6 +39,11 @@ def test_limit_on_jobs_is_exact():
     assert f"has {MAX_JOBS + 1} jobs" in the(beyond, codes.TOO_MANY_JOBS).message
 
 
+def test_periods_that_make_just_as_many_jobs_as_are_allowed_are_not_the_cause():
+    beyond = the(periodic("1us", f"{MAX_JOBS - 1}us", "700ns"), codes.TOO_MANY_JOBS)
+    assert "the cause: the period 700ns (task" in beyond.message
+
+
 def test_guilty_period_and_the_nearest_that_fits():
     system = periodic("5ms", "10ms", "20ms", "33333333ns", "100ms")
     finding = the(system, codes.TOO_MANY_JOBS)

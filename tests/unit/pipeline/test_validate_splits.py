@@ -6,6 +6,7 @@ from fractions import Fraction
 import pytest
 from validate_cases import alone, codes_of, found, the
 
+from halpipe.core.durations import Duration
 from halpipe.models import Binding, Interrupt, Split
 from halpipe.pipeline.explain.witnesses import proves_infeasible
 from halpipe.pipeline.validate import codes, validate
@@ -113,6 +114,8 @@ def test_a_task_bound_in_the_system_has_common_units(modes, is_possible):
 def test_the_modes_in_conflict_are_named():
     finding = the(bound([("u1", 1)], [("u1 u2", 1)], [("u2 u3", 2)]), codes.NOTHING_TO_BIND_TO)
     assert 'mode "m0" allows "u1" and mode "m2" allows 2 of "u2", "u3"' in finding.message
+    first = the(bound([("u1", 1)], [("u2", 1)], [("u1 u2", 1)]), codes.NOTHING_TO_BIND_TO)
+    assert 'mode "m0" allows "u1" and mode "m1" allows "u2"' in first.message
 
 
 # ------------------------------------------------------------------------------------------------ interrupts
@@ -130,6 +133,8 @@ def test_gangs_wait_for_the_interrupts_of_all_their_units():
 
     assert not found(system("4.99ms"), codes.INTERRUPTS_FILL)
     assert "whose interrupts together take 1 of the time" in the(system(5), codes.INTERRUPTS_FILL).message
+    busy = served(served(alone(units="u1 u2 quiet", gang=2), (10, 6)), (10, 6), unit="u2")
+    assert not found(busy, codes.INTERRUPTS_FILL)
 
 
 def test_an_interrupt_is_within_its_distance():
@@ -217,3 +222,6 @@ def test_parts_beyond_the_limit_are_pointed_out():
     assert "up to 10000001 parts" in finding.message
     bounded = split(alone(wcet="10ms"), anywhere=True, max_gaps=10_000_000, min_part=ms(1))
     assert not found(bounded, codes.MANY_PARTS)
+    for wcet, is_found in (("10ms", False), ("10.000001ms", True)):
+        least = split(alone(wcet=wcet), anywhere=True, max_gaps=10**9, min_part=Duration(1))
+        assert bool(found(least, codes.MANY_PARTS)) == is_found
