@@ -79,7 +79,7 @@ def attempts(monkeypatch, options=DEFAULT, moves=0, failing=(("m", "n"),), **ans
         return Scheduled(PLAN, diagnostics=(), **made)
 
     monkeypatch.setattr("halpipe.pipeline.solve.schedule.schedule_model", search)
-    found = Switched((), (), failing)
+    found = Switched((), (), failing, stopped=False)
     monkeypatch.setattr("halpipe.pipeline.transitions.tables.switch_tables", lambda *_: found)
     return tried, checked.schedule_model(PAIR, options, lambda *_: True)
 

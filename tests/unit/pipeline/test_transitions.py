@@ -307,6 +307,35 @@ def test_a_stopped_search_says_so_and_keeps_what_it_found():
     assert not switched(system)[1].stopped
 
 
+def test_a_search_that_is_stopped_within_a_pair_has_no_table_of_it():
+    system, plan = two_modes(0, 0, 3)
+    asked = []
+    found = switch_tables(system, plan, lambda *_: True, lambda *_: asked.append(0) or len(asked) < 2)
+    assert (found.tables, found.diagnostics, found.stopped) == ((), (), True)
+
+
+@pytest.mark.parametrize("least", [1, 2, 5])
+def test_a_length_whose_table_is_rejected_is_not_the_last_that_is_tried(least):
+    system, plan = two_modes("1/2", 0, 3)
+
+    def check(_model, _schedule, table):
+        return table.length >= milliseconds(least) and _is_sound_switch(_model, _schedule, table)
+
+    (table,) = switch_tables(system, plan, check).tables
+    assert table.length == milliseconds(least)
+
+
+def test_jobs_of_a_table_are_numbered_by_task():
+    system = large_modes(24)
+    tables = switched(system)[1].tables
+    for table in tables:
+        numbers = {}
+        for each in table.jobs:
+            numbers.setdefault(each.task, []).append(each.index)
+        assert all(own == [*range(len(own))] for own in numbers.values())
+    assert max(j.index for table in tables for j in table.jobs) > 0
+
+
 def test_doubtful_pairs_come_first_and_all_or_none_are_found():
     system, plan = two_modes(0, 0, 3, limit="0ms")
     system = replace(system, transitions=(*system.transitions, Transition(source="b", target="a")))

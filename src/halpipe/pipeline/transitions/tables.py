@@ -74,8 +74,8 @@ class Switched:
 
     tables: tuple[TransitionTable, ...]
     diagnostics: tuple[Diagnostic, ...]
-    failed: tuple[tuple[str, str], ...] = ()
-    stopped: bool = False
+    failed: tuple[tuple[str, str], ...]
+    stopped: bool
 
 
 @record
