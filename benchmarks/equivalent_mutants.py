@@ -84,6 +84,7 @@ EQUIVALENT = {
     ("change.py", "ends[unit] = max(job.end, ends.get(unit, 1))"): "what still runs after the switch ends a tick later or more",
     ("line.py", "self._longest[phase.resource] = max(phase.end - phase.start, self._longest.get(phase.resource, 1))"): MORE,
     ("line.py", "if version.gang >= 1:"): "of one unit, each set is looked at by itself",
+    ("cost.py", "return max((max(0, low - gap, gap - high) for gap in gaps), default=placement.hyperperiod)"): "a task has one job of each number",
     ("remedies.py", "TRIALS = 301"): BUDGET,
     ("remedies.py", "budget = max(20, min(2000, WORK // max(2, self.jobs)))"): "both leave more than 2000",
     ("tiling.py", "marks = [total * part // max(2, sums[-1]) for part in sums]"): "of one task, none is a gang",

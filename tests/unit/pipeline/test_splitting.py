@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from random import Random
 
 import pytest
 from split_cases import split_example, with_job, with_part
@@ -11,7 +12,7 @@ from halpipe.models import Binding, Interrupt, Split, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import cost_terms, mode_report
 from halpipe.pipeline.measure.placement import Placement
-from halpipe.pipeline.measure.splitting import parts_cost
+from halpipe.pipeline.measure.splitting import _Spans, parts_cost
 from halpipe.pipeline.parts import job_of
 from support import access, job, model, ms, task, version
 
@@ -224,3 +225,29 @@ def test_each_preemption_too_many_costs_a_mean_wcet(gaps, costs):
     spans = [(ms(0), ms(0), ms(2)), (ms(9), ms(2), ms(4)), (ms(20), ms(4), ms(8))]
     found = cost(system, [job_of("a", 0, system.tasks[0].versions[0], ("u1",), spans, ())])
     assert found.precedence == costs
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_all_spans_that_meet_one_are_found_round_the_circle(seed):
+    rng, circle = Random(seed), 20
+    system = model(task("a", 20, version()))
+    first = Placement.of(expand(system, system.modes[0]), [job(system, "a", 0, 0, "u1")]).jobs[0]
+    spans = [replace(first, index=n, start=rng.randrange(20), length=rng.randint(1, 45)) for n in range(5)]
+    for one in spans:
+        found = {(other.index, shift) for other, shift in _Spans(list(spans)).meeting(one, circle)}
+        assert found == {
+            (other.index, shift)
+            for other in spans
+            for shift in range(-200, 201, circle)
+            if other.start + shift < one.end and one.start < other.end + shift and (other is not one or shift)
+        }
+
+
+def test_one_job_in_parts_makes_the_deadlines_of_all_jobs_of_its_task_count():
+    """The job in one piece starts 8 ms after the release of the other one, which ends in time."""
+    cut = split(version("v", 4), points(2))
+    system = model(task("a", 20, cut, deadline=10, slack=1), task("b", 40, version("v", 1)))
+    spans = [(ms(0), ms(0), ms(2)), (ms(5), ms(2), ms(4))]
+    parts = job_of("a", 0, system.tasks[0].versions[0], ("u1",), spans, ())
+    assert cost(system, [parts, job(system, "a", 1, 28, "u1"), job(system, "b", 0, 3, "u1")]).precedence == 2
+    assert cost(system, [parts, job(system, "a", 1, 26, "u1"), job(system, "b", 0, 3, "u1")]).precedence == 0

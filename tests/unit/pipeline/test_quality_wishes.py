@@ -1,0 +1,119 @@
+"""Wishes of an improvement: what is asked of chains is less in sum, and of delays and units in the order stated."""
+
+import random
+from types import SimpleNamespace
+
+import pytest
+
+from halpipe.pipeline.solve.integers import Table, ints
+from halpipe.pipeline.solve.kernel import quality
+from halpipe.pipeline.solve.kernel.kernel import NEVER
+from halpipe.pipeline.solve.problem import NO_TICK
+
+
+@pytest.fixture
+def latencies(monkeypatch):
+    """Let the best placement have given latencies."""
+
+    def of(rows):
+        monkeypatch.setattr(quality, "_latencies", lambda _: [list(pair) for pair in rows])
+        return rows
+
+    return of
+
+
+def drawn(rng):
+    """Latencies, weights, the least that can be, and limits above which nothing may go."""
+    count = rng.randint(1, 4)
+    rows = [[rng.randint(20, 400) for _ in range(2)] for _ in range(count)]
+    least = [[time - rng.choice((0, 1, 5, 200)) for time in pair] for pair in rows]
+    most = [[rng.choice((NO_TICK, time, time + 3, time + 500)) for time in pair] for pair in rows]
+    return rows, tuple(rng.randint(1, 5) for _ in range(count)), least, most
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_what_one_latency_wins_less_one_the_others_may_grow_by(seed, latencies):
+    rng = random.Random(seed)
+    rows, weights, least, most = drawn(rng)
+    latencies(rows)
+    ceiling = SimpleNamespace(chain_limit=Table.of(most, 2))
+    chain, kind, parts = rng.randrange(len(rows)), rng.randrange(2), rng.choice((8, 64))
+    found = quality._traded(None, ceiling, weights, least, (chain, kind), parts)
+    win = min(max(1, rows[chain][kind] // parts), rows[chain][kind] - least[chain][kind])
+    if win <= 0:
+        assert found is None
+        return
+    asked = [list(row) for row in found]
+    assert asked[chain][kind] == rows[chain][kind] - win
+    growth = slack = 0
+    for number, pair in enumerate(rows):
+        for place, time in enumerate(pair):
+            if (number, place) == (chain, kind):
+                continue
+            grown = asked[number][place] - time
+            assert grown >= 0
+            assert most[number][place] == NO_TICK or asked[number][place] <= most[number][place]
+            growth += weights[number] * grown
+            is_limited = asked[number][place] == most[number][place]
+            slack += weights[number] * (grown + 1) if not is_limited else weights[chain] * win
+    assert growth < weights[chain] * win or growth == 0
+    assert slack >= weights[chain] * win - 1 or slack == 0
+
+
+@pytest.mark.parametrize("parts", [8, 64])
+@pytest.mark.parametrize("seed", range(10))
+def test_all_latencies_are_asked_to_shrink_by_a_part_but_not_below_the_least(seed, parts, latencies):
+    rows, _, least, _ = drawn(random.Random(seed))
+    latencies(rows)
+    found = quality._all_shorter(None, least, parts)
+    asked = [[max(low, time - max(1, time // parts)) for time, low in zip(*pairs, strict=True)]
+             for pairs in zip(rows, least, strict=True)]  # fmt: skip
+    assert found is None if asked == rows else [list(row) for row in found] == asked
+
+
+def test_chains_without_data_have_no_limit_and_are_not_traded(latencies):
+    rows = latencies([[NEVER, 30], [40, 50]])
+    assert [list(row) for row in quality._limits(rows)] == [[NO_TICK, 30], [40, 50]]
+
+
+class Granting:
+    """Answers the wishes of a generator, and notes them."""
+
+    def __init__(self, wishes, is_granted):
+        self.asked, answer = [], None
+        try:
+            while True:
+                wish = wishes.send(answer)
+                self.asked.append(wish)
+                answer = is_granted(wish)
+        except StopIteration:
+            pass
+
+
+def arrays(**columns):
+    """Arrays that `replace` can change."""
+    from dataclasses import make_dataclass
+
+    return make_dataclass("Arrays", columns)(**columns)
+
+
+@pytest.mark.parametrize(("granted", "asked"), [(4, [0]), (2, [0, 1, 2]), (0, [0, 1, 2, 3])])
+def test_less_slack_is_asked_for_by_quarters_from_none_on(granted, asked):
+    best = SimpleNamespace(arrays=arrays(option_late=ints([8, 0, 4])))
+    wishes = Granting(quality._less_slack(best), lambda wish: wish.option_late[0] // 2 >= 4 - granted)
+    assert [list(wish.option_late) for wish in wishes.asked] == [[2 * n, 0, n] for n in asked]
+    none = SimpleNamespace(arrays=arrays(option_late=ints([0, 0])))
+    assert Granting(quality._less_slack(none), lambda _: False).asked == []
+
+
+def test_units_of_a_group_are_taken_away_until_that_is_refused():
+    best = SimpleNamespace(problem=SimpleNamespace(groups=[0, 1]), arrays=arrays(lane_capacity=ints([3, 2, 9])))
+
+    def grant(wish):
+        if wish.lane_capacity[0] < 2 or wish.lane_capacity[1] < 1:
+            return False
+        best.arrays = wish
+        return True
+
+    asked = Granting(quality._fewer_units(best), grant).asked
+    assert [list(wish.lane_capacity) for wish in asked] == [[2, 2, 9], [1, 2, 9], [2, 1, 9], [2, 0, 9]]
