@@ -148,6 +148,7 @@ def test_timeliness_is_cut_to_six_digits():
 def test_without_jobs_nothing_is_late_and_all_units_are_empty():
     found = terms(model(task("a", 10, version()), units="u1 u2"))
     assert (found.timeliness, found.occupancy, found.precedence) == (1, 1, 0)
+    assert terms(model(replace(task("a", 10, version()), let=ms(10)))).precedence == 0
 
 
 @pytest.mark.parametrize(("slack", "beyond"), [(1, 0), ("3/10", 1), ("1/5", 2)])

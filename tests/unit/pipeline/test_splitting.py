@@ -12,7 +12,7 @@ from halpipe.models import Binding, Interrupt, Split, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import cost_terms, mode_report
 from halpipe.pipeline.measure.placement import Placement
-from halpipe.pipeline.measure.splitting import _Spans, parts_cost
+from halpipe.pipeline.measure.splitting import _Boundaries, _Spans, parts_cost
 from halpipe.pipeline.parts import job_of
 from support import access, job, model, ms, task, version
 
@@ -251,3 +251,8 @@ def test_one_job_in_parts_makes_the_deadlines_of_all_jobs_of_its_task_count():
     parts = job_of("a", 0, system.tasks[0].versions[0], ("u1",), spans, ())
     assert cost(system, [parts, job(system, "a", 1, 28, "u1"), job(system, "b", 0, 3, "u1")]).precedence == 2
     assert cost(system, [parts, job(system, "a", 1, 26, "u1"), job(system, "b", 0, 3, "u1")]).precedence == 0
+
+
+def test_a_preemption_outside_the_execution_costs_its_distance_from_the_inside():
+    boundaries = _Boundaries.of(split(version("v", 10), Split(anywhere=True)), ms(1))
+    assert [boundaries.distance(bound) for bound in (-3, 0, 1, 9, 10, 12)] == [4, 1, 0, 0, 1, 3]
