@@ -177,6 +177,11 @@ GOLDEN = {
         13,
         "54ce39c372711ec9e29fd0ecfca9db43e83504e57fe476bb3d2290f4bb743deb",
     ),
+    "many tasks": (
+        SetParameters(tasks=900, units=60, access_windows=0),
+        14,
+        "10196dddddedd9bb375e9389e3d69ae17939f29e0543164f857b90f083cb832e",
+    ),
     "table iii": (TABLE_III[3].cells[-1], 11, "7d322d0061867ca41c43451bcfc1c2d3f388e253ea2e974c648e8c9279d0e0ce"),
 }
 
