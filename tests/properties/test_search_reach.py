@@ -13,8 +13,11 @@ import refined_systems
 import split_systems
 import verify_systems
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import milliseconds
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.measure.objectives import NEVER, Objective
+from halpipe.pipeline.solve.codes import NO_OPTION, TICK_DOES_NOT_DIVIDE
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
@@ -95,3 +98,16 @@ def test_generated_sets_are_scheduled_with_few_moves(changes, moves):
         assert result.is_complete
         made += result.moves
     assert made <= moves * 3 // 2
+
+
+@pytest.mark.parametrize(("family", "found"), [("whole", 11), ("preemptive", 15)])
+def test_schedules_on_a_coarse_grid_are_some_of_the_model(family, found):
+    """Pieces are longer there, so that phases in one part begin before the instants of the grid."""
+    seen, codes = 0, set()
+    for seed in range(100, 130):
+        try:
+            seen += searched(drawn(family, False, seed), budget=300, optimise=(), tick=milliseconds(2)).is_complete
+        except HalpipeError as refused:
+            codes.add(refused.diagnostics[0].code)
+    assert codes <= {TICK_DOES_NOT_DIVIDE.id, NO_OPTION.id}
+    assert seen >= found

@@ -291,9 +291,11 @@ class Trials:
         self.placed = 0
         self.stopped = False
         self._simulator = Simulator(mode)
-        ways = (way for work in mode.works for way in work.ways if mode.growth > 1)
-        # What is shortened begins and ends before what is simulated.
-        is_shortened = mode.is_lenient or any(way.phases or way.windows for way in ways)
+        ways = [way for work in mode.works for way in work.ways]
+        times = (time for way in ways for time in (*way.bounds, way.version.split.resume))
+        is_longer = mode.growth > 1 or any(time % mode.tick for time in times)
+        # What is shortened, or was rounded up, begins and ends before what is simulated.
+        is_shortened = mode.is_lenient or (is_longer and any(way.phases or way.windows for way in ways))
         self._is_refined = is_shortened or bool(mode.expansion.locks) or any(True for _ in model.refinements())
         self._times = ChainTimes(mode, model.chains)
         self.limited = [chain for chain in model.chains if chain.max_reaction is not None or chain.max_age is not None]
