@@ -7,7 +7,7 @@ import pytest
 
 from growth import growth, half_way
 from halpipe.core.durations import Duration, milliseconds
-from halpipe.models import Split, Transition
+from halpipe.models import Edge, Split, Transition
 from halpipe.pipeline.checked import KEPT_FOR_SWITCHES, _is_sound_switch, schedule_model, verify_schedule
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -88,6 +88,15 @@ def test_the_shortest_table_of_one_task(slack, before, after_, length, starts):
     assert table.worst_latency == milliseconds(10 + length)
 
 
+def test_jobs_of_a_table_before_a_closed_edge_end_before_the_mode():
+    """The job in between starts with the table, ten milliseconds after the last one, and takes 4."""
+    system, plan = two_modes(0, 0, 3)
+    system = replace(system, modes=(system.modes[0], replace(system.modes[1], edge=Edge.CLOSED)))
+    (table,) = tables_of(system, plan).tables
+    assert table.length == milliseconds(4)
+    assert [(j.start, j.end) for j in table.jobs] == [(milliseconds(0), milliseconds(4))]
+
+
 def test_a_limit_that_is_too_short_is_a_finding_that_names_task_and_rule():
     system, plan = two_modes(0, 0, 3, limit="0ms")
     switched = tables_of(system, plan)
@@ -105,9 +114,10 @@ def test_pairs_that_the_model_does_not_list_only_warn():
     assert {d.code for d in never.diagnostics} == {NO_IMPLIED_TABLE.id}
 
 
-def test_an_entering_task_starts_early_where_a_constraint_needs_it():
+@pytest.mark.parametrize("anchor", ["start", "end"])
+def test_an_entering_task_starts_early_where_a_constraint_needs_it(anchor):
     sense = task("sense", 10, version("v", 2, "u1"))
-    act = task("act", 10, version("v", 2, "u2", after("sense", 8, 9, "start")))
+    act = task("act", 10, version("v", 2, "u2", after("sense", 8 - 2 * (anchor == "end"), 9, anchor)))
     system = model(sense, act, units="u1 u2", modes=[mode("idle", [sense]), mode("busy", [sense, act])])
     entering = replace(system, modes=(mode("other", [task("x", 10, version("v", 1, "u1"))]), system.modes[1]))
     entering = replace(entering, tasks=(*system.tasks, task("x", 10, version("v", 1, "u1"))))
@@ -116,7 +126,11 @@ def test_an_entering_task_starts_early_where_a_constraint_needs_it():
     plan = replace(busy, modes=(other.modes[0], busy.modes[0]))
     entering = replace(entering, transitions=(next(t for t in entering.allowed_transitions() if t.target == "busy"),))
     (table,) = tables_of(entering, plan).tables
-    assert [(j.task, j.start) for j in table.jobs] == [("sense", table.length + milliseconds(-6))]
+    [early] = table.jobs
+    earliest = milliseconds(-9 if anchor == "end" else -7)
+    assert early.task == "sense"
+    assert earliest <= early.start - table.length <= milliseconds(-6)
+    assert verify_schedule(entering, replace(plan, transitions=(table,))) == []
 
 
 def test_predecessors_are_put_before_as_many_cycles_as_need_them():
@@ -260,6 +274,15 @@ def test_the_search_for_a_shorter_table_ends_with_the_work_of_a_pair(monkeypatch
     assert table.length > shortest.tables[0].length
     assert note.code == MAY_BE_LONG.id
     assert str(table.length) in note.message
+
+
+@pytest.mark.parametrize("count", [3, 8, 15, 20])
+def test_the_table_found_by_halves_is_as_short_as_the_first_of_all_lengths(monkeypatch, count):
+    system, plan = later_in_mode_b(*((f"t{n}", "u0", "u0", 3 * n, 1 + n % 3) for n in range(count)))
+    (by_halves,) = tables_of(system, plan).tables
+    monkeypatch.setattr(tables_module, "FEW", 10**6)
+    (one_by_one,) = tables_of(system, plan).tables
+    assert by_halves.length == one_by_one.length
 
 
 def test_only_the_jobs_of_a_group_that_does_not_fit_are_placed_anew():
