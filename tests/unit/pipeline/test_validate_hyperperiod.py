@@ -257,3 +257,11 @@ def test_of_the_tasks_of_a_guilty_period_two_are_named():
 def test_periods_at_the_ends_of_a_decade_are_rounded_as_well(period, base, expected):
     found = periods_instead(Duration.parse(period), Duration.parse(base), None)
     assert [str(choice) for choice in found[:1]] == expected
+
+
+def test_the_period_of_polls_does_not_become_longer_than_the_least_of_their_distances():
+    system = periodic("100ms", *["10ms"] * 4, "9.999999ms", "9.999999ms")
+    for distances in ((ms(12), ms("9.999999ms")), (ms("9.999999ms"), ms(12))):
+        polled = [replace(t, distance=d) for t, d in zip(system.tasks[5:], distances, strict=True)]
+        help = the(replace(system, tasks=(*system.tasks[:5], *polled)), codes.TOO_MANY_JOBS).help
+        assert help.startswith("use 9ms")

@@ -27,7 +27,7 @@ def test_bad_names(name):
 
 @pytest.mark.parametrize(("length", "shown"), [(60, "é" * 60), (61, "é" * 60 + "...")])
 def test_a_message_shows_sixty_characters_of_a_name(length, shown):
-    assert shown + '"' in the(replace(alone(), name="é" * length), codes.BAD_NAME).path
+    assert f'"{shown}"' in the(replace(alone(), name="é" * length), codes.BAD_NAME).path
 
 
 @pytest.mark.parametrize("name", ["/ns/node", "a.b:c~d+e@f$g%h-i_0", "x" * 1000])

@@ -76,6 +76,14 @@ def test_cycle_is_named_from_its_first_task_on():
     assert finding.message.startswith("3 tasks")
 
 
+@pytest.mark.parametrize(("count", "is_cut"), [(11, False), (12, True)])
+def test_of_a_long_cycle_the_first_steps_are_named(count, is_cut):
+    tasks = [runs(f"t{n}", f"t{(n - 1) % count}") for n in range(count)]
+    message = the(model(*tasks), codes.PRECEDENCE_CYCLE).message
+    assert message.count(" needs ") == 11
+    assert message.endswith(", ...") == is_cut
+
+
 def test_two_separate_cycles_are_two_findings():
     system = model(runs("a", "b"), runs("b", "a"), runs("c", "d"), runs("d", "c"))
     assert len(found(system, codes.PRECEDENCE_CYCLE)) == 2

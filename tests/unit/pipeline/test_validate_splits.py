@@ -225,3 +225,9 @@ def test_parts_beyond_the_limit_are_pointed_out():
     for wcet, is_found in (("10ms", False), ("10.000001ms", True)):
         least = split(alone(wcet=wcet), anywhere=True, max_gaps=10**9, min_part=Duration(1))
         assert bool(found(least, codes.MANY_PARTS)) == is_found
+
+
+def test_a_poll_without_a_period_is_not_late_as_well():
+    system = polling(10, 12)
+    endless = replace(system, tasks=(replace(system.tasks[0], period=ms(0), deadline=ms("0.5ms")),))
+    assert not found(endless, codes.ARRIVAL_TOO_LATE)
