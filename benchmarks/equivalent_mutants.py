@@ -105,6 +105,7 @@ EQUIVALENT = {
     ("tables.py", "longest = max((shape.length for shapes in after.shapes.values() for shape in shapes), default=1)"): MORE,
     ("line.py", "first = bisect_left(phases, (begin - self._longest.get(resource, 1),))"): MORE,
     ("timing.py", "if version.gang <= 1:"): "the size 1 was left out above",
+    ("matching.py", "_UNSTATED, _NO_JOB = (-1, -3)"): "any number that no job has",
     ("remedies.py", "TRIALS = 301"): BUDGET,
     ("remedies.py", "budget = max(20, min(2000, WORK // max(2, self.jobs)))"): "both leave more than 2000",
     ("tiling.py", "marks = [total * part // max(2, sums[-1]) for part in sums]"): "of one task, none is a gang",

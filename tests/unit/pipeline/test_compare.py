@@ -577,6 +577,14 @@ def test_linux_keeps_the_first_characters_of_the_name_of_a_thread():
     assert shared(seen, one).diagnostics == ()
 
 
+def test_the_first_characters_of_two_names_are_the_name_of_neither():
+    names = [f"a_task_with_a_long_name_{number}" for number in range(2)]
+    jobs = [job(name, 0, ms(5 * number), ms(5 * number + 1)) for number, name in enumerate(names)]
+    plan = Schedule(model="m", model_sha256="", generator="t", modes=(table("run", ms(10), *jobs),))
+    seen = [Execution(task=names[0][:15], units=("cpu0",), start=ms(0), end=ms(1))]
+    assert {row.task: row.seen for row in shared(seen, plan).rows} == dict.fromkeys(names, 0)
+
+
 def test_a_job_of_a_long_recording_takes_little_memory():
     """A recording of ten million events has 3.3 million jobs, for which 1 GB has to do."""
     seen, cycles = Executions("t"), 1000

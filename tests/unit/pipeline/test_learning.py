@@ -170,3 +170,13 @@ def test_of_an_irregular_task_the_least_distance_of_starts_is_learned():
     text = found.overlay("run.csv")
     assert '#  "x": 3ms' in text.splitlines()
     assert "once" not in text
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_several_recordings_the_least_distance_counts(order):
+    chosen = LearnOptions(origin=ZERO, mode="run")
+    seen = [
+        run(2, 2, 2, 2, 2, 2, others=[("x", at) for at in starts]) for starts in ((1, 4, 30, 34, 59), (1, 3, 30, 59))
+    ]
+    found = [compare(PLAN, Trace(name="", executions=each), chosen, None) for each in seen[::order]]
+    assert learn(found, chosen, SYSTEM).distances == {"x": ms(2)}

@@ -258,7 +258,7 @@ class _Part:
     distance: Column
 
 
-def match_stated(executions: Executions, lines: Lines, origin: Instant | None, *, is_whole: bool = False) -> Matching:
+def match_stated(executions: Executions, lines: Lines, origin: Instant | None, *, is_whole: bool) -> Matching:
     """Match the executions of a trace that names tables and cycles; `is_whole`: all jobs of the tables are due.
 
     Without an `origin`, it is the one with which no job is early, one on time, and the others least late.
