@@ -111,8 +111,9 @@ def test_a_model_without_modes_is_invalid():
         model(task("a", 9, version("v", 2, "u1", access("m", 0, 1, "2/3"), access("m", 0, 1, "1/2"))), resources="m"),
         model(replace(task("a", 10, version("v", 9), slack=1), distance=ms(18))),
         model(replace(task("a", 10, version("v", 3), slack=1, deadline=12), distance=ms(18))),
+        model(replace(task("a", 10, version("v", 5)), let=ms(4))),
     ],
-    ids=["deadline", "load", "gang", "chain", "window", "phases", "distance", "deadline of arrivals"],
+    ids=["deadline", "load", "gang", "chain", "window", "phases", "distance", "deadline of arrivals", "let"],
 )
 def test_errors_of_validate_that_are_proofs(system):
     explanation = explain(system)

@@ -109,6 +109,9 @@ def test_an_access_phase_is_one_piece():
 def test_a_model_without_refined_requirements_is_its_own_relaxation():
     plain = model(task("a", 10, version("v", 3, "u1", access("r", 0, 1))), resources="r", chains=[chain("c", "a", 90)])
     assert relaxed(plain) is plain
+    assert relaxed(replace(plain, tasks=(replace(plain.tasks[0], let=ms(8)),))).tasks[0].let is None
+    locked = replace(plain, resources=(Resource(name="r", kind=ResourceKind.LOCK),))
+    assert relaxed(locked).resources[0].kind is ResourceKind.MEMORY
 
 
 def test_a_relaxed_model_keeps_what_every_schedule_keeps():

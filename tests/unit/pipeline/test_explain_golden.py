@@ -101,6 +101,8 @@ def test_a_task_that_may_pause_is_not_kept_waiting_by_what_holds_its_unit():
     cut = replace(system.tasks[1].versions[0], split=Split(points=(ms(1), ms(2))))
     system = replace(system, tasks=(system.tasks[0], replace(system.tasks[1], versions=(cut,)), system.tasks[2]))
     assert not find_witnesses(system)
+    either = replace(system.tasks[1], versions=(cut, version("w", 3, "gpu")))
+    assert not find_witnesses(replace(system, tasks=(system.tasks[0], either, system.tasks[2])))
     elsewhere = replace(system.tasks[1], versions=(version("v", 3, "cpu"),))
     assert not find_witnesses(replace(system, tasks=(system.tasks[0], elsewhere, system.tasks[2])))
 
