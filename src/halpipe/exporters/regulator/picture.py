@@ -8,7 +8,7 @@ from importlib import resources
 from itertools import accumulate, groupby, pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.common.palette import FILLS, INK
@@ -77,7 +77,7 @@ def draw_bounds(model: TaskModel, schedule: Schedule) -> dict[str, str]:
     Reports may embed the pictures as they are. `schedule` must fit `model`, see `selection.select`.
     """
     pictures = {}
-    grid = grid_of(model, schedule, seconds(1))
+    grid = grid_of(model, schedule, ZERO)
     for resource in model.resources:
         if resource.bandwidth is None:
             continue

@@ -195,39 +195,40 @@ class _Reader:
         top = self.top
         if not top.require("clock", "bus", "burst", "window", "guaranteed", "units"):
             return None
-        clock = top.value("clock", parse_frequency, 0)
-        bus, burst = top.value("bus", _bus, 0), top.value("burst", _positive_size, 0)
-        guaranteed = top.value("guaranteed", parse_bandwidth, 0)
+        clock, window = top.value("clock", parse_frequency, None), top.value("window", _window, None)
+        bus, burst = top.value("bus", _bus, None), top.value("burst", _positive_size, None)
+        guaranteed = top.value("guaranteed", parse_bandwidth, None)
         capacity = top.value("capacity", parse_bandwidth, guaranteed)
-        least = max(LEAST_CYCLES, -(-burst * clock // capacity)) if capacity else LEAST_CYCLES  # carry a burst
-        window = top.value("window", lambda text: _window(text, clock, least), Fraction(0))
-        cycles = int(window)
         settings = {name: self._settings(name) for name in BACKENDS}
         backend = top.value("backend", Words(*BACKENDS), BACKENDS[0])
         units = self._units(int(settings[backend].get("managers", MOST + 1)))
+        name, resource = top.value("name", _name, PurePath(self.path).stem), top.value("resource", str, "")
+        peak, overshoot = top.value("peak", parse_bandwidth, None), top.value("overshoot", parse_size, None)
+        unspecified = top.value("unspecified", Words(*DIRECTIONS), READ)
+        if clock is None or window is None or bus is None or burst is None or guaranteed is None or capacity is None:
+            return None
+        cycles = window.in_unit("s") * clock if isinstance(window, Duration) else Fraction(window)
         found = Platform(
-            name=top.value("name", _name, PurePath(self.path).stem),
-            resource=top.value("resource", str, ""),
+            name=name,
+            resource=resource,
             clock=clock,
             bus=bus,
             burst=burst,
-            cycles=cycles,
-            extra=window - cycles,
+            cycles=int(cycles),
+            extra=cycles - int(cycles),
             guaranteed=guaranteed,
             capacity=capacity,
-            stated_peak=top.value("peak", parse_bandwidth, None),
-            unspecified=top.value("unspecified", Words(*DIRECTIONS), READ),
+            stated_peak=peak,
+            unspecified=unspecified,
             backend=backend,
-            overshoot=top.value("overshoot", parse_size, None),
+            overshoot=overshoot,
             units=units,
             settings=settings,
             source=self.source,
             at=top.at(),
         )
-        if all((clock, bus, burst, cycles, guaranteed, capacity)):
-            self._compare(found)
-            return found
-        return None
+        self._compare(found)
+        return found
 
     def _units(self, managers: int) -> dict[str, UnitPort]:
         """Return the units by name; there are so many managers that they may have."""
@@ -235,9 +236,8 @@ class _Reader:
         owner: dict[int, str] = {}
         second: list[tuple[Fields, int]] = []
         for name, f, at in self.top.entries("units", _UNIT, "unit"):
-            f.require("manager")
-            manager = f.value("manager", _INDEX, -1)
-            if manager >= 0 and owner.setdefault(manager, name) != name:
+            manager = f.required("manager", _INDEX)
+            if manager is not None and owner.setdefault(manager, name) != name:
                 second.append((f, manager))
             units[name] = UnitPort(
                 unit=name,
@@ -283,10 +283,14 @@ class _Reader:
         if p.peak < p.capacity:
             text = f"{format_bandwidth(p.peak)} are less than the capacity of {format_bandwidth(p.capacity)}"
             self._contradict("peak", text, f"state at least {format_bandwidth(p.capacity)}")
-        if p.burst > p.window_capacity:
-            least = -(-p.burst * p.clock // p.capacity)
-            text = f"{p.cycles} cycles carry {p.window_capacity} bytes, less than one burst of {p.burst}"
-            self._contradict("window", text, f"use at least {least} cycles ({seconds(Fraction(least, p.clock))})")
+        fault = ""
+        if not p.cycles or p.extra.denominator >= 2**32:
+            fault = f"{p.window} is no cycle, or too fine a part of one"
+        elif p.burst > p.window_capacity:
+            fault = f"{p.cycles} cycles carry {p.window_capacity} bytes, less than one burst of {p.burst}"
+        if fault:
+            near = max(p.least_cycles, round(p.cycles + p.extra))
+            self._contradict("window", fault, f"use at least {near} cycles ({seconds(Fraction(near, p.clock))})")
         if p.cycles >= 2**32 or p.window_capacity >= 2**32:
             self._contradict("window", "cycles and bytes of a window must fit into 32 bits", "use a shorter window")
 
@@ -307,19 +311,11 @@ def free_help(what: str, taken: set[T], choices: Iterable[T]) -> str:
 # ---------------------------------------------------------------------------------------------- single values
 
 
-def _window(text: str, clock: int, least: int) -> Fraction:
-    """Read cycles, or a duration, which need not be whole cycles; a cycle named instead is `least` or more."""
+def _window(text: str) -> int | Duration:
+    """Read cycles, or a duration, which need not be whole cycles."""
     if text.strip().isascii() and text.strip().isdigit():
-        cycles = Fraction(whole(0, what="number of cycles")(text))
-    else:
-        cycles = Duration.parse(text).in_unit("s") * clock
-    if not clock:
-        return Fraction(0)
-    if cycles < 1 or cycles.denominator >= 2**32:
-        near = max(least, round(cycles))
-        text = f"{quoted(text)} is no cycle, or too fine a part of one"
-        raise ValueError(f"{text}; use {near} cycles ({seconds(Fraction(near, clock))})")
-    return cycles
+        return whole(0, what="number of cycles")(text)
+    return Duration.parse(text)
 
 
 def _bus(text: str) -> int:

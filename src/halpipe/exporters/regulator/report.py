@@ -53,9 +53,8 @@ def served(tables: Tables, table: Table) -> Iterator[Served]:
         promised = rate * tables.grid.ns(phase.end - phase.begin)
         k = -(-end // window)
         if table.rounding == WHOLE:
-            begin = phase.begin if phase.begin < frame.span else phase.begin - frame.span
-            windows = given[phase.row][k] - given[phase.row][max(begin, 0) // window]
-            if begin + phase.end - phase.begin > frame.span:  # it began at the end of the circle
+            windows = given[phase.row][k] - given[phase.row][max(phase.begin // window, 0)]
+            if phase.end > frame.span:  # it began at the end of the circle
                 windows += given[phase.row][-1]
             yield Served(phase, promised, Fraction(windows * p.burst), ZERO, ZERO)
             continue

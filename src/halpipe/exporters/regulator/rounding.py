@@ -60,7 +60,7 @@ class Promise:
 def pieces(frame: Frame, phase: Phase) -> Iterator[tuple[int, int]]:
     """Yield the stretches [begin, end) of a phase that lie inside its table; one that wraps has two on a circle."""
     if frame.kind == MODE and phase.end > frame.span:
-        yield max(phase.begin - frame.span, 0), phase.end - frame.span
+        yield 0, phase.end - frame.span
         yield phase.begin, frame.span
     else:
         begin, end = max(phase.begin, 0), min(phase.end, frame.span)

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 MAX_TABLES = 255
+ZERO = Fraction(0)
 
 
 @record
@@ -274,7 +275,7 @@ class TableBuilder:
         free = platform.window_capacity - sum(reserved.values()) - sum(v or 0 for v in stated.values())
         open_rows = [row for row, value in stated.items() if value is None and row in used]
         grain = 1 if self.backend.device.rates else platform.burst
-        share = max(0, free) // (grain * max(1, len(open_rows))) * grain
+        share = free // (grain * max(1, len(open_rows))) * grain
         defaults = {row: (share if row in used else 0) if value is None else value for row, value in stated.items()}
         path = "platform units"
         if free < 0:
@@ -423,9 +424,8 @@ def reserve_of(platform: Platform, backend: Backend) -> int:
 
 def _fluid(promised: Mapping[Row, Promise]) -> list[Fraction]:
     """Return the promise of all rows together, window by window."""
-    sums = [Fraction(0)] * max(len(promise.numerators) - 1 for promise in promised.values())
-    for promise in promised.values():
-        for k, (a, b) in enumerate(pairwise(promise.numerators)):
-            if a != b:
-                sums[k] += Fraction(b - a, promise.denominator)
-    return sums
+    rows = (
+        [Fraction(b - a, p.denominator) if a != b else ZERO for a, b in pairwise(p.numerators)]
+        for p in promised.values()
+    )
+    return [sum(row, ZERO) for row in zip(*rows, strict=True)]

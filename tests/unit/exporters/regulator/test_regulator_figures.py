@@ -301,6 +301,16 @@ def test_the_shortest_window_that_is_not_too_many_is_proposed(tmp_path):
     assert found.help == f"use a window of at least {least} cycles"
 
 
+def test_a_window_that_is_proposed_is_long_enough_for_a_regulator(tmp_path):
+    """Three cycles would do but for that."""
+    span = f"{3 * 2**20}us"
+    t = task("t", span, version("v", 1, "u1", access("mem", 0, 1, "0.25", "read")))
+    system = model(t, units="u1", resources="mem")
+    with pytest.raises(HalpipeError) as refused:
+        build(tmp_path, system, one_mode(system, span, job(system, "t", 0, 0, "u1")), window=2, burst="8B")
+    assert [d.help for d in refused.value.diagnostics] == [f"use a window of at least {LEAST_CYCLES} cycles"]
+
+
 # ------------------------------------------------------------------------------------------------------ budgets
 
 

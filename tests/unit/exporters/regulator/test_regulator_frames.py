@@ -166,3 +166,17 @@ def test_a_switch_has_a_table_until_the_one_of_the_mode_after_grants_what_is_in_
                 if phase.begin <= tick < phase.end:
                     due[phase.row] += phase.bound
             assert due == regulator_switches.line(system, schedule, instant)
+
+
+def test_what_a_transition_has_is_exact_to_the_tick():
+    """A job of the mode before ends a tick after it, and one of the transition begins a tick into it."""
+    system, schedule = switching()
+    first = replace(schedule.modes[0], jobs=(job(system, "a", 0, "5.000001ms", "u1"),))
+    switch = replace(schedule.transitions[0], jobs=(job(system, "b", 0, "0.000001ms", "u2"),))
+    modes, transitions = (first, schedule.modes[1]), (switch, schedule.transitions[1])
+    found, grid = frames(system, replace(schedule, modes=modes, transitions=transitions))
+    tick = Fraction(1, grid.window)
+    there = spans(found[2], grid)
+    assert tick * 10**6 == 1
+    assert ("a", "u1", "read", -5 + tick, tick, Fraction(1, 4)) in there
+    assert ("b", "u2", "write", 2 + tick, 3 + tick, Fraction(1, 10)) in there

@@ -76,7 +76,7 @@ def test_a_window_may_be_a_duration(tmp_path):
     assert (found.cycles, found.extra, str(found.window)) == (100, Fraction(1, 2), "100.5us")
     assert (found.promise, found.window_capacity) == (Fraction(6_432, 10), 640)
     (refused,) = refusal(platform_file(tmp_path, window="0.5us"))
-    assert "use 10 cycles (10us)" in refused.help
+    assert "use at least 10 cycles (10us)" in refused.help
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,7 @@ def test_a_window_may_be_a_duration(tmp_path):
         ({"bus": "256bit", "burst": "8KiB"}, "8KiB are more than an AXI burst may have", "use at most 4KiB"),
         ({"guaranteed": "9MB/s"}, "9MB/s are more than the bus carries: 8 bytes x 1000000 Hz = 8MB/s", "at most 8MB/s"),
         ({"capacity": "6MB/s"}, "6MB/s are less than the 6.4MB/s guaranteed", "at least 6.4MB/s"),
+        ({"window": "0"}, "0ms is no cycle, or too fine a part of one", "at least 10 cycles (10us)"),
         ({"window": "9"}, "9 cycles carry 57 bytes, less than one burst of 64", "at least 10 cycles (10us)"),
     ],
 )
@@ -120,6 +121,7 @@ def test_parts_of_cycles_have_a_denominator_of_32_bits(tmp_path):
     assert platform(tmp_path, window=f"{100 * finest + 1}/{finest}us").extra == Fraction(1, finest)
     (found,) = refusal(platform_file(tmp_path, window=f"{100 * 2**32 + 1}/{2**32}us"))
     assert "too fine a part of one" in found.message
+    assert found.help == "use at least 100 cycles (100us)"
 
 
 def test_a_window_of_too_many_digits_is_no_shorter_one(tmp_path):
@@ -132,6 +134,8 @@ def test_registers_have_an_address_of_words(tmp_path, base):
     (found,) = refusal(platform_file(tmp_path, table={"base": base}))
     assert f"'{base}' is no address" in found.message
     assert platform(tmp_path, table={"base": "0xA0000004"}).base == 0xA0000004
+    assert platform(tmp_path, table={"base": "0xA0000004"}, backend="axi-realm").base == 0  # a runtime leaves it alone
+    assert platform(tmp_path).base == 0
 
 
 @pytest.mark.parametrize("burst", ["56B", "8B", "64B", "2048B"])
@@ -176,3 +180,20 @@ def test_the_window_is_exact_where_its_length_is_no_decimal(tmp_path):
 def test_the_sample_is_what_its_comment_says(tmp_path):
     found = platform(tmp_path, PLATFORM)
     assert (found.window, found.promise) == (ms(1), 6400)
+
+
+@pytest.mark.parametrize("manager", [0, 1])
+def test_two_units_with_the_first_manager_share_it_as_those_with_another_do(tmp_path, manager):
+    text = PLATFORM.replace("manager: 0,", f"manager: {manager},").replace("manager: 2,", f"manager: {manager},")
+    (found,) = refusal(platform_file(tmp_path, text))
+    assert (found.code, found.path) == (SHARED_MANAGER.id, 'unit "u2"')
+    assert found.help.startswith(f'state "manager: {1 - manager}", which is free')
+
+
+@pytest.mark.parametrize(
+    ("key", "text"), [("clock", "x"), ("bus", "x"), ("burst", "x"), ("guaranteed", "x"), ("window", "x")]
+)
+def test_a_number_that_does_not_read_is_all_that_is_said_of_it(tmp_path, key, text):
+    """What the others are to it is not known."""
+    (found,) = refusal(platform_file(tmp_path, **{key: text}))
+    assert (found.code, found.message.partition(":")[0]) == ("HAL0023", f'"{key}"')

@@ -22,6 +22,7 @@ from regulator_samples import (
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.platform import free_help, read_platform
+from halpipe.exporters.regulator.rates import limit_of, over_limit
 from halpipe.exporters.regulator.writing import backend, falls_first
 from support import access, job, mode, model, task, version
 
@@ -294,3 +295,47 @@ def test_settings_fall_to_what_all_before_have_and_rise_then():
     assert falls_first(before, {"a": 3, "b": 1}) == [("a", 2), ("b", 1), ("a", 3)]
     assert falls_first([], {"a": 3}) == [("a", 3)]
     assert falls_first([{"a": 1}], {"a": 3}) == [("a", 3)]  # nothing is above it that has to fall
+
+
+def test_phases_are_no_remedy_of_qos400_where_one_of_them_is_too_much(tmp_path):
+    """A step is 1.5625 MB/s: two rates of a fifth of the capacity fit, those of `nearly_all` do not."""
+    rates = {"capacity": "6.4MB/s", "guaranteed": "6.2MB/s"}
+    found = [d for d in made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates)[1] if d.is_error]
+    assert found
+    assert not [d for d in found if "granularity: phase" in d.help]
+    assert "u1 write 156.25kB/s" not in found[0].message
+    assert "u1 write 0.15625MB/s for 0MB/s" in found[0].message
+
+
+@pytest.mark.parametrize("most", [None, 15_000_000, 20_000_000])
+def test_a_capacity_is_named_up_to_what_the_bus_carries_and_the_device_gives(tmp_path, most):
+    """A bus of 16 bytes at 1 MHz carries 16 MB/s."""
+    tables, _ = build(tmp_path, *nearly_all(), bus="128bit")
+    (table,), room = tables.tables, limit_of(tables)
+    due = min(16_000_000, most or 16_000_000) - tables.platform.capacity
+    for more, is_named in ((0, True), (Fraction(1, 2), False)):
+        given = {"u1": room, "u2": due + more}
+        (found,) = over_limit(tables, table, given, dict.fromkeys(given, Fraction(0)), "do so", most=most)
+        assert ("capacity: " in found.help) == is_named
+    assert over_limit(tables, table, {"u1": room}, {}, "do so") == []
+
+
+@pytest.mark.parametrize(("guaranteed", "is_held"), [(4 * (2**31 - 1), True), (4 * 2**31, False)])
+def test_memguard_holds_events_of_31_bits(tmp_path, guaranteed, is_held):
+    """One core reads a quarter of what is guaranteed, in bytes and in a second; the other does nothing."""
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
+    system = model(t, units="u1 u2", resources="mem")
+    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
+    changes = {"clock": "1GHz", "bus": "128bit", "window": "1ms", "capacity": "16GB/s"}
+    settings = "{line: 1B, period: 1000000us, write-refills: 0, write-backs: 0}"
+    tables, _ = build(
+        tmp_path, system, schedule, backend_name="memguard", guaranteed=f"{guaranteed}B/s", memguard=settings, **changes
+    )
+    assert bool(backend("memguard").check(tables)) != is_held
+
+
+def test_units_without_a_core_are_all_that_is_said_of_cores_that_no_unit_has(tmp_path):
+    text = PLATFORM.replace("core: 0, ", "").replace("core: 1, ", "")
+    for settings in ("{}", "{cores: 1}"):
+        found = made(tmp_path, "memguard", text=text, memguard=settings)[1]
+        assert [(d.code, d.path) for d in found] == [(codes.NO_MANAGER.id, f'unit "{unit}"') for unit in ("u1", "u2")]

@@ -82,6 +82,28 @@ def test_phases_that_end_in_the_mode_after_are_counted_there(tmp_path):
     assert there == [("a", "read"), ("b", "read"), ("b", "write")]  # not those of the job that goes on in `slow`
 
 
+def test_a_phase_that_ends_with_its_table_is_counted_in_it(tmp_path):
+    system, schedule = switching()
+    modes = (schedule.modes[0], replace(schedule.modes[1], jobs=(job(system, "b", 0, 2, "u2"),)))
+    tables, _ = build(tmp_path, system, replace(schedule, modes=modes))
+    there = [(s.phase.job.task, s.phase.end // tables.grid.window) for s in served(tables, tables.tables[2])]
+    assert there == [("a", 2), ("b", 3), ("b", 3), ("b", 6), ("b", 6)]
+
+
+def test_of_a_phase_that_began_in_the_mode_before_its_windows_in_this_one_count(tmp_path):
+    tables, _ = build(tmp_path, *switching(), WHOLE)
+    (found,) = (s for s in served(tables, tables.tables[2]) if s.phase.job.task == "a")
+    assert (found.phase.begin, found.granted) == (-3 * tables.grid.window, 2 * 25 * 64)
+
+
+def test_a_table_without_a_phase_lags_by_nothing(tmp_path):
+    system, schedule = two_units()
+    tables, _ = build(tmp_path, system, replace(schedule, modes=(replace(schedule.modes[0], jobs=()),)))
+    assert summarise(tables, backend("table"), "").splitlines()[8].split()[-2:] == ["0", "1"]
+    (table,) = describe_export(tables, backend("table"), [], "")["tables"]
+    assert (table["worst_lag_bytes"], table["phases"]) == ("0", [])
+
+
 # ------------------------------------------------------------------------------------------------------ warnings
 
 
@@ -136,6 +158,14 @@ def test_a_phase_must_be_long_enough_for_its_transfers(tmp_path, size, expected)
     if expected:
         assert "6400 bytes are promised, its transfers need 6401" in found[0].message
         assert found[0].help == "let it last at least 2000313ns, or bind it to 0.501"
+
+
+@pytest.mark.parametrize(("size", "said"), [(12793, ", or bind it to 1"), (12800, ", or bind it to 1"), (12801, "")])
+def test_a_short_phase_may_be_bound_to_all_of_the_bandwidth_at_most(tmp_path, size, said):
+    moved = replace(access("mem", 0, 2, "0.5", "read"), transfers=(Transfer(buffer="b", symbol="s", size=size),))
+    system = model(task("t", 10, version("v", 3, "u1", moved)), units="u1 u2", resources="mem")
+    (found,) = found_in(tmp_path, system, one_mode(system, 10, job(system, "t", 0, 0, "u1")))
+    assert found.help == f"let it last at least {-(-size * 10**9 // 3_200_000)}ns{said}"
 
 
 # ------------------------------------------------------------------------------------------------------ JSON, text

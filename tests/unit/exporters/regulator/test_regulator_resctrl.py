@@ -8,6 +8,7 @@ from regulator_samples import PLATFORM, files, low_bounds, made, platform
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.rates import coarse
 from halpipe.exporters.regulator.resctrl.writer import EIGHTH, Steps
+from halpipe.exporters.regulator.writing import backend
 
 PEAK = 8_000_000
 
@@ -41,7 +42,7 @@ def test_what_values_grant(tmp_path):
     intel = steps(tmp_path, "kind: intel")
     assert [intel.given(value) for value in (10, 15, 100)] == [PEAK // 10, PEAK // 5, PEAK]
     assert intel.rounded(21) == 30
-    assert steps(tmp_path, "kind: amd, step: 4").given(5) == 8 * EIGHTH
+    assert steps(tmp_path, "kind: amd, step: 4").given(5) == 8 * EIGHTH == 10**9
     assert steps(tmp_path, "kind: intel, levels: 20=1MB/s 50=3MB/s").given(50) == 3_000_000
 
 
@@ -142,3 +143,9 @@ def test_a_quarter_more_than_promised_is_coarse(tmp_path, given, promised, is_co
     tables, _ = made(tmp_path, "resctrl")
     found = coarse(tables.tables[0], "u1", Fraction(given), Fraction(promised))
     assert [d.code for d in found] == [codes.COARSE_RATE.id] * is_coarse
+
+
+@pytest.mark.parametrize(("settings", "least"), [("kind: intel", 10), ("kind: amd", 1), ("min: 30, step: 10", 30)])
+def test_what_belongs_to_no_unit_gets_the_least(tmp_path, settings, least):
+    tables, _ = made(tmp_path, "resctrl", resctrl=f"{{{settings}}}")
+    assert backend("resctrl").facts(tables)["least"] == least

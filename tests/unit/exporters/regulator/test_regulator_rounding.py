@@ -149,3 +149,10 @@ def test_controlled_leaves_room_for_what_is_carried_over():
     found = controlled_seams(turns, 4, 4, [A, B])
     assert found == {A: [3, 0, 3, 0], B: [0, 3, 0, 3]}
     assert controlled_seams(turns, 4, 3, [A, B]) == Overload(0, 4, 3)
+
+
+def test_no_more_is_kept_for_what_is_carried_over_than_it_takes():
+    """With two bursts kept all fits; with one, window 1 has one too many, and three leave no room for D."""
+    c, d = Row("c", "read"), Row("d", "read")
+    promised = {A: promise("1/2", 1), B: promise(2, 0), c: promise("1/2", 0), d: promise(0, 3)}
+    assert controlled_seams(promised, 2, 5, [*promised]) == {A: [1, 0], B: [2, 0], c: [0, 0], d: [0, 3]}

@@ -83,7 +83,7 @@ def _cores(tables: Tables) -> dict[int, str]:
 
 def _count(tables: Tables) -> int:
     """Return the number of cores of the machine: as stated, else up to the last that is a unit."""
-    return int(tables.platform.settings[MemGuard.name]["cores"]) or max(_cores(tables), default=-1) + 1
+    return int(tables.platform.settings[MemGuard.name]["cores"]) or max(_cores(tables)) + 1
 
 
 def _line(platform: Platform) -> int:
@@ -236,7 +236,8 @@ def _check_limits(tables: Tables, table: Table) -> Iterator[Diagnostic]:
         events = [max(limits[d, core] for limits in settings) for core in range(_count(tables))]
         text = " ".join(map(str, events))
         if len(text) > LONGEST_LINE or max(events) >= 2**31:
-            message = f"the limits of {len(events)} cores are {len(text)} characters; the module takes {LONGEST_LINE}"
+            message = f"the limits of {len(events)} cores are {len(text)} characters, up to {max(events)}; the module "
+            message += f"takes {LONGEST_LINE}, and numbers below 2^31"
             help = "use a shorter period, or leave cores out of the system"
             yield RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)
     highest = peaks(table.frame)
