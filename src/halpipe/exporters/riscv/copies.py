@@ -109,10 +109,10 @@ class Copies:
                 low = begin + turn.at + turn.after
                 for name in turn.sizes[program.version]:
                     areas.append((low, low + turn.length, name, turn.kind is AccessKind.WRITE, program.task))
-            first = min((o.at for o in program.operations if _reads(o)), default=0)
+            reads = [o.at for o in program.operations if _reads(o)]
             ready = max((turn.after + turn.length for turn in own if turn.kind is AccessKind.READ), default=0)
-            if first < ready:
-                text = f"reads {first} ticks after its release, when its copies are complete after {ready}"
+            if reads and min(reads) < ready:
+                text = f"reads {min(reads)} ticks after its release, when its copies are complete after {ready}"
                 yield program.task, text, "run `halpipe deploy prepare` and schedule the prepared model"
             for o in program.operations if not own else ():
                 end = o.source if o.access is not None and o.access.kind is AccessKind.READ else o.target

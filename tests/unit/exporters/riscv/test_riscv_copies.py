@@ -143,6 +143,7 @@ def test_inputs_are_read_when_their_copies_are_complete():
     remedy = "run `halpipe deploy prepare` and schedule the prepared model"
     assert conflicts(own=[phase(40, READ, "in"), phase(26, READ, "in")]) == [('task "w"', text, remedy)]
     assert conflicts(own=[phase(26, READ, "in")], own_turns=(OUT,)) == []  # it reads nothing that is copied
+    assert conflicts() == []  # a version that reads nothing, beside one that does
 
 
 @pytest.mark.parametrize(("let", "is_apart"), [(27, True), (26, False)])

@@ -97,3 +97,11 @@ def test_the_limit_itself_fits(findings):
     assert findings.items == []
     main_memory(small, {"all": free + 1}, findings)
     assert [found.code for found in findings.items] == [MAIN_MEMORY_FULL.id]
+
+
+@pytest.mark.parametrize("sizes", [(32, 64), (64, 32)])
+@pytest.mark.parametrize("kind", ["read", "write"])
+def test_a_buffer_holds_the_largest_of_its_transfers(findings, sizes, kind):
+    users = [deployed(phases=[moving("memory", "0ms", "1ms", kind, ("shared", "numbers", size))]) for size in sizes]
+    assert buffer_sizes([("a", users[0]), ("b", users[1])], findings) == {"shared": 64}
+    assert findings.items == []

@@ -8,6 +8,7 @@ import pytest
 from halpipe.core.diagnostics import Findings
 from halpipe.core.durations import ZERO
 from halpipe.exporters.common.codes import NEEDS_HOLD
+from halpipe.exporters.riscv import bundle
 from halpipe.exporters.riscv.codes import IMAGE_TOO_LARGE, PHASE_ORDER
 from halpipe.exporters.riscv.cores import (
     Shape,
@@ -24,7 +25,7 @@ from halpipe.exporters.riscv.cores import (
 )
 from halpipe.exporters.riscv.images import Part as Linked
 from halpipe.exporters.riscv.profile import Region, read_profile
-from halpipe.exporters.riscv.toolchain import Elf, Symbol
+from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, Part, Split
 from riscv_models import PHASES, deployed, single
 from support import job, model, ms, schedule, task
@@ -196,3 +197,9 @@ def test_addresses_are_of_the_scratchpad_that_holds_them():
 def test_units_have_their_cores_even_where_they_are_idle_if_there_are_enough():
     system, _ = single(units="a b c d")
     assert list(cores_of(system, {"d"}, VCU118, Findings())) == ["a", "b", "c", "d"]
+
+
+def test_the_flat_program_has_zeros_where_no_segment_lies(monkeypatch):
+    segments = (Segment(4, 0x1000, 0, 2), Segment(6, 0x1004, 0, 3))
+    monkeypatch.setattr(bundle, "read_elf", lambda _: Elf(segments, {}))
+    assert bundle._flat(b"....abcde", 0x0FFF) == b"\0ab\0\0cde"

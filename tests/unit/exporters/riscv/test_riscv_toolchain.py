@@ -123,6 +123,9 @@ def test_a_workshop_keeps_the_steps_that_lead_to_the_bundle(tmp_path):
     shop = Workshop(tmp_path, Tools())
     shop.write("src/a.c", "A\n")
     shop.write("link/a.ld", b"L\n")
+    shop.write("src/lib/inner/b.h", "B\n")
+    shop.write("src/lib/inner/c.h", "C\n")
+    assert [shop.read(f"src/lib/inner/{name}.h") for name in "bc"] == [b"B\n", b"C\n"]
     compiled, measured = Compile("src/a.c", "build/obj/a.o", ("X", "Y")), Link("link/a.ld", "m/a", ("build/obj/a.o",))
     linked = Link("link/a.ld", "out/a", ("build/obj/a.o",))
     assert shop.compile([compiled]) == shop.link([measured], is_final=False) == shop.link([linked]) == []
