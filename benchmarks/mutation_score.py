@@ -103,7 +103,7 @@ ROOMS = {
             "unit/exporters/test_selection* unit/exporters/test_exporters_total* unit/workbench/*"
         ),
     ),
-    "exporters/ros": ("exporters/ros", "unit/exporters/test_ros_*"),
+    "exporters/ros": ("exporters/ros", "unit/exporters/test_ros_* linux/test_ros_package* linux/test_ros_waits*"),
     "exporters/linux": ("exporters/linux", "linux/test_linux_bundle* linux/test_linux_let*"),
     "exporters/regulator": ("exporters/regulator", "unit/exporters/regulator/test_regulator_[!s]*"),
     "exporters/riscv": (

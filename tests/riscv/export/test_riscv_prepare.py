@@ -152,3 +152,12 @@ def test_without_sources_and_without_dummies(prepare):
     with pytest.raises(HalpipeError) as caught:
         prepare(model(task("a", "5ms", version("v", "1ms", "u1")), units="u1"))
     assert [found.code for found in caught.value.diagnostics] == [codes.NO_SOURCE.id]
+
+
+def test_a_task_with_a_let_reads_when_its_copies_are_complete(prepare):
+    """Of a turn, 3 us are for other operations and 2 for set-up: 6 us to write 64 bytes, 105 to read 40 000."""
+    long = (PHASES[0], moving("memory", "0.1ms", "0.3ms", "read", ("input", "numbers", 40_000)), PHASES[2])
+    owner = replace(task("scale", "5ms", deployed(phases=long), offset="0ms"), let=Duration.parse("4ms"))
+    text = single_source().replace("numbers[16]", "numbers[10000]")
+    found, _ = phases(prepare(model(owner, units="u1", resources="memory"), scale_c=text))
+    assert [end for _, end, _ in found] == ["111us", "311us", "1.011ms"]

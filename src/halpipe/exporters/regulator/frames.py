@@ -160,7 +160,7 @@ class Framer:
         cycle = self.grid.ticks(source.hyperperiod.ns)
         for phase in self._phases(source.jobs, -cycle):
             yield phase
-            for number in range(1, -(-phase.end // cycle) if phase.end > 0 else 1):
+            for number in range(1, -(-phase.end // cycle)):
                 yield _moved(phase, -number * cycle)
 
     def _phases(self, jobs: Iterable[Job], shift: int) -> Iterator[Phase]:

@@ -29,6 +29,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.files import MANIFEST
 from halpipe.core.quantities import parse_bandwidth
+from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions, codes, windows
 from halpipe.exporters.regulator.embedded import embedded
 from halpipe.exporters.regulator.frames import Row
@@ -76,6 +77,59 @@ def test_a_manager_that_does_not_exist_needs_a_file_of_one_more(tmp_path):
     (found,) = [d for d in made(tmp_path, "axi-realm", **{"axi-realm": "{managers: 2}"})[1] if d.is_error]
     assert found.help == 'use 0 to 1, or state "axi-realm: {managers: 3}"'
     assert not [d for d in made(tmp_path, "axi-realm", **{"axi-realm": "{managers: 3}"})[1] if d.is_error]
+
+
+@by_name([low_bounds, two_units, nearly_all])
+@pytest.mark.parametrize("default", ["", ", default-read: 64B", ", default-read: 3200B"])
+def test_a_register_file_holds_the_largest_budget_that_is_written(tmp_path, sample, default):
+    text = PLATFORM.replace("manager: 0", f"manager: 0{default}")
+    written = files(tmp_path, "axi-realm", sample, text=text, capacity="14MB/s", bus="128bit")
+    registers, found = RegisterFile("axi_realm", 8, 2), []
+    regulated = {registers.offset(f"{d}_budget", 2 * manager) for d in DIRECTIONS for manager in (0, 2)}
+    for name in written:
+        steps = re.findall(r"WRITE\(-?\d+, (0x\w+), (0x\w+)\)", written[name].decode())
+        found += [int(value, 16) for offset, value in steps if int(offset, 16) in regulated]
+    width = f"{registers.offset('budget_width'):#05x}, 0xffffffff, {max(found).bit_length():#010x}"
+    assert f"READ({width}, 0xffffffff)" in written["setup.txt"].decode()
+
+
+@pytest.mark.parametrize(("cycles", "bits"), [(1000, 10), (1024, 10), (1025, 11)])
+def test_a_register_file_holds_the_period_that_is_written(tmp_path, cycles, bits):
+    """A period register has the cycles of a window less one."""
+    t = task("t", f"{cycles}us", version("v", "10us", "u1", access("mem", 0, "10us", "0.5", "read")))
+    system = model(t, units="u1", resources="mem")
+    schedule = one_mode(system, f"{cycles}us", job(system, "t", 0, 0, "u1"))
+    setup = files(tmp_path, "axi-realm", lambda: (system, schedule), window=cycles)["setup.txt"].decode()
+    registers = RegisterFile("axi_realm", 8, 2)
+    assert f"WRITE(-1, {registers.offset('read_period', 0):#05x}, {cycles - 1:#010x})" in setup
+    assert f"READ({registers.offset('period_width'):#05x}, 0xffffffff, {bits:#010x}, 0xffffffff)" in setup
+
+
+def test_the_least_budget_of_any_window_is_what_may_be_slow_to_stop(tmp_path):
+    phases = (
+        access("mem", 0, 1, "0.1", "read"),
+        access("mem", 1, 2, "0.5", "read"),
+        access("mem", 2, 3, "0.2", "read"),
+    )
+    t = task("t", 10, version("v", 3, "u1", *phases))
+    system = model(t, units="u1", resources="mem")
+    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
+    for pending, said in (
+        (10, []),
+        (11, ["read budget is 640 bytes in some window, 704 may be pending: slow to stop"]),
+    ):
+        found = made(tmp_path, "axi-realm", lambda: (system, schedule), **{"axi-realm": f"{{pending: {pending}}}"})[1]
+        assert [d.message for d in found if "pending" in d.message] == said
+
+
+def test_a_unit_that_never_uses_the_resource_is_isolated(tmp_path):
+    """A budget of 0 does that; those of units that are bound are 1 burst at least."""
+    text = PLATFORM + "  u3: {manager: 3}\n"
+    setup = files(tmp_path, "axi-realm", two_units, text=text, capacity="8MB/s")["setup.txt"].decode()
+    registers = RegisterFile("axi_realm", 8, 2)
+    for d in DIRECTIONS:
+        assert f"WRITE(-1, {registers.offset(f'{d}_budget', 2 * 3):#05x}, 0x00000000)" in setup
+        assert f"READ({registers.offset(f'{d}_budget_left', 2 * 3):#05x}, 0xffffffff, 0x00000000, 0x00000000)" in setup
 
 
 # ----------------------------------------------------------------------------------------------------- MemGuard

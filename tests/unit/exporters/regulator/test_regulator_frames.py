@@ -9,7 +9,7 @@ from regulator_samples import gang, one_mode, switching, two_units
 
 import regulator_switches
 from halpipe.core.durations import milliseconds
-from halpipe.exporters.regulator.frames import Framer, Row, grid_of
+from halpipe.exporters.regulator.frames import Framer, Row, _covered, grid_of
 from halpipe.models import Interrupt, Split
 from halpipe.pipeline.parts import job_of
 from support import access, job, model, ms, task, version
@@ -69,6 +69,7 @@ def test_ticks_divide_every_time_of_the_schedule():
     grid = grid_of(system, one_mode(system, "100/3ms", job(system, "t", 0, "0.3ms", "u1")), WINDOW)
     for time in (ms("100/3ms"), ms("1/7us"), ms("0.3ms"), WINDOW):
         assert grid.ns(grid.ticks(time.ns)) == time.fraction
+    assert grid.window == grid.ticks(WINDOW.ns) == 10**6 * grid.per_ns > 10**6
 
 
 def test_a_transition_has_the_tail_of_the_mode_before_its_own_jobs_and_the_first_cycle_after():
@@ -180,3 +181,23 @@ def test_what_a_transition_has_is_exact_to_the_tick():
     assert tick * 10**6 == 1
     assert ("a", "u1", "read", -5 + tick, tick, Fraction(1, 4)) in there
     assert ("b", "u2", "write", 2 + tick, 3 + tick, Fraction(1, 10)) in there
+
+
+@pytest.mark.parametrize(
+    ("needed", "cover", "is_covered"),
+    [
+        ((2, 8), (3, 8), True),  # before 4 nothing counts
+        ((5, 8), (5, 8), True),
+        ((5, 8), (4, 9), True),
+        ((5, 8), (6, 8), False),
+        ((5, 8), (5, 7), False),
+        ((2, 8), (5, 8), False),
+    ],
+)
+def test_a_phase_is_covered_by_one_that_is_in_force_from_an_instant_on(needed, cover, is_covered):
+    (frame,), _ = frames(*two_units())
+    phase = frame.phases[0]
+    several = [replace(phase, begin=begin, end=end) for begin, end in (needed, cover)]
+    assert _covered(several[:1], several[1:], 4) == is_covered
+    more = replace(several[0], bound=phase.bound * 2)
+    assert not _covered([more], several[1:], 4)

@@ -161,3 +161,11 @@ def test_what_has_dummies_has_them_again(most):
 
 
 RENDER = Renderer(PROFILE)
+
+
+@pytest.mark.parametrize(("end", "size"), [("0.402ms", 64), ("0.6ms", 8192), ("0.8ms", 8192)])
+def test_dummies_move_from_64_to_8192_bytes(end, size):
+    """For a tick there is time for nothing, for 100 us for 39 200 bytes."""
+    found = dummy(window("0.4ms", end))
+    assert {t.size for a in found.accesses for t in a.transfers} == {size}
+    assert f"WORDS={size // 8}" in found.source.defines

@@ -8,7 +8,8 @@ import pytest
 
 from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import Duration
-from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
+from halpipe.exporters.riscv import FORMAT, RiscvOptions
+from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, REGULATORS_LEFT_ALONE
 from halpipe.exporters.riscv.copies import Copies, turns_of
 from halpipe.exporters.riscv.cores import MainMemory, Slots, cores_of
 from halpipe.exporters.riscv.drivers import NONE, Driver, Drivers
@@ -31,12 +32,13 @@ from halpipe.exporters.riscv.operations import (
 )
 from halpipe.exporters.riscv.phases import COPIES, Clock, shares
 from halpipe.exporters.riscv.profile import Region, Watchdog, read_profile
+from halpipe.exporters.riscv.render import Health
 from halpipe.exporters.riscv.target import _board, _json
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
 from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
 from halpipe.models import Part as JobPart
 from riscv_models import PHASES, deployed, moving, single
-from support import job, ms, schedule
+from support import job, model, ms, schedule
 
 US = Duration.parse("1us")
 CLOCK = Clock(US, US * 2, {"memory": 400_000_000})
@@ -293,3 +295,18 @@ def test_the_description_of_a_bundle_is_ascii():
     """Programs of any locale read it."""
     assert json.loads(_json({"name": "\u00fcber"})) == {"name": "\u00fcber"}
     assert _json({"name": "\u00fcber"}).isascii()
+
+
+def test_rules_of_a_task_follow_each_other_and_a_task_without_one_has_none():
+    rules = (("a", "row 1"), ("b", "row 2"), ("b", "row 3"))
+    assert [Health(rules).of(task) for task in "abc"] == [("0U", "1U"), ("1U", "2U"), ("0U", "0U")]
+    assert Health().of("a") == ("0U", "0U")
+
+
+@pytest.mark.parametrize(("header", "is_left"), [(b"#define HP_REGULATORS 1", False), (b"#define HP_UNITS 1", True)])
+def test_regulators_without_registers_are_left_alone(header, is_left):
+    contents = {"regulator/report.json": b'{"findings": []}', "runtime/platform.h": header}
+    found = FORMAT.remarks(model(), None, RiscvOptions(regulator="p.yaml"), contents)
+    assert [(d.code, d.at.file) for d in found] == [(REGULATORS_LEFT_ALONE.id, "p.yaml")] * is_left
+    del contents["regulator/report.json"]
+    assert FORMAT.remarks(model(), None, RiscvOptions(), contents) == []

@@ -100,8 +100,8 @@ def _map(tables: Tables) -> RegisterFile:
 def _built(tables: Tables) -> list[Check]:
     """Return how the register file must be built, to be read before anything but the claim is written."""
     p, registers = tables.platform, _map(tables)
-    default = max(n for unit in tables.units for n in unit.default.values())
-    budget = max(default, p.burst * max(max(table.totals) for table in tables.tables))
+    budgets = [n for unit in tables.units for n in unit.default.values()]
+    budgets += [p.burst * n for table in tables.tables for bursts in table.bursts.values() for n in bursts]
     return [
         Check(registers.offset(name), ALL, least, most)
         for name, least, most in (
@@ -109,7 +109,7 @@ def _built(tables: Tables) -> list[Check]:
             ("num_addr_regions", registers.regions, registers.regions),
             ("data_width", 8 * p.bus, 8 * p.bus),
             ("period_width", (p.cycles - 1).bit_length(), ALL),
-            ("budget_width", budget.bit_length(), ALL),
+            ("budget_width", max(budgets).bit_length(), ALL),
         )
     ]
 
@@ -191,13 +191,11 @@ def _changes(tables: Tables, table: Table) -> list[Write]:
 
 def _worst(tables: Tables) -> tuple[int, str]:
     """Return the most writes in any one window, and where; a switch writes every budget."""
-    worst, where = len(_bound(tables)), "any switch"
+    found = [(len(_bound(tables)), "any switch")]
     for table in tables.tables:
         counts = Counter(write.at for write in _changes(tables, table))
-        for window, count in counts.items():
-            if count > worst:
-                worst, where = count, f"{table.frame.path} window {window}"
-    return worst, where
+        found += [(count, f"{table.frame.path} window {window}") for window, count in counts.items()]
+    return max(found, key=lambda each: each[0])
 
 
 def _check_managers(tables: Tables) -> list[Diagnostic]:
