@@ -13,6 +13,9 @@ GUESS = "a first guess below the least length is reached from below all the same
 
 EQUIVALENT = {
     ("rounding.py", "if least >= before:"): "nothing is due then, and nothing is added",
+    ("rounding.py", "if begin <= end:"): "a piece of no length promises nothing",
+    ("writer.py", "if sum(rates(given).values()) < limit_of(tables):"): "`over_limit` reports nothing at the limit either",
+    ("picture.py", "COLUMNS = 901"): BUDGET,
     ("operations.py", "start = 1"): "operations that all come a tick later have the same lateness",
     ("operations.py", "_RELEASE, _DECIDE = (1, 4)"): "no order lies between",
     ("phases.py", "return max(left // (len(rates) - number), 2)"): "a bus that moves no byte per second and channel",

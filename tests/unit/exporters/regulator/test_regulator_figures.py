@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from math import ceil
+from types import SimpleNamespace
 
 import pytest
 from regulator_samples import (
@@ -225,7 +226,10 @@ def test_cores_of_no_unit_are_named_with_the_number_to_state(tmp_path):
 def test_two_units_on_one_core_are_refused_with_one_that_is_free(tmp_path):
     found = made(tmp_path, "memguard", text=PLATFORM.replace("core: 1", "core: 0"))[1]
     (shared,) = [d for d in found if d.code == codes.SHARED_MANAGER.id]
-    assert "core 1" in shared.help or "1" in shared.help
+    assert shared.help.startswith('state "core: 1", which is free')
+    three = PLATFORM.replace("core: 1", "core: 2") + "  u3: {manager: 3, core: 2}\n"
+    (shared, *_) = made(tmp_path, "memguard", two_units, text=three, capacity="8MB/s")[1]
+    assert shared.help.startswith('state "core: 1", which is free')
 
 
 @pytest.mark.parametrize(
@@ -258,6 +262,83 @@ def test_phases_are_a_remedy_where_they_are_one(tmp_path):
         assert ["granularity: phase" in found.help for found in whole] == [not by_phase] * len(whole)
         seen.add((bool(whole), bool(by_phase)))
     assert seen == {(True, True), (True, False), (False, False)}
+
+
+def test_phases_are_a_remedy_up_to_all_that_there_is_room_for(tmp_path):
+    alone = "{write-refills: 0, write-backs: 0}"
+    tables, _ = made(tmp_path, "memguard", two_units, memguard=alone)
+    phases = [limits for _, limits in memguard._settings(tables, tables.tables[0], "phase")]
+    most = sum(memguard._worst(tables.tables[0], phases).values()) * 64_000 + tables.reserve * 1000
+    for capacity, is_one in ((most, True), (most - 1, False)):
+        rates = ROOMY | {"capacity": f"{capacity}B/s", "guaranteed": "6.4MB/s"}
+        (found,) = [d for d in made(tmp_path, "memguard", two_units, **rates, memguard=alone)[1] if d.is_error]
+        assert ('or set "memguard: {granularity: phase}", or use the back-end table' in found.help) == is_one
+        assert "u1 write 0.064MB/s for 0MB/s" in found.message
+
+
+def test_what_lines_bring_is_to_be_measured_where_it_is_too_much(tmp_path):
+    ratios = "{write-backs: 1, write-refills: 1/3}"
+    (found,) = [d for d in made(tmp_path, "memguard", nearly_all, memguard=ratios, capacity="7MB/s")[1] if d.is_error]
+    remedies = (
+        'state "memguard: {write-backs: ...}", measured, which is 1 lines written per line read',
+        'state "memguard: {write-refills: ...}", measured, which is 1/3 lines refilled per line written',
+        "use the back-end table or axi-realm",
+    )
+    assert found.help.endswith(f", or {', or '.join(remedies)}")
+
+
+def test_cores_have_one_line_each_where_there_is_no_more(tmp_path):
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 5, "0.1", "read")))
+    system = model(t, units="u1 u2", resources="mem")
+    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
+    for lines in (4, 3):
+        text = PLATFORM.replace("manager: 0", f"manager: 0, default-read: {64 * lines}B")
+        rates = {"capacity": f"{64 * lines}kB/s", "guaranteed": "64kB/s"}
+        tables, _ = build(tmp_path, system, schedule, backend_name="memguard", text=text, **rates)
+        assert memguard._defaults(tables) == {"read": [1, 1], "write": [1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("ratios", "read", "write"),
+    [
+        ("write-backs: 0, write-refills: 0", [1 + 123, 1, 1, 1], [1, 1 + 61, 1, 1]),
+        ("write-backs: 1, write-refills: 1/3", [1 + 61, 1 + 15, 1, 1], [1 + 61, 1 + 46, 1, 1]),
+    ],
+)
+def test_before_the_first_table_all_cores_together_have_what_memory_serves(tmp_path, ratios, read, write):
+    """254 lines of 64 bytes in 1 ms: one of each for each of 4 cores, and of 246 the shares of the stated budgets."""
+    text = PLATFORM.replace("manager: 0", "manager: 0, default-read: 8128B")
+    text = text.replace("manager: 2", "manager: 2, default-write: 4064B, default-read: 1B")
+    changes = {"capacity": "16.256MB/s", "bus": "256bit", "memguard": f"{{cores: 4, {ratios}}}"}
+    tables, _ = made(tmp_path, "memguard", text=text, **changes)
+    assert memguard._defaults(tables) == {"read": read, "write": write}
+    assert sum(read + write) <= 254
+    fine = {**changes, "memguard": f"{{cores: 4, line: 1B, period: 2ms, {ratios}}}"}
+    tables, _ = made(tmp_path, "memguard", text=text, **fine)
+    assert [limits[2:] for limits in memguard._defaults(tables).values()] == [[1, 1], [1, 1]]
+
+
+@pytest.mark.parametrize(("cores", "is_taken"), [(128, True), (129, False)])
+def test_the_module_takes_255_characters_of_a_line(tmp_path, cores, is_taken):
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 5, "0.001", "read")))
+    system = model(t, units="u1", resources="mem")
+    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
+    settings = {"memguard": f"{{cores: {cores}, write-backs: 0}}", "capacity": "64MB/s", "bus": "512bit"}
+    found = [d for d in made(tmp_path, "memguard", lambda: (system, schedule), **settings)[1] if d.is_error]
+    assert [f"of {cores} cores are {2 * cores - 1} characters" in d.message for d in found] == [True, True] * (
+        not is_taken
+    )
+
+
+def test_the_last_setting_of_a_mode_is_followed_by_its_first_and_of_a_switch_by_none():
+    low, high = {("read", 0): 1, ("read", 1): 9}, {("read", 0): 8, ("read", 1): 1}
+    mode, switch = (SimpleNamespace(index=0, successor=successor) for successor in (0, 1))
+    both = {("read", 0): 8, ("read", 1): 9}
+    assert memguard._worst(mode, [low]) == memguard._worst(switch, [low]) == low
+    assert memguard._worst(mode, [low, high]) == memguard._worst(switch, [low, high]) == both
+    some = {("read", 0): 7, ("read", 1): 1}
+    assert memguard._worst(mode, [low, some, high]) == both  # from the last to the first
+    assert memguard._worst(switch, [low, some, high]) == {("read", 0): 7, ("read", 1): 9}
 
 
 # ------------------------------------------------------------------------------------------------------ the unit

@@ -201,3 +201,17 @@ def test_a_phase_is_covered_by_one_that_is_in_force_from_an_instant_on(needed, c
     assert _covered(several[:1], several[1:], 4) == is_covered
     more = replace(several[0], bound=phase.bound * 2)
     assert not _covered([more], several[1:], 4)
+
+
+def test_a_switch_has_what_is_left_of_the_jobs_of_every_cycle_before_it():
+    """Jobs of `slow` read 11 ms after their starts, which are 5 ms apart: the last two are still to read."""
+    system, schedule = switching()
+    long = task("b", 5, version("v", 12, "u2", access("mem", 11, 12, "0.5", "read")))
+    system = replace(system, tasks=(system.tasks[0], long))
+    slow = replace(schedule.modes[1], jobs=(job(system, "b", 0, 0, "u2"),))
+    modes, transitions = (schedule.modes[0], slow), schedule.transitions[1:]
+    (*_, back), grid = frames(system, replace(schedule, modes=modes, transitions=transitions))
+    assert [(task, begin, end) for task, _, _, begin, end, _ in spans(back, grid) if task == "b"] == [
+        ("b", 1, 2),
+        ("b", 6, 7),
+    ]

@@ -197,3 +197,12 @@ def test_a_number_that_does_not_read_is_all_that_is_said_of_it(tmp_path, key, te
     """What the others are to it is not known."""
     (found,) = refusal(platform_file(tmp_path, **{key: text}))
     assert (found.code, found.message.partition(":")[0]) == ("HAL0023", f'"{key}"')
+
+
+@pytest.mark.parametrize("levels", ["10=4GB/s 10=5GB/s", "20=4GB/s 10=5GB/s", "10=5GB/s 20=4GB/s"])
+def test_measured_levels_ascend_with_their_rates(tmp_path, levels):
+    (found,) = refusal(platform_file(tmp_path, resctrl=f'{{levels: "{levels}"}}'))
+    assert "does not ascend" in found.message
+    assert platform(tmp_path, resctrl="{levels: '10=4GB/s  20=4GB/s'}").settings["resctrl"]["levels"] == (
+        "10=4GB/s 20=4GB/s"
+    )

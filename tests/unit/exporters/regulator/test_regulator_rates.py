@@ -323,15 +323,15 @@ def test_a_capacity_is_named_up_to_what_the_bus_carries_and_the_device_gives(tmp
 @pytest.mark.parametrize(("guaranteed", "is_held"), [(4 * (2**31 - 1), True), (4 * 2**31, False)])
 def test_memguard_holds_events_of_31_bits(tmp_path, guaranteed, is_held):
     """One core reads a quarter of what is guaranteed, in bytes and in a second; the other does nothing."""
-    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
+    t = task("t", "10s", version("v", "5s", "u1", access("mem", 0, "5s", "0.25", "read")))
     system = model(t, units="u1 u2", resources="mem")
-    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
-    changes = {"clock": "1GHz", "bus": "128bit", "window": "1ms", "capacity": "16GB/s"}
-    settings = "{line: 1B, period: 1000000us, write-refills: 0, write-backs: 0}"
-    tables, _ = build(
-        tmp_path, system, schedule, backend_name="memguard", guaranteed=f"{guaranteed}B/s", memguard=settings, **changes
-    )
-    assert bool(backend("memguard").check(tables)) != is_held
+    schedule = one_mode(system, "10s", job(system, "t", 0, 0, "u1"))
+    changes = {"clock": "1GHz", "bus": "128bit", "window": "100ms", "capacity": "16GB/s"}
+    for granularity in ("mode", "phase"):  # of which the second half of the hyperperiod needs nothing
+        settings = f"{{line: 1B, period: 1000000us, write-refills: 0, write-backs: 0, granularity: {granularity}}}"
+        changes |= {"memguard": settings, "guaranteed": f"{guaranteed}B/s"}
+        tables, _ = build(tmp_path, system, schedule, backend_name="memguard", **changes)
+        assert bool(backend("memguard").check(tables)) != is_held
 
 
 def test_units_without_a_core_are_all_that_is_said_of_cores_that_no_unit_has(tmp_path):

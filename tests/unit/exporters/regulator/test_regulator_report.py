@@ -248,13 +248,31 @@ def test_the_picture_stacks_the_units_under_the_capacity():
     assert found["u2 write"] == "M450 60L630 60L630 120L450 120Z"
 
 
-@pytest.mark.parametrize(("jobs", "means"), [(COLUMNS // 2, False), (COLUMNS // 2 + 1, True)])
+@pytest.mark.parametrize(("jobs", "means"), [(COLUMNS // 2, False), (COLUMNS // 2 + 1, True), (COLUMNS, True)])
 def test_long_tables_are_drawn_as_means(jobs, means):
     t = task("t", 1, version("v", "0.5ms", "u1", access("mem", 0, "0.5ms", "0.335", "read")))
     system = model(t, units="u1 u2", resources="mem")
     picture = bounds_of(system, one_mode(system, jobs, *(job(system, "t", n, n, "u1") for n in range(jobs))))
     assert ("each step is the mean" in picture) == means
-    assert areas(picture)["u1 read"].count("L") < 4 * COLUMNS
+    path = areas(picture)["u1 read"]
+    assert path.count("L") < 4 * COLUMNS
+    if jobs == COLUMNS:  # half of 0.335 in each millisecond
+        upper, lower = ([f"{x} {y}" for x in range(COLUMNS + 1)] for y in (99.9, 120))
+        assert path == f"M{'L'.join([*upper, *reversed(lower)])}Z"
+
+
+def test_a_table_of_one_step_more_than_there_are_columns_is_drawn_as_means():
+    t = task("t", 1, version("v", "0.5ms", "u1", access("mem", 0, "0.5ms", "0.335", "read")))
+    system = model(t, units="u1 u2", resources="mem")
+    jobs = [job(system, "t", n, n, "u1") for n in range(COLUMNS // 2 + 1)]
+    assert "each step is the mean" in bounds_of(system, one_mode(system, f"{COLUMNS // 2}.5ms", *jobs))
+
+
+def test_a_picture_is_exact_where_a_tick_is_wide():
+    t = task("t", "10ns", version("v", "4ns", "u1", access("mem", 0, "4ns", "0.25", "read")))
+    system = model(t, units="u1", resources="mem")
+    picture = bounds_of(system, one_mode(system, "10ns", job(system, "t", 0, 0, "u1")))
+    assert areas(picture)["u1 read"] == "M0 90L360 90L360 120L0 120Z"
 
 
 def test_areas_of_steps_are_exact():
