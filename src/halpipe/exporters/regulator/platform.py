@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import field
 from fractions import Fraction
 from pathlib import PurePath
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.core.diagnostics import Findings, HalpipeError, Location, sort_diagnostics
+from halpipe.core.diagnostics import NOWHERE, Findings, HalpipeError, Location, sort_diagnostics
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
 from halpipe.core.quantities import (
@@ -71,7 +70,7 @@ class UnitPort:
     port: str = ""
     core: int | None = None
     group: str = ""
-    at: Location = field(default=Location(), compare=False)
+    at: Location = NOWHERE
 
 
 @record(kw_only=True)
@@ -100,8 +99,8 @@ class Platform:
     overshoot: int | None
     units: Mapping[str, UnitPort]
     settings: Mapping[str, Mapping[str, str]]
-    source: bytes = field(repr=False)
-    at: Location = field(default=Location(), compare=False)
+    source: bytes
+    at: Location = NOWHERE
 
     @property
     def peak(self) -> int:

@@ -347,13 +347,14 @@ class TableBuilder:
             f"(capacity {p.window_capacity} bytes{kept})"
         )
         needed = found.needed  # in the worst window where whole, in the first that overflows where controlled
+        lower = 0
         if rounding == CONTROLLED:
             needed = max(needed, ceil(max(_fluid(promised))) + carrying)
+            lower = max(0, free - carrying) * p.guaranteed // (needed - carrying)
         lone = max(max(bursts) for bursts in whole(promised).values())
         capacity = -(-(needed * p.burst + reserve) * p.clock // p.cycles)
-        lower = max(0, free - carrying) * p.guaranteed // max(1, needed - carrying)
         choices = [f'"capacity: {format_bandwidth(capacity)}"'] if capacity <= p.bus * p.clock else []
-        choices += [f'"guaranteed: {format_bandwidth(lower)}"'] if lower and rounding == CONTROLLED else []
+        choices += [f'"guaranteed: {format_bandwidth(lower)}"'] if lower else []
         choices += ["scheduling with --quantise"] if lone <= free - carrying else []
         help = f"any of these helps: {', '.join(choices)}" if choices else "use a longer window"
         return OVER_CAPACITY(message, at=frame.at, path=frame.path, help=help)
@@ -402,16 +403,17 @@ class _Plan:
 
 def _settle(plans: list[_Plan], leads: list[set[int]]) -> None:
     """Round until every table has room for what the tables that lead to it may carry into its first window."""
+    known = [frozenset[Row]()] * len(plans)
     for plan in plans:
         plan.before = frozenset()
         plan.round()
     stale = True
     while stale:
         stale = False
-        for plan, before in zip(plans, leads, strict=True):
-            carried = frozenset[Row]().union(*(plans[n].last() for n in before))
-            if not isinstance(plan.found, Overload) and not carried <= (plan.before or frozenset()):
-                plan.before = carried | (plan.before or frozenset())
+        for n, (plan, before) in enumerate(zip(plans, leads, strict=True)):
+            carried = frozenset[Row]().union(*(plans[each].last() for each in before))
+            if not isinstance(plan.found, Overload) and not carried <= known[n]:
+                plan.before = known[n] = carried | known[n]
                 plan.round()
                 stale = True
 

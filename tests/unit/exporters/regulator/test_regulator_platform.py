@@ -122,6 +122,8 @@ def test_parts_of_cycles_have_a_denominator_of_32_bits(tmp_path):
     (found,) = refusal(platform_file(tmp_path, window=f"{100 * 2**32 + 1}/{2**32}us"))
     assert "too fine a part of one" in found.message
     assert found.help == "use at least 100 cycles (100us)"
+    (found,) = refusal(platform_file(tmp_path, window=f"{100 * 2**32 + 3 * 2**30 + 1}/{2**32}us"))
+    assert found.help == "use at least 101 cycles (101us)"
 
 
 def test_a_window_of_too_many_digits_is_no_shorter_one(tmp_path):
@@ -206,3 +208,29 @@ def test_measured_levels_ascend_with_their_rates(tmp_path, levels):
     assert platform(tmp_path, resctrl="{levels: '10=4GB/s  20=4GB/s'}").settings["resctrl"]["levels"] == (
         "10=4GB/s 20=4GB/s"
     )
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "first", "last", "beyond"),
+    [
+        ("memguard", "write-backs", "0", "1", ("-1/10", "1.1", "2")),
+        ("memguard", "period", "1us", "1s", ("0us", "1/2us")),
+        ("", "bus", "8bit", "1024bit", ("4bit", "2048bit", "24bit", "3B", "129B")),
+    ],
+)
+def test_the_first_and_the_last_value_of_a_setting(tmp_path, section, key, first, last, beyond):
+    def stated(value):
+        changes = {section: f"{{{key}: {value}}}"} if section else {key: value}
+        return platform_file(tmp_path, **{"burst": "128B", "window": "1000", "guaranteed": "1MB/s"} | changes)
+
+    for value in (first, last):
+        assert read_platform(stated(value))
+    for value in beyond:
+        (found,) = refusal(stated(value))
+        assert (found.code, found.message.partition(":")[0]) == ("HAL0023", f'"{key}"')
+
+
+@pytest.mark.parametrize(("timebase", "ticks"), [(10**6, 1001), (10**7, 10010), (1998, 1), (1999, 2)])
+def test_the_first_table_begins_a_window_and_a_cycle_after_the_start(tmp_path, timebase, ticks):
+    """Of 1001 microseconds, in whole ticks."""
+    assert platform(tmp_path).lead(timebase) == ticks

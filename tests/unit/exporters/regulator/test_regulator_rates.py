@@ -21,8 +21,9 @@ from regulator_samples import (
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
+from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import free_help, read_platform
-from halpipe.exporters.regulator.rates import limit_of, over_limit
+from halpipe.exporters.regulator.rates import limit_of, over_limit, rate_of, segments
 from halpipe.exporters.regulator.writing import backend, falls_first
 from support import access, job, mode, model, task, version
 
@@ -339,3 +340,35 @@ def test_units_without_a_core_are_all_that_is_said_of_cores_that_no_unit_has(tmp
     for settings in ("{}", "{cores: 1}"):
         found = made(tmp_path, "memguard", text=text, memguard=settings)[1]
         assert [(d.code, d.path) for d in found] == [(codes.NO_MANAGER.id, f'unit "{unit}"') for unit in ("u1", "u2")]
+
+
+@pytest.mark.parametrize(
+    ("start", "expected"),
+    [
+        (3, [(0, None), (3, "1/4"), (7, None)]),
+        (6, [(0, None), (6, "1/4")]),  # up to the end
+        (0, [(0, "1/4"), (4, None)]),
+        (8, [(0, "1/4"), (2, None), (8, "1/4")]),
+    ],
+)
+def test_stretches_of_constant_bounds_cover_a_table(tmp_path, start, expected):
+    t = task("t", 10, version("v", 4, "u1", access("mem", 0, 4, "0.25", "read")))
+    system = model(t, units="u1", resources="mem")
+    tables, _ = build(tmp_path, system, one_mode(system, 10, job(system, "t", 0, start, "u1")))
+    row, window = Row("u1", "read"), tables.grid.window
+    assert [(s.begin, s.bounds) for s in segments(tables.tables[0].frame)] == [
+        (begin * window, {row: Fraction(bound)} if bound else {}) for begin, bound in expected
+    ]
+
+
+def test_phases_are_a_remedy_of_qos400_up_to_all_that_there_is_room_for(tmp_path):
+    """Rates are steps of 15625 B/s: of `two_units` the largest sum of one phase, and of all."""
+    tables, _ = made(tmp_path, "qos400", two_units, qos400="{clock: 1MHz}", capacity="16MB/s", bus="128bit")
+    sums = [sum(rate_of(tables, bound) for bound in s.bounds.values()) for s in segments(tables.tables[0].frame)]
+    idle = 4 - min(len(s.bounds) for s in segments(tables.tables[0].frame) if sum(s.bounds.values()) == 1)
+    assert max(sums) == 6_400_000
+    most = -(-max(sums) // 15625) * 15625 + idle * 15625 + tables.reserve * 1000
+    for capacity, is_one in ((most, True), (most - 1, False)):
+        rates = {"qos400": "{clock: 1MHz}", "bus": "128bit", "capacity": f"{capacity}B/s"}
+        (found,) = [d for d in made(tmp_path, "qos400", two_units, **rates)[1] if d.is_error]
+        assert ("granularity: phase" in found.help) == is_one

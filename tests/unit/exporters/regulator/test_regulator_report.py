@@ -19,6 +19,7 @@ from halpipe.exporters.regulator.report import (
     served,
     summarise,
 )
+from halpipe.exporters.regulator.windows import cut
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.exporters.regulator.writing import backend
 from halpipe.models import Resource, Transfer
@@ -221,6 +222,25 @@ def test_the_summary_has_a_line_for_every_table(tmp_path):
     assert "window 1000 cycles = 1ms, burst 64 B, guaranteed 6.4MB/s" in text
     assert "room for 103 bursts per window" in text
     assert text.splitlines()[8].split() == ["all", "10", "all", "whole", "96.96", "%", "29.09", "%", "0", "4"]
+
+
+def test_the_columns_of_the_summary_are_aligned(tmp_path):
+    tables, _ = build(tmp_path, *switching())
+    lines = summarise(tables, backend("table"), "").splitlines()
+    rows = lines[7 : 8 + len(tables.tables)]
+    assert [row.split()[0] for row in rows] == ["table", "fast", "slow", "fast->slow", "slow->fast"]
+    for heading in ("windows", "then", "rounding", "peak", "mean", "worst", "entries"):
+        at = rows[0].index(heading)
+        assert {(row[at - 2 : at], row[at] != " ") for row in rows} == {("  ", True)}
+
+
+def test_the_worst_lag_of_a_table_is_that_of_its_phase_that_lags_most(tmp_path):
+    tables, _ = build(tmp_path, *tenth(), CONTROLLED)
+    lags = [found.lag for found in served(tables, tables.tables[0])]
+    assert min(lags) < max(lags)
+    assert f"  {cut(max(lags))} B  " in summarise(tables, backend("table"), "").splitlines()[8]
+    (table,) = describe_export(tables, backend("table"), [], "")["tables"]
+    assert Fraction(table["worst_lag_bytes"]) == Fraction(round(max(lags) * 1000), 1000)
 
 
 # ------------------------------------------------------------------------------------------------------- pictures

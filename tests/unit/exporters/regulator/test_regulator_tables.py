@@ -199,6 +199,14 @@ def test_the_remedies_that_are_named_work(tmp_path):
     build(tmp_path, system, schedule, CONTROLLED, overshoot="640B", guaranteed=lower, capacity="6.4MB/s")
 
 
+def test_a_lower_guarantee_leaves_room_for_what_is_carried_over(tmp_path):
+    """Of 100 bursts one is for overshoot, and one may be carried over: 98 can be guaranteed, and 102 are needed."""
+    (found,) = refusal(tmp_path, *one_phase(0, 1), CONTROLLED, overshoot="64B")
+    assert found.help.startswith('any of these helps: "capacity: 6375KiB/s", "guaranteed: 6125KiB/s"')
+    for key, least in (("capacity", "6.528MB/s"), ("guaranteed", "6.272MB/s")):
+        build(tmp_path, *one_phase(0, 1), CONTROLLED, **{"overshoot": "64B", "capacity": "6.4MB/s", key: least})
+
+
 def test_scheduling_on_the_grid_is_only_named_where_it_can_help(tmp_path):
     system, schedule = two_units()  # has a phase that takes all of the bandwidth
     (found,) = refusal(tmp_path, system, schedule, overshoot="640B", **FULL)
