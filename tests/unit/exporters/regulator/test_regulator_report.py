@@ -122,6 +122,8 @@ def test_a_bound_below_one_burst_is_answered_with_the_nearest_that_is_not(tmp_pa
     assert "a bound of at least 0.01, or use" not in found.help
     assert found.help == "use a bound of at least 0.01, or a window of at least 4000 cycles"
     assert found_in(tmp_path, *tenth("0.01"), **FULL) == []
+    (nearly,) = found_in(tmp_path, *tenth("0.009995"), **FULL)
+    assert "bound 0.009995 is 0.999 bursts of 64 bytes per window" in nearly.message
 
 
 def test_a_whole_burst_in_each_window_is_no_ration(tmp_path):
@@ -163,7 +165,7 @@ def test_a_phase_must_be_long_enough_for_its_transfers(tmp_path, size, expected)
 
 @pytest.mark.parametrize(("size", "said"), [(12793, ", or bind it to 1"), (12800, ", or bind it to 1"), (12801, "")])
 def test_a_short_phase_may_be_bound_to_all_of_the_bandwidth_at_most(tmp_path, size, said):
-    moved = replace(access("mem", 0, 2, "0.5", "read"), transfers=(Transfer(buffer="b", symbol="s", size=size),))
+    moved = replace(access("mem", 1, 3, "0.5", "read"), transfers=(Transfer(buffer="b", symbol="s", size=size),))
     system = model(task("t", 10, version("v", 3, "u1", moved)), units="u1 u2", resources="mem")
     (found,) = found_in(tmp_path, system, one_mode(system, 10, job(system, "t", 0, 0, "u1")))
     assert found.help == f"let it last at least {-(-size * 10**9 // 3_200_000)}ns{said}"
@@ -221,6 +223,7 @@ def test_the_summary_has_a_line_for_every_table(tmp_path):
     text = summarise(tables, backend("table"), "ab" * 32)
     assert "window 1000 cycles = 1ms, burst 64 B, guaranteed 6.4MB/s" in text
     assert "room for 103 bursts per window" in text
+    assert "windows end within a cycle of exact ones; a clock off by 1 ppm slips one window in 1000s" in text
     assert text.splitlines()[8].split() == ["all", "10", "all", "whole", "96.96", "%", "29.09", "%", "0", "4"]
 
 

@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 import pytest
-from regulator_samples import PLATFORM, files, low_bounds, made, platform
+from regulator_samples import PLATFORM, files, low_bounds, made, nearly_all, platform
 
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.rates import coarse
@@ -94,6 +94,7 @@ def told(tmp_path, settings, **changes):
     ("settings", "strange"),
     [
         ("levels: 10=2MB/s 100=16MB/s", None),
+        ("min: 1, step: 1, levels: 1=2MB/s 100=16MB/s", None),
         ("levels: 15=2MB/s 100=16MB/s", "15 is of no value from 10 to 100 in steps of 10"),
         ("min: 10, step: 5, levels: 5=2MB/s 100=16MB/s", "5 is of no value from 10 to 100 in steps of 5"),
         ("levels: 10=2MB/s 110=16MB/s", "110 is of no value from 10 to 100 in steps of 10"),
@@ -113,6 +114,7 @@ def test_levels_are_measured_for_percentages_of_intel(tmp_path, kind):
 
 def test_a_range_without_a_value(tmp_path):
     message = "there is no value from 60 to 50 in steps of 60"
+    assert told(tmp_path, "kind: amd, step: 40, max: 30")[0][1] == "there is no value from 0 to 30 in steps of 40"
     assert told(tmp_path, "min: 60, step: 60, max: 50") == [(codes.RATE_DOES_NOT_FIT.id, message)]
 
 
@@ -149,3 +151,19 @@ def test_a_quarter_more_than_promised_is_coarse(tmp_path, given, promised, is_co
 def test_what_belongs_to_no_unit_gets_the_least(tmp_path, settings, least):
     tables, _ = made(tmp_path, "resctrl", resctrl=f"{{{settings}}}")
     assert backend("resctrl").facts(tables)["least"] == least
+
+
+@pytest.mark.parametrize(
+    ("settings", "is_named"),
+    [
+        ("kind: intel", False),  # a larger capacity would be above the peak, of which shares are parts
+        ("kind: intel, levels: 10=600MB/s 60=3000MB/s 100=6400MB/s", True),
+        ("kind: amd", True),
+    ],
+)
+def test_a_larger_capacity_is_a_remedy_where_shares_are_no_parts_of_it(tmp_path, settings, is_named):
+    rates = {"guaranteed": "6.4GB/s", "capacity": "6.4GB/s", "peak": "6.4GB/s", "clock": "1GHz", "window": "1ms"}
+    found = made(tmp_path, "resctrl", nearly_all, resctrl=f"{{{settings}}}", **rates)[1]
+    (refused,) = [d for d in found if d.is_error]
+    assert "comes to" in refused.message
+    assert ("capacity: " in refused.help) == is_named

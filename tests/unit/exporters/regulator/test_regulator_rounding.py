@@ -39,7 +39,16 @@ def integral(system, schedule, unit, direction, window, per_window):
     return total
 
 
-@pytest.mark.parametrize("sample", [two_units, gang])
+def thirds_and_sevenths():
+    """Phases of one row whose bounds have no denominator in common, at once and inside windows."""
+    phases = (access("mem", 0, "2.5ms", "1/3", "read"), access("mem", "2.5ms", 4, "1/7", "read"))
+    t = task("t", 10, version("v", 4, "u1", *phases))
+    o = task("o", 10, version("v", 1, "u1", access("mem", "0.2ms", "0.9ms", "2/5", "read")))
+    system = model(t, o, units="u1 u2", resources="mem")
+    return system, one_mode(system, 10, job(system, "t", 0, 1, "u1"), job(system, "o", 0, 7, "u1"))
+
+
+@pytest.mark.parametrize("sample", [two_units, gang, thirds_and_sevenths])
 @pytest.mark.parametrize("rounding", [WHOLE, CONTROLLED])
 def test_promises_are_the_integral_of_the_bounds(tmp_path, sample, rounding):
     system, schedule = sample()
