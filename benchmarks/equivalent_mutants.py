@@ -14,6 +14,8 @@ GUESS = "a first guess below the least length is reached from below all the same
 EQUIVALENT = {
     ("rounding.py", "if least >= before:"): "nothing is due then, and nothing is added",
     ("rounding.py", "if begin <= end:"): "a piece of no length promises nothing",
+    ("rounding.py", "if high[k + 1] >= low[k]:"): "a row without a share gets nothing where it is looked at",
+    ("rounding.py", "if len(eager) >= spare:"): "each of them gets one, in either order",
     ("rounding.py", "if frame.kind == MODE and phase.end >= frame.span:"): "a piece of no length promises nothing",
     ("writer.py", "if sum(rates(given).values()) < limit_of(tables):"): "`over_limit` reports nothing at the limit either",
     ("picture.py", "COLUMNS = 901"): BUDGET,

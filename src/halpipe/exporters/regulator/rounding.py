@@ -93,7 +93,7 @@ def _promise(frame: Frame, phases: list[Phase], window: int, bursts: Fraction) -
                 continue
             steps[first] += rate * window
             steps[last] -= rate * window
-            extra[first - 1] += rate * (first * window - begin) if first * window > begin else 0
+            extra[first - 1] += rate * (first * window - begin)
             extra[last] += rate * (end - last * window)
     increments = (steady + more for steady, more in zip(accumulate(steps), extra, strict=True))
     numerators = [0, *accumulate(increments)][: count + 1]

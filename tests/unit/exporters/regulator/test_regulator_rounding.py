@@ -45,7 +45,7 @@ def thirds_and_sevenths():
     t = task("t", 10, version("v", 4, "u1", *phases))
     o = task("o", 10, version("v", 1, "u1", access("mem", "0.2ms", "0.9ms", "2/5", "read")))
     system = model(t, o, units="u1 u2", resources="mem")
-    return system, one_mode(system, 10, job(system, "t", 0, 1, "u1"), job(system, "o", 0, 7, "u1"))
+    return system, one_mode(system, 10, job(system, "t", 0, 8, "u1"), job(system, "o", 0, 5, "u1"))
 
 
 @pytest.mark.parametrize("sample", [two_units, gang, thirds_and_sevenths])
@@ -126,6 +126,8 @@ def test_controlled_keeps_every_row_within_a_burst_of_its_promise_and_the_room()
 def test_controlled_gives_spare_slots_to_what_is_due_first():
     promised = {A: promise("1/5", "1/5", "1/5", "2/5", 0), B: promise("1/2", "1/2", 0, 0, 0)}
     assert controlled(promised, 5, 1) == {A: [0, 1, 0, 0, 0], B: [1, 0, 0, 0, 0]}
+    soon = {A: promise("1/4", "1/4", "1/2"), B: promise("1/2", "1/2", 0)}  # due in the window after the next, and in it
+    assert controlled(soon, 3, 1) == {A: [0, 1, 0], B: [1, 0, 0]}
 
 
 def test_controlled_reports_the_first_window_that_cannot_hold_what_is_due():
@@ -161,7 +163,12 @@ def test_controlled_leaves_room_for_what_is_carried_over():
 
 
 def test_no_more_is_kept_for_what_is_carried_over_than_it_takes():
-    """With two bursts kept all fits; with one, window 1 has one too many, and three leave no room for D."""
+    """With one burst kept, all of the first fits, and two leave no room in window 1.
+
+    Of the others two are needed, since with one window 1 has one too many, and three leave no room for D.
+    """
+    promised = {A: promise(1, 0, 3), B: promise(0, 2, 0), Row("c", "read"): promise("1/2", 3, 0)}
+    assert [*controlled_seams(promised, 3, 5, [*promised]).values()] == [[1, 0, 3], [0, 2, 0], [1, 2, 1]]
     c, d = Row("c", "read"), Row("d", "read")
     promised = {A: promise("1/2", 1), B: promise(2, 0), c: promise("1/2", 0), d: promise(0, 3)}
     assert controlled_seams(promised, 2, 5, [*promised]) == {A: [1, 0], B: [2, 0], c: [0, 0], d: [0, 3]}

@@ -299,6 +299,8 @@ def test_gangs_are_shared_by_their_units(tmp_path):
 
 
 def test_more_tables_than_numbers(tmp_path, monkeypatch):
+    monkeypatch.setattr("halpipe.exporters.regulator.tables.MAX_TABLES", 4)
+    assert len(build(tmp_path, *switching())[0].tables) == 4
     monkeypatch.setattr("halpipe.exporters.regulator.tables.MAX_TABLES", 3)
     (found,) = refusal(tmp_path, *switching())
     assert (found.code, "4 modes and transitions" in found.message) == (codes.DOES_NOT_FIT.id, True)
