@@ -339,7 +339,7 @@ class TableBuilder:
         """Explain with the numbers, and name the bandwidths with which it would fit."""
         p = self.platform
         reserve = sum(sum(unit.overshoot.values()) for unit in units)
-        free = max(0, found.room)
+        free = found.room
         kept = f", of which {reserve} bytes are reserved for overshoot" if reserve else ""
         kept += "; a burst shown in the window before may pass in it" if carrying else ""
         message = (

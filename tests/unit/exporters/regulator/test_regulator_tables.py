@@ -162,6 +162,8 @@ def test_a_burst_of_the_mode_before_needs_room_in_the_first_window(tmp_path):
     assert build(tmp_path, system, schedule, capacity="6.464MB/s")[0].room == 101
     earlier = replace(tables[0], jobs=(job(system, "a", 0, 8, "u1"),))  # nothing is left of it in the last window
     build(tmp_path, system, replace(schedule, modes=(earlier, tables[1])))
+    plain = {"backend_name": "axi-realm", "capacity": "6.912MB/s"}  # withdraws it: 512 bytes are kept for other things
+    assert build(tmp_path, system, schedule, **plain)[0].room == 100
 
 
 def test_exactly_full_fits_and_one_burst_more_does_not(tmp_path):
@@ -207,6 +209,14 @@ def test_a_lower_guarantee_leaves_room_for_what_is_carried_over(tmp_path):
         build(tmp_path, *one_phase(0, 1), CONTROLLED, **{"overshoot": "64B", "capacity": "6.4MB/s", key: least})
 
 
+@pytest.mark.parametrize(("guaranteed", "is_named"), [("7.872MB/s", True), ("7.936MB/s", False)])
+def test_a_capacity_is_named_up_to_what_the_bus_carries(tmp_path, guaranteed, is_named):
+    """Of 8 MB/s are 64 bytes in 1 ms for overshoot, and 64 for what is carried over: there is room for 123 bursts."""
+    (found,) = refusal(tmp_path, *one_phase(0, 1), CONTROLLED, overshoot="64B", guaranteed=guaranteed)
+    assert ('"capacity: 8MB/s"' in found.help) == is_named
+    assert ('"capacity: ' in found.help) == is_named
+
+
 def test_scheduling_on_the_grid_is_only_named_where_it_can_help(tmp_path):
     system, schedule = two_units()  # has a phase that takes all of the bandwidth
     (found,) = refusal(tmp_path, system, schedule, overshoot="640B", **FULL)
@@ -218,6 +228,9 @@ def test_scheduling_on_the_grid_is_only_named_where_it_can_help(tmp_path):
     (found,) = refusal(tmp_path, system, schedule, overshoot="320B")
     assert "needs 100 bursts of 64 bytes, there is room for 90" in found.message
     assert "--quantise" in found.help
+    for overshoot, can_help in (("1216B", True), ("1248B", False)):  # room for 62 and 61: 60, and one to carry of each
+        (found,) = refusal(tmp_path, system, schedule, overshoot=overshoot)
+        assert ("--quantise" in found.help) == can_help
 
 
 def test_overshoot_is_reserved_for_the_rows_that_are_used(tmp_path):
