@@ -228,9 +228,7 @@ class TableBuilder:
                 message = (
                     f'the schedule lets it use "{self.resource}", but platform "{platform.name}" has no manager for it'
                 )
-                free = next(
-                    n for n in range(len(platform.units) + 1) if all(n != u.manager for u in platform.units.values())
-                )
+                free = next(n for n in count() if all(n != u.manager for u in platform.units.values()))
                 help = f'add "{name}: {{manager: {free}}}" to the units of the platform'
                 self.findings.add(NO_MANAGER(message, at=platform.at, path=about(unit=name), help=help))
         known = [name for name in names if name in platform.units]

@@ -140,6 +140,7 @@ def test_names_in_c_are_unique_and_plain():
 
 def test_file_names_are_unique_and_safe():
     assert file_names(["a/b->c", "a:b", "a b"]) == ["0-a_b-to-c", "1-a_b", "2-a_b"]
+    assert file_names(["x" * 100]) == ["0-" + "x" * 80]
 
 
 def test_no_name_ends_a_comment():

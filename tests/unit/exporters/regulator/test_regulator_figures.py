@@ -399,7 +399,7 @@ def divides(n, spans, clock=10**6):
     return all((Fraction(span.ns) * clock / 10**9 / n).denominator == 1 for span in spans if span)
 
 
-@pytest.mark.parametrize("cycles", [900, 999, 1000, 1001, 1700, 3001, 60, 130])
+@pytest.mark.parametrize("cycles", [900, 999, 1000, 1001, 1700, 3001, 60, 130, 11])
 @pytest.mark.parametrize("capacity", ["6.4MB/s", "6.6MB/s", "7.1MB/s"])
 def test_the_nearest_windows_divide_all_spans_and_carry_whole_bursts_where_any_does(tmp_path, cycles, capacity):
     spans = [ms(10), ms(6), ms(0)]
@@ -444,6 +444,29 @@ def test_a_window_that_is_proposed_is_long_enough_for_a_regulator(tmp_path):
     with pytest.raises(HalpipeError) as refused:
         build(tmp_path, system, one_mode(system, span, job(system, "t", 0, 0, "u1")), window=2, burst="8B")
     assert [d.help for d in refused.value.diagnostics] == [f"use a window of at least {LEAST_CYCLES} cycles"]
+
+
+@pytest.mark.parametrize(("longest", "least"), [(22, 4), (25, 32)])  # powers of 2 in cycles: just 2^20 windows
+def test_a_window_that_is_proposed_is_long_enough_for_the_longest_table(tmp_path, longest, least):
+    _, schedule = switching()
+    spans = (ms(f"{2**longest}us"), ms(f"{2**21}us"))
+    modes = [replace(mode, hyperperiod=span) for mode, span in zip(schedule.modes, spans, strict=True)]
+    p = platform(tmp_path, window=2, burst="8B")
+    (found,) = windows.check_windows(replace(schedule, modes=tuple(modes), transitions=()), p)
+    assert found.help == f"use a window of at least {least} cycles"
+
+
+@pytest.mark.parametrize(
+    ("cycles", "span", "help"),
+    [
+        (10, "15.1us", "15.1us"),  # half of it would not carry a burst
+        (10, "25.1us", "12.55us"),
+        (1000, "25.1us", "25.1us"),  # the nearest
+    ],
+)
+def test_of_windows_of_parts_of_cycles_the_nearest_that_carries_a_burst_is_proposed(tmp_path, cycles, span, help):
+    said = windows.nearest_help(platform(tmp_path, window=cycles), [Duration.parse(span)])
+    assert said.startswith(f'state "window: {help}"')
 
 
 # ------------------------------------------------------------------------------------------------------ budgets

@@ -1,7 +1,9 @@
 """The table object: windows, units, defaults, overshoot, successors and switches, and what is said when it fails."""
 
+import random
 from dataclasses import replace
 from fractions import Fraction
+from itertools import accumulate
 from math import ceil
 
 import pytest
@@ -10,7 +12,8 @@ from regulator_samples import FULL, PLATFORM, build, gang, one_mode, switching, 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.tables import Entry, Switch
+from halpipe.exporters.regulator.rounding import Overload, Promise, overload
+from halpipe.exporters.regulator.tables import Entry, Switch, _Plan, _settle
 from halpipe.exporters.regulator.windows import cut
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.models import ModeSchedule, Resource, Schedule, Status, TransitionTable
@@ -261,6 +264,39 @@ def test_more_than_the_resource_has_is_a_warning(tmp_path):
         assert [d.code for d in build(tmp_path, limited, schedule)[1]] == expected
 
 
+def test_a_burst_of_the_end_of_a_mode_needs_room_at_its_begin(tmp_path):
+    """Unit u1 has all of the last window, and u2 all of the first one."""
+    last, first = (
+        task(name, 10, version("v", 1, unit, access("mem", 0, 1, 1))) for name, unit in (("a", "u1"), ("b", "u2"))
+    )
+    system = model(last, first, units="u1 u2", resources="mem")
+    schedule = one_mode(system, 10, job(system, "a", 0, 9, "u1"), job(system, "b", 0, 0, "u2"))
+    (found,) = refusal(tmp_path, system, schedule)
+    assert "window 0 needs 101 bursts of 64 bytes, there is room for 100" in found.message
+    build(tmp_path, system, schedule, capacity="6.464MB/s")
+
+
+def test_every_table_has_room_for_what_those_before_it_carry_over():
+    """Random tables that lead to each other; of one that is rounded anew others may be carried into the next."""
+    for seed in range(700):
+        dice = random.Random(seed)
+        count, room = dice.choice([1, 2, 3]), dice.randint(2, 4)
+        plans = []
+        for _ in range(count):
+            windows = dice.choice([2, 3])
+            promised = {}
+            for unit in dice.sample("abc", dice.choice([2, 3])):
+                sixtieths = [dice.choice([0, 30, 45, 60, 90]) for _ in range(windows)]
+                promised[Row(unit, "read")] = Promise([0, *accumulate(sixtieths)], 60)
+            plans.append(_Plan(windows, promised, CONTROLLED, room))
+        leads = [{dice.randrange(count) for _ in range(2)} for _ in range(count)]
+        _settle(plans, leads)
+        for plan, before in zip(plans, leads, strict=True):
+            if not isinstance(plan.found, Overload):
+                carried = set().union(*(plans[n].last() for n in before))
+                assert overload(plan.found, plan.windows, room, carried) is None
+
+
 # ------------------------------------------------------------------------------------------------ defaults
 
 UNITS = "\nunits:\n  u1: {{manager: 0{}}}\n  u2: {{manager: 1{}}}\n"
@@ -276,6 +312,10 @@ def test_defaults_share_the_capacity_equally_among_the_rows_that_are_used(tmp_pa
     expected = {"u1": {"read": 2176, "write": 0}, "u2": {"read": 2176, "write": 2176}}
     assert defaults(tmp_path, **FULL) == expected
     assert 3 * 2176 <= 6600 < 3 * (2176 + 64)
+
+
+def test_one_row_has_all_of_it(tmp_path):
+    assert defaults(tmp_path, sample=lambda: one_phase(0, 1))["u1"] == {"read": 6400, "write": 0}
 
 
 def test_stated_defaults_are_kept_and_the_others_share_the_rest(tmp_path):
