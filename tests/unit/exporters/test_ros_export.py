@@ -264,3 +264,39 @@ def test_options_of_a_pipeline_file():
     assert (options, found) == (RosOptions(mode="race", cpus={"core1": 2}, priority=10), [])
     assert pipeline_options("priority: 99\n")[0].cpus is None
     assert [d.at.line for d in pipeline_options("cpus:\n  core1: x\npriority: 0\n")[1]] == [2, 3]
+
+
+def test_options_of_a_package_in_a_pipeline_file():
+    text = "package: true\nmessages: oldest\ngraph: [g.yaml, /t]\nwait: {a: 1ms}\nmissing: {a: stop}\n"
+    options, found = stated(FORMAT, text, "/base")
+    assert found == []
+    assert options == RosOptions(
+        package=True, messages="oldest", graphs=("/base/g.yaml", "/t"), wait={"a": ms(1)}, missing={"a": "stop"}
+    )
+    assert RosOptions().package is False
+    assert [RosOptions(package=each).unused() for each in (True, False)] == [
+        (), ("messages", "graphs", "wait", "missing")
+    ]  # fmt: skip
+
+
+def test_a_period_of_part_of_a_nanosecond_has_a_timer_for_each_job():
+    """One timer cannot have the period; its jobs repeat with the cycle."""
+    system = model(task("a", "1/2ns", version(wcet="0ns")))
+    planned = schedule(system, "1ns", job(system, "a", 0, 0, "u1"), job(system, "a", 1, "1/2ns", "u1"))
+    found = [(t["job"], t["period-ns"], t["offset-ns"]) for _, _, t in timers(document(system, planned))]
+    assert found == [(0, 1, 0), (1, 1, 0)]
+
+
+def test_jobs_of_a_cycle_of_several_hyperperiods_are_listed_by_their_offsets():
+    system = model(task("a", "1/2ns", version(wcet="0ns")), task("b", "1/2ns", version(wcet="0ns"), slack=1))
+    jobs = (job(system, "b", 0, "1/4ns", "u1"), job(system, "a", 0, 0, "u1"))
+    found = [(owner, t["job"], t["offset-ns"], t["budget-ns"]) for _, owner, t in timers(
+        document(system, schedule(system, "1/2ns", *jobs)))]  # fmt: skip
+    assert found == [("a", 0, 0, 0), ("a", 0, 0, 0), ("b", 0, 0, 0), ("b", 0, 0, 0)]
+
+
+def test_budgets_are_rounded_up_and_starts_down():
+    system = model(task("a", 1, version(wcet="5/2ns")))
+    planned = schedule(system, 1, job(system, "a", 0, "7/2ns", "u1"))
+    [(_, _, timer)] = timers(document(system, planned))
+    assert (timer["offset-ns"], timer["budget-ns"]) == (3, 3)
