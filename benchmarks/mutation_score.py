@@ -291,6 +291,7 @@ class Trace:
 
     def __init__(self, files: set[str]) -> None:
         self._files, self.lines, self.seconds, self._now = files, {}, {}, set()
+        self._shared: set[tuple[str, int]] = set()
 
     def _enter(self, frame, event, argument):
         name = frame.f_code.co_filename
@@ -315,6 +316,19 @@ class Trace:
             sys.settrace(None)
             threading.settrace(None)  # type: ignore[arg-type]
             self.lines[item.nodeid], self.seconds[item.nodeid] = sorted(self._now), time.perf_counter() - begin
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef):
+        before, self._now = self._now, set()
+        try:
+            return (yield)
+        finally:
+            self._shared |= self._now if fixturedef.scope != "function" else set()
+            self._now |= before
+
+    def pytest_sessionfinish(self):
+        """Let every test of the file reach what a fixture executed for all of them, while the first one ran."""
+        self.lines = {name: sorted({*lines} | self._shared) for name, lines in self.lines.items()}
 
 
 class Chosen:

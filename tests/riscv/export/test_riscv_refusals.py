@@ -1,6 +1,7 @@
 """What keeps a bundle from being built is told with file, element and numbers, and nothing is written."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -146,10 +147,16 @@ READ_AFTER_WRITE = (
         ),
         ((PHASES[0], moving("memory", "0.1ms", "0.2ms", None, ("in", "numbers", 64))), codes.KINDLESS_PHASE),
         (READ_AFTER_WRITE, codes.PHASE_ORDER),
+        (READ_AFTER_WRITE[1:], codes.NO_LOAD_PHASE),  # where there is an order is looked at afterwards
     ],
 )
 def test_phases(refusal, phases, code):
     assert refusal(*single(deployed(phases=phases))).code == code.id
+
+
+def test_what_has_no_sources_is_asked_for_them_alone(refusal):
+    found = refusal(*single(replace(deployed(), source=None)))
+    assert (found.code, found.message) == (codes.NO_SOURCE.id, "the version has no sources")
 
 
 def test_several_at_once(build):
