@@ -50,7 +50,7 @@ def versions(draw):
 
 
 def made_to_fit(version, sizes):
-    return grow(version, sizes, "memory", CLOCK, PROFILE.patience)
+    return grow(version, sizes, "memory", CLOCK, PROFILE.patience, lambda access: ZERO, 0)
 
 
 def idle(version):

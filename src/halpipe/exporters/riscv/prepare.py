@@ -143,8 +143,8 @@ def grow(
     resource: str,
     clock: Clock,
     patience: int,
-    driving: Callable[[Access], Duration] = lambda access: ZERO,
-    copying: int = 0,
+    driving: Callable[[Access], Duration],
+    copying: int,
 ) -> Version:
     """Return a version whose phases hold its transfers, each `patience` ticks more than they take.
 

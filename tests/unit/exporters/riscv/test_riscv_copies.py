@@ -260,3 +260,9 @@ def test_copies_are_at_ticks_of_the_timer():
     assert {d.help for d in told} == {"schedule with --tick 1us"}
     _, told = copied(model(OWNER, resources="memory"), switch=(job(system, "w", 0, "0.0005ms", "u1"),))
     assert [d.message.split(",")[0] for d in told] == ["its data are copied at 500ns"]
+
+
+@pytest.mark.parametrize(("length", "is_held"), [(5014, True), (5013, False)])
+def test_the_third_job_may_be_the_first_of_the_next_cycle(length, is_held):
+    found = conflicts(own=[phase(27, READ, "in")], releases=(0, 100), length=length)
+    assert any("its third job is released" in text for _, text, _ in found) != is_held

@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 
 from halpipe.core.diagnostics import Findings, Location
-from halpipe.core.durations import Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.riscv.cores import Core
 from halpipe.exporters.riscv.drivers import Driver, Drivers
 from halpipe.exporters.riscv.images import Part
@@ -120,7 +120,7 @@ def test_windows_grow_over_short_executions_between_them():
 
 def test_a_phase_that_moves_nothing_stays_as_short_as_it_is():
     idle = version("v", "1ms", "u1", moving("memory", "0.5ms", "0.5005ms", None))
-    grown = grow(idle, [(400, "ispm")], "memory", CLOCK, 24)
+    grown = grow(idle, [(400, "ispm")], "memory", CLOCK, 24, lambda access: ZERO, 0)
     assert [(str(a.start), str(a.end)) for a in grown.accesses] == [("0ms", "27us"), ("527us", "527.5us")]
     assert str(grown.wcet) == "1.027ms"
 
@@ -144,7 +144,7 @@ def test_what_lies_at_an_instant_is_later_by_what_grew_before_it():
     grown = grow(owner, [(400, "ispm"), (800, "dspm")], "memory", CLOCK, 24, lambda access: US * 5, copying=40)
     assert [(str(a.start), str(a.end)) for a in grown.accesses] == [("0ms", "40us"), ("40us", "72us")]  # 24, 5 and 3
     assert [str(point) for point in grown.split.points] == ["72us", "552us"]
-    assert grow(owner, [(400, "ispm")], "memory", CLOCK, 3, lambda access: US * 4) == owner  # 6 and 10 of ten
+    assert grow(owner, [(400, "ispm")], "memory", CLOCK, 3, lambda access: US * 4, 0) == owner  # 6 and 10 of ten
 
 
 def test_versions_with_sources_stay():
@@ -169,3 +169,12 @@ def test_dummies_move_from_64_to_8192_bytes(end, size):
     found = dummy(window("0.4ms", end))
     assert {t.size for a in found.accesses for t in a.transfers} == {size}
     assert f"WORDS={size // 8}" in found.source.defines
+
+
+def test_executions_are_cut_at_preemption_points():
+    """Of each half 29 us may be lost; 47 100 cycles, of which 90 % count, two a count."""
+    split = replace(version("v", "1ms", "u1"), split=Split(points=(US * 500,)))
+    made, most = with_dummies(model(task("a", "5ms", split), resources="memory"), PROFILE, CLOCK)
+    source = made.tasks[0].versions[0].source
+    assert (most, source.entry) == (2, "dummy_0 dummy_1")
+    assert {"COUNT_0=21195", "COUNT_1=21195"} <= {*source.defines}

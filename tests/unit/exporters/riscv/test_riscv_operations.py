@@ -219,6 +219,9 @@ def test_at_one_tick_what_ends_comes_first_then_executions_then_transfers():
     ordered = sorted(kinds, key=lambda kind: Operation(at=7, kind=kind, unit=0).key)
     assert [{*ordered[:3]}, ordered[3], {*ordered[4:]}] == [{OUTPUT, STOP, DONE}, RUN, {COPY, INPUT}]
     assert Operation(at=6, kind=COPY, unit=0).key < Operation(at=7, kind=DONE, unit=0).key
+    transfers = {Operation(at=7, kind=kind, unit=0).key for kind in (COPY, INPUT)}
+    assert len(transfers) == 1  # in the order of the slots
+    assert max(transfers)[1] < 3  # that of the look at the mailbox, the last of two bits
 
 
 def test_copies_of_logical_execution_times_have_the_drivers_of_their_buffers():

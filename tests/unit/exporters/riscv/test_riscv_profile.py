@@ -203,6 +203,7 @@ def test_what_a_profile_does_not_state(tmp_path):
     assert {profile.cpi, profile.management_cpi, *profile.classes.values()} == {1}
     assert (profile.dspm.has_reservations, profile.ispm.has_reservations) == (True, True)
     assert (profile.dma.channels, profile.dma.bus, profile.dma.bandwidth) == (1, 10_000_000, 10_000_000)
+    assert profile.dma.base == 0
     engine = LEAST.replace("kind: copy", "kind: pdma, base: 0x3000000, channels: 3")
     assert (read(tmp_path, engine).dma.stride, read(tmp_path, engine).dma.bus) == (4096, 30_000_000)
 
