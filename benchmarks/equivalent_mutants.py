@@ -21,6 +21,7 @@ EQUIVALENT = {
     ("picture.py", "COLUMNS = 901"): BUDGET,
     ("platform.py", "units = self._units(int(settings[backend].get('managers', MOST - 1)))"): "no system has so many units",
     ("platform.py", "units = self._units(int(settings[backend].get('managers', MOST + 2)))"): "no system has so many units",
+    ("waits.py", "return replace(row, min=row.max + Duration(2), max=row.max)"): "nothing lies in either window",
     ("operations.py", "start = 1"): "operations that all come a tick later have the same lateness",
     ("operations.py", "_RELEASE, _DECIDE = (1, 4)"): "no order lies between",
     ("phases.py", "return max(left // (len(rates) - number), 2)"): "a bus that moves no byte per second and channel",

@@ -20,9 +20,9 @@ from halpipe.core.files import write_directory
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.importers.ros.traced import callbacks_of
-from halpipe.models import Chain, Part, Split
+from halpipe.models import Chain, HealthAction, HealthEvent, HealthRule, Part, Resource, Split
 from halpipe.models.trace import BoundCallback
-from support import job, model, ms, schedule, task, version
+from support import access, job, model, ms, schedule, task, version
 
 STUBS = Path(__file__).with_name("ros_stubs")
 GRAPH = Path(__file__).parents[2] / "examples" / "roboracer" / "graph" / "architecture.yaml"
@@ -412,6 +412,63 @@ def test_a_wait_leaves_the_measured_time_of_the_callback(wait, longest, fits):
     found = [d for d in FORMAT.remarks(owner, tables, options, {}) if d.code == codes.NO_TIME_LEFT.id]
     assert [d.path for d in found] == ([] if fits else ['task "/sink"'])
     assert all(f"make the WCET {ms(wait) + Duration(longest)} or longer" in d.help for d in found)
+    left = f"a job took {Duration(longest)}, and {ms(1) - ms(wait)} of the WCET of 1ms is left after the wait"
+    assert all(d.message == left for d in found)
+
+
+def left_open(owner, tables):
+    options = RosOptions(package=True, bindings=BINDINGS, cpus={"u1": 0})
+    found = [d.message for d in FORMAT.remarks(owner, tables, options, {})]
+    stated = package(owner=owner, tables=tables)
+    assert all(text in stated["README.md"] for text in found)
+    return found
+
+
+def test_a_package_names_the_rules_that_it_does_not_follow():
+    """It goes to another mode after one overrun or exception; it neither counts nor restarts."""
+    owner, tables = with_modes("m", "n")
+    assert left_open(owner, tables) == []
+    followed = HealthRule(task="/sink", event=HealthEvent.FAULT, action=HealthAction.SWITCH, mode="n")
+    others = [replace(followed, task="/source", count=2), replace(followed, action=HealthAction.STOP, mode="")]
+    assert left_open(replace(owner, health=(followed,)), tables) == []
+    for rule in others:
+        (said,) = left_open(replace(owner, health=(followed, rule)), tables)
+        assert said.endswith(f'but for switches after one overrun or exception: "{rule.task}"')
+
+
+def test_a_package_says_that_bounds_and_versions_are_not_its_own():
+    """Of one task the phases, of another the second version."""
+    owner, tables = system()
+    source, sink = owner.tasks
+    phased = replace(sink, versions=(replace(sink.versions[0], accesses=(access("m", 0, "1ms"),)),))
+    owner = replace(owner, tasks=(source, phased), resources=(Resource(name="m"),))
+    (said,) = left_open(owner, tables)
+    assert said.startswith("bounds of access phases are not enforced")
+    two = replace(source, versions=(*source.versions, replace(source.versions[0], name="w")))
+    owner = replace(owner, tasks=(two, sink))
+    assert left_open(owner, tables) == []  # the other version has no job
+    [table] = tables.modes
+    more = replace(table.jobs[0], version="w", start=ms(5), end=ms(6), index=1)
+    tables = replace(tables, modes=(replace(table, jobs=(*table.jobs, more)),))
+    assert left_open(owner, tables) == ["all versions of a task are its one callback"]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("Demo-1", "demo_1"), ("2wd.car", "p_2wd_car"), ("--", "tables"), ("_x_", "x")]
+)
+def test_a_package_has_a_name_that_ros_takes(name, expected):
+    """REP 144: letters, digits and _ from a letter on."""
+    owner, tables = system()
+    owner = replace(owner, name=name)
+    assert f"<name>{expected}</name>" in package(owner=owner, tables=replace(tables, model=name))["package.xml"]
+
+
+def test_equal_services_name_the_mode_that_has_it():
+    owner, tables = with_modes("a-b", "c", "a_b")
+    with pytest.raises(HalpipeError) as caught:
+        package(owner=owner, tables=tables)
+    (found,) = caught.value.diagnostics
+    assert (found.path, found.message) == ('mode "a_b"', '"~/mode/a_b" is the service of mode "a-b" already')
 
 
 def gapped(split):

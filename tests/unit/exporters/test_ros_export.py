@@ -135,14 +135,16 @@ def test_wrong_cpus_are_all_named():
 def test_a_cycle_may_have_as_many_jobs_as_there_may_be_timers_and_no_more(monkeypatch):
     monkeypatch.setattr("halpipe.exporters.ros.document.MOST_TIMERS", 30)
 
-    def system_of(denominator):
+    def system_of(denominator, *names):
         period = f"1/{denominator}ns"
-        system = model(task("a", period, version(wcet="0ns")))
-        return system, schedule(system, period, job(system, "a", 0, 0, "u1"))
+        system = model(*(task(name, period, version(wcet="0ns")) for name in names))
+        return system, schedule(system, period, *(job(system, name, 0, 0, "u1") for name in names))
 
-    assert len(timers(document(*system_of(30)))) == 30
-    (found,) = refusal(*system_of(31))
+    assert len(timers(document(*system_of(30, "a")))) == 30
+    assert len(timers(document(*system_of(15, "a", "b")))) == 30
+    (found,) = refusal(*system_of(16, "a", "b"))
     assert found.code == codes.TOO_FINE.id
+    assert found.message.endswith("repeats within whole nanoseconds only after 16 times, with 32 jobs")
 
 
 def test_a_schedule_is_needed():
