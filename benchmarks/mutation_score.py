@@ -91,7 +91,7 @@ ROOMS = {
     "importers/common": ("importers/common", "unit/importers/test_polling* unit/importers/test_arxml_preemption*"),
     "exporters/common": ("exporters/common", "unit/exporters/test_*"),
     "exporters/native": ("exporters/native", "unit/exporters/test_native_*"),
-    "exporters/arxml": ("exporters/arxml", "unit/exporters/test_arxml_*"),
+    "exporters/arxml": ("exporters/arxml", "unit/exporters/test_arxml_* unit/importers/test_arxml_onto*"),
     "exporters/amalthea": ("exporters/amalthea", "unit/exporters/test_amalthea_* properties/test_amalthea_roundtrip*"),
     "exporters/btf": ("exporters/btf", "unit/exporters/test_btf*"),
     "exporters/trace": ("exporters/trace", "unit/exporters/test_trace*"),

@@ -5,12 +5,12 @@ import pytest
 from exporter_samples import roboracer, two_modes
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.exporters.common.selection import select
+from halpipe.exporters.common.selection import refuse_early_phases, refuse_gaps, refuse_let, select
 from halpipe.exporters.graph import FORMAT as GRAPH
 from halpipe.exporters.report import FORMAT as REPORT
 from halpipe.exporters.trace import FORMAT as TRACE
-from halpipe.models import ChainLatency, ResourceLoad, Status, TransitionTable, UnitLoad
-from support import ms
+from halpipe.models import ChainLatency, Interrupt, Part, ResourceLoad, Split, Status, TransitionTable, UnitLoad
+from support import access, job, model, ms, schedule, task, version
 
 
 def refused(system, planned, mode=""):
@@ -111,3 +111,102 @@ def test_times_that_cannot_be_drawn_are_refused(changes, words):
 def test_a_hyperperiod_of_zero_is_refused():
     system, planned = roboracer()
     assert [code for code, *_ in refused(system, with_mode(planned, hyperperiod=ms(0)))] == ["HAL0804"]
+
+
+def test_times_at_their_limits_are_drawn():
+    """A job may start in the last instant of the hyperperiod, last all of it, and last for no time."""
+    system, planned = roboracer()
+    for start, end in ((ms("24.999999ms"), ms(26)), (ms(0), ms(25)), (ms(3), ms(3))):
+        assert select(system, with_job(planned, start=start, end=end), "", "report")
+    assert [message for _, _, message, _ in refused(system, with_job(planned, start=ms(25), end=ms(26)))] == [
+        "start 25ms is outside the hyperperiod 25ms"
+    ]
+    below = with_job(planned, start=ms(1) * -1, end=ms(1))
+    assert "start -1ms is outside" in refused(system, below)[0][2]
+
+
+def parts(*spans):
+    return tuple(
+        Part(start=ms(start), end=ms(end), executed_from=ms(0), executed_to=ms(end - start)) for start, end in spans
+    )
+
+
+@pytest.mark.parametrize(
+    ("spans", "fits"),
+    [
+        (((2, 3), (5, 8)), True),
+        (((2, 3), (3, 8)), True),
+        (((2, 4), (3, 8)), False),
+        (((5, 8), (2, 3)), False),
+        (((2, 3), (5, 7)), False),
+        (((3, 4), (5, 8)), False),
+    ],
+)
+def test_the_parts_of_a_job_follow_each_other_from_its_start_to_its_end(spans, fits):
+    system, planned = roboracer()
+    gapped = with_job(planned, start=ms(2), end=ms(8), parts=parts(*spans))
+    if fits:
+        assert select(system, gapped, "", "report")
+    else:
+        assert [message for _, _, message, _ in refused(system, gapped)] == [
+            "its parts do not follow each other from its start to its end"
+        ]
+
+
+def test_the_parts_of_a_job_may_be_busy_for_a_hyperperiod():
+    system, planned = roboracer()
+    assert select(system, with_job(planned, start=ms(0), end=ms(60), parts=parts((0, 20), (55, 60))), "", "report")
+    (found,) = refused(system, with_job(planned, start=ms(0), end=ms(60), parts=parts((0, 20), (54, 60))))
+    assert found[2] == "lasts 26ms, longer than the hyperperiod 25ms"
+
+
+def gaps(split):
+    owner = task("a", 10, replace(version("v", 4), split=split))
+    system = model(owner, task("b", 10, version("v", 1)))
+    whole = job(system, "a", 0, 0, "u1")
+    cut = replace(whole, index=1, start=ms(10), end=ms(15), parts=parts((10, 12), (13, 15)))
+    return system, schedule(system, 20, whole, cut, job(system, "b", 0, 5, "u1"))
+
+
+@pytest.mark.parametrize(("split", "help"), [(Split(points=(ms(2),)), "at points"), (Split(anywhere=True), "anywhere")])
+def test_jobs_with_gaps_are_refused_with_what_helps(split, help):
+    with pytest.raises(HalpipeError) as caught:
+        refuse_gaps(*gaps(split), "a target holds none", "anywhere", "at points")
+    (found,) = caught.value.diagnostics
+    assert (found.path, found.message, found.help) == (
+        'task "a"', "job 1 has 2 parts; a target holds none", help
+    )  # fmt: skip
+
+
+def test_a_let_is_refused_where_nothing_is_copied():
+    held, idle = (replace(task(name, 10, version()), let=ms(5)) for name in "ab")
+    system = model(held, idle, task("c", 10, version()))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "c", 0, 1, "u1"))
+    with pytest.raises(HalpipeError) as caught:
+        refuse_let(system, plan, "an engine")
+    (found,) = caught.value.diagnostics
+    assert (found.path, found.message) == (
+        'task "a"', "has the LET 5ms; an engine copies no data at the release and at release + LET"
+    )  # fmt: skip
+    refuse_let(system, schedule(system, 10, job(system, "c", 0, 1, "u1")), "an engine")
+
+
+@pytest.mark.parametrize(
+    ("start", "split", "is_served", "is_refused"),
+    [(1, True, False, True), (1, False, True, True), (1, False, False, False), (0, True, True, False)],
+)
+def test_a_phase_within_a_job_is_refused_where_jobs_may_be_early(start, split, is_served, is_refused):
+    cut = Split(points=(ms(1),)) if split else Split()
+    owner = task("a", 10, replace(version("v", 4, "u1", access("r", start, 3)), split=cut))
+    system = model(owner, resources="r")
+    if is_served:
+        unit = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(5), wcet=ms(1)),))
+        system = replace(system, units=(unit,))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"))
+    if not is_refused:
+        refuse_early_phases(system, plan, "it begins at once", "help")
+        return
+    with pytest.raises(HalpipeError) as caught:
+        refuse_early_phases(system, plan, "it begins at once", "help")
+    (found,) = caught.value.diagnostics
+    assert found.message == "an access phase begins within its jobs, and jobs may be early; it begins at once"

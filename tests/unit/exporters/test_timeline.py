@@ -7,7 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.durations import ZERO
-from halpipe.exporters.common.timeline import Window, links, resource_steps, shows_context, unroll, unroll_switch
+from halpipe.exporters.common.let import releases_of
+from halpipe.exporters.common.timeline import (
+    Window,
+    cycles_after,
+    delays_of,
+    links,
+    resource_steps,
+    shows_context,
+    unroll,
+    unroll_switch,
+)
+from halpipe.models import Part, Status, TransitionTable
 from support import access, after, job, model, ms, schedule, task, version
 
 
@@ -142,3 +153,95 @@ def test_steps_start_with_the_window_and_never_repeat_a_value(sample):
     for steps in resource_steps(system, unroll(table), Window(ZERO, table.hyperperiod)).values():
         assert steps[0][0] == ZERO
         assert all(a[0] < b[0] and a[1] != b[1] for a, b in pairwise(steps))
+
+
+@pytest.mark.parametrize(
+    ("start", "length", "cycles", "starts"),
+    [
+        (6, 4, 1, [6]),
+        (6, 5, 1, [-4, 6]),
+        (6, 14, 1, [-4, 6]),
+        (6, 15, 2, [-14, -4, 6, 16]),
+        (0, 10, 2, [0, 10]),
+        (0, 31, 1, [-30, -20, -10, 0]),
+    ],
+)
+def test_a_job_occurs_in_every_cycle_into_which_it_lasts(start, length, cycles, starts):
+    system = model(task("a", 10, version("v", length)))
+    table = schedule(system, 10, job(system, "a", 0, start, "u1")).modes[0]
+    found = unroll(table, cycles)
+    assert [p.start for p in found] == [ms(at) if at >= 0 else ms(-at) * -1 for at in starts]
+    assert [p.cycle for p in found] == list(range(cycles - len(starts), cycles))
+    assert {(p.end - p.start, p.part) for p in found} == {(ms(length), "all")}
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "meets"),
+    [(0, 5, False), (0, 6, True), (5, 5, True), (4, 5, False), (9, 20, True), (10, 11, False), (9, 9, True)],
+)
+def test_a_window_is_half_open(start, end, meets):
+    assert Window(ms(5), ms(10)).meets(ms(start), ms(end)) == meets
+    assert Window(ms(5), ms(10)).length == ms(5)
+
+
+def test_steps_of_a_part_of_the_line_are_what_is_in_force_there():
+    system = model(
+        task("a", 20, version("v", 9, "u1", access("r", 0, 4, "1/2"), access("r", 4, 9, "1/4"))), resources="r"
+    )
+    table = schedule(system, 20, job(system, "a", 0, 2, "u1")).modes[0]
+
+    def steps(low, high):
+        found = resource_steps(system, unroll(table), Window(ms(low), ms(high)))["r"]
+        return [(str(at), str(total)) for at, total in found]
+
+    assert steps(0, 20) == [("0ms", "0"), ("2ms", "1/2"), ("6ms", "1/4"), ("11ms", "0")]
+    assert steps(3, 11) == [("3ms", "1/2"), ("6ms", "1/4")]
+    assert steps(6, 12) == [("6ms", "1/4"), ("11ms", "0")]
+    assert steps(11, 12) == [("11ms", "0")]
+
+
+@pytest.mark.parametrize(("offset", "delays"), [(None, [0, 1]), (2, [1, 2]), (13, [0, 1]), (0, [3, 4])])
+def test_delays_count_from_the_offset_or_the_phase_that_delays_least(offset, delays):
+    owner = task("a", 10, version("v", 1), offset=offset, slack=1)
+    system = model(owner)
+    jobs = (job(system, "a", 0, 3, "u1"), job(system, "a", 1, 14, "u1"))
+    assert delays_of(owner, ms(10), jobs, ms(20)) == [ms(delay) for delay in delays]
+
+
+@pytest.mark.parametrize(
+    ("before", "inside", "length", "cycles"),
+    [
+        (10, 0, 0, 1),
+        (20, 0, 0, 1),
+        (21, 0, 0, 2),
+        (21, 0, 1, 1),
+        (30, 0, 0, 2),
+        (31, 0, 0, 3),
+        (10, 12, 2, 1),
+        (10, 13, 2, 2),
+    ],
+)
+def test_a_switch_is_drawn_until_the_jobs_with_gaps_are_over(before, inside, length, cycles):
+    """Jobs of the mode before and of the table last until `before` and `inside`; a cycle of each mode is 10 ms."""
+    system = model(task("a", 10, version("v", 1)))
+
+    def gapped(end):
+        parts = [Part(start=ms(at), end=ms(at), executed_from=ms(0), executed_to=ms(0)) for at in (0, end)]
+        return replace(job(system, "a", 0, 0, "u1"), end=ms(end), parts=tuple(parts))
+
+    source = schedule(system, 10, gapped(before)).modes[0]
+    jobs = (gapped(inside),) if inside else ()
+    table = TransitionTable(
+        source="all", target="all", length=ms(length), worst_latency=ms(10), status=Status.VALID, jobs=jobs
+    )
+    assert cycles_after(table, source, source) == cycles
+
+
+def test_releases_are_the_offset_or_the_phase_that_delays_least():
+    tasks = {name: task(name, 10, version("v", 1), offset=offset, slack=1) for name, offset in (("a", 12), ("b", None))}
+    system = model(*tasks.values(), task("c", 10, version("v", 1)))
+    jobs = [job(system, name, n, 10 * n + at, "u1") for name, at in (("a", 3), ("b", 4), ("c", 6)) for n in (0, 1)]
+    found = releases_of(schedule(system, 20, *jobs).modes[0], tasks)
+    assert [(j.task, j.index, release) for j, release in found] == [
+        ("a", 0, ms(2)), ("a", 1, ms(12)), ("b", 0, ms(4)), ("b", 1, ms(14))
+    ]  # fmt: skip
