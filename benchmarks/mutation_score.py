@@ -91,7 +91,14 @@ ROOMS = {
     "importers/common": ("importers/common", "unit/importers/test_polling* unit/importers/test_arxml_preemption*"),
     "exporters/common": ("exporters/common", "unit/exporters/test_*"),
     "exporters/native": ("exporters/native", "unit/exporters/test_native_*"),
-    "exporters/arxml": ("exporters/arxml", "unit/exporters/test_arxml_* unit/importers/test_arxml_onto*"),
+    "exporters/arxml": (
+        "exporters/arxml",
+        (
+            "unit/exporters/test_arxml_* unit/importers/test_arxml_onto* unit/importers/test_arxml_definitions* "
+            "unit/importers/test_arxml_embedded* unit/importers/test_arxml_played* unit/importers/test_arxml_xdm* "
+            "unit/importers/test_arxml_releases* unit/importers/test_arxml_slim*"
+        ),
+    ),
     "exporters/amalthea": ("exporters/amalthea", "unit/exporters/test_amalthea_* properties/test_amalthea_roundtrip*"),
     "exporters/btf": ("exporters/btf", "unit/exporters/test_btf*"),
     "exporters/trace": ("exporters/trace", "unit/exporters/test_trace*"),
