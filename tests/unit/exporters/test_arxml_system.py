@@ -11,6 +11,7 @@ from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions, export
 from halpipe.exporters.arxml.codes import BAD_PREFIX, NO_LATENCY, WEAKER_WINDOW
+from halpipe.exporters.arxml.onto import Change, Onto
 from halpipe.exporters.arxml.software import ShortNames
 from halpipe.exporters.common.codes import DANGLING_NAME, FOREIGN_SCHEDULE, NEEDS_SCHEDULE
 from halpipe.exporters.native.document import UNWRITABLE
@@ -447,3 +448,21 @@ def test_a_document_is_written_as_it_is_made(monkeypatch):
     tasks = [task(f"t{number}", "10ms", version("v", "1ms", "u1"), deadline="9ms") for number in range(100)]
     document = FORMAT.write(model(*tasks), None, ArxmlOptions())[""]
     assert kept[0] * 5 < sum(1 for _ in etree.fromstring(document).iter())
+
+
+def test_places_of_a_pipeline_file_are_those_beside_it():
+    text = "ecuc-definitions: [v.arxml, /d]\nonto: p\necu: e\nvariant: x\ncondition: [a=1]\n"
+    options, found = stated(FORMAT, text, "/base")
+    assert found == []
+    assert (options.ecuc_definitions, options.onto) == (("/base/v.arxml", "/d"), "/base/p")
+    assert (options.ecu, options.variant, options.conditions) == ("e", "x", ("a=1",))
+
+
+def test_a_new_container_stands_for_all_that_is_in_it():
+    new, inner, deeper = (
+        Change("f", "/P/New" + more, name, None, "1") for more, name in (("", ""), ("", "V"), ("/I", "W"))
+    )
+    known, gone = Change("f", "/P/Old", "V", "1", "2"), Change("f", "/P/Gone", "", "Os", None)
+    of_gone = Change("f", "/P/Gone", "V", "1", None)
+    found = Onto({}, b"", (new, inner, known, gone, deeper, of_gone), ())
+    assert found.summary == [new, known, gone, of_gone]
