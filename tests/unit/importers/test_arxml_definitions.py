@@ -316,3 +316,11 @@ def test_a_vendor_whose_os_has_no_schedule_tables_is_named(tmp_path):
     plan = schedule(found, 10, job(found, "Pump/Step", 0, "0ms", "First"), mode_name="default")
     told = {d.message for d in export_onto(found, plan, str(tmp_path), ArxmlImportOptions()).findings}
     assert "Os has no OsScheduleTable" in told
+
+
+def test_a_document_with_a_long_text_is_held_against_definitions(tmp_path):
+    """Exports hold the native model as one text; parsers refuse ten million characters unless they are told."""
+    definitions = read_definitions([os_definition(tmp_path)])
+    remark = b"<DESC><L-2 L='EN'>" + b"x" * 10_000_001 + b"</L-2></DESC>"
+    document = configured(tmp_path).replace(b"</SHORT-NAME>", b"</SHORT-NAME>" + remark, 1)
+    assert check(document, definitions) == []

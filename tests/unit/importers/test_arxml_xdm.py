@@ -7,15 +7,18 @@ from arxml_case import component, composition, every, found, named, orders, pack
 from test_arxml_definitions import box, define
 from test_arxml_ecus import mappings, on
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.exporters.arxml.codes import CANNOT_EDIT, DOUBLE_START, PHASE, UNKNOWN_EVENT
 from halpipe.exporters.arxml.definitions import AGAINST_DEFINITION
+from halpipe.exporters.arxml.onto.edit import Edit, apply_to_xdm
+from halpipe.exporters.arxml.onto.plan import Placed, Planner
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.options import ArxmlImportOptions
+from halpipe.models.project import ProjectCounter
 from merged_os import differences
-from support import job, schedule
+from support import job, ms, schedule
 
 HEAD = """<?xml version='1.0'?>
 <datamodel version="7.0" xmlns="http://www.tresos.de/_projects/DataModel2/16/root.xsd"
@@ -446,6 +449,8 @@ def test_tables_that_code_starts_get_the_expiry_points_of_the_schedule(tmp_path)
     assert [name for name in onto.files if name.startswith(("changed/", "delta"))] == ["changed/Os.xdm"]
     (told,) = [d for d in onto.findings if d.code == PHASE.id]
     assert "/Os/Os/Schm, /Os/Os/Rte" in told.message
+    line = 1 + original[: original.index('<d:ctr name="Schm"')].count("\n")
+    assert (told.path, Path(told.at.file).name, told.at.line) == ("/Os/Os/Schm", "Os.xdm", line)
     text = onto.files["changed/Os.xdm"].decode()
     (folder / "Os.xdm").write_text(text)
     origins = {task.name: task.origin.path for task in model.tasks}
@@ -501,3 +506,49 @@ def test_a_file_in_which_markup_is_not_ascii_is_refused(tmp_path, encoding):
     with pytest.raises(HalpipeError) as failure:
         export_onto(model, plan_of(model), str(folder), ArxmlImportOptions())
     assert {d.code for d in failure.value.diagnostics if d.is_error} == {CANNOT_EDIT.id}
+
+
+OFF = enable("false")
+
+
+@pytest.mark.parametrize(
+    ("tag", "content", "changed"),
+    [
+        ('<d:ctr name="S" type="T">', f'{enable("true")}<d:var name="V"/></d:ctr>', f'{OFF}<d:var name="V"/></d:ctr>'),
+        ('<d:ctr name="S">', f"{enable('true')}</d:ctr>", f"{OFF}</d:ctr>"),
+        ('<d:ctr name="S">', '<a:a name="X"/></d:ctr>', f'{OFF}<a:a name="X"/></d:ctr>'),
+        ('<d:ctr name="S">', '<d:var name="ENABLE"/></d:ctr>', f'{OFF}<d:var name="ENABLE"/></d:ctr>'),
+        ('<d:ctr name="S">', "</d:ctr>", f"{OFF}</d:ctr>"),
+        ('<d:ctr name="S" type="T"/>', "", f"{OFF}</d:ctr>"),
+        ('<d:ctr name="S" />', "", f"{OFF}</d:ctr>"),
+    ],
+)
+def test_a_container_that_is_there_once_is_not_enabled_where_it_is_removed(tmp_path, tag, content, changed):
+    stated, changed = tag + content, tag.replace(" />", ">").replace("/>", ">") + changed
+    other = ctr("Other", ctr("S", enabled="true"))
+    path = xdm(tmp_path, "Os", many("OsAlarm", ctr("Al", stated), other))
+    edit = Edit(Location(str(path)), "/Os/Os/Al/S")
+    text = path.read_text()
+    assert apply_to_xdm(path.read_bytes(), "Os.xdm", None, [edit]).decode() == text.replace(stated, changed)
+    whole = Edit(Location(str(path)), "/Os/Os/Other")  # of these there may be any number
+    assert apply_to_xdm(path.read_bytes(), "Os.xdm", None, [whole]).decode() == text.replace(other, "")
+
+
+def test_tables_begin_together_at_a_whole_tick_of_every_counter_and_not_before_its_least():
+    """Ticks of 1 ms and 1.5 ms meet every 3 ms; 4 and 3 of them are the least, which are 4 and 4.5 ms."""
+    counters = [
+        ProjectCounter(path=path, unit="u", tick=ms(tick), max_value=99, min_cycle=least, at=Location())
+        for path, tick, least in (("/a", 1, 4), ("/b", "1.5ms", 3))
+    ]
+    for order in (1, -1):
+        placed = [Placed(None, counter, {}) for counter in counters[::order]]
+        assert [(p.counter.path, p.begin) for p in Planner._together(None, placed)] == [("/a", 6), ("/b", 4)][::order]
+    assert list(Planner._together(None, [])) == []
+
+
+def test_an_empty_element_at_the_end_of_another_is_removed_alone(tmp_path):
+    path = xdm(tmp_path, "Os", many("OsAlarm", '<d:ctr name="A"/>', '<d:ctr name="B"/>').replace("\n", ""))
+    text = path.read_text()
+    edit = Edit(Location(str(path)), "/Os/Os/B")
+    found = apply_to_xdm(path.read_bytes(), "Os.xdm", None, [edit]).decode()
+    assert found == text.replace('<d:ctr name="B"/>', "")

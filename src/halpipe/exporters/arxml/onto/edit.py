@@ -91,8 +91,8 @@ class _Walker:
 
     def _end(self, _: str) -> None:
         element, at = self._stack.pop(), self._parser.CurrentByteIndex
-        has_end = self._data.startswith(b"</", at)  # after <a/> the parser is at its end
-        element.closed, element.end = (at, tag_end(self._data, at)) if has_end else (element.opened, element.opened)
+        is_empty = self._data.endswith(b"/>", element.start, element.opened)  # what follows is the end of another
+        element.closed, element.end = (element.opened, element.opened) if is_empty else (at, tag_end(self._data, at))
         self.leave(element, self._stack[-1] if self._stack else None)
 
     def enter(self, element: _Element, attributes: dict[str, str], holder: _Element | None) -> None:
