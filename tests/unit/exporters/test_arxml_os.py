@@ -320,3 +320,17 @@ def test_a_task_is_not_activated_twice_at_one_instant():
     ((code, path, message, _),) = refusals(*one_mode(4, 4, wcet="0ms"))
     assert (code, path) == (ACTIVATED_TWICE.id, 'mode "all" on "u1"')
     assert message == 'OsTask "fast" is activated 2 times at 4ms'
+
+
+def test_os_tasks_come_in_the_order_of_tasks_versions_and_units():
+    both = task("t", 10, version("b", 1, "u1 u2"), version("a", 1, "u1 u2"))
+    system = model(task("z", 10, version("v", 1, "u2")), both, units="u1 u2")
+    jobs = [
+        job(system, "t", n, 10 * n, unit, name)
+        for n, (unit, name) in enumerate((u, v) for u in ("u2", "u1") for v in ("b", "a"))
+    ]
+    root = write(system, schedule(system, 40, *jobs, job(system, "z", 0, 5, "u2")))
+    assert [name for name in containers(root, "OsTask") if name[0] in "tz"] == [
+        "z",
+        *(f"t_{v}_u{n}" for v in "ab" for n in (1, 2)),
+    ]

@@ -65,6 +65,7 @@ def test_the_example_holds_its_tasks_at_the_points_in_use():
     assert sorted(tasks) == ["camera", "detect", "fast", "knock", "logger", "slow"]
     # ticks of 0.1 ms; 9 ms is also where the access begins, for which going on may take 0.1 ms
     assert [hold["at"] for hold in holds_of(root, "slow")] == ["4ms", "9ms", "9ms"]
+    assert {frozenset(hold) for hold in holds_of(root, "slow")} == {frozenset(("at", "ECUC-CONTAINER-VALUE"))}
     assert events_of(root, "slow")["Mode_run_core1"] == [
         (125, "Hold_slow_1"),
         (225, "Hold_slow_2"),
@@ -274,3 +275,45 @@ def test_the_model_comes_back_with_what_it_says_of_splitting(tmp_path):
     back = FORMAT.read([str(path)], ArxmlImportOptions()).model
     assert [replace(t, origin=None) for t in back.tasks] == [replace(t, origin=None) for t in system.tasks]
     assert [(u.name, u.interrupts) for u in back.units] == [(u.name, u.interrupts) for u in system.units]
+
+
+def over_a_switch(*spans):
+    """A job of "before", and "after" plays 10 ms; the switch takes 5 ms."""
+    long = task("long", 20, replace(version("v", 6), split=ANYWHERE), slack=1)
+    short, other = task("short", 10, version("v", 1)), task("other", 20, version("v", 1))
+    modes = [mode("before", [long]), mode("after", [short])]
+    system = model(long, short, other, modes=modes, transitions=[("before", "after", 5)])
+    started = parted(system, "long", "u1", *spans)
+    return relation_of(system, planned(
+        system,
+        ("before", 20, started),
+        ("after", 10, job(system, "short", 0, 1, "u1")),
+        transitions=[switch("before", "after", 5, job(system, "other", 0, 2, "u1"))],
+    ))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("spans", "above"),
+    [
+        (((2, 0, 2), (10, 2, 6)), set()),  # it is over before the switch
+        (((15, 0, 2), (23, 2, 6)), {"other"}),  # at 22, in the table
+        (((15, 0, 2), (22, 2, 6)), set()),
+        (((15, 0, 4), (26, 4, 6)), {"other"}),
+        (((15, 0, 4), (27, 4, 6)), {"other", "short"}),  # at 26, in the first cycle of "after"
+        (((17, 0, 6), (43, 6, 6)), {"other", "short"}),
+        (((19, 0, 4), (37, 4, 6)), {"short"}),  # it was preempted after 22
+    ],
+)
+def test_who_starts_in_a_gap_that_reaches_over_a_switch_is_above(spans, above):
+    assert over_a_switch(*spans) == ({"u1": {"long": above}} if above else {})
+
+
+def test_gaps_at_preemption_points_are_no_matter_of_priorities():
+    """The OsTask waits there; another one is interrupted anywhere."""
+    tasks = [
+        task("k", 20, replace(version("v", 6), split=cut(3))),
+        task("i", 20, replace(version("v", 2), split=ANYWHERE)),
+    ]
+    system = model(*tasks)
+    jobs = (parted(system, "k", "u1", (0, 0, 3), (8, 3, 6)), job(system, "i", 0, 4, "u1"))
+    assert relation_of(system, planned(system, ("all", 20, *jobs))) == {}

@@ -200,12 +200,12 @@ def test_steps_of_a_part_of_the_line_are_what_is_in_force_there():
     assert steps(11, 12) == [("11ms", "0")]
 
 
-@pytest.mark.parametrize(("offset", "delays"), [(None, [0, 1]), (2, [1, 2]), (13, [0, 1]), (0, [3, 4])])
+@pytest.mark.parametrize(("offset", "delays"), [(None, [0, 1, 2]), (2, [1, 2, 3]), (13, [0, 1, 2]), (0, [3, 4, 5])])
 def test_delays_count_from_the_offset_or_the_phase_that_delays_least(offset, delays):
     owner = task("a", 10, version("v", 1), offset=offset, slack=1)
     system = model(owner)
-    jobs = (job(system, "a", 0, 3, "u1"), job(system, "a", 1, 14, "u1"))
-    assert delays_of(owner, ms(10), jobs, ms(20)) == [ms(delay) for delay in delays]
+    jobs = [job(system, "a", n, 10 * n + 3 + n, "u1") for n in range(3)]
+    assert delays_of(owner, ms(10), jobs, ms(30)) == [ms(delay) for delay in delays]
 
 
 @pytest.mark.parametrize(

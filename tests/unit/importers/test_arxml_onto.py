@@ -97,6 +97,7 @@ def test_additions_go_to_the_delta_and_changes_into_the_file(tmp_path):
     path = project(tmp_path)
     onto = put(path)
     added = {(c.path, c.name): c.new for c in onto.changes if c.old is None}
+    assert b'<SD GID="format">1</SD>' in onto.additions
     table = "/E/Os/Halpipe_default_First"
     assert added[table, "OsScheduleTableCounterRef"] == "/E/Os/Ticks"
     assert added["/E/Os/App", "OsAppScheduleTableRef"] == table

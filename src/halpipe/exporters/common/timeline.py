@@ -145,7 +145,7 @@ def unroll(table: ModeSchedule, cycles: int = 1) -> list[Placement]:
     period = table.hyperperiod
     found = []
     for job in table.jobs:
-        first = 1 - -(-job.end // period) if job.end > period else 0
+        first = min(0, 1 - -(-job.end // period))
         found += [Placement(job, job.start + period * cycle, cycle, table.name) for cycle in range(first, cycles)]
     return sorted(found, key=lambda placement: placement.start.ns)
 
@@ -165,7 +165,7 @@ def cycles_after(table: TransitionTable, source: ModeSchedule, target: ModeSched
     ends = [job.end - source.hyperperiod for job in source.jobs if job.parts]
     ends += [job.end for job in table.jobs if job.parts]
     last = max(ends, default=ZERO)
-    return max(1, -(-(last - table.length) // target.hyperperiod)) if last > table.length else 1
+    return max(1, -(-(last - table.length) // target.hyperperiod))
 
 
 def unroll_switch(
