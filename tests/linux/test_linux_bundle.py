@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from halpipe.core.bundles import open_bundle
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.durations import milliseconds
 from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions, Target
@@ -17,8 +17,9 @@ from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import read_recording
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
-from halpipe.exporters.linux.bundle import _buffers
+from halpipe.exporters.linux.bundle import _buffers, _check_start
 from halpipe.exporters.linux.tables import _frame, thread_levels
+from halpipe.exporters.regulator.platform import read_platform
 from halpipe.models import (
     HealthAction,
     HealthEvent,
@@ -148,6 +149,9 @@ def test_an_access_phase_does_not_begin_before_its_instant(tmp_path):
     tables = schedule(owner, 20, job(owner, "long", 0, 1, "u1"), *whole)
     _, files = write(tmp_path, owner, tables)
     assert "{{1000000, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
+    owner = with_phase(system(Split(points=(ms(2),)), "first second"), 0, 1)  # begins with the job
+    _, files = write(tmp_path, owner, schedule(owner, 20, job(owner, "long", 0, 1, "u1"), *whole))
+    assert "{{1000000, 0, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
 
 
 def test_a_job_goes_on_after_a_gap_before_its_phase_begins(tmp_path):
@@ -533,3 +537,21 @@ def test_the_highest_level_counts_in_the_tables(tmp_path):
     levels = thread_levels(owner, planned(owner), 50)
     assert sorted(levels.values()) == [0, 1]
     assert ".levels = 2," in files["tables.c"]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("table: {timebase: 100MHz}", ""),
+        ("", "the rate of the time base that the unit counts is not stated"),
+        ("backend: axi-realm", "axi-realm begins at no stated instant; the dispatcher starts the back-end table alone"),
+    ],
+)
+def test_regulators_start_at_an_instant_of_the_dispatcher_or_are_refused(tmp_path, more, said):
+    path = tmp_path / "p.yaml"
+    units = "units: {u1: {manager: 0}}"
+    numbers = "clock: 1MHz\nbus: 64bit\nburst: 64B\nwindow: 1000\nguaranteed: 6.4MB/s"
+    path.write_text(f"halpipe-regulator: 1\n{numbers}\n{units}\n{more}\n")
+    findings = Findings()
+    _check_start(read_platform(str(path)), findings)
+    assert [d.message for d in findings.items] == [said] * bool(said)
