@@ -29,6 +29,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import lxml.etree  # noqa: F401  loaded once for all forks
@@ -312,16 +313,32 @@ class Trace:
 
         return step(frame, event, argument)
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item):
-        self._now, begin = set(), time.perf_counter()
+    @contextmanager
+    def _tracing(self):
+        self._now = set()
         threading.settrace(self._enter)  # a server answers in threads of its own
         sys.settrace(self._enter)
         try:
-            return (yield)
+            yield
         finally:
             sys.settrace(None)
             threading.settrace(None)  # type: ignore[arg-type]
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collection(self):
+        """Let every test of the file reach what is executed while modules are imported."""
+        with self._tracing():
+            found = yield
+        self._shared |= self._now
+        return found
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        begin = time.perf_counter()
+        try:
+            with self._tracing():
+                return (yield)
+        finally:
             self.lines[item.nodeid], self.seconds[item.nodeid] = sorted(self._now), time.perf_counter() - begin
 
     @pytest.hookimpl(wrapper=True)

@@ -76,6 +76,25 @@ def test_a_wait_longer_than_the_limit_of_a_chain_to_the_start_is_refused():
     owner, tables = system(chain=limited, sink=1)
     assert refused(owner, tables, wait=None) == set()
     assert refused(owner, tables) == {codes.NO_EVENT.id}
+    assert refused(owner, tables, wait={"/sink": ms("0.5ms")}) == set()
+
+
+@pytest.mark.parametrize(("wcet", "fits"), [("1ms", False), ("1.000001ms", True)])
+def test_a_wait_is_shorter_than_the_shortest_version(wcet, fits):
+    """Even one that the schedule does not choose: the mode may."""
+    owner, tables = system()
+    sink = owner.task("/sink")
+    both = replace(sink, versions=(*sink.versions, version("w", wcet, "u1")))
+    owner = replace(owner, tasks=tuple(both if each is sink else each for each in owner.tasks))
+    assert refused(owner, tables) == (set() if fits else {codes.NO_EVENT.id})
+
+
+@pytest.mark.parametrize("row", [(2, {"min": ms(2)}), ("1.5ms", {"min": ms(1)})])
+def test_a_window_that_is_narrower_than_the_wait_is_kept_by_no_schedule(row):
+    most, stated = row
+    owner, tables = system((most, {**SOURCE, **stated}), sink=3 if most == 2 else 2)
+    assert refused(owner, tables, wait=None) == set()
+    assert refused(owner, tables) == {codes.LATE_START.id}
 
 
 def begun_late(owner, tables, by):

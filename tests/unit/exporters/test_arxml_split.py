@@ -281,12 +281,14 @@ def over_a_switch(*spans):
     """A job of "before", and "after" plays 10 ms; the switch takes 5 ms."""
     long = task("long", 20, replace(version("v", 6), split=ANYWHERE), slack=1)
     short, other = task("short", 10, version("v", 1)), task("other", 20, version("v", 1))
-    modes = [mode("before", [long]), mode("after", [short])]
-    system = model(long, short, other, modes=modes, transitions=[("before", "after", 5)])
+    apart = task("apart", 20, version("v", 1, "u2"))  # on another unit, and over at once
+    modes = [mode("before", [long, apart]), mode("after", [short])]
+    tasks = (long, short, other, apart)
+    system = model(*tasks, units="u1 u2", modes=modes, transitions=[("before", "after", 5)])
     started = parted(system, "long", "u1", *spans)
     return relation_of(system, planned(
         system,
-        ("before", 20, started),
+        ("before", 20, started, job(system, "apart", 0, 3, "u2")),
         ("after", 10, job(system, "short", 0, 1, "u1")),
         transitions=[switch("before", "after", 5, job(system, "other", 0, 2, "u1"))],
     ))  # fmt: skip

@@ -302,3 +302,9 @@ def test_budgets_are_rounded_up_and_starts_down():
     planned = schedule(system, 1, job(system, "a", 0, "7/2ns", "u1"))
     [(_, _, timer)] = timers(document(system, planned))
     assert (timer["offset-ns"], timer["budget-ns"]) == (3, 3)
+
+
+def test_a_gang_names_the_units_that_are_kept_free_for_it():
+    system = model(task("a", 10, version("v", "1ms", "u1 u2 u3", gang=3)), units="u1 u2 u3")
+    [(executor, _, timer)] = timers(document(system, schedule(system, 10, job(system, "a", 0, 0, "u2 u1 u3"))))
+    assert (executor, timer["keeps-free"]) == ("u2", ["u1", "u3"])

@@ -34,9 +34,7 @@ def with_late_starts(model: TaskModel, waits: Mapping[str, Duration]) -> TaskMod
     def narrowed(row: Precedence, wait: Duration) -> Precedence:
         late = ZERO if row.anchor in (Anchor.END, Anchor.RELEASE) else waits.get(row.task, ZERO)
         own = wait if row.to is Anchor.START else ZERO
-        if row.min + late + own > row.max:
-            return replace(row, min=row.max + Duration(1), max=row.max)  # nothing lies in it
-        return replace(row, min=row.min + late, max=row.max - own)
+        return replace(row, min=row.min + late, max=row.max - own)  # with min above max nothing lies in it
 
     def changed(version: Version, wait: Duration) -> Version:
         rows = tuple(narrowed(row, wait) for row in version.precedences)
