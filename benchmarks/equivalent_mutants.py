@@ -7,6 +7,7 @@ MORE = "looks at more cycles than are needed; what lies in the others is nothing
 BUDGET = "a limit that somebody chose: one more is as good"
 TOUCH = "what ends at the instant at which another thing begins does not meet it"
 
+IGNORED = "a write that is ignored, whatever it has"
 CHOICE = "a weight or a range by which proposals are ordered; no proposal is right or wrong"
 MODEL = "only where the model has a fault, for which it is refused"
 GUESS = "a first guess below the least length is reached from below all the same"
@@ -40,7 +41,22 @@ EQUIVALENT = {
     ("stimuli.py", "middle = last + (end - 3 - last) // 2"): CHOICE,
     ("stimuli.py", "middle = last + (end - 2 - last) // 3"): CHOICE,
     ("stimuli.py", "if fate != 1:"): CHOICE,
-    ("stimuli.py", "self._write_lite(cycle - LITE_CYCLES, FRAME_CYCLES, self._cycles - 1, strobes=1 + self._draw.below(WHOLE - 1))"): "a write of some bytes only is ignored, whatever it has",
+    ("stimuli.py", "fate = self._draw.below(6) if middle > last else 2"): CHOICE,
+    ("stimuli.py", "fate = self._draw.below(5) if middle > last else 3"): CHOICE,
+    ("stimuli.py", "start = self._tick(len(self.expected)) + 2"): CHOICE,
+    ("stimuli.py", "return 65 + 4 * units"): "the windows that count begin a cycle later",
+    ("stimuli.py", "return 64 + 5 * units"): "the windows that count begin some cycles later",
+    ("stimuli.py", "cycle = self._write(self._write(cycle, at, 2), at + 4, 255 << 24 | 1)"): IGNORED,
+    ("stimuli.py", "cycle = self._write(self._write(cycle, at, 1), at + 4, 256 << 24 | 1)"): IGNORED,
+    ("stimuli.py", "cycle = self._write(self._write(cycle, at, 1), at + 4, 255 << 25 | 1)"): IGNORED,
+    ("stimuli.py", "cycle = self._write(self._write(cycle, at, 1), at + 4, 255 << 24 | 2)"): IGNORED,
+    ("stimuli.py", "orders = [(unit_address(unit, UNIT_HEADERS + 8 * table + 4 * self._draw.below(2)), 2), (unit_address(unit, UNIT_ENTRIES + 16 * self._draw.below(entries) + 8), 1), *((at, beyond[self._draw.below(len(beyond))]) for at in requests if beyond)]"): IGNORED,
+    ("stimuli.py", "orders = [(unit_address(unit, UNIT_HEADERS + 8 * table + 4 * self._draw.below(2)), 1), (unit_address(unit, UNIT_ENTRIES + 16 * self._draw.below(entries) + 8), 2), *((at, beyond[self._draw.below(len(beyond))]) for at in requests if beyond)]"): IGNORED,
+    ("stimuli.py", "if not all((expected.running for expected in self.expected[number:number + 3])):"): CHOICE,
+    ("stimuli.py", "for word, value in enumerate((2, 1, 0)):"): IGNORED,
+    ("stimuli.py", "for word, value in enumerate((1, 2, 0)):"): IGNORED,
+    ("stimuli.py", "for word, value in enumerate((1, 1, 1)):"): IGNORED,
+    ("stimuli.py", "self._write_lite(cycle - LITE_CYCLES, FRAME_CYCLES, self._cycles - 1, strobes=1 + self._draw.below(WHOLE - 1))"): IGNORED,
     ("frames.py", "tails = [phase for phase in foreign if phase.end >= length]"): TOUCH,
     ("frames.py", "foreign = [p for p in (*before, *self._phases(table.jobs, 0)) if p.end >= 0]"): TOUCH,
     ("frames.py", "return Frame(mode.name, MODE, mode.name, mode.name, span, 2, span, phases, mode.at)"): "cycles are shown of transitions only",
@@ -144,6 +160,8 @@ EQUIVALENT = {
     ("simulate.py", "CYCLES = {'verilator': (160000000, 3000000), 'icarus': (800001, 160000)}"): BUDGET,
     ("simulate.py", "CYCLES = {'verilator': (160000000, 3000000), 'icarus': (800000, 160001)}"): BUDGET,
     ("simulate.py", "STEPPED_CYCLES = {'verilator': 2 ** 31, 'icarus': 400001}"): BUDGET,
+    ("simulate.py", "STEPPED_CYCLES = {'verilator': 3 ** 31, 'icarus': 400000}"): BUDGET,
+    ("simulate.py", "STEPPED_CYCLES = {'verilator': 2 ** 32, 'icarus': 400000}"): BUDGET,
     ("stimuli.py", "READS, IGNORED, THROUGH_LITE = (201, 60, 20)"): BUDGET,
     ("stimuli.py", "READS, IGNORED, THROUGH_LITE = (200, 61, 20)"): BUDGET,
     ("stimuli.py", "READS, IGNORED, THROUGH_LITE = (200, 60, 21)"): BUDGET,

@@ -8,6 +8,7 @@ that always asks gets its budget, and one burst more. Both directions of a manag
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
@@ -231,7 +232,7 @@ def _play(case: Case, name: str, table: Table, steps: Sequence[Write | Range]) -
     device = device_of(case)
     device.is_claimed = True
     seen: dict[Register, list[tuple[int, int]]] = {}
-    path, last, count = f'table "{table.name}"', -1, 0
+    path, counts = f'table "{table.name}"', Counter[int]()
     for write in steps:
         case.steps += 1
         if isinstance(write, Range):
@@ -248,10 +249,10 @@ def _play(case: Case, name: str, table: Table, steps: Sequence[Write | Range]) -
             case.note(DEVICE_REFUSES, name, f"window {write.at} is over by then", line=write.line, path=path)
         if before == write.value:
             case.note(GRANTS_DIFFER, name, f"{_named(register)} is that already", line=write.line, path=path)
-        count = count + 1 if write.at == last else 1
-        last = max(last, write.at)
-        if write.at >= 0 and count > case.platform.number("axi-realm", "writes-per-window"):
-            case.note(DEVICE_REFUSES, name, f"{count} writes in window {last}", line=write.line, path=path)
+        counts[write.at] += 1
+        if write.at >= 0 and counts[write.at] > case.platform.number("axi-realm", "writes-per-window"):
+            text = f"{counts[write.at]} writes in window {write.at}"
+            case.note(DEVICE_REFUSES, name, text, line=write.line, path=path)
         seen.setdefault(register, []).append((write.at + 1, write.value))
     expected = _budgets(case, table)
     for register in sorted(expected.keys() | seen.keys()):

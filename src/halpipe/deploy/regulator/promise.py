@@ -186,10 +186,8 @@ def promised_bursts(
         if whole_from > whole_to:  # inside one window
             note(parts, whole_to, (last - first) * volume)
             continue
-        if first < whole_from:
-            note(parts, whole_from - 1, (whole_from - first) * volume)
-        if last > whole_to:
-            note(parts, whole_to, (last - whole_to) * volume)
+        note(parts, whole_from - 1, (whole_from - first) * volume)
+        note(parts, whole_to, (last - whole_to) * volume)
         note(steps, whole_from, volume)
         note(steps, whole_to, -volume)
     scale = lcm(*(value.denominator for value in (*steps.values(), *parts.values())))

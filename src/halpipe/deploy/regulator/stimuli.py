@@ -235,7 +235,6 @@ class _Software:
         self._cycles, self._extra = cycles, extra
         self._first = first_window(len(tables.units))
         self._entries, self._headers = sizes(tables)
-        self._now = 0
         self._orders: dict[int, tuple[str, int, int]] = {}
         self._lite: set[int] = set()
         self._reads: list[tuple[int, int, int]] = []
@@ -340,8 +339,9 @@ class _Software:
 
     def ask_for_nothing(self) -> None:
         """Request a table that was never written: the defaults come for a window, then table 0."""
-        if self._headers > len(self._tables.tables) and self._now == self._tables.tables[self._now].successor:
-            self._play(self._now, 1, len(self._tables.tables))
+        now = self.expected[-1].table
+        if self._headers > len(self._tables.tables) and now == self._tables.tables[now].successor:
+            self._play(now, 1, len(self._tables.tables))
             self.expected += [Expected(table=0, window=NOT_RUNNING), _CALM]
             self._append(0, self._tables.tables[0].windows)
 
@@ -391,7 +391,6 @@ class _Software:
             self._write(middle + self._draw.below(end - 2 - middle), FRAME_REQUEST, request)
 
     def _append(self, table: int, length: int) -> None:
-        self._now = table
         self.expected += [Expected(table=table, window=window) for window in range(length)]
 
     def _tick(self, window: int) -> int:
@@ -445,12 +444,13 @@ class _Software:
         cycle = self._tick(number) + 1 + self._draw.below(self._cycles)
         unit = self._draw.below(len(self._tables.units))
         table = self._draw.below(len(self._tables.tables))
-        beyond = self._headers + self._draw.below(MOST_TABLES - self._headers or 1)
+        beyond = range(self._headers, MOST_TABLES)
         entries = sum(len(t.entries[self._tables.units[unit].name]) for t in self._tables.tables)
+        requests = FRAME_REQUEST, unit_address(unit, UNIT_REQUEST)
         orders = [
             (unit_address(unit, UNIT_HEADERS + 8 * table + 4 * self._draw.below(2)), 1),
             (unit_address(unit, UNIT_ENTRIES + 16 * self._draw.below(entries) + 8), 1),
-            *((at, beyond) for at in (FRAME_REQUEST, unit_address(unit, UNIT_REQUEST)) if beyond < MOST_TABLES),
+            *((at, beyond[self._draw.below(len(beyond))]) for at in requests if beyond),
         ]
         if cycle not in self._orders:
             self._write(cycle, *orders[self._draw.below(len(orders))])

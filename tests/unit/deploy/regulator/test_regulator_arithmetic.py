@@ -91,6 +91,18 @@ def test_the_message_has_the_numbers(files):
     assert finding.message == "5 bursts in window 20, promised are 4"
 
 
+@pytest.mark.parametrize(("count", "tail"), [(1, ""), (2, ", and 1 more"), (3, ", and 2 more")])
+def test_further_windows_are_counted(files, count, tail):
+    def change(data):
+        values = bundles.budgets(data, 0, "u1")
+        for window in range(20, 20 + count):
+            values[window][0] += 1
+        bundles.set_budgets(data, 0, "u1", values)
+
+    (finding,) = findings(bundles.changed(files, change))
+    assert finding.message == f"5 bursts in window 20, promised are 4{tail}"
+
+
 def test_a_budget_granted_later_is_behind(tmp_path):
     """Controlled rounding may move a burst by less than one; a whole window later is too late."""
     files = bundles.export(tmp_path, *bundles.system(), rounding="controlled")
@@ -235,7 +247,8 @@ def test_more_tables_than_a_unit_can_name(files, monkeypatch):
 def test_a_wrong_bundle_is_not_simulated_unless_asked(files):
     faulty = bundles.changed(files, bundles.FAULTS["one burst more"])
     checked = DEPLOYMENT.check(bundles.target(faulty), CheckOptions())
-    assert any("nothing executed: the tables are wrong" in line for line in checked.lines)
+    told = "nothing executed: the tables are wrong (name an --engine to play them all the same)"
+    assert checked.lines[1:] == (told,)
     assert {d.code for d in checked.diagnostics} >= {codes.WRONG_BUDGET.id, codes.FORMS_DIFFER.id}
 
 
@@ -251,6 +264,15 @@ def test_tables_for_other_back_ends_are_executed_on_a_model_of_the_device(files)
     checked = DEPLOYMENT.check(bundles.target(other), CheckOptions())
     assert {d.code for d in checked.diagnostics} == {codes.NOT_UNDERSTOOD.id, codes.DEVICE_REFUSES.id}
     assert checked.lines[1].startswith("device: memguard")
+
+
+def test_wrong_tables_of_a_device_are_executed_by_no_engine(files):
+    def change(data):
+        data["backend"] = "axi-realm"
+        bundles.FAULTS["one burst more"](data)
+
+    checked = DEPLOYMENT.check(bundles.target(bundles.changed(files, change)), CheckOptions())
+    assert checked.lines[1:] == ("nothing executed: the tables are wrong",)
 
 
 def test_an_engine_that_does_not_exist_is_a_mistake_of_the_caller(files):

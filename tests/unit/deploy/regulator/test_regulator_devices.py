@@ -13,9 +13,12 @@ import pytest
 import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.regulator import DEPLOYMENT, codes
+from halpipe.deploy.regulator import DEPLOYMENT, codes, memguard
+from halpipe.deploy.regulator.arithmetic import Arithmetic
 from halpipe.deploy.regulator.axi_realm import _difference, _sums
+from halpipe.deploy.regulator.loading import Case
 from halpipe.deploy.regulator.memguard import Module
+from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.resctrl import FileSystem
 from halpipe.devices.registers import RegisterFile
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
@@ -253,6 +256,139 @@ def test_scripts_of_another_schedule_or_of_none_are_found(exported, name):
 
 def messages(files):
     return [d.message for d in DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics]
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "old", "new", "said"),
+    [
+        (
+            "qos400",
+            "0-fast.txt",
+            "0x03400000",
+            "0x03300000",
+            "u1 read: 1593750 B/s are granted, promised are 1600000 B/s, for which 1625000 B/s are the least",
+        ),
+        (
+            "memguard",
+            "0-fast.sh",
+            "put read_limit '25",
+            "put read_limit '24",
+            "u1 read: 24 lines a period, the promise takes 25",
+        ),
+        (
+            "resctrl",
+            "0-fast.sh",
+            "put one 'MB:0=10;1=10;2=10' 'MB:0=10;",
+            "put one 'MB:0=20;1=10;2=10' 'MB:0=20;",
+            "u1: 3200000 B/s are granted, promised are 1600000 B/s, for which 1600000 B/s are the least",
+        ),
+        (
+            "axi-realm",
+            "setup.txt",
+            "WRITE(-1, 0x014, 0x03030303)\n",
+            "",
+            "the len_limit register 0 is not written after the set-up, it must be 0x3030303",
+        ),
+        (
+            "axi-realm",
+            "setup.txt",
+            "WRITE(-1, 0x024, 0x00000000)\n",
+            "",
+            "the start_low of manager 0, region 0 is not written after the set-up, it must be 0x0",
+        ),
+        (
+            "axi-realm",
+            "setup.txt",
+            "0x00001400",
+            "0x00001401",
+            "the read_budget of manager 0, region 0 is 0x1401 after the set-up, it must be 0x1400",
+        ),
+    ],
+)
+def test_what_the_device_does_instead_is_stated_in_its_own_terms(exported, name, file, old, new, said):
+    files = exported[name][1]
+    assert said in messages(changed(files, f"{name}/{file}", old, new, -1 if name == "qos400" else 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "after"),
+    [
+        ("axi-realm", "0-fast.txt", "c6a11b03fc68\n"),
+        ("axi-realm", "load.sh", "set -e\n"),
+        ("axi-realm", "load.sh", "done\n"),
+        ("memguard", "0-fast.sh", "put write_limit '25 1 1 1'\n"),
+        ("memguard-phase", "0-fast.sh", "  ;;\n"),
+        ("resctrl", "0-fast.sh", "mkdir -p three\n"),
+    ],
+)
+def test_of_a_line_that_is_not_understood_60_characters_are_quoted(exported, name, file, after):
+    backend, files = exported[name]
+    found = messages(changed(files, f"{backend}/{file}", after, after + "y" * 70 + "\n"))
+    quoted = [text for text in found if f'"{"y" * 60}"' in text]
+    assert len(quoted) == 1, found
+
+
+def test_of_a_line_that_is_missing_60_characters_are_quoted(exported):
+    files = exported["memguard"][1]
+    line = files["memguard/setup.sh"].decode().split("set -e\n")[1].partition("\n")[0]
+    assert len(line) > 70
+    said = messages(changed(files, "memguard/setup.sh", "set -e\n", "set -e\ny\n"))
+    assert f'is "y", expected "{line[:60]}"' in said
+
+
+def test_of_a_domain_that_there_is_not_40_characters_are_quoted(exported):
+    files = exported["resctrl"][1]
+    found = messages(changed(files, "resctrl/0-fast.sh", "put one 'MB:0=10", f"put one 'MB:{'7' * 50}=10"))
+    assert f'"{"7" * 40}": there is no such domain or value' in found
+
+
+def test_of_many_instants_the_first_five_are_named(exported):
+    files = exported["qos400-phase"][1]
+    more = "".join(f"WRITE({8_000_000 + n}, 0xfd74712c, 0x0{3 + n % 2}300000)\n" for n in range(4))
+    script = files["qos400/0-fast.txt"].decode() + more
+    (said,) = messages({**files, "qos400/0-fast.txt": script.encode()})
+    five = "[0, 2000000, 7000000, 8000000, 8000001]"
+    assert said == f"rates are set at {five} ns, promised are changes at [0, 2000000, 7000000]"
+
+
+@pytest.mark.parametrize(("cycles", "bits"), [(1024, 10), (1025, 11)])
+def test_an_axi_realm_must_count_to_the_last_cycle_of_a_window(tmp_path, cycles, bits):
+    path = tmp_path / "platform.yaml"
+    text = PLATFORM.replace("clock: 1MHz", f"clock: {cycles}kHz").replace("window: 1000", f"window: {cycles}")
+    path.write_text(text + "axi-realm: {pending: 1}\n")
+    files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="axi-realm"))
+    assert ids(files) == set()
+    narrow = changed(files, "axi-realm/setup.txt", f"0x{bits:08x}, 0xffffffff)", f"0x{bits - 1:08x}, 0xffffffff)")
+    assert any(f"period_width 0 is compared with {bits - 1:#x} " in text for text in messages(narrow))
+
+
+@pytest.mark.parametrize(("limit", "windows"), [(1, [1, 1, 2, 1]), (2, [])])
+def test_writes_of_axi_realm_in_one_window_are_counted(exported, limit, windows):
+    """Those before a table are not: the managers wait for it."""
+    files = changed(exported["axi-realm"][1], "platform.yaml", "pending: 1", f"pending: 1, writes-per-window: {limit}")
+    found = [text for text in messages(files) if "writes in window" in text]
+    assert found == [f"2 writes in window {window}" for window in windows]
+
+
+@pytest.mark.parametrize(("capacity", "is_noted"), [(13_056_000, False), (13_055_999, True)])
+def test_memguard_by_phase_adds_both_settings_until_every_core_has_the_next(tmp_path, capacity, is_noted):
+    """Two cores read 100 lines a period each, a period apart; 4 other limits are 1. A line has 64 B, a period 1 ms."""
+    path = tmp_path / "p.yaml"
+    path.write_text(PLATFORM + "memguard: {cores: 3, write-backs: 0, write-refills: 0, granularity: phase}\n")
+    a = task("a", 40, version("v", 10, "u1", access("mem", 0, 10, 1, "read")))
+    b = task("b", 40, version("v", 10, "u2", access("mem", 0, 10, 1, "read")))
+    m = model(a, b, units="u1 u2 u3", resources="mem")
+    s = schedule(m, 40, job(m, "a", 0, 0, "u1"), job(m, "b", 0, 11, "u2"))
+    target = bundles.target(RegulatorExporter().write(m, s, RegulatorOptions(platform=str(path), backend="memguard")))
+    tables = read_tables(target.bundle)
+    tables = replace(tables, platform=replace(tables.platform, capacity=Fraction(capacity)))
+    arithmetic = Arithmetic(target, tables)
+    list(arithmetic.findings())
+    case = Case(target.bundle, tables, arithmetic.planned)
+    memguard.execute(case)
+    said = [d.message for d in case.findings if " while one setting follows the other" in d.message]
+    text = f"13056000 B/s are granted together while one setting follows the other, there is room for {capacity} B/s"
+    assert said == [text] * is_noted
 
 
 def test_a_period_of_axi_realm_is_written_after_its_budget(exported):

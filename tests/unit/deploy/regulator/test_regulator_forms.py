@@ -91,3 +91,29 @@ def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
 @pytest.mark.parametrize(("count", "lines"), [(1, 16), (15, 16), (16, 32), (31, 32), (32, 64), (255, 256), (256, 256)])
 def test_a_header_image_has_a_line_that_no_table_has_as_far_as_there_are_addresses(count, lines):
     assert forms.header_lines(SimpleNamespace(tables=range(count))) == lines
+
+
+def test_what_differs_is_stated_with_both_values(files):
+    """Of a line of an image 40 characters at most; tables and values of the header under their numbers."""
+    (line,) = findings(with_form(files, IMAGES[0], lambda data: b"x" * 50 + data[data.index(b"\n") :]))
+    assert line.message == f'is "{"x" * 40}", tables.json gives {files[IMAGES[0]].decode().splitlines()[0]}'
+    text = files[forms.HEADER].decode()
+    body = re.search(r"bw_entries_1\[[^]]*\] = \{(.*?)\};", text, re.DOTALL)
+    values = re.findall(r"\b\d+(?=u\b)", body[1])
+    place = body.start(1) + re.search(r"\d+u\b\D+(\d+)u\b", body[1]).start(1)
+
+    def said(header):
+        return [found.message for found in findings({**files, forms.HEADER: header.encode()})]
+
+    other = text[:place] + "7" + text[place:]
+    assert said(other) == [
+        f"bw_entries_1 is not what tables.json gives: value 1 is 7{values[1]}, it must be {values[1]}"
+    ]
+    longer = text[: body.end(1)] + ", 5u" + text[body.end(1) :]
+    count = f"it has {len(values) + 1} values, it must have {len(values)}"
+    assert said(longer) == [f"bw_entries_1 is not what tables.json gives: {count}"]
+    assert said(text.replace("bw_entries_1[", "bw_others_1[")) == [
+        "bw_entries_1 is not what tables.json gives: it is missing"
+    ]
+    (named,) = said(re.sub(r"#define BW_TABLE_\w+ +1u", "", text))
+    assert named == "names tables 0, 2; tables.json has 0 to 2"

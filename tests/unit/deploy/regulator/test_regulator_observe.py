@@ -189,7 +189,9 @@ def test_another_table_or_window_is_told(tables, wrong):
 )  # fmt: skip
 def test_each_fault_of_the_bus_is_told_once(tables, bit, code):
     lines = [window(tables, n, u2_faults=1 << bit) for n in range(2)]
-    assert found(tables, *lines) == [code.id]
+    (fault,) = verdict(tables, run_of(2), *lines).findings
+    assert (fault.code, fault.path) == (code.id, 'unit "u2"')
+    assert fault.message.endswith(", seen in window 0 (traffic: t, seed 7)")
 
 
 def test_every_register_read_is_compared(tables):

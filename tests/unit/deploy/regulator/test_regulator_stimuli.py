@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -389,3 +390,64 @@ def test_habits_of_managers_are_the_bits_of_the_bench():
     stated = re.search(r"kind, +// bit 0 on, bit 1 random lengths, bit 2 random gaps, bit 3 comes in clusters", bench)
     assert stated
     assert (stimuli.GREEDY, stimuli.LENGTHS, stimuli.GAPS, stimuli.CLUSTERS) == (1 << 0, 1 << 1, 1 << 2, 1 << 3)
+
+
+def test_the_defaults_are_written_before_the_first_window_that_counts(tmp_path):
+    files = bundles.export(tmp_path, *bundles.wide_system(32), window="2048", units=32)
+    tables = read_tables(bundles.target(files).bundle)
+    run = plan(tables, TRAFFIC[0], 1, windows=4)
+    defaults = {
+        stimuli.unit_address(unit, at) for unit in range(32) for at in (stimuli.UNIT_DEF_READ, stimuli.UNIT_DEF_WRITE)
+    }
+    written = [cycle for cycle, order, address, _ in run.script if order == "w" and address in defaults]
+    assert len(written) == 2 * 32
+    assert max(written) < stimuli.first_window(32)
+
+
+def alone(folder, *, windows=0):
+    """Tables of two modes without a switch; with `windows`, of so many windows each, which have one budget."""
+    files = bundles.changed(
+        bundles.export(folder, *bundles.system()), lambda data: (data["switches"].clear(), data["tables"].pop())
+    )
+    tables = read_tables(bundles.target(files).bundle)
+    if not windows:
+        return tables
+    short = (
+        replace(table, windows=windows, entries={unit: several[:1] for unit, several in table.entries.items()})
+        for table in tables.tables
+    )
+    return replace(tables, tables=tuple(short))
+
+
+@pytest.mark.parametrize("windows", [1, 2])
+@pytest.mark.parametrize("traffic", [STEPPED, TRAFFIC[0]], ids=lambda traffic: traffic.name)
+def test_modes_are_stopped_and_started_in_any_cycle_of_a_window(tmp_path, traffic, windows):
+    tables = alone(tmp_path, windows=windows)
+    for seed in range(25):
+        run = plan(tables, traffic, seed, windows=60)
+        assert follow(tables, run) == [(e.table, e.window) for e in run.expected]
+
+
+def test_requests_in_the_shortest_tables_come_just_in_time(tables):
+    """A table of one window of four cycles has no time for others."""
+    short = (
+        replace(table, windows=1, entries={unit: several[:1] for unit, several in table.entries.items()})
+        for table in tables.tables
+    )
+    shortest = replace(tables, tables=tuple(short))
+    for seed in range(25):
+        run = plan(shortest, STEPPED, seed, windows=60)
+        assert follow(shortest, run) == [(e.table, e.window) for e in run.expected]
+
+
+@pytest.mark.parametrize(("repeats", "plays"), [(1, 2), (2, 2), (3, 3)])
+def test_the_end_of_a_mode_that_leads_nowhere_is_followed_by_its_begin(tmp_path, repeats, plays):
+    run = plan(alone(tmp_path), TRAFFIC[0], 1, windows=2**31, repeats=repeats)
+    begins = Counter(e.table for e in run.expected if e.running and e.window == 0)
+    assert begins[0] == plays + 2  # once when it is stopped, and once after a request of a table that there is not
+    assert begins[1] in (plays + 1, plays + 2)  # with that request, which may come too late
+
+
+def test_with_tables_only_a_run_ends_when_every_table_was_played(tables):
+    for seed in range(8):
+        assert plan(tables, STEPPED, seed, windows=2**31).switches == 2
