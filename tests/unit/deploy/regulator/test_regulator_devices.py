@@ -351,6 +351,24 @@ def test_of_many_instants_the_first_five_are_named(exported):
     assert said == f"rates are set at {five} ns, promised are changes at [0, 2000000, 7000000]"
 
 
+def test_a_register_that_is_read_otherwise_is_found_in_its_line_and_one_that_is_not_in_the_file(exported):
+    files = exported["axi-realm"][1]
+    script = files["axi-realm/setup.txt"].decode()
+    read = "READ(0x334, 0xffffffff, 0x00000080, 0x00000080)\n"
+    number = script.split(read)[0].count("\n") + 1
+    for new, line, said in (
+        (
+            read.replace("080)", "081)"),
+            number,
+            "data_width 0 is compared with 0x80 to 0x81, it must be from 0x80 to 0x80",
+        ),
+        ("", 0, "data_width 0 is not read, it must be from 0x80 to 0x80"),
+    ):
+        other = bundles.target(changed(files, "axi-realm/setup.txt", read, new))
+        found = [d for d in DEPLOYMENT.check(other, CheckOptions()).diagnostics if d.is_error]
+        assert [(d.message, d.at.line) for d in found] == [(said, line)]
+
+
 @pytest.mark.parametrize(("cycles", "bits"), [(1024, 10), (1025, 11)])
 def test_an_axi_realm_must_count_to_the_last_cycle_of_a_window(tmp_path, cycles, bits):
     path = tmp_path / "platform.yaml"
@@ -425,6 +443,20 @@ def test_percentages_of_mpam_are_those_of_the_width_of_its_field(width, least, s
     platform = SimpleNamespace(settings={"resctrl": settings | {"others": ""}}, capacity=1, peak=None)
     found = FileSystem(SimpleNamespace(platform=platform))
     assert (found.least, found.step) == (least, step)
+
+
+@pytest.mark.parametrize(("kind", "least", "step", "most"), [("intel", 10, 10, 100), ("amd", 0, 1, 2048)])
+def test_values_of_kernels_that_state_nothing_are_those_of_their_kind(kind, least, step, most):
+    settings = dict.fromkeys(("min", "step", "max", "levels", "others"), "") | {
+        "kind": kind,
+        "width": "8",
+        "domain": "0",
+    }
+    platform = SimpleNamespace(settings={"resctrl": settings}, capacity=1, peak=None)
+    found = FileSystem(SimpleNamespace(platform=platform))
+    assert (found.least, found.step, found.most) == (least, step, most)
+    assert found.write(".", f"0={most}") == ""
+    assert found.write(".", f"0={most + 1}") == f"{most + 1} is out of range, {least} to {most}"
 
 
 def test_without_a_simulator_the_tables_are_checked_and_it_says_so(exported, monkeypatch, tmp_path):
@@ -615,9 +647,10 @@ def test_overshoot_is_kept_per_window_where_the_clock_does_not_divide_it(tmp_pat
     assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()
 
 
-def test_bounds_below_a_step_of_the_regulator_change_no_setting(tmp_path):
+@pytest.mark.parametrize(("bound", "instants"), [("0.2501", [1, 6]), ("0.5", [1, 3, 6])])
+def test_bounds_below_a_step_of_the_regulator_change_no_setting(tmp_path, bound, instants):
     """Phases whose bounds differ by less than a step of QoS-400: one setting, and no instant without a write."""
-    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 2, "0.25", "read"), access("mem", 2, 5, "0.2501", "read")))
+    t = task("t", 10, version("v", 5, "u1", access("mem", 0, 2, "0.25", "read"), access("mem", 2, 5, bound, "read")))
     m = model(t, units="u1", resources="mem", modes=(mode("m", [t]),))
     path = tmp_path / "qos.yaml"
     path.write_text(PLATFORM[: PLATFORM.index("  u2")] + "qos400: {clock: 2MHz, granularity: phase}\n")
@@ -626,6 +659,8 @@ def test_bounds_below_a_step_of_the_regulator_change_no_setting(tmp_path):
         schedule(m, 10, job(m, "t", 0, 1, "u1"), mode_name="m"),
         RegulatorOptions(platform=str(path), backend="qos400"),
     )
+    (script,) = (files[name].decode() for name in files if name.startswith("qos400/0-"))
+    assert re.findall(r"WRITE\((\d+), ", script) == [str(n * 10**6) for n in instants]
     assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()
 
 
@@ -683,6 +718,15 @@ def test_memguard_has_the_cores_that_are_stated_or_those_up_to_the_last_unit(sta
     assert device.write("read", " ".join(["7"] * cores)) == ""
     owners = {0: "u1 read", 2: "u2 read"}
     assert device.limits == {owners.get(core, f"core {core} read"): 7 for core in range(cores)}
+
+
+def test_memguard_of_units_without_a_core_has_none():
+    settings = {"line": "64B", "write-refills": "1", "write-backs": "1/2", "period": ""}
+    platform = SimpleNamespace(
+        number=lambda *_: 0, units={"dma": {}}, settings={"memguard": settings}, window_ns=Fraction(10**6)
+    )
+    tables = SimpleNamespace(units=[SimpleNamespace(name="dma")])
+    assert Module(SimpleNamespace(platform=platform, tables=tables)).cores == 0
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,16 @@ def test_a_compiler_that_refuses_is_quoted(tools, tmp_path):
     )
 
 
+def test_of_what_a_tool_says_its_errors_are_quoted(tools, tmp_path):
+    """Three lines, 400 characters at most; without any, whatever it says first."""
+    tools("iverilog", "[print('warning: nothing'), *(print(f'error {n}') for n in range(4)), sys.exit(2)]")
+    assert failure(lambda: Icarus().build(design(), str(tmp_path))) == (
+        "iverilog ended with 2: error 0 | error 1 | error 2"
+    )
+    tools("iverilog", "print('x' * 500); sys.exit(2)")
+    assert failure(lambda: Icarus().build(design(), str(tmp_path))) == f"iverilog ended with 2: {'x' * 400}"
+
+
 def test_a_bench_that_crashes_is_reported(tools, tmp_path):
     tools("vvp", "os.abort()")
     assert "vvp ended with -6" in failure(lambda: run_bench(("vvp",), str(tmp_path)))

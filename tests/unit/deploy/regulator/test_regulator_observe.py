@@ -1,14 +1,18 @@
 """The verdict on a trace: traces made by hand, at the limit and one beyond it."""
 
+import re
 from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 
 import regulator_bundles as bundles
 from halpipe.core.diagnostics import Location
-from halpipe.deploy.regulator import codes
+from halpipe.deploy import regulator
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.regulator import codes, simulate
 from halpipe.deploy.regulator.reading import read_tables
-from halpipe.deploy.regulator.simulate import judge
+from halpipe.deploy.regulator.simulate import Verdict, judge
 from halpipe.deploy.regulator.stimuli import _CALM, Expected, Run, Traffic
 
 AT = Location("cfg/table")
@@ -170,6 +174,20 @@ def test_a_burst_may_wait_for_windows(tables):
     assert found(tables, first, window(tables, 1, **waiting), window(tables, 2, **waiting), greedy=False) == []
 
 
+def after(tables, **changes):
+    """The findings of window 25, in which a burst is left waiting, and window 26, in which u1 may read nothing."""
+    run = run_of(2, greedy=False)
+    expected = (Expected(table=0, window=25), Expected(table=0, window=26))
+    run = Run(**{name: getattr(run, name) for name in run.__slots__} | {"expected": expected})
+    first = window(tables, 5, u1_read=192, u1_read_waiting=64).replace("W 5", "W 0")
+    return [f.code for f in verdict(tables, run, first, window(tables, 6, **changes).replace("W 6", "W 1")).findings]
+
+
+def test_a_burst_that_still_waits_spends_nothing_and_another_does(tables):
+    assert after(tables, u1_read_waiting=64) == []
+    assert after(tables, u1_read_waiting=128) == [codes.SPENT_TOO_MUCH.id]
+
+
 def test_the_sum_is_held_against_the_capacity(tables):
     lines = [window(tables, 0, u1_read=520)]
     assert set(found(tables, *lines)) == {codes.SPENT_TOO_MUCH.id, codes.SHARED_TOO_MUCH.id}
@@ -230,3 +248,28 @@ def test_figures_of_a_run(tables):
     assert (result.windows, result.carried) == (2, 0)
     assert result.used == result.granted
     assert result.largest_sum == 256 + 0 + 128  # u1, u2 and u3 in window 21
+
+
+def test_runs_are_listed_with_their_figures_in_columns(tables):
+    """Where nothing was granted, all of it was used."""
+    runs = [
+        Verdict(run_of(20), windows=20, granted=1000, used=999, carried=3, largest_sum=384),
+        Verdict(run_of(2), windows=2, findings=[SimpleNamespace()]),
+    ]
+    head, *lines = (re.split(" {2,}", line.strip()) for line in regulator._table(tables, runs))
+    assert lines == [
+        ["t", "20", "1 of 3", "0", "99 %", "384 of 512 B", "3", "0"],
+        ["t", "2", "1 of 3", "0", "100 %", "0 of 512 B", "0", "1"],
+    ]
+    assert len(head) == len(lines[0])
+    assert regulator._unplayed(tables, runs) == ['  not played to the end: "lean", "full->lean"; --cycles 1 plays all']
+    assert regulator._unplayed(tables, runs[1:])[0].count('"') == 6
+
+
+@pytest.mark.parametrize(("engine", "more"), [("verilator", ["  compiled anew each time: no room"]), ("icarus", [])])
+def test_a_bench_that_cannot_be_kept_is_pointed_out(tables, monkeypatch, engine, more):
+    monkeypatch.setattr("halpipe.core.caches.why_no_cache", lambda name: "no room")
+    monkeypatch.setattr(simulate, "choose_engine", lambda name: (SimpleNamespace(name=engine), "engine"))
+    monkeypatch.setattr(simulate, "simulate", lambda *_, **__: [])
+    _, lines = regulator._simulate(SimpleNamespace(bundle=None), tables, CheckOptions(engine=engine))
+    assert lines[3:] == more
