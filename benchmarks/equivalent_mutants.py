@@ -225,6 +225,30 @@ EQUIVALENT = {
     ("modegraph.py", "if abs(dx) * half_height >= abs(dy) * half_width:"): "on the diagonal both give the corner of the box",
     ("session.py", "HISTORY = 201"): BUDGET,
 }  # fmt: skip
+TRAFFIC = (
+    "TRAFFIC = (Traffic(name='greedy', greedy=True), Traffic(name='random lengths and gaps', flags=LENGTHS | GAPS, "
+    "by_software=True), Traffic(name='clusters, shallow queues', flags=LENGTHS | CLUSTERS, depth=2, latency=45), "
+    "Traffic(name='greedy, shallow queues', depth=1, latency=3, by_software=True), "
+    "Traffic(name='each manager different', mixed=True, depth=8), "
+    "Traffic(name='data of writes waits', depth=512, is_owing=True))"
+)
+"""Loads of the bench of regulators, with depths of queues and latencies that were chosen."""
+
+EQUIVALENT |= {
+    ("stimuli.py", TRAFFIC.replace(old, new)): CHOICE
+    for old, new in (
+        *(("depth=2", "depth=3"), ("latency=45", "latency=46"), ("depth=1,", "depth=2,")),
+        *(("latency=3", "latency=4"), ("depth=8", "depth=9"), ("depth=512", "depth=513")),
+    )
+}
+EQUIVALENT |= {
+    ("stimuli.py", "flags: int = 1"): "whatever makes requests has that bit",
+    ("stimuli.py", "if self._entries <= MOST_ENTRIES:"): "a power of two is never as many",
+    ("simulate.py", "windows = 3 ** 31 if cycles and (not traffic.is_silent) else max(4, share // length)"): BUDGET,
+    ("simulate.py", "windows = 2 ** 32 if cycles and (not traffic.is_silent) else max(4, share // length)"): BUDGET,
+    ("stimuli.py", "depth: int = 65"): CHOICE,
+    ("stimuli.py", "latency: int = 21"): CHOICE,
+}
 
 BROKEN = "only where another rule has refused the job or the schedule already"
 WORDS = "chooses what a finding says, not whether there is one"

@@ -149,8 +149,8 @@ class _Reader:
             end = start + self._window
         else:
             start, end = (parse_rational(row.get(name, "")) * self._scales[name] for name in ("start", "end"))
-        if not 0 <= start < end:
-            raise ValueError(f"the interval from {start} to {end} ns is empty, or begins before the table")
+        if start >= end:
+            raise ValueError(f"the interval from {start} to {end} ns is empty")
         if not table.successor == table.index and end > table.windows * self._window:
             raise ValueError(f'ends at {end} ns; the table "{table.name}" is {table.windows * self._window} ns long')
         if (end - start) / self._window > MOST_WINDOWS:

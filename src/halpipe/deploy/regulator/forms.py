@@ -158,7 +158,7 @@ def _initialisers(tables: Tables) -> dict[str, list[str]]:
         arrays["bw_units"] += [unit.name, *map(str, facts), f"bw_tables_{n}", f"bw_entries_{n}"]
     if tables.switches:
         modes = {table.mode: table.index for table in tables.tables if not table.is_transition}
-        triples = [(modes.get(s.source, -1), modes.get(s.target, -1), s.request) for s in tables.switches]
+        triples = [(modes.get(s.source, "unknown"), modes.get(s.target, "unknown"), s.request) for s in tables.switches]
         arrays["bw_switches"] = [str(value) for triple in triples for value in triple]
     return arrays
 

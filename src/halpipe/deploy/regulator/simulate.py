@@ -108,8 +108,7 @@ class _Judge:
     def finish(self) -> None:
         """Make the findings of what was seen, and of what should have been."""
         for cycle, address in self._reads:
-            if cycle < self._end:
-                self._note(codes.BROKE_PROTOCOL, "registers", f"register {address:#x} was not read in cycle {cycle}")
+            self._note(codes.BROKE_PROTOCOL, "registers", f"register {address:#x} was not read in cycle {cycle}")
         if self.verdict.windows != len(self._run.expected):
             text = f"the trace has {self.verdict.windows} windows, {len(self._run.expected)} were simulated"
             self._note(codes.PLAYED_WRONG, "trace", text)
@@ -119,10 +118,6 @@ class _Judge:
             tail = f", and {more} windows more" if more else ""
             message = f"{text}{tail} (traffic: {name}, seed {self._run.seed})"
             self.verdict.findings.append(code(message, at=self._at, path=path, help=_HELP))
-
-    @property
-    def _end(self) -> int:
-        return max((cycle + 1 for cycle, *_ in self._run.script), default=0)
 
     def _note(self, code: Code, path: str, text: str) -> None:
         first, times = self._noted.get((code, path), (text, 0))
@@ -296,7 +291,7 @@ _FLAGS = (
 def _write(folder: str, contents: Mapping[str, bytes]) -> list[str]:
     for name, content in contents.items():
         Path(folder, name).write_bytes(content)
-    return [name for name in sorted(contents) if not name.endswith(".h")]
+    return sorted(contents)
 
 
 def _call(command: Sequence[str], folder: str, seconds: int) -> None:

@@ -7,8 +7,8 @@ import pytest
 
 import regulator_bundles as bundles
 from halpipe.core.diagnostics import Exit, HalpipeError
-from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.regulator import DEPLOYMENT, codes
+from halpipe.deploy.base import Checked, CheckOptions
+from halpipe.deploy.regulator import DEPLOYMENT, codes, with_tables
 from halpipe.deploy.regulator.arithmetic import Arithmetic
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
@@ -273,6 +273,19 @@ def test_wrong_tables_of_a_device_are_executed_by_no_engine(files):
 
     checked = DEPLOYMENT.check(bundles.target(bundles.changed(files, change)), CheckOptions())
     assert checked.lines[1:] == ("nothing executed: the tables are wrong",)
+
+
+def test_regulators_beside_programs_are_checked_with_them(files):
+    own = {f"regulator/{name}": data for name, data in files.items() if name not in ("model.xml", "schedule.xml")}
+    programs = Checked(diagnostics=(), lines=("programs",))
+    alone = {name: files[name] for name in ("model.xml", "schedule.xml")}
+    assert with_tables(bundles.target(alone), programs) is programs
+    faulty = bundles.changed(files, bundles.FAULTS["one burst more"])["tables.json"]
+    for changes in ({}, {"regulator/tables.json": faulty}):
+        checked = with_tables(bundles.target(alone | own | changes), programs)
+        said = f"{len(checked.diagnostics)} findings" if changes else "exact"
+        assert [line.split(";")[0] for line in checked.lines[:2]] == ["programs", f"regulators: arithmetic: {said}"]
+        assert (codes.WRONG_BUDGET.id in {d.code for d in checked.diagnostics}) == bool(changes)
 
 
 def test_an_engine_that_does_not_exist_is_a_mistake_of_the_caller(files):

@@ -103,6 +103,20 @@ def test_columns_that_are_missing_or_unknown(target, header, said):
     with pytest.raises(HalpipeError) as refused:
         compare_counters(target, header, "c.csv")
     assert said in refused.value.diagnostics[0].message
+    assert refused.value.diagnostics[0].at.line == 1
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "said"),
+    [
+        ("640", "640", "the interval from 640 to 640 ns is empty"),
+        ("0", "12801", 'ends at 12801 ns; the table "full->lean" is 12800 ns long'),
+        ("0", "12800", None),
+    ],
+)
+def test_an_interval_lies_within_the_table_of_a_switch(target, start, end, said):
+    text = f"table,unit,direction,start,end,bytes\nfull->lean,u2,read,{start},{end},0"
+    assert [d.message for d in compare_counters(target, text, "c.csv").diagnostics] == [said] * (said is not None)
 
 
 def test_a_back_end_of_rates_has_no_budgets(target):

@@ -328,6 +328,14 @@ def test_of_a_line_that_is_not_understood_60_characters_are_quoted(exported, nam
     assert len(quoted) == 1, found
 
 
+@pytest.mark.parametrize(
+    ("old", "new"), [("  ;;\n*)", "*)"), ("esac\n", "esac \ntrue\n"), ("usage: $0 0..2", "usage: $0 0..3")]
+)
+def test_a_script_of_settings_ends_with_the_last_of_them_and_its_usage(exported, old, new):
+    files = exported["memguard-phase"][1]
+    assert "does not end as documented" in messages(changed(files, "memguard/0-fast.sh", old, new))
+
+
 def test_of_a_line_that_is_missing_60_characters_are_quoted(exported):
     files = exported["memguard"][1]
     line = files["memguard/setup.sh"].decode().split("set -e\n")[1].partition("\n")[0]
@@ -718,6 +726,21 @@ def test_memguard_has_the_cores_that_are_stated_or_those_up_to_the_last_unit(sta
     assert device.write("read", " ".join(["7"] * cores)) == ""
     owners = {0: "u1 read", 2: "u2 read"}
     assert device.limits == {owners.get(core, f"core {core} read"): 7 for core in range(cores)}
+
+
+@pytest.mark.parametrize(
+    ("period", "said"),
+    [
+        ("999us", "999 us are no period"),
+        ("1000us", None),
+        ("2000500ns", "4001/2 us are no period"),
+        ("1s", None),
+        ("1000001us", "1000001 us are no period"),
+    ],
+)
+def test_a_period_of_memguard_has_whole_microseconds_from_a_millisecond_to_a_second(exported, period, said):
+    files = changed(exported["memguard"][1], "platform.yaml", "cores: 4", f"cores: 4, period: {period}")
+    assert [text for text in messages(files) if "no period" in text] == [said] * (said is not None)
 
 
 def test_memguard_of_units_without_a_core_has_none():

@@ -93,6 +93,13 @@ def test_a_header_image_has_a_line_that_no_table_has_as_far_as_there_are_address
     assert forms.header_lines(SimpleNamespace(tables=range(count))) == lines
 
 
+def test_a_switch_between_modes_that_have_no_table_is_none_of_the_header(files):
+    assert b"bw_switches" in files[forms.HEADER]
+    renamed = bundles.changed(files, lambda data: data["switches"][0].update({"from": "none"}))
+    (found,) = findings(renamed)
+    assert found.message.endswith("value 0 is 0, it must be unknown")
+
+
 def test_what_differs_is_stated_with_both_values(files):
     """Of a line of an image 40 characters at most; tables and values of the header under their numbers."""
     (line,) = findings(with_form(files, IMAGES[0], lambda data: b"x" * 50 + data[data.index(b"\n") :]))

@@ -195,9 +195,19 @@ def test_the_sum_is_held_against_the_capacity(tables):
     assert set(found(tables, *full)) == {codes.SPENT_TOO_MUCH.id}
 
 
-@pytest.mark.parametrize("wrong", [{"table": 1}, {"window": 21}, {"window": 2**32 - 1}])
-def test_another_table_or_window_is_told(tables, wrong):
-    assert set(found(tables, window(tables, 0, **wrong))) == {codes.PLAYED_WRONG.id}
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"table": 1}, 'table 1 "lean", window 20'),
+        ({"table": 3}, 'table 3 "unknown", window 20'),
+        ({"window": 21}, 'table 0 "full", window 21'),
+        ({"window": 2**32 - 1}, "its defaults"),
+    ],
+)
+def test_another_table_or_window_is_told(tables, wrong, said):
+    faults = verdict(tables, run_of(1), window(tables, 0, **wrong)).findings
+    assert [(f.code, f.path) for f in faults] == [(codes.PLAYED_WRONG.id, f'unit "u{n}"') for n in (1, 2, 3)]
+    assert faults[0].message.startswith(f'plays {said} in window 0, it must play table 0 "full", window 20 (')
 
 
 @pytest.mark.parametrize(
@@ -220,6 +230,8 @@ def test_every_register_read_is_compared(tables):
     (finding,) = verdict(tables, run_of(1, reads=[read]), *bad).findings
     assert finding.code == codes.BROKE_PROTOCOL.id
     assert "0x15" in finding.message
+    (finding,) = verdict(tables, run_of(1, reads=[read]), window(tables, 0)).findings
+    assert finding.message.startswith("register 0x100010 was not read in cycle 5")
 
 
 def test_a_trace_that_ends_early_is_no_proof(tables):

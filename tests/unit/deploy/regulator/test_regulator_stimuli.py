@@ -451,3 +451,14 @@ def test_the_end_of_a_mode_that_leads_nowhere_is_followed_by_its_begin(tmp_path,
 def test_with_tables_only_a_run_ends_when_every_table_was_played(tables):
     for seed in range(8):
         assert plan(tables, STEPPED, seed, windows=2**31).switches == 2
+
+
+def test_where_all_headers_are_taken_nothing_is_written_behind_them(tables):
+    """The entries begin there."""
+    modes = (replace(tables.tables[0], index=n, successor=n, mode=f"m{n}") for n in range(255))
+    full = replace(tables, tables=tuple(modes), switches=())
+    run = plan(full, TRAFFIC[0], 1, windows=4)
+    _, memory, _ = registers(full, run)
+    entries, headers = stimuli.sizes(full)
+    assert headers == stimuli.MOST_TABLES
+    assert {offset for _, offset in memory} == {stimuli.UNIT_ENTRIES + 16 * entries + at for at in (0, 4, 8)}
