@@ -38,6 +38,7 @@ def test_size_in_text_and_json(halpipe, schedule):
         (("--bandwidth", "men"), 'did you mean "mem"'),
         (("--wcet-factor", "--mode", "al"), 'did you mean "all"'),
         (("--wcet-factor", "--step", "0"), "above 0"),
+        (("--wcet-factor", "--step", "101%"), "at most 1"),
         (("--wcet-factor", "--step", "x"), "not a number"),
     ],
 )
@@ -45,6 +46,15 @@ def test_wrong_questions(halpipe, schedule, arguments, said):
     asked = halpipe("size", "model.xml", *arguments)
     assert asked.returncode == 2
     assert said in asked.stderr
+
+
+def test_the_edges_of_the_options_of_a_search(halpipe, schedule):
+    least = ("--step", "1", "--seed", "0", "--budget", "1")
+    assert halpipe("size", "model.xml", "--wcet-factor", *least).returncode in (0, 4)
+    for option in ("--seed", "--budget"):
+        asked = halpipe("size", "model.xml", "--wcet-factor", option, str(int(least[least.index(option) + 1]) - 1))
+        assert asked.returncode == 2
+        assert "is too small" in asked.stderr
 
 
 def test_no_size_is_enough(halpipe, folder):

@@ -175,7 +175,10 @@ def test_a_search_without_success_leaves_what_the_schedule_shows(at, longest):
     system = model(task("a", 10, version("v", 2)), task("b", 10, version("v", 1)))
     plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, at, "u1"))
     blind = SimpleNamespace(finds=lambda changed: False)
-    assert searched(system, rows(system, plan)["a", "v"], blind, Fraction(1, 10)).found == ms(longest)
+    result = searched(system, rows(system, plan)["a", "v"], blind, Fraction(1, 10))
+    assert (result.found, result.bound) == (ms(longest), ms(9))
+    assert result.failed[0] == ms(9)
+    assert result.failed[-1] == ms(longest) + ms("0.2")  # a step more
 
 
 def test_a_version_that_is_not_used_has_no_limit():

@@ -204,7 +204,7 @@ def largest_factor(model: TaskModel, step: Fraction = STEP) -> Question:
 
     hyperperiod = max((mode.hyperperiod or ZERO for mode in Context(model).active), default=ZERO)
     limits = ((time_limit(task) or hyperperiod) / v.wcet for task in model.tasks for v in task.versions if v.wcet)
-    hardest = math.floor(max(limits, default=Fraction(1)) / step) + 1
+    hardest = math.floor(max(limits) / step) + 1
     margins = (lower_bound(Objective.MARGIN, model, expand(model, mode)) for mode in model.modes)
     largest = min((1 - margin for margin in margins if margin is not None), default=Fraction(0))
     return Question(
