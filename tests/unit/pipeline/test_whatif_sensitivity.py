@@ -51,6 +51,15 @@ def test_the_deadline_after_a_delay_at_the_phase_that_leaves_most():
     assert growth(system, plan) == (ms(3), "deadline 8ms of job 1")
 
 
+@pytest.mark.parametrize(("starts", "job_"), [((0, 13, 20), 1), ((0, 10, 23), 2), ((3, 10, 20), 0)])
+def test_the_job_that_starts_latest_after_its_release_has_the_least_room(starts, job_):
+    late, whole = task("a", 10, version("v", 2), slack="0.5", deadline=8), task("b", 30, version("v", 1, "u2"))
+    system = model(late, whole, units="u1 u2")
+    jobs = [job(system, "a", n, start, "u1") for n, start in enumerate(starts)]
+    plan = schedule(system, 30, *jobs, job(system, "b", 0, 0, "u2"))
+    assert growth(system, plan) == (ms(3), f"deadline 8ms of job {job_}")
+
+
 def test_a_window_from_the_end():
     system = model(
         task("a", 10, version("v", 2)), task("b", 10, version("v", 1, "u2", after("a", 1, 4, "end"))), units="u1 u2"

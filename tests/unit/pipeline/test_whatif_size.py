@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.models import Interrupt, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.size import (
+    SizeOptions,
     _most_at_once,
     ask,
     complaint,
@@ -21,12 +22,14 @@ from halpipe.pipeline.whatif.size import (
     largest_factor,
     lowest_bandwidth,
     of_modes,
+    question_of,
 )
 from halpipe.pipeline.whatif.trial import (
     Bracket,
     Search,
     bracket,
     first_that,
+    peak_bound,
     proofs,
     time_limit,
     with_bandwidth,
@@ -95,8 +98,10 @@ def test_no_number_of_units_helps_a_task_beside_its_type():
 def test_units_that_are_not_alike_are_pointed_out_and_the_bound_holds_for_any_choice():
     """Leaving out the last unit leaves task b none, but the model could do with c2 alone."""
     tasks = [task("a", 10, version("v", 2, cores(2))), task("b", 10, version("v", 2, "c2"))]
-    question = fewest_units(typed(model(*tasks, units=cores(2)), core=cores(2)), "core")
-    assert [d.code for d in question.warnings] == [codes.UNLIKE_UNITS.id]
+    system = typed(model(*tasks, units=cores(2)), core=cores(2))
+    placed = (replace(unit, at=Location("model.xml", line)) for line, unit in enumerate(system.units, 1))
+    question = fewest_units(replace(system, units=tuple(placed)), "core")
+    assert [(d.code, d.at.line) for d in question.warnings] == [(codes.UNLIKE_UNITS.id, 1)]
     answer = ask(question, search())
     assert (answer.found, answer.bound) == (2, 1)
     assert answer.failed == (1,)
@@ -170,11 +175,32 @@ def test_more_bandwidth_than_there_is():
     assert (answer.found, answer.bound) == (Fraction(3, 2), Fraction(3, 2))
 
 
+@pytest.mark.parametrize(
+    ("phases", "most"),
+    [
+        ((), "0"),
+        (((0, 2, "0.2"), (1, 3, "0.5"), (3, 4, "0.6")), "0.7"),
+        (((0, 2, "0.5"), (2, 4, "0.25")), "0.5"),
+        (((0, 1, "0.1"), (2, 4, "0.25")), "0.25"),
+    ],
+)
+def test_a_version_claims_at_most_what_its_phases_claim_at_one_instant(phases, most):
+    own = [access("mem", start, end, bound) for start, end, bound in phases]
+    assert peak_bound(version("v", 4, "u", *own, access("other", 0, 4, 1)), "mem") == Fraction(most)
+
+
 def test_a_version_that_claims_too_much_gives_way_to_another():
     fast, slow = version("fast", 2, "c1", access("mem", 0, 2, 1)), version("slow", 5, "c1", access("mem", 0, 5, "0.1"))
     system = model(task("a", 10, fast, slow), units="c1", resources="mem")
     assert ask(lowest_bandwidth(system, "mem"), search()).found == Fraction(1, 10)
     assert [run.versions for run in with_bandwidth(system, "mem", Fraction(1, 2)).model.modes[0].runs] == [("slow",)]
+
+
+def test_answers_are_hundredths_where_nothing_else_is_asked_for():
+    system = model(task("a", 10, version("v", 3, "c1", access("mem", 0, 3, "0.5"))), units="c1", resources="mem")
+    for asked in (SizeOptions(wcet_factor=True), SizeOptions(bandwidth="mem")):
+        assert question_of(system, asked).step == Fraction(1, 100)
+    assert question_of(system, SizeOptions(wcet_factor=True, step=Fraction(1, 8))).step == Fraction(1, 8)
 
 
 @pytest.mark.parametrize(("step", "found"), [(Fraction(1, 100), "1.66"), (Fraction(1, 3), "5/3"), (Fraction(1), "1")])
