@@ -190,6 +190,7 @@ EQUIVALENT = {
     ("size.py", "largest = max((1 - margin for margin in margins if margin is not None), default=Fraction(0))"): CHOICE,
     ("size.py", "return Question(what='common factor of all WCETs', hardest=hardest, easiest=1, step=step, now=Fraction(1), at=at, relaxed=at, ignored=WINDOWS, likely=min(0, hardest - math.floor(largest / step)))"): CHOICE,
     ("dataflow.py", "return ring[:-1] if len(ring) > 2 and ring[0] == ring[-1] else ring"): "two in a row differ, so a ring of two is none",
+    ("polling.py", "return Duration(int(limit.fraction) // power * power) if limit > Duration(1) else limit"): "of 1 ns one digit is all there is",
     ("size.py", "hardest = math.floor(max(limits) / step) + 2"): MORE,
     ("size.py", "largest = min((1 - margin for margin in margins if margin is None), default=Fraction(0))"): CHOICE,
     ("size.py", "if period or limit is not None:"): "a task has both or none",

@@ -89,7 +89,13 @@ ROOMS = {
         "importers/arxml",
         "unit/importers/test_arxml_[!s]* unit/importers/test_arxml_s[!i]*",
     ),
-    "importers/common": ("importers/common", "unit/importers/test_polling* unit/importers/test_arxml_preemption*"),
+    "importers/common": (
+        "importers/common",
+        (
+            "unit/importers/test_importers_common* unit/importers/test_polling* unit/importers/test_damage* "
+            "unit/importers/test_arxml_preemption*"
+        ),
+    ),
     "exporters/common": ("exporters/common", "unit/exporters/test_*"),
     "exporters/native": ("exporters/native", "unit/exporters/test_native_*"),
     "exporters/arxml": (

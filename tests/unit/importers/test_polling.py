@@ -20,7 +20,9 @@ def ms(text):
         ("700us", ["1ms", "50ms"], "0.5ms"),
         ("100ms", ["1/30s"], "1/30s"),  # 80 ms is beyond the hyperperiod: at most all of it
         ("8ms", ["33ms", "15ms"], "5.5ms"),
+        ("1.625ms", ["10ms"], "1ms"),  # 1.25 ms is the largest part, and has three digits
         ("7ms", [], "5ms"),
+        ("2ns", [], "1ns"),
         ("1/3ns", [], "4/15ns"),
     ],
 )

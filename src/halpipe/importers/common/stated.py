@@ -58,7 +58,7 @@ def name(text: str) -> str:
 
 def word(text: str) -> str:
     """Read a text without white space, such as a file name."""
-    if len(text.split()) != 1 or text.split()[0] != text:
+    if text.split() != [text]:
         raise ValueError(f"{text[:80]!r} is not a single word; remove the white space")
     return text
 
