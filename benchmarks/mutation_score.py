@@ -72,7 +72,10 @@ ROOMS = {
             "unit/test_docs_generated*"
         ),
     ),
-    "models": ("models", "unit/importers/test_native_* unit/pipeline/test_expand* unit/exporters/test_native_*"),
+    "models": (
+        "models",
+        "unit/test_models* unit/importers/test_native_* unit/pipeline/test_expand* unit/exporters/test_native_*",
+    ),
     "schemas": ("schemas", "unit/test_schemas* unit/importers/test_native_*"),
     "selftest": ("selftest", "unit/selftest/*"),
     "workbench": ("workbench", "unit/workbench/* cli/test_cli_serve*"),

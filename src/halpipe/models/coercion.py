@@ -168,7 +168,7 @@ def _tuple(given: Any, types: tuple[type, ...], read: Callable[[Any], Any]) -> t
     if type(given) is tuple and all(type(item) in types for item in given):
         return given
     try:
-        return tuple(read(item) for item in given)
+        return tuple(item if type(item) in types else read(item) for item in given)
     except TypeError as wrong:
         raise TypeError(f"in the list, {wrong}") from None
 
