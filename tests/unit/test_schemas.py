@@ -209,3 +209,72 @@ def test_many_violations_on_one_line_are_not_remembered(monkeypatch):
     monkeypatch.setattr(schemas, "_pieces", lambda lines: (fed.append(piece) or piece for piece in original(lines)))
     assert check(root, TASK_MODEL, "m.xml")
     assert sum(len(piece) for _, piece in fed) < 20_000
+
+
+# ------------------------------------------------------------------------------------------------ words
+
+
+@pytest.mark.parametrize("blank", [0, 3])
+def test_what_the_root_of_a_large_document_has_is_in_its_line(monkeypatch, blank):
+    """Whatever stands before it in the file: it is the first line of what is checked."""
+    monkeypatch.setattr(schemas, "MAX_STEPS", 0)
+    text = (
+        "\n" * blank + f'<task-model xmlns="{namespace(TASK_MODEL)}" name="m" nam="n">\n<platform/>\n<tasks/>\n<modes/>'
+    )
+    found = check(etree.fromstring(f"{text}<x/></task-model>"), TASK_MODEL, "m.xml")
+    assert [d.at.line for d in found] == [blank + 1, blank + 4]
+
+
+def test_a_reason_is_given_where_one_thing_is_wrong_in_a_line():
+    bad = '<task name="a" binding="firm"/>'
+    alone = check(in_tasks(f"{bad}\n\n{bad}\n"), TASK_MODEL, "m.xml")
+    assert [(d.at.line, bool(d.help)) for d in alone] == [(4, True), (6, True)]
+    together = check(in_tasks(bad + bad), TASK_MODEL, "m.xml")
+    assert [(d.at.line, d.help) for d in together] == [(4, "")]  # the same of both
+
+
+@pytest.mark.parametrize(
+    ("length", "shown"),
+    [(400, None), (401, 400 - 150), (1600, 400 - 150), (1601, 400 - 150)],
+)
+def test_a_long_message_keeps_its_beginning_and_its_end(length, shown):
+    text = "".join(chr(ord("a") + n % 26) for n in range(length))
+    assert schemas._shortened(text) == (text if shown is None else f"{text[:shown]}...{text[-150:]}")
+
+
+def test_of_a_long_value_60_characters_are_kept():
+    for quote in "'\"":
+        value = "x" * 61 + "y" * 58
+        assert schemas._shortened(f"is {quote}{value}{quote}.") == f"is {quote}{value}{quote}."
+        assert schemas._shortened(f"is {quote}{value}y{quote}.") == f"is {quote}{'x' * 60}...{quote}."
+    behind = "a" * 1500 + "'" + "b" * 300 + "' is wrong"
+    assert schemas._shortened(behind).endswith("'" + "b" * 60 + "...' is wrong")
+
+
+def said(value, form):
+    """What is made of the message about a value that should have a form."""
+    (pattern,) = (pattern for pattern, words in schemas._forms(TASK_MODEL).items() if words.startswith(form))
+    message = f"[facet 'pattern'] The value '{value}' is not accepted by the pattern '{pattern}'."
+    return schemas._plain(message, TASK_MODEL).partition(f"the value '{value}' is not ")[2].partition("; ")[2]
+
+
+def test_values_of_other_habits_are_written_as_they_must_be():
+    names = next(words for words in schemas._forms(TASK_MODEL).values() if "name" in words)
+    hint = "blanks alone separate names: "
+    assert said("a,b;c", names) == f'{hint}"a b c"'
+    assert said("a->b", names) == f'{hint}"a b"'
+    assert said(",", names) == f'{hint}"a b"'
+    assert (said("", names), said("a,b!c", names), said("a!", names)) == ("", "", "")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "help"),
+    [
+        ("perriod", 'did you mean "period"?'),
+        ("wcet", '"wcet" belongs to <interrupt> or <version>'),
+        ("qqqqqq", "remove it"),
+    ],
+)
+def test_an_attribute_that_is_not_allowed_has_a_remedy(attribute, help):
+    (found,) = check(document(TASK_MODEL, attribute, "1ms"), TASK_MODEL, "m.xml")
+    assert found.help == help

@@ -164,8 +164,7 @@ def _fed(pieces: Iterable[tuple[int, bytes]], kind: str) -> list[_Message]:
     from lxml import etree
 
     etree.clear_error_log()  # it holds the last messages of this thread, of other documents too
-    options = {"resolve_entities": False, "no_network": True, "load_dtd": False}
-    parser = etree.XMLParser(schema=_libxml2_schema(kind), target=_Nothing(), **options)
+    parser = etree.XMLParser(schema=_libxml2_schema(kind), target=_Nothing())  # of a text without a DTD
     found: list[_Message] = []
     number, is_broken = 0, False
     for number, piece in pieces:
