@@ -26,7 +26,7 @@ from halpipe.importers.common.stated import (
     word,
 )
 from halpipe.models import AccessKind, Interrupt, Task, Version
-from halpipe.models.attributes import TIMES
+from halpipe.models.attributes import GANG, TIMES
 from halpipe.models.attributes import word as word_of
 from support import model, ms, task
 
@@ -172,6 +172,9 @@ def test_more_cuts_than_a_job_may_have_parts_are_refused():
         (number, "1000000", 1_000_000),
         (number, "1000001", "too large"),
         (number, "-1", "too small"),
+        (reader(GANG), "1", 1),
+        (reader(GANG), "0", "too small"),
+        (reader(TIMES), "1", 1),
         (reader(TIMES), "255", 255),
         (reader(TIMES), "256", "too large"),
         (reader(TIMES), "0", "too small"),
