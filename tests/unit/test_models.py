@@ -1,9 +1,11 @@
 """Elements of models and schedules: where they stand is no part of them, and what they say of themselves."""
 
 import inspect
+import sys
 from array import array
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from halpipe.models import (
     Transition,
     Version,
 )
+from halpipe.models.attributes import children, held
 from halpipe.models.modes import require_mode, require_names, tour
 from halpipe.models.project import Call, Item, Project, Starter, Value
 from halpipe.models.trace import NONE, BoundCallback, Execution, Executions, Trace, column, groups, plain
@@ -74,7 +77,14 @@ def test_what_an_element_does_not_state():
     assert Value("n", "t", AT).is_generated is False
     assert Call(mapping="m", event="e", is_bsw=False, os_task="o").has_period is True
     assert Starter(path="p", is_table=True, deeds=()).is_coded
-    assert not Starter(path="p", is_table=True, deeds=(), autostart="/a").is_coded
+    starter = Starter(path="p", is_table=True, deeds=(), autostart="/a")
+    assert (starter.is_coded, starter.is_kept, starter.is_used, starter.cycle, starter.start) == (
+        False,
+        False,
+        False,
+        "0",
+        "0",
+    )
     assert not Starter(path="p", is_table=True, deeds=(), calls=("/a",)).is_coded
 
 
@@ -173,15 +183,19 @@ def test_a_tour_takes_the_nearest_switch_that_was_not_taken():
     assert list(tour("a", tables, untaken)) == []
 
 
+def test_a_tour_leads_over_switches_that_were_taken_to_one_that_was_not():
+    tables = [switch(*pair, 1, 1, ()) for pair in ("ab", "ba", "bc", "cb", "cd")]
+    assert "".join(tour("a", tables, {(t.source, t.target): None for t in tables})) == "babcbcd"
+
+
 # ------------------------------------------------------------------------------------------------ values given
 
 
 def test_a_size_may_be_a_text_and_no_other_number_may():
     assert Transfer(buffer="b", symbol="s", size="1KiB").size == 1024
     assert Resource(name="r", bandwidth="1GB/s").bandwidth == 10**9
-    for field in ("gang",):
-        with pytest.raises(TypeError, match="give a whole number"):
-            Version(name="v", **{field: "1"})
+    with pytest.raises(TypeError, match="give a whole number"):
+        Version(name="v", gang="1")
     with pytest.raises(TypeError, match="True is a bool"):
         Version(name="v", gang=True)
 
@@ -250,6 +264,63 @@ def test_the_jobs_of_modes_come_before_those_of_switches():
     assert plan.alone(plan.modes).transitions == ()
 
 
+class Axes:
+    """Axes of a drawing, which note what is drawn."""
+
+    def __init__(self, **stated):
+        self.stated, self.bars, self.limits = stated, [], ()
+
+    def broken_barh(self, spans, height, **style):
+        self.bars += [(*span, height, style["color"], style["label"]) for span in spans]
+
+    def get_legend_handles_labels(self):
+        return [1, 2], ["a", "b"]
+
+    def legend(self, *handles, **_):
+        self.stated["legend"] = [list(each) for each in handles]
+
+    def set(self, **facts):
+        self.stated |= facts
+
+    def set_xlim(self, *limits):
+        self.limits = limits
+
+
+def test_a_drawing_has_a_line_for_each_unit_and_a_colour_for_each_task(monkeypatch):
+    pyplot = SimpleNamespace(subplots=lambda **stated: (None, Axes(**stated)))
+    monkeypatch.setitem(sys.modules, "matplotlib", SimpleNamespace(pyplot=pyplot))
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", pyplot)
+    system = model(task("a", 10, version("v", 3, "u1 u2", gang=2)), task("b", 10, version("v", 2, "u2")), units="u1 u2")
+    first = schedule(system, 10, job(system, "a", 0, 0, "u1 u2"), job(system, "b", 0, 5, "u2"), mode_name="x")
+    second = schedule(system, 20, job(system, "b", 0, 1, "u2"), mode_name="y")
+    plan = replace(first, modes=(*first.modes, *second.modes))
+    axes = plan.plot()
+    low, high = (-0.4, 0.8), (0.6, 0.8)
+    assert sorted(axes.bars) == [(0.0, 3.0, low, "C0", "a"), (0.0, 3.0, high, "C0", "a"), (5.0, 2.0, low, "C1", "b")]
+    assert axes.stated["figsize"] == (10, 2)
+    assert (list(axes.stated["yticks"]), axes.stated["yticklabels"], axes.stated["title"]) == (
+        [0, 1],
+        ["u2", "u1"],
+        "x",
+    )
+    assert axes.stated["legend"] == [[1, 2], ["a", "b"]]
+    assert axes.limits == (0, 10)
+    other = plan.plot("y")
+    assert (other.bars, other.stated["title"], other.limits) == ([(1.0, 2.0, low, "C0", "b")], "y", (0, 20))
+
+
+def test_elements_within_others_have_the_tag_that_is_stated_or_the_name_of_their_class():
+    @dataclass
+    class Holder:
+        rules: tuple = field(default=(), metadata=held(HealthRule))
+        one: object = field(default=None, metadata=held(HealthRule, "own", section="all"))
+
+    assert [(c.field, c.tag, c.kind, c.section, c.is_single) for c in children(Holder)] == [
+        ("rules", "health-rule", HealthRule, "", False),
+        ("one", "own", HealthRule, "all", True),
+    ]
+
+
 # ------------------------------------------------------------------------------------------------ recordings
 
 LARGE = 2**61
@@ -296,14 +367,15 @@ def test_executions_are_read_back_from_their_columns():
 
 
 def test_recordings_are_joined_with_their_own_names():
-    first, second = (
-        Executions.of([execution("a", 5, 6)]),
-        Executions.of([execution("b", 3, 4, units=("w",)), execution("a", 1, 2, stretches=((ms(1), ms(2)),))]),
+    first = Executions.of([execution("a", 5, 6)])
+    paused = ((ms(1), ms(2)),), ((ms(3), ms("3.5")), (ms("3.7"), ms(4)))
+    second = Executions.of(
+        [execution("b", 3, 4, units=("w",), stretches=paused[1]), execution("a", 1, 2, stretches=paused[0])]
     )
     first.extend(second)
     first.sort()
     assert [(e.task, e.units, e.start) for e in first] == [("a", (), ms(1)), ("b", ("w",), ms(3)), ("a", (), ms(5))]
-    assert [e.stretches for e in first] == [((ms(1), ms(2)),), (), ()]
+    assert [e.stretches for e in first] == [*paused, ()]
     first.extend(Executions.of([execution("a", Duration(Fraction(1, 3)), 1)]))
     first.sort()
     assert first[0].start == Duration(Fraction(1, 3))
