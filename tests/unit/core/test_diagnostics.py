@@ -7,6 +7,7 @@ from itertools import permutations
 import pytest
 
 from halpipe.core.diagnostics import (
+    MOST_CHARACTERS,
     NOWHERE,
     REGISTER,
     Code,
@@ -24,6 +25,7 @@ from halpipe.core.diagnostics import (
     render_sarif,
     render_text,
     sort_diagnostics,
+    tasks_named,
     warning,
 )
 
@@ -243,3 +245,12 @@ def test_findings_stop_only_on_errors(late):
         findings.stop_on_errors()
     assert [d.message for d in stop.value.diagnostics] == ["odd", "late"]
     assert str(stop.value) == "warning[TST0001] odd\nerror[TST0001] late"
+
+
+def test_a_finding_concerns_further_elements_each_once_and_cuts_long_names(late):
+    one, longest, longer = (Subject("task", name) for name in ("a", "x" * MOST_CHARACTERS, "x" * MOST_CHARACTERS + "y"))
+    found = late("m", subjects=[one]).concerning([*tasks_named(["a", "b"]), longest, longer])
+    assert found.subjects[:3] == (one, Subject("task", "b"), longest)
+    assert found.subjects[2] is longest
+    half = "x" * (MOST_CHARACTERS // 2)
+    assert found.subjects[3].name == f"{half}...{half[1:]}y"

@@ -6,12 +6,16 @@ import pytest
 
 from halpipe.core.quantities import (
     format_bandwidth,
+    format_percent,
     format_rational,
     format_size,
+    is_writable,
     parse_address,
     parse_bandwidth,
+    parse_frequency,
     parse_rational,
     parse_share,
+    parse_signed,
     parse_size,
     quoted,
     whole,
@@ -178,3 +182,51 @@ def test_an_address(text, value):
 def test_what_is_no_address(text):
     with pytest.raises(ValueError, match="0x80000000"):
         parse_address(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "hertz"),
+    [("1Hz", 1), ("250 kHz", 250_000), ("533.333333MHz", 533_333_333), ("4.2GHz", 4_200_000_000), (" 1MHz ", 10**6)],
+)
+def test_a_frequency_is_read_in_hertz(text, hertz):
+    assert parse_frequency(text) == hertz
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1", "is not a frequency"),
+        ("1mHz", "is not a frequency"),
+        ("0Hz", "is not a whole number of Hz above zero"),
+        ("0.5Hz", "is not a whole number of Hz above zero"),
+        ("4294967296Hz", "does not fit into 32 bits"),
+    ],
+)
+def test_what_is_no_frequency_is_refused(text, said):
+    with pytest.raises(ValueError, match=said):
+        parse_frequency(text)
+    assert parse_frequency("4294967295Hz") == 2**32 - 1
+
+
+@pytest.mark.parametrize(
+    ("share", "is_bound", "text"),
+    [
+        ("1/3", False, "33.3 %"),
+        ("1/3", True, "33.4 %"),
+        ("1/2", True, "50 %"),
+        ("0", False, "0 %"),
+        ("1/2000", False, "less than 0.1 %"),
+        ("1/2000", True, "0.1 %"),
+    ],
+)
+def test_a_share_prints_in_tenths_of_a_percent(share, is_bound, text):
+    assert format_percent(Fraction(share), is_bound=is_bound) == text
+
+
+def test_numbers_with_a_sign_are_read_and_long_ones_are_not_writable():
+    assert [parse_signed(text) for text in ("-1/3", " 2 ", "-0")] == [Fraction(-1, 3), Fraction(2), Fraction(0)]
+    with pytest.raises(ValueError, match="is not a number"):
+        parse_signed("--1")
+    assert is_writable(Fraction(10**998))
+    assert not is_writable(Fraction(10**999))
+    assert not is_writable(Fraction(1, 3**3000))

@@ -4,7 +4,7 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import read_bytes
-from halpipe.core.suggest import did_you_mean, nearest
+from halpipe.core.suggest import counted, did_you_mean, nearest
 
 KNOWN = ("particle_filter", "pure_pursuit", "opponent_detection")
 
@@ -55,3 +55,8 @@ def test_a_file_is_not_near_by_its_kind_or_its_folder(typed, meant, tmp_path):
         read_bytes(str(tmp_path / typed))
     help = f'did you mean "{tmp_path / meant}"?' if meant else "name a file that exists and that you may read"
     assert refused.value.diagnostics[0].help == help
+
+
+@pytest.mark.parametrize(("number", "text"), [(0, "0 modes"), (1, "1 mode"), (2, "2 modes")])
+def test_one_of_a_kind_is_singular(number, text):
+    assert counted(number, "mode") == text
