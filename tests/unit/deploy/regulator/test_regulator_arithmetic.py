@@ -10,7 +10,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.deploy.base import Checked, CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes, with_tables
 from halpipe.deploy.regulator.arithmetic import Arithmetic
-from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.reading import Entry, read_tables
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.pipeline.verify import verify
 
@@ -125,6 +125,28 @@ def test_a_window_may_be_full_and_not_a_byte_more(files):
     peak = 384  # of 512 B
     assert found(bundles.changed(files, overshoot("u1", "read", 512 - peak))) == []
     assert found(bundles.changed(files, overshoot("u1", "read", 512 - peak + 1))) == ids(codes.OVER_CAPACITY)
+
+
+@pytest.mark.parametrize(
+    ("budgets", "charged"),
+    [
+        ({0: 128, 3: 0, 5: 64}, [(0, 128), (3, 64), (4, 0), (5, 64)]),
+        ({0: 128, 3: 0, 4: 64}, [(0, 128), (3, 64), (4, 64)]),
+        ({0: 0, 2: 64, 37: 0}, [(0, 0), (2, 64), (37, 64), (38, 0)]),
+        ({0: 0, 2: 64, 39: 0}, [(0, 0), (2, 64), (39, 64)]),
+        ({0: 0, 2: 64}, [(0, 64), (1, 0), (2, 64)]),
+        ({0: 0}, [(0, 0)]),
+    ],
+)
+def test_a_burst_that_waits_is_charged_to_the_first_window_without_a_budget(files, budgets, charged):
+    """Of a table of 40 windows that repeats."""
+    target = bundles.target(files)
+    tables = read_tables(target.bundle)
+    unit = tables.units[0]
+    entries = tuple(Entry(window, budget, 0) for window, budget in budgets.items())
+    table = replace(tables.tables[0], entries={unit.name: entries})
+    arithmetic = Arithmetic(target, replace(tables, tables=(table,), switches=()))
+    assert list(arithmetic._charged(table, unit, "read")) == charged
 
 
 def test_overshoot_is_what_the_platform_and_the_back_end_give(files):
