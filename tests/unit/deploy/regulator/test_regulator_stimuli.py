@@ -428,14 +428,15 @@ def test_modes_are_stopped_and_started_in_any_cycle_of_a_window(tmp_path, traffi
         assert follow(tables, run) == [(e.table, e.window) for e in run.expected]
 
 
-def test_requests_in_the_shortest_tables_come_just_in_time(tables):
-    """A table of one window of four cycles has no time for others."""
+@pytest.mark.parametrize("windows", [1, 2, 3])
+def test_requests_in_the_shortest_tables_count_for_their_end(tables, windows):
+    """A table of one window of four cycles has no time for others than those that come just in time."""
     short = (
-        replace(table, windows=1, entries={unit: several[:1] for unit, several in table.entries.items()})
+        replace(table, windows=windows, entries={unit: several[:1] for unit, several in table.entries.items()})
         for table in tables.tables
     )
     shortest = replace(tables, tables=tuple(short))
-    for seed in range(25):
+    for seed in range(40):
         run = plan(shortest, STEPPED, seed, windows=60)
         assert follow(shortest, run) == [(e.table, e.window) for e in run.expected]
 
