@@ -41,6 +41,7 @@ EQUIVALENT = {
     ("stimuli.py", "middle = last + (end - 3 - last) // 2"): CHOICE,
     ("stimuli.py", "middle = last + (end - 2 - last) // 3"): CHOICE,
     ("stimuli.py", "if fate != 1:"): CHOICE,
+    ("stimuli.py", "last = self._tick(len(self.expected) - length) - 1"): CHOICE,
     ("stimuli.py", "if self.mixed and draw.below(5) == 0:"): CHOICE,
     ("stimuli.py", "fate = self._draw.below(6) if middle > last else 2"): CHOICE,
     ("stimuli.py", "fate = self._draw.below(5) if middle > last else 3"): CHOICE,
