@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, about, error, note, warning
 from halpipe.core.records import record
-from halpipe.models import Job, Part, Schedule, Status, TaskModel, Transition, TransitionTable
+from halpipe.models import Job, Mode, Part, Schedule, Status, Task, TaskModel, Transition, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change, Pace
 from halpipe.pipeline.transitions.line import LineJob, on_common_grid
@@ -150,13 +151,31 @@ def switch_tables(
 
 def _pairs(model: TaskModel, schedule: Schedule, check: Check) -> list[_Pair]:
     scheduled = {mode.name: mode for mode in schedule.modes if mode.status is Status.VALID}
+    tasks = {task.name: task for task in model.tasks}
+    named = {mode.name: _named_in(tasks, mode) for mode in model.modes}
     pairs = []
     for pair in model.allowed_transitions():
         if pair.source in scheduled and pair.target in scheduled:
             tables = (scheduled[pair.source], scheduled[pair.target])
-            alone = model.alone(pair.source, pair.target, transitions=(pair,))
+            names = named[pair.source] | named[pair.target]
+            alone = replace(
+                model.alone(pair.source, pair.target, transitions=(pair,)),
+                tasks=tuple(task for task in model.tasks if task.name in names),
+                chains=tuple(chain for chain in model.chains if names.issuperset(chain.tasks)),
+            )
             pairs.append(_Pair(alone, schedule.alone(tables), pair, check))
     return pairs
+
+
+def _named_in(tasks: dict[str, Task], mode: Mode) -> set[str]:
+    """Return the tasks that run in a mode, and those that their constraints name."""
+    names, waiting = set[str](), [run.task for run in mode.runs]
+    while waiting:
+        name = waiting.pop()
+        if name not in names:
+            names.add(name)
+            waiting += (row.task for version in tasks[name].versions for row in version.precedences)
+    return names
 
 
 def _results(pairs: list[_Pair], go_on: GoOn, workers: Workers) -> Iterator[_Result]:
