@@ -1,8 +1,8 @@
 """Large models of several shapes through every verb: at most 10 s of processor time and 1 GiB each.
 
-Prints a line for each verb and ends with 1 if one breaks the law. A search is not under the law
+Prints a line for each verb and ends with 1 if one breaks the law. Searches are not under the law of seconds
 (docs/reference/limits.md): schedules are made within a time limit, and a shape for which none is found meets the verbs
-of models alone.
+of models alone. `size` searches many times and is left out.
 Usage: large_models.py [MB] [SHAPE ...]
 """
 
@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 PATIENCE = 120
 NAMESPACE = "urn:halpipe:task-model:1"
 
+SEARCHES = {
+    "schedule": "schedule model.xml -o s.xml --time-limit 60s -q",
+    "explain": "explain model.xml",
+}
 ON_MODELS = {
     "validate": "validate model.xml",
-    "explain": "explain model.xml",
-    "size": "size model.xml --wcet-factor",
     "diff of models": "diff model.xml model.xml",
     "export arxml": "export arxml model.xml -o out.arxml",
     "export amalthea": "export amalthea model.xml -o out.amxmi",
@@ -146,15 +148,16 @@ SHAPES: dict[str, Callable[[int], str]] = {
 
 def verdicts(folder: Path) -> Iterator[bool]:
     """Try each verb with the model in a folder, print a line for each, and say whether it was within the law."""
-    made = run(folder, *["schedule", "model.xml", "-o", "s.xml", "--time-limit", "60s", "-q"])
-    print(f"    {'schedule':28} exit {made[0]:3} {made[1]:7.1f} s {made[2]:6.0f} MiB", flush=True)  # noqa: T201
-    for verb, words in (ON_MODELS | (ON_SCHEDULES if made[0] == 0 else {})).items():
+    found = False
+    for verb, words in (SEARCHES | ON_MODELS | ON_SCHEDULES).items():
+        if verb in ON_SCHEDULES and not found:
+            continue
         code, seconds, memory = run(folder, *words.split())
-        lawful = code in (0, 1, 2, 3, 4) and seconds <= SECONDS and memory <= MEBIBYTES
-        print(  # noqa: T201
-            f"    {verb:28} exit {code:3} {seconds:7.1f} s {memory:6.0f} MiB  {'ok' if lawful else 'BREAKS THE LAW'}",
-            flush=True,
-        )
+        found = found or (verb == "schedule" and code == 0)
+        answers = code in (0, 1, 2) or (verb in SEARCHES and code in (3, 4))
+        lawful = answers and (verb in SEARCHES or seconds <= SECONDS) and memory <= MEBIBYTES
+        said = "ok" if lawful else "BREAKS THE LAW"
+        print(f"    {verb:28} exit {code:3} {seconds:7.1f} s {memory:6.0f} MiB  {said}", flush=True)  # noqa: T201
         yield lawful
 
 
