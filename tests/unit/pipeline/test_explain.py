@@ -13,6 +13,7 @@ from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import tasks_of
+from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.shipped import EXCLUDED
 from halpipe.pipeline.solve import codes as search_codes
@@ -56,6 +57,13 @@ def test_a_mode_with_a_schedule():
     assert verdicts(explanation) == [Verdict.SCHEDULABLE]
     assert found_codes(explanation) == {codes.SCHEDULABLE.id}
     assert int(explanation.exit) == 0
+
+
+def test_the_search_that_is_explained_is_no_short_one():
+    """Twenty moves for each task are too few, which a stated budget shows."""
+    system = generate(SetParameters(tasks=24, units=4, utilisation=Fraction(4, 5), unlike_units=True), 1)
+    assert verdicts(explain(system, NEITHER)) == [Verdict.SCHEDULABLE]
+    assert verdicts(explain(system, NEITHER, budget=20)) == [Verdict.NOT_FOUND]
 
 
 def test_not_found_is_never_called_infeasible():

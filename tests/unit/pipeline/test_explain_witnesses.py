@@ -152,6 +152,11 @@ def test_what_meets_within_the_capacity_is_no_witness():
     assert not find_meeting([part("a", 10, 6), part("b", 10, 6)], 2, Budget())
 
 
+def test_parts_of_a_single_tick_meet_where_each_takes_all_of_it():
+    assert find_meeting([part("a", 1, 1), part("b", 1, 1)], 1, Budget())
+    assert not find_meeting([part("a", 2, 1), part("b", 2, 1)], 1, Budget())
+
+
 def test_without_budget_nothing_is_claimed():
     assert not find_meeting([part("a", 10, 6), part("b", 10, 6)], 1, Budget(0))
 
