@@ -73,7 +73,7 @@ def schedule_near(
 
     def is_least(found: Scheduled) -> bool:
         moved = moved_jobs(earlier, found.schedule)
-        return all(len(jobs) <= fewest.get(mode, 0) for mode, jobs in moved.items())
+        return all(len(jobs) <= fewest[mode] for mode, jobs in moved.items())
 
     found: Scheduled | None = None
     for free in _covers(earlier, held, conflicts.values()):

@@ -114,8 +114,16 @@ def test_by_default_the_first_placement_is_improved_once_and_the_others_are_trie
 
 def test_one_mode_is_placed_once(monkeypatch):
     monkeypatch.setattr("halpipe.pipeline.transitions.tables.switch_tables", lambda *_: pytest.fail("is asked"))
+    tried, one = [], replace(PLAN, modes=PLAN.modes[:1])
+
+    def search(_model, options, _on_progress):
+        tried.append(options.optimise)
+        return Scheduled(one, diagnostics=(), moves=1, stopped=False)
+
+    monkeypatch.setattr("halpipe.pipeline.solve.schedule.schedule_model", search)
     found = checked.schedule_model(PAIR, SearchOptions(modes=("m",)), lambda *_: True)
     assert [table.name for table in found.schedule.modes] == ["m"]
+    assert tried == [None]
 
 
 def codes(findings):

@@ -4,10 +4,11 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from split_helpers import parted
 
 from halpipe.models import WHOLE, Binding, Interrupt, Origin, Split, TransitionTable, Unit
 from halpipe.models.schedule import Status, UnitLoad
-from halpipe.pipeline.diff import Change, diff_models, diff_schedules
+from halpipe.pipeline.diff import Change, JobChange, diff_models, diff_schedules
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 SYSTEM = model(
@@ -219,3 +220,11 @@ def test_bindings_distances_and_interrupts():
     rarer = replace(served, interrupts=(replace(served.interrupts[0], distance=ms(6)),))
     (change,) = diff_models(changed, replace(changed, units=(rarer, *SYSTEM.units[1:])))
     assert change == Change('unit "u1" interrupt "can"', "distance", "5ms", "6ms")
+
+
+def test_a_job_in_parts_that_has_moved_as_a_whole_is_cut_alike():
+    before = parted("a", 0, "u1", (0, 2, 0, 2), (5, 7, 2, 4))
+    after = parted("a", 0, "u1", (3, 5, 0, 2), (8, 10, 2, 4))
+    other = parted("a", 0, "u1", (3, 5, 0, 2), (9, 11, 2, 4))
+    assert JobChange("t", before, after).kinds == ("moved",)
+    assert JobChange("t", before, other).kinds == ("moved", "parts")

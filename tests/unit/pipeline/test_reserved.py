@@ -12,6 +12,7 @@ from halpipe.pipeline.parts import (
     has_whole_jobs,
     interrupt_load,
     is_exact_model,
+    job_of,
     latest_phase,
     parts_of,
     phase_instants,
@@ -133,3 +134,13 @@ def with_task(**changes):
 def test_models_of_whole_jobs_are_told_from_those_with_parts_and_with_refined_requirements(system, is_whole, is_exact):
     assert (has_whole_jobs(system), is_exact_model(system)) == (is_whole, is_exact)
     assert reserved_length(ZERO, ((ms(5), ms(1)),)) == ZERO
+
+
+def test_parts_after_the_first_pay_for_the_preemption_and_all_for_interrupts():
+    """In each 5 ms that begin, a millisecond of interrupts; and one for each time that the job goes on."""
+    spans = [(ms(0), ms(0), ms(4)), (ms(10), ms(4), ms(6)), (ms(20), ms(6), ms(10))]
+    plain, served = (job_of("a", 3, CUT, ("u1",), spans, service) for service in ((), ((ms(5), ms(1)),)))
+    assert [(part.start, part.end) for part in plain.parts] == [(ms(0), ms(4)), (ms(10), ms(13)), (ms(20), ms(25))]
+    assert [part.end for part in served.parts] == [ms(5), ms(14), ms(27)]
+    assert (served.index, served.start, served.end) == (3, ms(0), ms(27))
+    assert job_of("a", 0, CUT, ("u1",), [(ms(3), ms(0), ms(10))], ()).parts == ()

@@ -17,7 +17,7 @@ from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.exact import Effort
 from halpipe.pipeline.solve.exact_goals import fewest_moved, is_same
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.pipeline.stable import COVERS, NEAR, _covers, _in_the_way, settled
+from halpipe.pipeline.stable import COVERS, NEAR, _covers, _displaced, _in_the_way, settled
 from halpipe.pipeline.verify import verify
 from support import chain, job, mode, model, ms, schedule, task, version
 
@@ -347,3 +347,16 @@ def test_tasks_without_migration_tie_their_modes_together():
     assert kept(with_task(three_modes(), "y", binding=Binding.SYSTEM))[0] == "mo"
     both = replace(bound, modes=(*bound.modes[:2], mode("o", [bound.tasks[0]])))
     assert kept(both)[0] == ""
+
+
+def test_tasks_that_held_jobs_would_meet_are_displaced_and_those_beside_them_are_not():
+    rows = [("held", 4, "u1"), ("before", 2, "u1"), ("behind", 2, "u1"), ("inside", 2, "u1"), ("apart", 2, "u2")]
+    owner = model(*(task(name, 10, version("v", wcet, unit)) for name, wcet, unit in rows), units="u1 u2")
+    places = {"before": 9, "behind": 5, "inside": 4, "apart": 2}
+    earlier = schedule(
+        owner, 10, *(job(owner, name, 0, at, unit) for name, _, unit in rows[1:] for at in [places[name]])
+    )
+    held = schedule(owner, 10, job(owner, "held", 0, 1, "u1"))
+    assert _displaced(earlier, held) == {"held", "inside"}
+    assert _displaced(earlier, None) == frozenset()
+    assert _displaced(replace(earlier, modes=()), held) == {"held"}
