@@ -5,6 +5,7 @@ Exporter and importer of a format share these rules: the text in pieces, and the
 
 from __future__ import annotations
 
+from functools import lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
@@ -79,7 +80,8 @@ def _hash(
     tag = _local(element.tag)
     if tag == FROZEN:
         return bytes.fromhex(element.get("hash") or "")
-    attributes = sorted((_local(name), value) for name, value in element.items() if _local(name) not in volatile)
+    items = element.items()  # most have none
+    attributes = sorted((_local(name), value) for name, value in items if _local(name) not in volatile) if items else []
     children = [
         _hash(child, leaves_out, unordered, volatile) for child in element.iterchildren("{*}*") if not leaves_out(child)
     ]
@@ -89,5 +91,6 @@ def _hash(
     return sha256(b"\0".join([head.encode("utf-8", "replace"), *children])).digest()
 
 
+@lru_cache(maxsize=4096)
 def _local(name: object) -> str:
     return str(name).rpartition("}")[2]

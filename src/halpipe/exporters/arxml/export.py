@@ -39,6 +39,7 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
         model = model.alone(options.mode)
     refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
+    native = [] if options.part == "ecuc" else list(pieces(format_model(model)))  # first, while memory is free
     layout = Layout(model)
     root = document(f"{NAMESPACE} {RELEASES[options.release]}")
     top = named(add(root, "AR-PACKAGES"), "AR-PACKAGE", layout.root)
@@ -48,15 +49,15 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     if options.part != "system" and chosen is not None:
         _write_ecuc(inner, model, chosen, layout, options)
     if options.part != "ecuc":
-        _embed(top, model)
+        _embed(top, native)
     return serialise(root, layout.texts)
 
 
-def _embed(top: etree._Element, model: TaskModel) -> None:
-    """Append the native model, with the hash of the standard elements, which stand in `top` already."""
+def _embed(top: etree._Element, native: list[str]) -> None:
+    """Append the native model in pieces, with the hash of the standard elements, which stand in `top` already."""
     data = special(top, "model")
     sd(data, "hash", package_hash(top))
-    for text in pieces(format_model(model)):
+    for text in native:
         sd(data, "xml", text)
     top.insert(1, data.getparent().getparent())  # behind the short name
 
