@@ -90,3 +90,11 @@ def test_what_cannot_be_kept_is_told_and_leaves_nothing_behind(folder):
     (folder / "taken" / "inside").write_bytes(b"")
     assert not keep(folder / "taken", b"content")
     assert sorted(path.name for path in folder.iterdir()) == ["taken"]
+
+
+def test_where_the_system_has_no_user_ids_a_folder_is_private(folder, monkeypatch):
+    keep(folder / "thing", b"content")
+    (folder / "thing").chmod(0o666)
+    assert not is_ours(folder / "thing")
+    monkeypatch.delattr(os, "getuid")
+    assert is_ours(folder / "thing")

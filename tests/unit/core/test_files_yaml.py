@@ -6,8 +6,9 @@ import sys
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.core.files import YamlList, YamlMap, parse_yaml
+from halpipe.core.files import YamlList, YamlMap, parse_json, parse_yaml
 from halpipe.core.files import yaml as files
+from halpipe.core.files.yaml import is_shaped
 
 
 def refusal(data):
@@ -127,3 +128,24 @@ def test_only_a_tab_that_indents_is_blamed():
         with pytest.raises(HalpipeError) as refused:
             parse_yaml(text, "f.yaml")
         assert ("a tab indents" in refused.value.diagnostics[0].message) is is_tab
+
+
+def test_of_a_key_that_is_repeated_80_characters_are_quoted():
+    for key in ("k" * 80, "k" * 81):
+        with pytest.raises(ValueError, match=f'the key "{"k" * 80}" is repeated'):
+            parse_json(f'{{"{key}": 1, "{key}": 2}}'.encode())
+
+
+@pytest.mark.parametrize(
+    ("value", "is_right"),
+    [
+        ({"a": 1, "b": "x"}, True),
+        ({"a": 1}, False),
+        ({"a": 1, "b": "x", "c": 0}, False),
+        ({"a": True, "b": "x"}, False),
+        (["a", "b"], False),
+        (None, False),
+    ],
+)
+def test_the_shape_of_a_mapping_is_its_keys_and_their_types(value, is_right):
+    assert is_shaped(value, {"a": int, "b": str}) == is_right

@@ -239,6 +239,7 @@ def test_common_options_become_those_of_a_format():
         (time_limit_of, "2ms", Duration(2 * 10**6)),
         (time_limit_of, "0", None),
         (time_limit_of, "0ms", None),
+        (cpu_number, "0", 0),
         (cpu_number, "9999", 9999),
         (cpu_number, "10000", "is too large"),
         (quantile_of, "1", Fraction(1)),

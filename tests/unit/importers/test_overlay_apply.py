@@ -462,3 +462,9 @@ def test_a_version_of_the_overlay_without_the_locks_of_the_source_warns(tmp_path
     _, diagnostics, _ = apply(overlay(tmp_path, text), positioned())
     messages = [d.message for d in diagnostics if d.code == codes.MOVED_INSIDE.id]
     assert messages == ["has no access phases, but the source has some of the task, on spin"] * warns
+
+
+def test_a_chain_through_a_task_that_there_is_not_joins_no_other(tmp_path):
+    result, diagnostics, _ = apply(overlay(tmp_path, "chains: [{name: short, tasks: [/planning, /none]}]"))
+    assert [c.name for c in result.chains] == ["drive", "look"]
+    assert [d.path for d in diagnostics if d.is_error] == ['chain "short"']

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 from overlay_case import FIXTURES, apply, imported, marks, overlay, refusal
 
-from halpipe.core.diagnostics import REGISTER
+from halpipe.core.diagnostics import REGISTER, HalpipeError
 from halpipe.core.quantities import parse_bandwidth
 from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import OverlayUse, codes, read_overlays
@@ -125,3 +125,23 @@ tasks:
 def test_no_overlay_changes_nothing():
     result, diagnostics, coverage = apply(read_overlays([]))
     assert (result, diagnostics, coverage.defaulted_values) == (imported(), (), [])
+
+
+@pytest.mark.parametrize(
+    ("text", "help"),
+    [
+        ("halpipe-pipeline: 1\n", "this is a pipeline: `halpipe run FILE`"),
+        ("tasks: {}\n", 'start the file with "halpipe-overlay: 1"'),
+        (
+            "- a\n",
+            'name a YAML file after --overlay, and the source before it; start the file with "halpipe-overlay: 1"',
+        ),
+    ],
+)
+def test_a_file_that_is_no_overlay_is_told_from_a_pipeline(tmp_path, text, help):
+    path = tmp_path / "o.yaml"
+    path.write_text(text)
+    with pytest.raises(HalpipeError) as refused:
+        read_overlays([str(path)])
+    (found,) = refused.value.diagnostics
+    assert found.help.startswith(help)

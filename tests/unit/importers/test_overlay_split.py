@@ -141,3 +141,21 @@ def test_a_listed_unit_keeps_the_interrupts_of_the_source(tmp_path):
     result, diagnostics, _ = apply(overlay(tmp_path, "platform: {units: [{name: core0}]}"), with_timer())
     assert bare(result.units[0].interrupts) == [TIMER]
     assert diagnostics == ()
+
+
+def test_units_that_are_listed_keep_the_interrupts_of_the_source_each_its_own(tmp_path):
+    source = imported()
+    units = (replace(source.units[0], interrupts=(TIMER,)), replace(source.units[0], name="core1"))
+    text = "platform: {units: [{name: core1}, {name: core0}]}"
+    found = applied(tmp_path, text, to=replace(source, units=units)).units
+    assert {unit.name: bare(unit.interrupts) for unit in found} == {"core0": [TIMER], "core1": []}
+
+
+def test_an_interrupt_is_stated_with_its_unit_or_apart(tmp_path):
+    stated = "name: timer, distance: 1ms, wcet: 10us"
+    listed = f"platform: {{units: [{{name: core0, interrupts: [{{{stated}}}]}}, {{name: core1}}]}}"
+    apart = f'platform: {{interrupts: [{{units: "core*", {stated}}}]}}'
+    for text in (listed, apart):
+        use = OverlayUse(overlay(tmp_path, text))
+        assert (use.states_interrupt("timer"), use.states_interrupt("other")) == (True, False)
+    assert not OverlayUse(overlay(tmp_path, "platform: {units: [{name: core0}]}")).states_interrupt("timer")
