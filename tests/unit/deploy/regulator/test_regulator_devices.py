@@ -394,6 +394,10 @@ def test_writes_of_axi_realm_in_one_window_are_counted(exported, limit, windows)
     files = changed(exported["axi-realm"][1], "platform.yaml", "pending: 1", f"pending: 1, writes-per-window: {limit}")
     found = [text for text in messages(files) if "writes in window" in text]
     assert found == [f"2 writes in window {window}" for window in windows]
+    first = changed(
+        files, "axi-realm/0-fast.txt", "WRITE(1, ", "WRITE(0, 0x124, 0x80)\nWRITE(0, 0x134, 0x80)\nWRITE(1, "
+    )
+    assert ("2 writes in window 0" in messages(first)) == (limit == 1)
 
 
 @pytest.mark.parametrize(("capacity", "is_noted"), [(13_056_000, False), (13_055_999, True)])
@@ -463,6 +467,7 @@ def test_values_of_kernels_that_state_nothing_are_those_of_their_kind(kind, leas
     platform = SimpleNamespace(settings={"resctrl": settings}, capacity=1, peak=None)
     found = FileSystem(SimpleNamespace(platform=platform))
     assert (found.least, found.step, found.most) == (least, step, most)
+    assert found.rate(8) == (10**9 if kind == "amd" else Fraction(8, 100))  # AMD counts eighths of a GB/s
     assert found.write(".", f"0={most}") == ""
     assert found.write(".", f"0={most + 1}") == f"{most + 1} is out of range, {least} to {most}"
 
