@@ -83,12 +83,15 @@ def _hash(
     items = element.items()  # most have none
     attributes = sorted((_local(name), value) for name, value in items if _local(name) not in volatile) if items else []
     children = [
-        _hash(child, leaves_out, unordered, volatile) for child in element.iterchildren("{*}*") if not leaves_out(child)
+        _hash(child, leaves_out, unordered, volatile)
+        for child in element
+        if isinstance(child.tag, str) and not leaves_out(child)
     ]
     if tag in unordered:
         children.sort()
-    head = repr((tag, attributes, " ".join((element.text or "").split())))
-    return sha256(b"\0".join([head.encode("utf-8", "replace"), *children])).digest()
+    text = element.text
+    head = repr((tag, attributes, " ".join(text.split()) if text else "")).encode("utf-8", "replace")
+    return sha256(b"\0".join([head, *children]) if children else head).digest()
 
 
 @lru_cache(maxsize=4096)
