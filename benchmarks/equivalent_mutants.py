@@ -214,6 +214,7 @@ EQUIVALENT = {
     ("polling.py", "return Duration(int(limit.fraction) // power * power) if limit > Duration(1) else limit"): "of 1 ns one digit is all there is",
     ("size.py", "hardest = math.floor(max(limits) / step) + 2"): MORE,
     ("size.py", "largest = min((1 - margin for margin in margins if margin is None), default=Fraction(0))"): CHOICE,
+    ("size.py", "return self.hardest >= self.easiest"): "where both are equal there is one value",
     ("size.py", "if period or limit is not None:"): "a task has both or none",
     ("trial.py", "def bracket(last: int, prove: Callable[[int], tuple[Diagnostic, ...]], finds: Callable[[int], bool], known: int | None=None, likely: int=1) -> Bracket:"): CHOICE,
     ("trial.py", "if count >= len(own):"): "no unit more leaves the model as it is",

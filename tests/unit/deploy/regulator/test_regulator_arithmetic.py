@@ -256,6 +256,18 @@ def test_each_wrong_figure_has_its_code(files, change, code):
     assert code.id in found(bundles.changed(files, change))
 
 
+def test_one_table_without_switches_may_be_for_its_mode_alone(files):
+    def alone(data):
+        del data["tables"][1:]
+        data["switches"].clear()
+
+    def alone_with_switches(data):
+        del data["tables"][1:]
+
+    assert found(bundles.changed(files, alone)) == []
+    assert codes.WRONG_TABLE.id in found(bundles.changed(files, alone_with_switches))
+
+
 def test_more_tables_than_a_unit_can_name(files, monkeypatch):
     monkeypatch.setattr("halpipe.deploy.regulator.arithmetic.MAX_TABLES", 3)
     assert found(files) == []

@@ -86,6 +86,7 @@ def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
     assert findings(with_depth(files, used)) == []
     (finding,) = findings(with_depth(files, used - 1))
     assert finding.code == codes.TOO_DEEP.id
+    assert finding.at.file in {f"cfg/{name}" for name in IMAGES if files[name].count(b"\n") == used}
 
 
 @pytest.mark.parametrize(("count", "lines"), [(1, 16), (15, 16), (16, 32), (31, 32), (32, 64), (255, 256), (256, 256)])
