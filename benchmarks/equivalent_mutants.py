@@ -149,6 +149,8 @@ EQUIVALENT = {
     ("remedies.py", "MOST_TICKS = 11 ** 6"): BUDGET,
     ("remedies.py", "for each in range(2, MAX_UNITS + 1):"): "what is not needed is taken away again",
     ("sharing.py", "return not _assign(items, 0, held, users, budget) and budget.steps > 0"): BUDGET,
+    ("kernel.py", "return array('Q', [mixed or 2])"): "any state but zero is as good",
+    ("trials.py", "if (cycles + MOST_CYCLES + 1) * self._mode.hyperperiod >= LARGEST:"): BUDGET,
     ("remedies.py", "TRIALS = 301"): BUDGET,
     ("remedies.py", "budget = max(20, min(2000, WORK // max(2, self.jobs)))"): "both leave more than 2000",
     ("tiling.py", "marks = [total * part // max(2, sums[-1]) for part in sums]"): "of one task, none is a gang",

@@ -9,6 +9,7 @@ from split_helpers import parted, points, split
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import MEASURES, Judge, Objective, Worth, whole_weights
+from halpipe.pipeline.solve.optimise import Reached
 from support import chain, job, model, ms, task, version
 
 JITTER, PREEMPTIONS, CHAINS, COST = Objective.JITTER, Objective.PREEMPTIONS, Objective.CHAINS, Objective.COST
@@ -72,3 +73,20 @@ def test_chains_lead_where_nothing_but_the_bonuses_comes_after_them(objectives, 
     judge = Judge(system, expand(system, system.modes[0]), objectives)
     assert judge.is_led_by_chains == is_led
     assert judge.chain_weights == (1,)
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "text"),
+    [
+        (12_000_000, 10_000_000, "at first 20ms; at most 20 % above the best possible (10ms or more)"),
+        (10_000_001, 10_000_000, "at first 20ms; at most 0.1 % above the best possible (10ms or more)"),
+        (13_335_000, 10_000_000, "at first 20ms; at most 33.4 % above the best possible (10ms or more)"),
+        (10_000_000, 10_000_000, "at first 20ms; the best possible"),
+        (10_000_000, 0, "at first 20ms; the best possible is at least 0ms"),
+        (10_000_000, None, "at first 20ms; how good it can be is not known"),
+    ],
+)
+def test_what_is_reached_is_said_with_what_is_possible_rounded_up_to_a_tenth(value, bound, text):
+    most = None if bound is None else Fraction(bound)
+    reached = Reached("m", CHAINS, Fraction(20_000_000), Fraction(value), most)
+    assert str(reached).endswith(text)
