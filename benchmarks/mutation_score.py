@@ -169,12 +169,12 @@ ROOMS = {
     "solve": (
         "pipeline/solve",
         (
-            "unit/pipeline/test_[bfimnopqru]* unit/pipeline/test_c[lr]* unit/pipeline/test_cons* unit/pipeline/test_ed* "
-            "unit/pipeline/test_exa* unit/pipeline/test_groups* unit/pipeline/test_li* unit/pipeline/test_s[!c]* "
-            "unit/pipeline/test_turns* unit/pipeline/test_workers* properties/test_kernel_cost* "
-            "properties/test_search_* properties/test_exact_* properties/test_improving* "
-            "properties/test_split_search* properties/test_edf_reference* properties/test_refined_search* "
-            "properties/test_freeze_split*"
+            "unit/pipeline/test_[bfimnopqru]* unit/pipeline/test_c[lr]* unit/pipeline/test_cons* "
+            "unit/pipeline/test_ed* unit/pipeline/test_exa* unit/pipeline/test_groups* unit/pipeline/test_li* "
+            "unit/pipeline/test_s[!c]* unit/pipeline/test_turns* unit/pipeline/test_workers* "
+            "properties/test_kernel_cost* properties/test_search_* properties/test_exact_* "
+            "properties/test_improving* properties/test_split_search* properties/test_edf_reference* "
+            "properties/test_refined_search* properties/test_freeze_split*"
         ),
     ),
     "pipeline": (
