@@ -282,4 +282,5 @@ def test_a_search_that_is_stopped_keeps_what_was_found(owner, granted):
     )
     assert scheduled.is_complete
     assert scheduled.unimproved
+    assert scheduled.moves >= found(owner, optimise=()).moves
     assert [d for d in verify(owner, scheduled.schedule) if d.is_error] == []
