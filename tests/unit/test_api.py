@@ -16,6 +16,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
 from halpipe.models import Binding, Resource, Task, TaskModel, Transfer, Version
+from halpipe.models.attributes import LONG
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import UNBOUNDED
 from profiles import examples
@@ -304,3 +305,13 @@ def test_errors_and_findings_print_as_on_the_command_line(tmp_path):
     assert repr(list(failure.value.diagnostics)) == f"[{shown}]"
     back = pickle.loads(pickle.dumps(failure.value))
     assert (back.diagnostics, back.exit) == (failure.value.diagnostics, failure.value.exit)
+
+
+@pytest.mark.parametrize("count", [LONG, LONG + 1])
+def test_of_equal_names_the_first_is_found_whatever_their_number(count):
+    tasks = tuple(task(f"t{n % (count - 1)}", n + 1, version("v", 1)) for n in range(count))
+    system = replace(model(tasks[0]), tasks=tasks)
+    assert system.task("t0") is system.tasks[0]
+    assert system.task(f"t{count - 2}") is system.tasks[count - 2]
+    with pytest.raises(KeyError, match="there is no"):
+        system.task("t")

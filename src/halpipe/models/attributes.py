@@ -208,10 +208,30 @@ N = TypeVar("N", bound=Named)
 
 
 def named(elements: Iterable[N], name: str) -> N:
-    """Return the element called `name`; raise ``KeyError`` with the names that there are."""
+    """Return the element called `name`, of equal ones the first; raise ``KeyError`` with the names that there are."""
+    if isinstance(elements, tuple) and len(elements) > LONG:
+        found: N | None = _index(elements).get(name)
+        if found is not None:
+            return found
     known = []
     for element in elements:
         if element.name == name:
             return element
         known.append(element.name)
     raise KeyError(f'there is no "{name}"; there are {", ".join(known[:9]) or "none"}')
+
+
+LONG = 32
+"""Elements from which on an index is quicker than a look at each."""
+
+_INDEXED: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+"""The tuples that were asked last, with their elements by name: records have no place to keep an index."""
+
+
+def _index(elements: tuple[N, ...]) -> dict[str, N]:
+    for known, index in list(_INDEXED):
+        if known is elements:
+            return index
+    made = {element.name: element for element in reversed(elements)}
+    _INDEXED[:] = [(elements, made), *_INDEXED[:1]]
+    return made

@@ -153,6 +153,13 @@ class ModeSchedule:
     chains: tuple[ChainLatency, ...] = field(default=(), metadata=held(ChainLatency, "chain"))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
+    def by_task(self) -> dict[str, list[Job]]:
+        """Return the jobs of each task that has some, in the order given."""
+        found: dict[str, list[Job]] = {}
+        for job in self.jobs:
+            found.setdefault(job.task, []).append(job)
+        return found
+
     @property
     def margin_words(self) -> str:
         """The least margin in percent, with the largest that is possible, rounded up; empty where none is stated."""

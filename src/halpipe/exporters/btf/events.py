@@ -112,11 +112,11 @@ def _releases(model: TaskModel, schedule: Schedule) -> dict[tuple[str, str, int]
     """Return how long after its release each job of a periodic task starts, by mode, task and index."""
     found = {}
     for mode in schedule.modes:
-        for task in model.tasks:
-            jobs = [job for job in mode.jobs if job.task == task.name]
-            if jobs and task.period is not None:
+        for name, jobs in mode.by_task().items():
+            task = model.task(name)
+            if task.period is not None:
                 delays = delays_of(task, task.period, jobs, mode.hyperperiod)
-                found.update({(mode.name, task.name, j.index): late for j, late in zip(jobs, delays, strict=True)})
+                found.update({(mode.name, name, j.index): late for j, late in zip(jobs, delays, strict=True)})
     return found
 
 

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 def releases_of(mode: ModeSchedule, tasks: Mapping[str, Task]) -> Iterator[tuple[Job, Duration]]:
     """Yield the jobs of these tasks in a mode, and their releases: the offset, or the phase that the schedule chose."""
-    for name in dict.fromkeys(job.task for job in mode.jobs if job.task in tasks):
-        task, jobs = tasks[name], [job for job in mode.jobs if job.task == name]
+    for name, jobs in mode.by_task().items():
+        if name not in tasks:
+            continue
+        task = tasks[name]
         assert task.period is not None, "verify refuses a LET without a period"
         offsets = sorted((job.start - task.period * job.index) % mode.hyperperiod for job in jobs)
         phase = latest_phase(offsets, mode.hyperperiod) if task.offset is None else task.offset % task.period

@@ -127,6 +127,9 @@ class LineInstants:
 
     def __init__(self, switch: Switch) -> None:
         self._switch = switch
+        self._table: dict[str, list[Placed]] = {}
+        for placed in switch.jobs:
+            self._table.setdefault(placed.job.task, []).append(placed)
         self._made: dict[tuple[str, Key], tuple[Findable, ...]] = {}
 
     def latest(self, task: str, key: Key, until: int) -> Found:
@@ -146,7 +149,7 @@ class LineInstants:
 
     def _make(self, task: str, key: Key) -> tuple[Findable, ...]:
         switch = self._switch
-        listed = points_of([p for p in switch.jobs if p.job.task == task], key)
+        listed = points_of(self._table.get(task, []), key)
         before, after = switch.source.instants.of(task, key), switch.target.instants.of(task, key)
         past = [Past(before)] if before.points else []
         future = [Future(after, switch.length)] if after.points else []
