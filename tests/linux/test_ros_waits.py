@@ -10,7 +10,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.ros import RosOptions, codes
 from halpipe.exporters.ros.waits import with_late_starts
 from halpipe.flow.formats import export_with_remarks
-from halpipe.models import Anchor, Chain, Precedence
+from halpipe.models import Anchor, Chain, Precedence, Transfer
 from halpipe.models.trace import BoundCallback
 from halpipe.pipeline.verify import broken_rules
 from support import access, job, model, ms, schedule, task, version
@@ -136,3 +136,12 @@ def test_verify_agrees_with_every_begin_played():
         assert late == every
         verdicts.append(late)
     assert 30 < sum(verdicts) < 170
+
+
+@pytest.mark.parametrize(("wait", "wcet"), [("1ms", None), ("0ms", "4ms")])
+def test_phases_stay_as_they_are_where_nothing_waits_or_no_time_is_known(wait, wcet):
+    moved = Transfer(buffer="b", symbol="s", size=4)
+    phases = (replace(access("memory", 0, 2), transfers=(moved,)), access("memory", 1, 3, "1/2"))
+    waiting = replace(version("v", "4ms", "u1", *phases), wcet=ms(wcet))
+    owner = model(task("/sink", 10, waiting), resources="memory")
+    assert with_late_starts(owner, {"/sink": ms(wait)}).tasks[0].versions[0].accesses == phases

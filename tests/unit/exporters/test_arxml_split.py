@@ -97,6 +97,21 @@ def test_every_event_of_a_bound_model_is_mapped_to_one_os_task():
     assert dict(references(mapping))["RteMappedToTaskRef"] == "/m/Ecu/Os/t"
     ran = {c: special(c, "activation") for c in root.iter() if special(c, "activation")}
     assert [path.rpartition("/")[2] for ((_, path),) in ran.values()] == ["t_a", "t_b"]
+    assert not holds_of(root, "t")
+
+
+def test_an_os_task_of_several_versions_says_in_which_it_is_held():
+    versions = [replace(version(name, 4, "u1"), split=cut(2)) for name in "ab"]
+    bound = replace(task("t", 20, *versions, slack=1), binding=Binding.SYSTEM)
+    system = model(bound)
+    root = write(system, planned(system, ("all", 20, parted(system, "t", "u1", (0, 0, 2), (5, 2, 4)))))
+    assert [{key: value.rpartition("/")[2] for key, value in hold.items()} for hold in holds_of(root, "t")] == [
+        {"at": "2ms", "ECUC-CONTAINER-VALUE": "Hold_t_1"}
+    ]
+    other = job_of("t", 1, versions[1], ("u1",), [tuple(map(ms, span)) for span in ((20, 0, 2), (25, 2, 4))], ())
+    plan = planned(system, ("all", 40, parted(system, "t", "u1", (0, 0, 2), (5, 2, 4)), other))
+    found = [hold["SWC-IMPLEMENTATION"].rpartition("/")[2] for hold in holds_of(write(system, plan), "t")]
+    assert found == ["t_a", "t_b"]
     free = replace(system, tasks=(replace(bound, binding=Binding.JOB),))
     assert list(containers(write(free, plan), "OsTask")) == ["t_a", "t_b"]
 
@@ -118,12 +133,12 @@ def test_a_job_without_a_gap_at_a_point_in_use_is_not_held_there():
 def test_access_phases_begin_at_their_instants():
     """Where jobs are split or interrupted, one that is done early with its first work must not begin its access."""
     a = task("a", 20, version("v", 6, "u1", access("mem", 3, 5)))
-    system = model(a, resources="mem")
+    system = model(a, units="u1 u2", resources="mem")
     plan = planned(system, ("all", 20, job(system, "a", 0, 2, "u1")))
     assert not containers(write(system, plan), "OsEvent")  # a model of before
     served = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(10), wcet=ms(1)),))
     longer = planned(system, ("all", 20, replace(plan.modes[0].jobs[0], end=ms(9))))
-    root = write(replace(system, units=(served,)), longer)
+    root = write(replace(system, units=(served, system.units[1])), longer)
     assert [hold["at"] for hold in holds_of(root, "a")] == ["3ms"]
     assert events_of(root, "a")["Mode_all_u1"] == [(5, "Hold_a_1")]
 

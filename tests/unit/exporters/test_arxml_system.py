@@ -466,3 +466,13 @@ def test_a_new_container_stands_for_all_that_is_in_it():
     of_gone = Change("f", "/P/Gone", "V", "1", None)
     found = Onto({}, b"", (new, inner, known, gone, deeper, of_gone), ())
     assert found.summary == [new, known, gone, of_gone]
+
+
+def test_what_is_guaranteed_of_thirds_is_on_the_safe_side():
+    """Periods are cut, and what jobs take is rounded up, to whole microseconds."""
+    system = model(task("t", "100/3us", version("v", "10/3us", "u1"), offset="0ms"))
+    proven = by_path(
+        write(system, schedule(system, "100/3us", job(system, "t", 0, 0, "u1"))), "/m/Timing/Guarantees_all"
+    )
+    assert text(all_of(proven, "PERIODIC-EVENT-TRIGGERING")["t_period"], "PERIOD/CSE-CODE-FACTOR") == "33"
+    assert text(all_of(proven, "LATENCY-TIMING-CONSTRAINT")["t_response"], "MAXIMUM/CSE-CODE-FACTOR") == "4"

@@ -198,10 +198,10 @@ def test_a_let_is_refused_where_nothing_is_copied():
 def test_a_phase_within_a_job_is_refused_where_jobs_may_be_early(start, split, is_served, is_refused):
     cut = Split(points=(ms(1),)) if split else Split()
     owner = task("a", 10, replace(version("v", 4, "u1", access("r", start, 3)), split=cut))
-    system = model(owner, task("b", 10, version("v", 1)), resources="r")
+    system = model(owner, task("b", 10, version("v", 1)), units="u1 u2", resources="r")
     if is_served:
         unit = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(5), wcet=ms(1)),))
-        system = replace(system, units=(unit,))
+        system = replace(system, units=(unit, system.units[1]))
     plan = schedule(system, 10, job(system, "a", 0, 0, "u1"))
     if not is_refused:
         refuse_early_phases(system, plan, "it begins at once", "help")

@@ -245,3 +245,14 @@ def test_releases_are_the_offset_or_the_phase_that_delays_least():
     assert [(j.task, j.index, release) for j, release in found] == [
         ("a", 0, ms(2)), ("a", 1, ms(12)), ("b", 0, ms(4)), ("b", 1, ms(14))
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("start", "is_shown"), [(6, False), (7, True)])
+def test_a_job_that_is_over_at_a_switch_does_not_touch_it(start, is_shown):
+    system = model(task("a", 10, version("v", 4)))
+    mode = schedule(system, 10, job(system, "a", 0, start, "u1")).modes[0]
+    table = TransitionTable(
+        source="all", target="all", length=ms(2), worst_latency=ms(12), status=Status.VALID, jobs=()
+    )
+    _, found = unroll_switch(table, mode, mode, context=False)
+    assert [p.end for p in found] == [ms(start - 6)] * is_shown

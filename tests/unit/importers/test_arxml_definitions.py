@@ -28,6 +28,7 @@ from halpipe.exporters.arxml.definitions import (
     check,
     read_definitions,
 )
+from halpipe.exporters.arxml.document import Box
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml.options import ArxmlImportOptions
@@ -114,6 +115,7 @@ def os_definition(tmp_path):
         ({"priority": "10"}, "OsTaskPriority is 10, outside of 1 to 9"),
         ({"priority": "0"}, "OsTaskPriority is 0, outside of 1 to 9"),
         ({"priority": "9"}, ""),
+        ({"priority": "1"}, ""),
         ({"word": "HALF"}, 'OsTaskSchedule is "HALF", not one of FULL'),
         ({"tasks": 2}, ""),
         ({"tasks": 3}, "has 3 OsTask, of which there may be 2"),
@@ -324,3 +326,72 @@ def test_a_document_with_a_long_text_is_held_against_definitions(tmp_path):
     remark = b"<DESC><L-2 L='EN'>" + b"x" * 10_000_001 + b"</L-2></DESC>"
     document = configured(tmp_path).replace(b"</SHORT-NAME>", b"</SHORT-NAME>" + remark, 1)
     assert check(document, definitions) == []
+
+
+def sole(kind, name, *inside):
+    """A definition that states no multiplicities: there is just one."""
+    return definition(kind, name, *inside, lower="X", upper="Y").replace(
+        "<LOWER-MULTIPLICITY>X</LOWER-MULTIPLICITY><UPPER-MULTIPLICITY>Y</UPPER-MULTIPLICITY>", ""
+    )
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [(0, "has 0 OsTask, of which there must be 1"), (1, ""), (2, "has 2 OsTask, of which there may be 1")],
+)
+def test_of_what_states_no_multiplicity_there_is_one(tmp_path, count, said):
+    inner = [
+        definition(kind, f"OsTask{name}", lower=0)
+        for kind, name in (("INTEGER-PARAM", "Priority"), ("STRING-PARAM", "Schedule"), ("REFERENCE", "Counter"))
+    ]
+    task, others = (
+        sole("PARAM-CONF-CONTAINER", "OsTask", *inner),
+        [box(name, lower=0) for name in ("OsCounter", "OsAlarm")],
+    )
+    definitions = read_definitions([define(tmp_path, "Os", task, *others)])
+    assert [d.message for d in check(configured(tmp_path, tasks=count), definitions)] == [said] * bool(said)
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"),
+    [
+        ((), False),
+        (("tool",), False),
+        (("halpipe:delta",), True),
+        (("tool", "halpipe:delta"), True),
+        (("halpipe:delta", "tool"), True),
+    ],
+)
+def test_of_a_part_the_containers_that_it_adds_are_complete(tmp_path, groups, said):
+    path = define(tmp_path, "Os", box("OsTask", definition("INTEGER-PARAM", "OsTaskPriority")))
+    data = "".join(f'<SDG GID="{group}"/>' for group in groups)
+    marked = el("ADMIN-DATA", el("SDGS", data)) if groups else ""
+    lone = named("ECUC-CONTAINER-VALUE", "T", marked, ref("DEFINITION-REF", "/Vendor/X/Os/OsTask"))
+    document = write(tmp_path, package("E", configuration("Os", lone))).read_bytes()
+    found = check(document, read_definitions([path]), is_part=True)
+    assert [d.message for d in found] == ["has 0 OsTaskPriority, of which there must be 1"] * said
+    assert len(check(document, read_definitions([path]))) == 1
+
+
+def test_a_container_refers_to_another_once():
+    held = Box("/E/Os/T", "/X/Os/OsTask", repeated={"OsTaskEventRef": ["/E/Os/Known"]})
+    for name, path in (
+        ("OsTaskEventRef", "/E/Os/New"),
+        ("OsTaskEventRef", "/E/Os/Known"),
+        ("OtherRef", "/E/Os/Known"),
+    ) * 2:
+        held.refer(name, path)
+    assert [(found.name, found.path) for found in held.refs] == [
+        ("OsTaskEventRef", "/E/Os/New"),
+        ("OtherRef", "/E/Os/Known"),
+    ]
+
+
+def test_a_number_without_a_least_one_is_shown_from_0(tmp_path):
+    inner = definition("INTEGER-PARAM", "OsTaskPriority", more="<MAX>9</MAX>")
+    others = [
+        definition(kind, f"OsTask{name}") for kind, name in (("STRING-PARAM", "Schedule"), ("REFERENCE", "Counter"))
+    ]
+    path = define(tmp_path, "Os", box("OsTask", inner, *others), box("OsCounter"), box("OsAlarm"))
+    found = check(configured(tmp_path, priority="10"), read_definitions([path]))
+    assert [d.message for d in found] == ["OsTaskPriority is 10, outside of 0 to 9"]

@@ -164,8 +164,7 @@ def _played(schedule: Schedule, holds: Holds) -> Iterator[_Played]:
         source, target = modes[switch.source], modes[switch.target]
         held = [job for job in source.jobs if holds.instants(job)]
         cycles = max((-(-job.end // source.hyperperiod) for job in held), default=0)
-        moved = [(job, -source.hyperperiod * number) for number in range(1, cycles) for job in held]
-        late = [(job, by, False) for job, by in moved if job.end + by > ZERO]
+        late = [(job, -source.hyperperiod * number, False) for number in range(1, cycles) for job in held]
         own = [(job, ZERO, True) for job in switch.jobs]
         ends = [job.end + by for job, by, _ in (*late, *own) if holds.instants(job)]
         more = max(0, -(-(max(ends, default=ZERO) - switch.length) // target.hyperperiod)) if ends else 0

@@ -41,7 +41,7 @@ def relation_of(model: TaskModel, schedule: Schedule) -> Relation:
         open_jobs = [(job, at) for job, at in _occurrences(source, past) if at + (job.end - job.start) > ZERO]
         open_jobs += [(job, job.start) for job in table.jobs]
         longest = max((at + (job.end - job.start) for job, at in open_jobs), default=ZERO) - table.length
-        future = range(max(0, -(-longest // target.hyperperiod)) if target.hyperperiod else 0)
+        future = range(max(0, -(-longest // target.hyperperiod)))
         line = [*open_jobs, *((job, at + table.length) for job, at in _occurrences(target, future))]
         for job, at in open_jobs:
             _note_one(found, anywhere, job, at, _starts_by_unit(line))

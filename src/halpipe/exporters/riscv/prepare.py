@@ -134,7 +134,7 @@ def _with_directions(phases: list[Access], wcet: Duration, clock: Clock) -> list
 
 def _fitting(access: Access, clock: Clock) -> int:
     time = clock.tick * (clock.down(access.end) - clock.up(access.start)) - clock.setup
-    return max(int(time.in_unit("s") * clock.bandwidths[access.resource]), 0)
+    return int(time.in_unit("s") * clock.bandwidths[access.resource])
 
 
 def grow(

@@ -30,8 +30,8 @@ _FLAGS = {HealthEvent.OVERRUN: _OVERRUN, HealthEvent.FAULT: _FAULT, HealthEvent.
 class Health:
     """The rules of a model, each as its task and a row in C, and how many events they count together."""
 
-    rules: tuple[tuple[str, str], ...] = ()
-    events: int = 0
+    rules: tuple[tuple[str, str], ...]
+    events: int
 
     def of(self, task: str) -> tuple[str, str]:
         """Return the index of the first rule of a task and their number, as in C."""

@@ -143,6 +143,7 @@ def test_inputs_are_read_when_their_copies_are_complete():
     remedy = "run `halpipe deploy prepare` and schedule the prepared model"
     assert conflicts(own=[phase(40, READ, "in"), phase(26, READ, "in")]) == [('task "w"', text, remedy)]
     assert conflicts(own=[phase(26, READ, "in")], own_turns=(OUT,)) == []  # it reads nothing that is copied
+    assert conflicts(own=[phase(0, READ, "in")], own_turns=(OUT,)) == []
     assert conflicts() == []  # a version that reads nothing, beside one that does
 
 
@@ -172,6 +173,7 @@ def test_instants_meet_across_the_end_of_a_cycle():
         ("10ms", "4.03ms", 40, "make their LETs multiples of 40us, {again}"),
         ("10ms", "4.03ms", 27, "make their LETs multiples of 40us, {again}"),  # of whole 10 us, and part of 10 ms
         ("100us", "45us", 40, "make their LETs multiples of 50us, {again}"),
+        ("100us", "45us", 15, "make their LETs multiples of 20us, {again}"),  # a fifth, since a sixth is no 10 us
         ("40us", "25us", 40, "make their LETs multiples of 40us, {again}"),
         ("30us", "25us", 40, "make their periods multiples of a time of at least 40us, {again}"),
         ("80us", "40us", 40, "{again}: their instants are then 40us apart"),

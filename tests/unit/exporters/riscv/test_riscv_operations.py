@@ -302,8 +302,8 @@ def test_the_description_of_a_bundle_is_ascii():
 
 def test_rules_of_a_task_follow_each_other_and_a_task_without_one_has_none():
     rules = (("a", "row 1"), ("b", "row 2"), ("b", "row 3"))
-    assert [Health(rules).of(task) for task in "abc"] == [("0U", "1U"), ("1U", "2U"), ("0U", "0U")]
-    assert Health().of("a") == ("0U", "0U")
+    assert [Health(rules, 3).of(task) for task in "abc"] == [("0U", "1U"), ("1U", "2U"), ("0U", "0U")]
+    assert Health((), 0).of("a") == ("0U", "0U")
 
 
 @pytest.mark.parametrize(("header", "is_left"), [(b"#define HP_REGULATORS 1", False), (b"#define HP_UNITS 1", True)])

@@ -1,5 +1,6 @@
 """What happens within a job: how long transfers take, and when the job executes."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
@@ -14,7 +15,16 @@ from halpipe.exporters.riscv.codes import (
     SHARED_PHASE,
     UNDIVIDED,
 )
-from halpipe.exporters.riscv.phases import Clock, check_phases, clock_of, disorder, executions, written_alone
+from halpipe.exporters.riscv.phases import (
+    Clock,
+    _share,
+    check_phases,
+    clock_of,
+    disorder,
+    executions,
+    spans,
+    written_alone,
+)
 from halpipe.exporters.riscv.profile import FOLDER, read_profile
 from halpipe.models import Resource, Split, Task, TaskModel, Version
 from riscv_models import PHASES, deployed, moving, single
@@ -175,3 +185,27 @@ def test_functions_are_those_between_phases_before_those_between_preemption_poin
     assert executions(divided, 2) == [(ms, ms * 5), (ms * 6, ms * 10)]
     assert executions(divided, 3) == [(ms, ms * 3), (ms * 3, ms * 5), (ms * 6, ms * 10)]
     assert executions(divided, 4) == []
+
+
+@pytest.mark.parametrize(("point", "pieces"), [("0.2ms", 1), ("0.2001ms", 2), ("0.8999ms", 2), ("0.9ms", 1)])
+def test_a_preemption_point_where_a_phase_begins_or_ends_cuts_nothing(point, pieces):
+    """Execution is from 0.2 to 0.9 ms."""
+    version = replace(deployed(), split=Split(points=(Duration.parse(point),)))
+    found = spans(version, cut=True)
+    assert len(found) == pieces
+    assert all(begin < end for begin, end in found)
+
+
+@pytest.mark.parametrize(
+    ("rates", "bus", "least"),
+    [
+        ([40, 1, 10], 31, 20),
+        ([40, 1, 10], 51, 40),
+        ([40, 1, 10], 52, 52),
+        ([40, 1, 10], 50, 39),
+        ([10, 10, 10], 20, 6),
+        ([5, 5], 1, 1),
+    ],
+)
+def test_what_slower_channels_leave_of_the_bus_is_shared_by_the_others(rates, bus, least):
+    assert _share(rates, bus) == least

@@ -109,7 +109,7 @@ def apply_edits(data: bytes, file: str, edits: Sequence[Edit]) -> bytes:
     for edit in edits:
         if edit not in found:
             raise _cannot(file, f"has no {edit.name or 'container'} {edit.old} in {edit.path}")
-    match = _ENCODING.match(data[3:] if data[:3] == b"\xef\xbb\xbf" else data)
+    match = _ENCODING.match(data)  # behind a byte order mark all is UTF-8
     changes = [(*span, escape(edit.new or "")) for edit, span in found.items()]
     return _spliced(data, changes, match[1].decode() if match else "utf-8")
 

@@ -165,7 +165,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
     changes += writer.delta.changes({path: files[file][0] for path, file in in_place.items()})
     keys = {"file": "file", "path": "path", "parameter": "name", "old": "old", "new": "new"}
     listed = [{key: getattr(change, name) for key, name in keys.items()} for change in changes]
-    contents[CHANGES] = (json.dumps(listed, indent=1, ensure_ascii=True) + "\n").encode()
+    contents[CHANGES] = (json.dumps(listed, indent=1) + "\n").encode()
     contents |= paired(model, schedule)
     manifest = {
         MANIFEST_KEY: 1,
@@ -176,7 +176,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
         "tasks": {task: _os_tasks(project, task, plan) for task in sorted({*project.calls, *project.alone})},
         "files": {name: sha256(contents[name]) for name in sorted(contents)},
     }
-    contents[MANIFEST] = (json.dumps(manifest, indent=1, ensure_ascii=True) + "\n").encode()
+    contents[MANIFEST] = (json.dumps(manifest, indent=1) + "\n").encode()
     return Onto(contents, writer.delta.write(), tuple(changes), tuple(findings.items))
 
 
