@@ -145,7 +145,7 @@ class Section:
         return version in self._growing
 
     def _parts(self) -> Iterator[_Part]:
-        """Yield the parts of the line: one cycle of each mode, which is also looked at alone, and what may follow it."""
+        """Yield the parts of the line: one cycle of each mode, which is looked at alone, too, and what may follow."""
         tick, places = self._system.tick, [self._system.placements[mode.name] for mode in self._modes]
         length = 0
         if self._table is not None:
