@@ -12,7 +12,7 @@ from halpipe.models import Binding, Job, ModeSchedule, Schedule, Status
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, compare
 from halpipe.pipeline.validate import validate
-from support import model, task, version
+from support import job, model, schedule, task, version
 
 LIMITS, lowered = registry()
 
@@ -31,6 +31,13 @@ def siblings_passed_by(count):
     """One more sibling of each element that is passed by."""
     text = {5: b"<a><b><c/></b><b/></a>", 6: b"<a><b/><b/><b/></a>"}[count]
     return "slow" if named("schemas:_could_be_slow")(parse_xml(text, "m.xml")) else ""
+
+
+@lowered("exporters.arxml.export:MOST_WRITTEN", 4, "2 tasks and 3 jobs")
+def tasks_and_jobs_of_an_arxml(count):
+    system = model(task("a", 10, version("v", 1)), task("b", 10, version("v", 1), offset=5))
+    jobs = [job(system, "a", 0, 0, "u1"), *(job(system, "b", n, 5, "u1") for n in range(count - 3))]
+    named("exporters.arxml.export:_refuse_too_large")(system, schedule(system, 10, *jobs))
 
 
 @lowered("importers.amalthea.chains:_MOST_WAYS", 3, "more than 3 ways")

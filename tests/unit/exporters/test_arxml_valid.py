@@ -6,7 +6,8 @@ import exporter_samples
 import pytest
 from lxml import etree
 
-from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions, export
 from support import after, chain, job, mode, model, schedule, task, version
 
 autosar_data = pytest.importorskip("autosar_data", reason="autosar-data is not installed (pip install halpipe[arxml])")
@@ -93,3 +94,17 @@ def names_inside(element):
 @pytest.mark.parametrize("sample", ["roboracer", "two_modes", "thirds"])
 def test_short_names_are_unique_without_regard_to_case(sample):
     assert twice(FORMAT.write(*getattr(exporter_samples, sample)(), ArxmlOptions())[""]) == []
+
+
+def test_schedules_that_are_too_large_are_refused_and_modes_of_them_are_not(monkeypatch):
+    """Two modes of one job each, and the two tasks."""
+    monkeypatch.setattr(export, "MOST_WRITTEN", 3)
+    tasks = task("a", 10, version("v", 1)), task("b", 10, version("v", 1))
+    system = model(*tasks, modes=[mode("one", tasks[:1]), mode("two", tasks[1:])])
+    jobs = {"one": job(system, "a", 0, 0, "u1"), "two": job(system, "b", 0, 0, "u1")}
+    plans = [schedule(system, 10, each, mode_name=name) for name, each in jobs.items()]
+    both = replace(plans[0], modes=(*plans[0].modes, *plans[1].modes))
+    with pytest.raises(HalpipeError, match=r"HAL0891(?s:.)*2 tasks and 2 jobs; together at most 3 (?s:.)*--mode"):
+        FORMAT.write(system, both, ArxmlOptions())
+    assert FORMAT.write(system, both, ArxmlOptions(mode="one"))
+    assert FORMAT.write(system, None, ArxmlOptions(part="system"))
