@@ -96,7 +96,7 @@ def test_short_names_are_unique_without_regard_to_case(sample):
     assert twice(FORMAT.write(*getattr(exporter_samples, sample)(), ArxmlOptions())[""]) == []
 
 
-def test_schedules_that_are_too_large_are_refused_and_modes_of_them_are_not(monkeypatch):
+def test_what_is_too_large_is_refused_and_a_mode_of_it_is_not(monkeypatch):
     """Two modes of one job each, and the two tasks."""
     monkeypatch.setattr(export, "MOST_WRITTEN", 3)
     tasks = task("a", 10, version("v", 1)), task("b", 10, version("v", 1))
@@ -108,3 +108,6 @@ def test_schedules_that_are_too_large_are_refused_and_modes_of_them_are_not(monk
         FORMAT.write(system, both, ArxmlOptions())
     assert FORMAT.write(system, both, ArxmlOptions(mode="one"))
     assert FORMAT.write(system, None, ArxmlOptions(part="system"))
+    monkeypatch.setattr(export, "MOST_WRITTEN", 1)
+    with pytest.raises(HalpipeError, match=r"2 tasks and 0 jobs(?s:.)*divide the model"):
+        FORMAT.write(system, None, ArxmlOptions())

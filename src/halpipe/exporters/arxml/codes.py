@@ -167,8 +167,8 @@ WEAKER_WINDOW = warning(
     "OFFSET-TIMING-CONSTRAINT limits the time between two events. It does not say that jobs of the same cycle are "
     "meant, and no event is an instant within the execution of a runnable. The native model states both.",
 )
-SCHEDULE_TOO_LARGE = error(
+TOO_LARGE_TO_WRITE = error(
     "HAL0891",
-    "Schedule is too large for ARXML",
+    "Model is too large for ARXML",
     "Each task and each job of a schedule stands in some ten places of an ARXML, which would take gigabytes to write.",
 )

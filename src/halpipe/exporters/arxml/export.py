@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.embedding import package_hash, pieces
-from halpipe.exporters.arxml.codes import BAD_PREFIX, SCHEDULE_TOO_LARGE
+from halpipe.exporters.arxml.codes import BAD_PREFIX, TOO_LARGE_TO_WRITE
 from halpipe.exporters.arxml.definitions import read_definitions
 from halpipe.exporters.arxml.document import NAMESPACE, add, document, named, package, sd, special
 from halpipe.exporters.arxml.options import RELEASES, ArxmlOptions
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 MOST_WRITTEN = 35_000
-"""Tasks and jobs of a schedule: ARXML of more takes beyond 1 GiB to write, since each is written in ten places."""
+"""Tasks, and jobs of a schedule: ARXML of more takes beyond 1 GiB or 10 s to write, as each stands in ten places."""
 
 _PREFIX = re.compile(r"(/[A-Za-z][A-Za-z0-9_]{0,127})+")
 
@@ -42,8 +42,7 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
         model = model.alone(options.mode)
     refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
-    if chosen is not None:
-        _refuse_too_large(model, chosen)
+    _refuse_too_large(model, chosen)
     native = [] if options.part == "ecuc" else list(pieces(format_model(model)))  # first, while memory is free
     layout = Layout(model)
     root = document(f"{NAMESPACE} {RELEASES[options.release]}")
@@ -58,12 +57,13 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     return serialise(root, layout.texts)
 
 
-def _refuse_too_large(model: TaskModel, schedule: Schedule) -> None:
-    jobs = sum(len(mode.jobs) for mode in schedule.modes) + sum(len(table.jobs) for table in schedule.transitions)
+def _refuse_too_large(model: TaskModel, schedule: Schedule | None) -> None:
+    modes, switches = (schedule.modes, schedule.transitions) if schedule else ((), ())
+    jobs = sum(len(mode.jobs) for mode in modes) + sum(len(table.jobs) for table in switches)
     if len(model.tasks) + jobs > MOST_WRITTEN:
         text = f"{len(model.tasks)} tasks and {jobs} jobs; together at most {MOST_WRITTEN} are written"
-        help = "export a mode alone with --mode, or the model without its schedule"
-        raise HalpipeError(SCHEDULE_TOO_LARGE(text, at=schedule.at, path="schedule", help=help))
+        help = "export a mode alone with --mode, or the model without its schedule" if jobs else "divide the model"
+        raise HalpipeError(TOO_LARGE_TO_WRITE(text, at=model.at, path="model", help=help))
 
 
 def _embed(top: etree._Element, native: list[str]) -> None:
