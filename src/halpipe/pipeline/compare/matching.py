@@ -315,7 +315,7 @@ def _stated(executions: Executions, lines: Lines, rows: Column, origin: Instant)
             after, is_exact = start[at] - begins[line[at]], place >= 0
             near = starts.first[starts.nearest(after - column([origin]))]
             of, place = np.where(place == _NO_JOB, -1, line[at]), np.where(is_exact, place, near)
-            distance = after - column([origin]) - column([due.start for due in own.due])[place]
+            distance = after - column([origin]) - own.begins[place]
             found.append(_Part(at, starts, after, of, place, is_exact, distance))
     return found
 

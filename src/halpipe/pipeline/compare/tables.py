@@ -78,7 +78,7 @@ class Starts:
 
 @record(eq=False)
 class Table:
-    """A mode or a transition table: what is played as one piece; `due` by start, `starts` by task.
+    """A mode or a transition table: what is played as one piece; `due` by start (`begins`), `starts` by task.
 
     `jobs` are those of all tables of the schedule, numbered; `first` is the number of the first in this table.
     """
@@ -86,6 +86,7 @@ class Table:
     name: str
     length: Instant
     due: tuple[Due, ...]
+    begins: Column
     starts: Mapping[str, Starts]
     successors: frozenset[str]
     first: int
@@ -128,7 +129,9 @@ def tables_of(schedule: Schedule) -> dict[str, Table]:
             at_once[job.task, job.start.ns].append(place)
         due = tuple(Due.of(job, at_once[job.task, job.start.ns]) for job in ordered)
         starts = {task: Starts(own, due) for task, own in places.items()}
-        found[name] = Table(name, length.ns, due, starts, frozenset(successors), len(known), known)
+        found[name] = Table(
+            name, length.ns, due, column([each.start for each in due]), starts, frozenset(successors), len(known), known
+        )
         known.extend((found[name], each) for each in due)
 
     for mode in schedule.modes:
