@@ -1,10 +1,9 @@
 """Large models of several shapes through every verb: at most 10 s of processor time and 1 GiB each.
 
-Models are of 5 MB, and their schedules about as large, so that a verb reads 10 MB in all.
-
-Prints a line for each verb and ends with 1 if one breaks the law. Searches are not under the law of seconds
-(docs/reference/limits.md): schedules are made within a time limit, and a shape for which none is found meets the verbs
-of models alone. `size` searches many times and is left out.
+Models are of 5 MB, and most of their schedules as large, so that a verb reads 10 MB; one that reads more may take a
+second for each MB. Prints a line for each verb and ends with 1 if one breaks the law. Searches are not under the law of
+seconds (docs/reference/limits.md): schedules are made within a time limit, and a shape for which none is found meets
+the verbs of models alone. `size` searches many times and is left out.
 Usage: large_models.py [MB] [SHAPE ...]
 """
 
@@ -13,7 +12,7 @@ from __future__ import annotations
 import resource
 import sys
 import tempfile
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -148,18 +147,24 @@ SHAPES: dict[str, Callable[[int], str]] = {
 }  # fmt: skip
 
 
+def inputs(folder: Path, words: list[str]) -> list[str]:
+    """Return the words of a command that name files to read."""
+    return [word for before, word in pairwise(words) if before != "-o" and (folder / word).is_file()]
+
+
 def verdicts(folder: Path) -> Iterator[bool]:
     """Try each verb with the model in a folder, print a line for each, and say whether it was within the law."""
     found = False
     for verb, words in (SEARCHES | ON_MODELS | ON_SCHEDULES).items():
         if verb in ON_SCHEDULES and not found:
             continue
+        read = sum((folder / word).stat().st_size for word in inputs(folder, words.split())) / 1e6
         code, seconds, memory = run(folder, *words.split())
         found = found or (verb == "schedule" and code == 0)
         answers = code in (0, 1, 2) or (verb in SEARCHES and code in (3, 4))
-        lawful = answers and (verb in SEARCHES or seconds <= SECONDS) and memory <= MEBIBYTES
+        lawful = answers and (verb in SEARCHES or seconds <= max(SECONDS, read)) and memory <= MEBIBYTES
         said = "ok" if lawful else "BREAKS THE LAW"
-        print(f"    {verb:28} exit {code:3} {seconds:7.1f} s {memory:6.0f} MiB  {said}", flush=True)  # noqa: T201
+        print(f"    {verb:28} exit {code:3} {seconds:7.1f} s {memory:6.0f} MiB {read:5.1f} MB read  {said}", flush=True)  # noqa: T201
         yield lawful
 
 
