@@ -204,13 +204,15 @@ class Named(Protocol):
         """Its name, unique among its like."""
 
 
-N = TypeVar("N", bound=Named)
+N = TypeVar("N")
+E = TypeVar("E", bound=Named)
+R = TypeVar("R")
 
 
-def named(elements: Iterable[N], name: str) -> N:
+def named(elements: Iterable[E], name: str) -> E:
     """Return the element called `name`, of equal ones the first; raise ``KeyError`` with the names that there are."""
     if isinstance(elements, tuple) and len(elements) > LONG:
-        found: N | None = _index(elements).get(name)
+        found: E | None = kept(elements, _by_name).get(name)
         if found is not None:
             return found
     known = []
@@ -224,14 +226,22 @@ def named(elements: Iterable[N], name: str) -> N:
 LONG = 32
 """Elements from which on an index is quicker than a look at each."""
 
-_INDEXED: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
-"""The tuples that were asked last, with their elements by name: records have no place to keep an index."""
+KEPT = 6
+"""Answers about tuples that are kept: records have no place for what is worked out once."""
+
+_KEPT: list[tuple[tuple[Any, ...], Any, Any]] = []
 
 
-def _index(elements: tuple[N, ...]) -> dict[str, N]:
-    for known, index in list(_INDEXED):
-        if known is elements:
-            return index
-    made = {element.name: element for element in reversed(elements)}
-    _INDEXED[:] = [(elements, made), *_INDEXED[:1]]
+def kept(elements: tuple[N, ...], make: Callable[[tuple[N, ...]], R]) -> R:
+    """Return what `make` says of the elements, without asking anew where they are those of one of the last calls."""
+    for known, how, answer in list(_KEPT):
+        if known is elements and how is make:
+            said: R = answer
+            return said
+    made = make(elements)
+    _KEPT[:] = [(elements, make, made), *_KEPT[: KEPT - 1]]
     return made
+
+
+def _by_name(elements: tuple[Any, ...]) -> dict[str, Any]:
+    return {element.name: element for element in reversed(elements)}

@@ -19,12 +19,14 @@ from halpipe.models.attributes import (
     TIMES,
     attribute,
     held,
+    kept,
     named,
     word,
 )
 from halpipe.models.words import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from fractions import Fraction
 
     from halpipe.core.durations import Duration
@@ -153,12 +155,9 @@ class ModeSchedule:
     chains: tuple[ChainLatency, ...] = field(default=(), metadata=held(ChainLatency, "chain"))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
-    def by_task(self) -> dict[str, list[Job]]:
+    def by_task(self) -> Mapping[str, Sequence[Job]]:
         """Return the jobs of each task that has some, in the order given."""
-        found: dict[str, list[Job]] = {}
-        for job in self.jobs:
-            found.setdefault(job.task, []).append(job)
-        return found
+        return kept(self.jobs, _jobs_by_task)
 
     @property
     def margin_words(self) -> str:
@@ -170,6 +169,13 @@ class ModeSchedule:
         proven = "" if self.margin else ", not proven best"
         most = f", at most {format_percent(self.margin_bound, is_bound=True)} is possible" if self.margin_bound else ""
         return format_percent(self.margin) + proven + most
+
+
+def _jobs_by_task(jobs: tuple[Job, ...]) -> dict[str, list[Job]]:
+    found: dict[str, list[Job]] = {}
+    for job in jobs:
+        found.setdefault(job.task, []).append(job)
+    return found
 
 
 def _latencies(mode: ModeSchedule) -> str:

@@ -16,6 +16,7 @@ from halpipe.exporters.common.palette import tone
 from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report.axis import decimal, elide, position, ticks
 from halpipe.models import Anchor, Chain, ChainLatency, Job, ModeSchedule, Task, TaskModel
+from halpipe.models.attributes import kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -117,10 +118,10 @@ def _worst(ways: Iterable[list[Hop]]) -> list[Hop]:
 
 
 def _rings(model: TaskModel, chain: Chain, table: ModeSchedule) -> list[_Ring]:
-    tasks = {task.name: task for task in model.tasks}
     found = []
     for name in chain.tasks:
-        hops = [_hop(chain, tasks[name], job, table.hyperperiod) for job in table.jobs if job.task == name]
+        jobs = table.by_task().get(name, ())
+        hops = [_hop(chain, model.task(name), job, table.hyperperiod) for job in jobs]
         known = [hop for hop in hops if hop is not None]
         if not known or len(known) < len(hops):
             return []
@@ -145,6 +146,10 @@ def _hop(chain: Chain, task: Task, job: Job, hyperperiod: Duration) -> Hop | Non
     return Hop(task.name, start, end, read, write, instants[chain.anchor], finish[chain.to])
 
 
+def _tones(tasks: tuple[Task, ...]) -> dict[str, int]:
+    return {task.name: tone(number) for number, task in enumerate(tasks)}
+
+
 def path_chart(
     model: TaskModel, id: str, title: str, way: list[Hop], limit: Duration | None, *, missed: bool
 ) -> dict[str, Any]:
@@ -153,7 +158,7 @@ def path_chart(
     zero = min((begin, *(time for hop in shown for time in (hop.read, hop.start))), key=lambda time: time.ns)
     ends = [finish, *(time for hop in shown for time in (hop.write, hop.end)), *([begin + limit] if limit else [])]
     window = Window(ZERO, max(ends, key=lambda time: time.ns) - zero)
-    tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
+    tones = kept(model.tasks, _tones)
     ready, bars = begin, []
     for number, hop in enumerate(shown):
         place = {"tone": tones[hop.task], "y": AXIS_HEIGHT + ROW_HEIGHT * number}
