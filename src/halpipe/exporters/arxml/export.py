@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import Schedule, TaskModel
 
-MOST_WRITTEN = 35_000
+MOST_WRITTEN = 25_000
 """Tasks, and jobs of a schedule: ARXML of more takes beyond 1 GiB or 10 s to write, as each stands in ten places."""
 
 _PREFIX = re.compile(r"(/[A-Za-z][A-Za-z0-9_]{0,127})+")
