@@ -130,8 +130,8 @@ def accesses(size: int) -> str:
 
 
 def many_jobs(size: int) -> str:
-    """Tasks of 1 ms and 1 s, so that a tenth of the tasks has most of the jobs."""
-    tasks, names = filled(size * 3 // 10, lambda i: task(f"t{i}", unit=f"u{i % 8}", period=" period='100ms'"))
+    """Tasks with ten jobs each, but for one of the length of the hyperperiod: the schedule is the larger file."""
+    tasks, names = filled(size // 10, lambda i: task(f"t{i}", unit=f"u{i % 8}", period=f" period='{100 if i else 1000}ms'"))
     return model(tasks, [names])
 
 
