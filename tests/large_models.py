@@ -131,13 +131,22 @@ def accesses(size: int) -> str:
 
 def many_jobs(size: int) -> str:
     """Tasks with ten jobs each, but for one of the length of the hyperperiod: the schedule is the larger file."""
-    tasks, names = filled(size // 10, lambda i: task(f"t{i}", unit=f"u{i % 8}", period=f" period='{100 if i else 1000}ms'"))
+
+    def one(i: int) -> str:
+        return task(f"t{i}", unit=f"u{i % 8}", period=f" period='{100 if i else 1000}ms'")
+
+    tasks, names = filled(size // 10, one)
     return model(tasks, [names])
 
 
 def demands(size: int) -> str:
-    """Tasks without a period."""
-    tasks, names = filled(size, lambda i: task(f"t{i}", unit=f"u{i % 8}", period=""))
+    """Pairs of tasks, the first without a period, which runs where the second needs it within 100 ms."""
+
+    def one(i: int) -> str:
+        need = f"<precedence task='t{i - 1}' from='end' max='100ms'/>" if i % 2 else ""
+        return task(f"t{i}", need, unit=f"u{i % 8}", period=" period='1s'" if i % 2 else "")
+
+    tasks, names = filled(size, one)
     return model(tasks, [names])
 
 
