@@ -60,7 +60,10 @@ def _text(at: Duration, unit: str) -> str:
 def decimal(value: Fraction, digits: int) -> str:
     """Return `value` rounded to `digits` decimals, without trailing zeros."""
     scale = 10**digits
-    return format_rational(Fraction(round(value * scale), scale))
+    number = round(value * scale)
+    whole, part = divmod(abs(number), scale)
+    text = f"{whole}.{part:0{digits}}".rstrip("0").rstrip(".")
+    return f"-{text}" if number < 0 else text
 
 
 def approximate(value: Fraction, digits: int = 4) -> str:
@@ -76,7 +79,7 @@ def percent(share: Fraction) -> str:
 
 def position(offset: int | Fraction, span: int | Fraction) -> Fraction:
     """Return the place of `offset` within `span` in per cent, on the grid that charts print (1e-4)."""
-    return Fraction(round(Fraction(offset) * 10**6 / span), 10**4)
+    return Fraction(round(Fraction(offset * 10**6, span)), 10**4)
 
 
 def elide(name: str, letters: int) -> str:
