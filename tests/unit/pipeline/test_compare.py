@@ -50,6 +50,18 @@ def test_the_zero_of_the_schedule_is_found(shift, stated):
     assert [d.code for d in answer.diagnostics] == [codes.ALIGNED.id]
 
 
+def test_the_zero_is_found_by_a_rare_task_that_runs_after_those_of_the_sample(monkeypatch):
+    """Task "a" alone says that the table is longer than a millisecond; it first runs as the last of all."""
+    monkeypatch.setattr("halpipe.pipeline.compare.matching.SAMPLE", 3)
+    often = (job("b", n, f"{n}.5ms", f"{n}.75ms") for n in range(6))
+    long = table("long", 6, *often, job("a", 0, "5ms", "5.25ms"))
+    seen = [replace(execution, job=None) for execution in play([("long", long)])]
+    plan = Schedule(model="m", model_sha256="", modes=(long,))
+    answer = compare(plan, Trace(name="", executions=tuple(sorted(seen, key=lambda e: e.start.ns))), CompareOptions())
+    assert answer.origin == ZERO
+    assert [d.code for d in answer.diagnostics] == [codes.ALIGNED.id]
+
+
 @pytest.mark.parametrize("numbered", [True, False])
 def test_the_zero_is_found_though_the_first_job_starts_late_in_its_table(numbered):
     late = table("late", 6, job("a", 0, "1.75ms", 2), job("b", 0, "2.75ms", 3), job("a", 1, "3.75ms", 4))

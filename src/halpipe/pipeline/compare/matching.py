@@ -329,6 +329,16 @@ def covered(executions: Executions) -> tuple[Instant, Instant]:
     return plain(start[0]), plain(np.where(end == NONE, start, end).max())
 
 
+def _sample(task: Column, parts_at: Callable[[Column], list[_Part]]) -> Column:
+    """Return the places of the first executions, and of the first ones of the rarest tasks, which may come later."""
+    firsts = np.sort(np.unique(task, return_index=True)[1])
+    counted = [(part.starts.count, firsts[at]) for part in parts_at(firsts) for at in part.at.tolist()]
+    least = min(counted)[0]
+    rarest = [at for count, at in counted if count == least][:SAMPLE]
+    places: Column = np.union1d(np.arange(min(SAMPLE, len(task))), rarest)
+    return places
+
+
 def _origin(executions: Executions, parts_of: Callable[[Column, Instant], list[_Part]], otherwise: Instant) -> Instant:
     """Return where the zero of the schedule lies in the trace: no job early, one on time, the others least late.
 
@@ -347,7 +357,7 @@ def _origin(executions: Executions, parts_of: Callable[[Column, Instant], list[_
     if not (places := [part.at for part in parts_of(order, 0)]):
         return otherwise
     known = order[np.sort(np.concatenate(places))]
-    sample = known[:SAMPLE]
+    sample = known[_sample(np.asarray(executions.task)[known], lambda at: parts_of(known[at], 0))]
     rarest = min(
         parts_of(sample, 0),
         key=lambda part: (part.starts.count, executions.names[executions.task[sample[part.at[0]]]], part.at[0]),
