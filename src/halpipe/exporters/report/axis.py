@@ -60,7 +60,8 @@ def _text(at: Duration, unit: str) -> str:
 def decimal(value: Fraction, digits: int) -> str:
     """Return `value` rounded to `digits` decimals, without trailing zeros."""
     scale = 10**digits
-    number = round(value * scale)
+    is_exact = not scale % value.denominator  # places are on this grid, and most numbers of a page are places
+    number = value.numerator * (scale // value.denominator) if is_exact else round(value * scale)
     whole, part = divmod(abs(number), scale)
     text = f"{whole}.{part:0{digits}}".rstrip("0").rstrip(".")
     return f"-{text}" if number < 0 else text
