@@ -5,7 +5,6 @@ Exporter and importer of a format share these rules: the text in pieces, and the
 
 from __future__ import annotations
 
-from functools import lru_cache
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
@@ -80,20 +79,15 @@ def _hash(
     tag = _local(element.tag)
     if tag == FROZEN:
         return bytes.fromhex(element.get("hash") or "")
-    items = element.items()  # most have none
-    attributes = sorted((_local(name), value) for name, value in items if _local(name) not in volatile) if items else []
+    attributes = sorted((_local(name), value) for name, value in element.items() if _local(name) not in volatile)
     children = [
-        _hash(child, leaves_out, unordered, volatile)
-        for child in element
-        if isinstance(child.tag, str) and not leaves_out(child)
+        _hash(child, leaves_out, unordered, volatile) for child in element.iterchildren("{*}*") if not leaves_out(child)
     ]
     if tag in unordered:
         children.sort()
-    text = element.text
-    head = repr((tag, attributes, " ".join(text.split()) if text else "")).encode("utf-8", "replace")
-    return sha256(b"\0".join([head, *children]) if children else head).digest()
+    head = repr((tag, attributes, " ".join((element.text or "").split())))
+    return sha256(b"\0".join([head.encode("utf-8", "replace"), *children])).digest()
 
 
-@lru_cache(maxsize=4096)
 def _local(name: object) -> str:
     return str(name).rpartition("}")[2]

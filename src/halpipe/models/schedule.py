@@ -196,6 +196,10 @@ class TransitionTable:
     jobs: tuple[Job, ...] = field(default=(), metadata=held(Job))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
+    def by_task(self) -> Mapping[str, Sequence[Job]]:
+        """Return the jobs of each task that has some, in the order given."""
+        return kept(self.jobs, _jobs_by_task)
+
     @property
     def name(self) -> str:
         """The name in traces, bundles and messages."""

@@ -6,7 +6,6 @@ A tree takes ten times the bytes that it writes. The hash of a document (`halpip
 from __future__ import annotations
 
 import re
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 from lxml import etree
@@ -14,7 +13,7 @@ from lxml import etree
 from halpipe.core.embedding import FROZEN
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
 _STAND_IN = re.compile(rb'<frozen n="(\d+)" hash="[0-9a-f]+"/>')
 _DECLARATIONS = re.compile(rb'(?: xmlns(?::\w+)?="[^"]*")+')  # what only the root needs
@@ -54,20 +53,11 @@ def freeze_children(parent: etree._Element, texts: list[bytes], hash_of: Callabl
     texts.append(text[text.index(b">") + 1 : text.rindex(b"</")].strip())
 
 
-def serialise(root: etree._Element, texts: list[bytes] | None = None) -> bytes:
-    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end.
-
-    The frozen `texts` are taken out one by one, so that a large document is not in memory twice.
-    """
+def serialise(root: etree._Element, texts: Sequence[bytes] = ()) -> bytes:
+    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end; `texts` are the frozen."""
     etree.indent(root, space="  ")
     body: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=False)
-    written = BytesIO()
-    written.write(b'<?xml version="1.0" encoding="UTF-8"?>\n')
+    parts = [b'<?xml version="1.0" encoding="UTF-8"?>\n']
     for number, part in enumerate(_STAND_IN.split(body)):
-        if number % 2 and texts is not None:
-            written.write(texts[int(part)])
-            texts[int(part)] = b""
-        else:
-            written.write(part)
-    written.write(b"\n")
-    return written.getvalue()
+        parts.append(texts[int(part)] if number % 2 else part)
+    return b"".join((*parts, b"\n"))

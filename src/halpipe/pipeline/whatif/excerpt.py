@@ -11,7 +11,7 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration, least_common_multiple
@@ -21,12 +21,10 @@ from halpipe.pipeline.measure.placement import PlacedPart, Placement
 from halpipe.pipeline.parts import reserved_length
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator
 
     from halpipe.models import Chain, Job, Mode, ModeSchedule, Schedule, TaskModel, Transition, TransitionTable
     from halpipe.pipeline.measure.placement import PlacedJob
-
-T = TypeVar("T")
 
 
 class Room(NamedTuple):
@@ -71,8 +69,8 @@ class Sections:
 
     def __init__(self, model: TaskModel, schedule: Schedule, tick: Duration) -> None:
         self.model, self.schedule, self.tick = model, schedule, tick
-        self.tasks = {task.name: [(place, task)] for place, task in enumerate(model.tasks)}
-        self.runs = {m.name: {run.task: [(place, run)] for place, run in enumerate(m.runs)} for m in model.modes}
+        self.places = {task.name: place for place, task in enumerate(model.tasks)}
+        self.runs = {mode.name: {run.task: run for run in mode.runs} for mode in model.modes}
         self.allowed: dict[tuple[str, str], tuple[Transition, ...]] = defaultdict(tuple)
         for each in model.allowed_transitions() if schedule.transitions else ():
             self.allowed[each.source, each.target] += (each,)
@@ -117,7 +115,7 @@ class Sections:
         return {mode.name: list(self._keepers(mode)) for mode in self.model.modes}
 
     def _keepers(self, mode: Mode) -> Iterator[str]:
-        tasks = (task for run in mode.runs for _, task in self.tasks[run.task])
+        tasks = (self.model.task(run.task) for run in mode.runs)
         length: Duration | None = None
         for period, name in sorted(((t.period, t.name) for t in tasks if t.period is not None), reverse=True):
             longer = period if length is None else least_common_multiple((length, period))
@@ -131,7 +129,6 @@ class Section:
 
     def __init__(self, system: Sections, modes: tuple[ModeSchedule, ...], table: TransitionTable | None) -> None:
         self._system, self._modes, self._table = system, modes, table
-        self._jobs = {id(each): _by_task(each.jobs) for each in (*modes, table) if each}
         self._line = list(self._parts())
         self._starts: dict[str, dict[int, set[str]]] = defaultdict(lambda: defaultdict(set))
         self._growing: dict[tuple[str, str], list[PlacedJob]] = defaultdict(list)
@@ -208,12 +205,12 @@ class Section:
         return sorted(found)
 
     def _windows(self, task: str, version: str) -> Iterator[_Window]:
-        tasks = self._system.tasks
-        for row in tasks[task][0][1].version(version).precedences:
+        model = self._system.model
+        for row in model.task(task).version(version).precedences:
             if row.to is Anchor.END:
                 yield _Window(row.task, row.anchor, row.point, row.max)
         for name in self._system.links.get(task, ()):
-            for row in (row for v in tasks[name][0][1].versions for row in v.precedences):
+            for row in (row for v in model.task(name).versions for row in v.precedences):
                 if row.task == task and row.anchor is Anchor.END:
                     yield _Window(name, row.to, None, ZERO - row.min)
 
@@ -229,33 +226,27 @@ class Section:
             more = system.links.get(waiting.pop(), set()) - names
             names |= more
             waiting += more
+        chosen = sorted(names & system.places.keys(), key=system.places.__getitem__)
+        runs = [(mode.name, system.runs[mode.name]) for mode in self._modes]
         model = replace(
             system.model,
-            tasks=_chosen(system.tasks, names),
+            tasks=tuple(map(system.model.task, chosen)),
             modes=tuple(
-                replace(system.model.mode(mode.name), runs=_chosen(system.runs[mode.name], names))
-                for mode in self._modes
+                replace(system.model.mode(mode), runs=tuple(own[name] for name in chosen if name in own))
+                for mode, own in runs
             ),
             chains=chains,
             transitions=system.allowed[self._table.source, self._table.target] if self._table else (),
             health=(),
         )
-        modes = tuple(replace(mode, jobs=_chosen(self._jobs[id(mode)], names)) for mode in self._modes)
-        tables = [replace(self._table, jobs=_chosen(self._jobs[id(self._table)], names))] if self._table else []
-        return model, system.schedule.alone(modes, tuple(tables))
+        modes = tuple(replace(mode, jobs=_jobs_of(mode, chosen)) for mode in self._modes)
+        tables = (replace(self._table, jobs=_jobs_of(self._table, chosen)),) if self._table else ()
+        return model, system.schedule.alone(modes, tables)
 
 
-def _by_task(jobs: Iterable[Job]) -> dict[str, list[tuple[int, Job]]]:
-    found: dict[str, list[tuple[int, Job]]] = defaultdict(list)
-    for place, job in enumerate(jobs):
-        found[job.task].append((place, job))
-    return found
-
-
-def _chosen(elements: Mapping[str, Iterable[tuple[int, T]]], names: Iterable[str]) -> tuple[T, ...]:
-    """Return the elements of the named tasks, in the order of the whole."""
-    found = dict(pair for name in names for pair in elements.get(name, ()))
-    return tuple(found[place] for place in sorted(found))
+def _jobs_of(table: ModeSchedule | TransitionTable, tasks: Iterable[str]) -> tuple[Job, ...]:
+    jobs = table.by_task()
+    return tuple(job for name in tasks for job in jobs.get(name, ()))
 
 
 def _ahead(edges: list[int], end: int, every: int, most: int) -> Iterator[int]:
