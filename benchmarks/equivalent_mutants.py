@@ -10,9 +10,35 @@ TOUCH = "what ends at the instant at which another thing begins does not meet it
 IGNORED = "a write that is ignored, whatever it has"
 CHOICE = "a weight or a range by which proposals are ordered; no proposal is right or wrong"
 MODEL = "only where the model has a fault, for which it is refused"
+QUICK = "what the quick way leaves is computed in the general one, with the same result"
+TYPES = "read by checkers of types alone"
+REPLACED = "replaced by a function of ours, unless the class has its own"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("records.py", "def field(*, default: Any=..., init: bool=False, repr: bool=True, compare: bool=True, metadata: Any=None) -> Any:"): TYPES,
+    ("records.py", "def field(*, default: Any=..., init: bool=True, repr: bool=False, compare: bool=True, metadata: Any=None) -> Any:"): TYPES,
+    ("records.py", "def field(*, default: Any=..., init: bool=True, repr: bool=True, compare: bool=False, metadata: Any=None) -> Any:"): TYPES,
+    ("records.py", "made: Any = dataclasses.dataclass(init=True, repr=False, eq=False, slots=True, kw_only=kw_only)(cls)"): REPLACED,
+    ("records.py", "made: Any = dataclasses.dataclass(init=False, repr=True, eq=False, slots=True, kw_only=kw_only)(cls)"): REPLACED,
+    ("durations.py", "if bottom == 1 and top == ns <= _SHORT:"): QUICK,
+    ("durations.py", "if bottom == 2 and top == ns < _SHORT:"): QUICK,
+    ("durations.py", "if len(number) < _SHORT_DIGITS and top.isdigit() and (not slash or (bottom.isdigit() and int(bottom))):"): QUICK,
+    ("durations.py", "if len(number) <= _SHORT_DIGITS and top.isdigit() and (not slash and (bottom.isdigit() and int(bottom))):"): QUICK,
+    ("quantities.py", "return size <= 4 * _MAX_LENGTH and len(format_rational(value)) < _MAX_LENGTH"): "a number of so many bits has more digits than are written",
+    ("quantities.py", "return size < 5 * _MAX_LENGTH and len(format_rational(value)) < _MAX_LENGTH"): "a number of so many bits has more digits than are written",
+    ("quantities.py", "sign = '-' if top <= 0 else ''"): "zero in lowest terms has the denominator 1",
+    ("quantities.py", "sign = '-' if top < 1 else ''"): "zero in lowest terms has the denominator 1",
+    ("reading.py", "_MAX_SHOWN_BYTES = 33 * 2 ** 20"): BUDGET,
+    ("reading.py", "_MAX_SHOWN_BYTES = 32 * 2 ** 21"): BUDGET,
+    ("reading.py", "data: bytes = stream.read(-1 if most is None else most + 2)"): "one byte too much is refused as two are",
+    ("xml.py", "_CHUNK_BYTES = 2 ** 19"): BUDGET,
+    ("xml.py", "_CHUNK_BYTES = 3 ** 18"): BUDGET,
+    ("xml.py", "end = prolog.end() if prolog else 1"): "the pattern is found at the beginning of any text",
+    ("xml.py", "return b'<' in data[:201].replace(b'\\x00', b'').removeprefix(b'\\xef\\xbb\\xbf').lstrip()[:4]"): BUDGET,
+    ("folders.py", "os.chmod(inside, os.stat(inside).st_mode | (os.stat(inside).st_mode & 293) >> 2)"): "the shift drops that bit",
+    ("diagnostics.py", "text = json.dumps(value, indent=3, ensure_ascii=False)"): "the layout of a file that programs read",
+    ("embedding.py", "PIECE = 2 ** 21"): BUDGET,
     ("rounding.py", "if least >= before:"): "nothing is due then, and nothing is added",
     ("rounding.py", "if begin <= end:"): "a piece of no length promises nothing",
     ("rounding.py", "if high[k + 1] >= low[k]:"): "a row without a share gets nothing where it is looked at",

@@ -142,7 +142,7 @@ def _text(ns: int | Fraction) -> str:
                 return f"{whole}.{rest:0{digits}d}".rstrip("0") + unit if rest else f"{whole}{unit}"
     first = ""
     reached = [entry for entry in _LARGEST_FIRST if top >= entry[1] * bottom]
-    units = [*reached, *_LARGEST_FIRST[: len(_LARGEST_FIRST) - len(reached)]] if reached else _LARGEST_FIRST[::-1]
+    units = [*reached, *_LARGEST_FIRST] if reached else _LARGEST_FIRST[::-1]
     for unit, size, _ in units:
         common = math.gcd(top, size)
         text = format_ratio(ns.numerator // common, bottom * (size // common)) + unit
@@ -168,25 +168,15 @@ def milliseconds(value: int | Fraction) -> Duration:
 def greatest_common_divisor(durations: Iterable[Duration]) -> Duration:
     """Return the largest duration that divides every one given; zero when all are zero or none is given."""
     given = {duration.ns for duration in durations}
-    whole = [ns for ns in given if isinstance(ns, int)]
-    if len(whole) == len(given):
-        return Duration(math.gcd(*whole))
-    numerator, denominator = 0, 1
-    for value in map(Fraction, given):
-        common = math.lcm(denominator, value.denominator)
-        numerator = math.gcd(numerator * (common // denominator), value.numerator * (common // value.denominator))
-        denominator = common
-    return Duration(Fraction(numerator, denominator))
+    common = math.lcm(*(ns.denominator for ns in given))
+    return Duration(Fraction(math.gcd(*(int(ns * common) for ns in given)), common))
 
 
 def least_common_multiple(durations: Iterable[Duration]) -> Duration:
     """Return the smallest positive duration that every (positive) one given divides: the hyperperiod t_P."""
-    numerator, denominator = 1, 0
-    for duration in durations:
-        value = duration.fraction
-        numerator = math.lcm(numerator, value.numerator)
-        denominator = math.gcd(denominator, value.denominator)
-    return Duration(Fraction(numerator, denominator)) if denominator else ZERO
+    given = [duration.ns for duration in durations]
+    denominator = math.gcd(*(ns.denominator for ns in given))
+    return Duration(Fraction(math.lcm(*(ns.numerator for ns in given)), denominator)) if given else ZERO
 
 
 def divisors(total: Duration, unit: Duration) -> list[Duration]:

@@ -129,7 +129,7 @@ class Option:
 
     def from_value(self, given: Any) -> Any:
         """Read what a Python caller gives: a value of the type, or a text or number that stands for it."""
-        if given is None or isinstance(given, self.takes or ()):
+        if given is None or isinstance(given, self.takes):
             return self.default if given is None else given
         if (
             self.form is Form.TEXT

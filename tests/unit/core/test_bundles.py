@@ -1,5 +1,6 @@
 """Bundles: what is sealed opens as it was, and nothing that was changed since opens at all."""
 
+import hashlib
 import json
 import os
 
@@ -38,6 +39,12 @@ def test_the_seal_does_not_depend_on_the_order_of_the_files(files):
     assert list(seal("k", files, {}).items()) == list(seal("k", dict(reversed(files.items())), {}).items())
 
 
+@pytest.mark.parametrize("name", ["../x", "/x", "a//b", ".hidden", "manifest.json", ""])
+def test_no_file_of_a_bundle_lies_elsewhere_or_is_its_manifest(name):
+    with pytest.raises(AssertionError, match="names of a bundle are relative"):
+        seal("k", {"a": b"", name: b""}, {})
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
 @pytest.mark.parametrize("name", ["manifest.json", "schedule.xml", "rtl/unit.v"])
 def test_a_pipe_in_a_bundle_is_refused_and_not_waited_for(folder, name):
@@ -54,6 +61,8 @@ def test_every_changed_or_missing_file_is_named(folder):
         ("HAL0001", "rtl/unit.v"),
         (CHANGED_FILE.id, "schedule.xml"),
     ]
+    is_now, was = (hashlib.sha256(text).hexdigest()[:16] for text in (b"<t/>", b"<s/>"))
+    assert f"SHA-256 is {is_now}..., the manifest states {was}..." in [d.message for d in found]
 
 
 @pytest.mark.parametrize(

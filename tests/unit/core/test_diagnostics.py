@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from itertools import permutations
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,7 @@ from halpipe.core.diagnostics import (
     NOWHERE,
     REGISTER,
     Code,
+    Exit,
     Findings,
     Fix,
     HalpipeError,
@@ -19,6 +21,7 @@ from halpipe.core.diagnostics import (
     Subject,
     about,
     error,
+    located,
     note,
     printable,
     render_json,
@@ -47,6 +50,12 @@ def late():
 @pytest.fixture
 def diagnostic(late):
     return late("needs 9ms", at=Location("model.xml", 42), path='task "fuse"', help="raise the deadline")
+
+
+def test_exit_codes_are_those_of_the_page():
+    page = Path(__file__).parents[3] / "docs" / "reference" / "exit-codes.md"
+    rows = [line.split(" | ")[:2] for line in page.read_text().splitlines() if line.startswith("| ")]
+    assert {name: int(code[2:]) for code, name in rows[1:]} == {e.name.lower().replace("_", " "): e for e in Exit}
 
 
 def test_a_code_registers_itself(late):
@@ -245,6 +254,14 @@ def test_findings_stop_only_on_errors(late):
         findings.stop_on_errors()
     assert [d.message for d in stop.value.diagnostics] == ["odd", "late"]
     assert str(stop.value) == "warning[TST0001] odd\nerror[TST0001] late"
+
+
+def test_findings_without_a_place_get_the_one_of_the_work(late):
+    stated, work = Location("a.xml", 3), Location("p.yaml", 7)
+    with pytest.raises(HalpipeError) as stop, located(work):
+        raise HalpipeError(late("one", at=stated), late("two"), exit=Exit.NOT_FOUND)
+    assert [(d.message, d.at) for d in stop.value.diagnostics] == [("one", stated), ("two", work)]
+    assert stop.value.exit is Exit.NOT_FOUND
 
 
 def test_a_finding_concerns_further_elements_each_once_and_cuts_long_names(late):

@@ -140,7 +140,13 @@ def test_divisors_and_multiples_of_nothing_are_zero():
 
 @pytest.mark.parametrize(
     ("total", "unit", "factors"),
-    [("12ms", "1ms", [1, 2, 3, 4, 6, 12]), ("16ms", "1ms", [1, 2, 4, 8, 16]), ("7ms", "2ms", []), ("0ms", "1ms", [])],
+    [
+        ("12ms", "1ms", [1, 2, 3, 4, 6, 12]),
+        ("16ms", "1ms", [1, 2, 4, 8, 16]),
+        ("1ms", "1ms", [1]),
+        ("7ms", "2ms", []),
+        ("0ms", "1ms", []),
+    ],
 )
 def test_every_divisor_is_found_from_both_sides_of_the_root(total, unit, factors):
     assert divisors(Duration.parse(total), Duration.parse(unit)) == [milliseconds(factor) for factor in factors]

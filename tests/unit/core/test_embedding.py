@@ -60,6 +60,10 @@ def test_a_document_is_joined_from_its_pieces(length):
     assert joined(found, 0) == joined(found, 1) == text.encode()
 
 
+def test_a_declaration_needs_no_line_of_its_own():
+    assert list(pieces(b"<?xml version='1.0'?><a/>")) == ["<a/>"]
+
+
 def test_a_line_longer_than_a_piece_is_cut():
     found = list(pieces(b"x" * (PIECE + 5)))
     assert [len(piece) for piece in found] == [PIECE, 5]

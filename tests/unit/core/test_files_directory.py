@@ -76,6 +76,19 @@ def test_a_manifest_is_known_by_its_content(tmp_path, kind):
     assert os.listdir(tmp_path) == ["web"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="links need a right there that users do not have")
+def test_a_manifest_that_is_a_link_claims_nothing(tmp_path):
+    write_directory(str(tmp_path / "own"), OLD)
+    target = tmp_path / "web"
+    target.mkdir()
+    (target / "a").write_text("years of work")
+    (target / "manifest.json").symlink_to(tmp_path / "own" / "manifest.json")
+    with pytest.raises(HalpipeError, match="did not write") as refused:
+        write_directory(str(target), NEW)
+    assert '"a", "manifest.json"' in refused.value.diagnostics[0].message
+    assert (target / "a").read_text() == "years of work"
+
+
 ADDITIONS = {
     "a file": "notes.txt",
     "a file below": "sub/notes.txt",
@@ -125,6 +138,16 @@ def test_a_link_in_a_bundle_is_an_addition_and_what_it_names_stays(tmp_path, of)
     with pytest.raises(HalpipeError):
         write_directory(str(target), NEW)
     assert contents(elsewhere) == {"b": b"precious"}
+
+
+def test_in_a_folder_of_the_user_nothing_more_is_looked_for(tmp_path):
+    target = tmp_path / "out"
+    write_directory(str(target), OLD)
+    (target / "mine" / "deep").mkdir(parents=True)
+    (target / "mine" / "deep" / "x").touch()
+    with pytest.raises(HalpipeError, match='there: "mine/"; it is') as refused:
+        write_directory(str(target), NEW)
+    assert refused.value.diagnostics[0].code == FOREIGN_FOLDER.id
 
 
 def test_a_listed_folder_that_became_a_link_is_not_followed(tmp_path):
@@ -224,14 +247,16 @@ def test_whatever_fails_the_old_folder_stays(tmp_path, monkeypatch, fatal):
     assert os.listdir(tmp_path) == ["out"]
 
 
-def test_what_a_killed_run_left_is_mended(tmp_path):
-    target = tmp_path / "out"
+@pytest.mark.parametrize("name", ["out", "n" * 60])
+def test_what_a_killed_run_left_is_mended(tmp_path, name):
+    target = tmp_path / name
     write_directory(str(target), OLD)
-    target.rename(tmp_path / f".out.{hashlib.sha256(b'out').hexdigest()[:8]}.former")  # killed between two renames
-    (tmp_path / ".out.999999999-abcd.halpipe-tmp").mkdir()
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    target.rename(tmp_path / f".{name[:40]}.{digest}.former")  # killed between two renames
+    (tmp_path / f".{name[:50]}.999999999-abcd.halpipe-tmp").mkdir()
     write_directory(str(target), NEW)
     assert contents(target) == NEW
-    assert os.listdir(tmp_path) == ["out"]
+    assert os.listdir(tmp_path) == [name]
 
 
 def test_a_manifest_that_names_files_elsewhere_removes_none_of_them(tmp_path):

@@ -373,6 +373,14 @@ def test_a_killed_writer_leaves_a_whole_file_and_its_rest_is_swept(tmp_path):
     assert names(tmp_path) == ["schedule.xml"]
 
 
+def test_a_rest_that_cannot_be_removed_does_not_stop_the_write(tmp_path, monkeypatch):
+    rest = tmp_path / ".out.999999999-abcd.halpipe-tmp"
+    rest.mkdir()
+    monkeypatch.setattr(os, "rmdir", lambda *_, **__: (_ for _ in ()).throw(PermissionError("no")))
+    write_output(tmp_path / "out", b"new")
+    assert names(tmp_path) == [rest.name, "out"]
+
+
 def test_only_rests_of_the_dead_are_swept(tmp_path):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
@@ -380,6 +388,8 @@ def test_only_rests_of_the_dead_are_swept(tmp_path):
     kept = [
         f".out.{os.getpid()}-00000000.halpipe-tmp",  # of a living process
         f".other.{dead.pid}-00000000.halpipe-tmp",  # of another target
+        f".far.{dead.pid}-00000000.halpipe-tmp",  # of another one with a name of this length
+        f".out.{dead.pid}-00000000.halpipe-bak",
         ".out.notes.halpipe-tmp",
         f".out.{'9' * 30}-0.halpipe-tmp",
         "out.xml",

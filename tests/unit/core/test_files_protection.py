@@ -12,6 +12,7 @@ from halpipe.core.files import (
     read_bytes,
     read_own,
     refuse_inputs,
+    refuse_name,
     write_directory,
     write_output,
 )
@@ -101,6 +102,29 @@ def test_no_output_lies_in_another(source, outer, inner):
             refuse_inputs(*targets)
         assert [found.at.file for found in refused.value.diagnostics] == [inner]
     refuse_inputs("", inner, f"{outer}x")
+
+
+@pytest.mark.parametrize(
+    ("target", "endings", "help"),
+    [
+        ("a/s.json", (".xml", ".amxmi"), "name it s.xml"),
+        ("s.XML", (".json",), "name it s.json"),
+        ("s.xml", (".html", ".xml"), ""),
+        ("s.XML", (".xml",), ""),
+        ("s.out", (".xml",), ""),
+        ("s", (".xml",), ""),
+        ("s.json", (), ""),
+    ],
+)
+def test_a_name_with_the_ending_of_another_format_is_refused(target, endings, help):
+    if not help:
+        refuse_name(target, *endings)
+        return
+    with pytest.raises(HalpipeError) as refused:
+        refuse_name(target, *endings)
+    (found,) = refused.value.diagnostics
+    assert (found.at.file, found.help, refused.value.exit) == (target, help, Exit.USAGE)
+    assert found.message.endswith(f'one of those that end in "{endings[0]}"')
 
 
 def test_a_name_with_a_null_character_is_refused(source):

@@ -46,6 +46,14 @@ def test_a_doctype_is_refused_before_anything_it_names_is_opened(tmp_path):
     assert "hunter2" not in str(refusal(data))
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_no_document_type_is_read_from_elsewhere(tmp_path, encoding):
+    """Its faults would be reported, and its entities stand in the text."""
+    (tmp_path / "x.dtd").write_text("<!ENTITY x 'hunter2'>\n<!BROKEN")
+    text = f'<?xml version="1.0" encoding="{encoding}"?>\n<!DOCTYPE a SYSTEM "{tmp_path / "x.dtd"}">\n<a/>'
+    assert [found.code for found in refusal(text.encode(encoding))] == [files.HAS_DOCTYPE.id]
+
+
 @pytest.mark.parametrize(
     ("data", "line"),
     [
@@ -126,6 +134,17 @@ def test_long_texts_are_read_where_a_format_has_them(prolog, part):
     data = prolog + b"<a><b>1</b>" + part % (b"x" * 10_100_000) + b"</a>"
     assert parse_xml(data, "a.xml", long_texts=True)[0].text == "1"
     assert refusal(data)
+
+
+def test_beside_long_texts_as_many_levels_are_read_as_without():
+    text = b"<a/>" + b"x" * 10_100_000
+    for depth in (255, 256):
+        data = b"<a>" * depth + text + b"</a>" * depth
+        if depth == 255:
+            assert parse_xml(data, "a.xml", long_texts=True).tag == "a"
+        else:
+            with pytest.raises(HalpipeError, match=r"nests deeper than 256 elements|Excessive depth"):
+                parse_xml(data, "a.xml", long_texts=True)
 
 
 def test_long_texts_lift_no_other_limit():

@@ -32,6 +32,7 @@ def refusal(data):
         pytest.param(b"a: 1\nb: \xe9", 2, "is not text", id="Latin-1"),
         pytest.param(b"a: 1\nb: \0", 2, "is not text", id="NUL"),
         pytest.param(b"a: 1\nb: \x1b", 2, "is not text", id="control character"),
+        pytest.param(b"\n\n<a>\nb: c: d", 1, "is XML", id="XML"),
         pytest.param(b"a: [1,\n", 2, "", id="cut off"),
         pytest.param(b'a: "\n', 2, "unexpected end of stream", id="cut off in a string"),
         pytest.param(b'a: "\\ud800"', 1, "invalid Unicode", id="surrogate"),
@@ -45,6 +46,35 @@ def test_broken_yaml_is_refused_at_its_line(data, line, words):
     assert (found.code, found.at.file, found.at.line) == (files.BROKEN_YAML.id, "hostile.yaml", line)
     assert words in found.message
     assert found.help
+
+
+@pytest.mark.parametrize(
+    ("data", "help"),
+    [
+        (b"a: 1\na: 2", "remove one of the two"),
+        (b"a: *x", "quote names that begin with *"),
+        (b"a: [1 2\nb: 3", "close the bracket"),
+        (b"a: b: c", 'put one "key: value" in a line'),
+        (b"a: \xe9", "save it as UTF-8"),
+        (b"a: \x1b", "remove them; a workbook"),
+        (b"<a>\nb: c: d", "name a YAML file"),
+        (b"? [a]\n: b", "repair the file"),
+    ],
+)
+def test_the_advice_follows_from_the_fault(data, help):
+    assert refusal(data).help.startswith(help)
+
+
+@pytest.mark.parametrize("escape", [b"\\UFFFFFFFF", b"\\U00110000"])
+def test_without_libyaml_a_character_that_there_is_not_is_refused_too(monkeypatch, escape):
+    monkeypatch.delattr("yaml.CSafeLoader", raising=False)
+    files._bounded_loader.cache_clear()
+    try:
+        found = refusal(b'a: "' + escape + b'"')
+        assert parse_yaml(b"a: [x]", "m.yaml") == {"a": ["x"]}
+    finally:
+        files._bounded_loader.cache_clear()
+    assert (found.at.line, found.at.file) == (0, "hostile.yaml")
 
 
 def test_the_deepest_nesting_allowed_is_read():

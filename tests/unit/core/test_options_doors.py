@@ -201,6 +201,22 @@ def test_a_value_of_python_that_an_option_cannot_have_is_refused(given, said):
     assert [d.message for d in refused.value.diagnostics] == [said]
 
 
+def test_a_required_list_may_have_either_of_its_names():
+    @record(kw_only=True)
+    class Needs:
+        files: tuple = option((), "Files.", name="file", form=Form.LIST, required=True)
+
+    for name in ("file", "files"):
+        assert from_keywords("f", Needs, {name: ["a"]}) == {"files": ("a",)}
+    with pytest.raises(TypeError, match=r"f\(\) requires the option 'files'"):
+        from_keywords("f", Needs, {})
+
+
+def test_a_value_of_the_type_is_taken_as_it_is():
+    share = Fraction(5, 4)
+    assert from_keywords("f", Own, {"share": share})["share"] is share
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

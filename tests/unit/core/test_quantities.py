@@ -127,6 +127,15 @@ def test_a_whole_number_out_of_range_is_still_one(text, fault):
         whole(0)(text)
 
 
+def test_numbers_of_the_most_digits_that_are_read_have_both_limits():
+    read = whole(2 * 10**19, 9 * 10**19)
+    assert read(str(2 * 10**19)) == 2 * 10**19
+    with pytest.raises(ValueError, match="is too small"):
+        read(str(2 * 10**19 - 1))
+    with pytest.raises(ValueError, match="is too large"):
+        read(str(9 * 10**19 + 1))
+
+
 def test_a_size_has_whole_bytes():
     with pytest.raises(ValueError, match=r"'0\.3B' is not a whole number of bytes"):
         parse_size("0.3B")

@@ -185,6 +185,11 @@ def test_pickles_come_back(protocol):
     assert (back.x, back.y) == (3, "y")
 
 
+def test_a_record_is_described_by_its_own_text_or_its_name():
+    _, whole, own, _ = family(record)
+    assert (whole.__doc__, own.__doc__) == ("All kinds of fields.", "Own")
+
+
 def test_an_object_that_holds_itself_can_be_printed():
     inner = []
     own = Kept(1, inner)

@@ -97,6 +97,37 @@ def test_faults_have_the_path_of_their_mapping():
     assert read(text, lambda top: [each.number("n") for _, each, _ in top.entries("by")])[1][0][0] == 'by "one"'
 
 
+def test_a_text_of_json_and_what_is_not_there_have_no_lines():
+    data = parse_json(b'\n{"l": [1, {}],\n"m": {}}')
+    assert (data.line, data["l"].line, data["l"].lines, data["m"].line) == (0, 0, [0, 0], 0)
+    findings = Findings()
+    for file in ("t.json", "t.yaml"):
+        part = Fields.sealed(b"{}", file, findings, BAD_VALUE, "write it again").part("m")
+        part.number("n")
+    assert [(d.at.file, d.at.line, str(d.path)) for d in findings.items] == [
+        ("t.json", 0, ""),
+        ("t.json", 0, "m"),
+        ("t.yaml", 1, ""),
+        ("t.yaml", 0, "m"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "help"),
+    [
+        ("a 3:\n", 'write "a: 3"'),
+        ("c 3:\n", "put lists in brackets: [a, b]"),
+        ("a:\nx:\n", "put lists in brackets: [a, b]"),
+        ("other 3: 4\n", "it may have: a, bb"),
+        ("n:\n", 'move it into "a": a: {n: ...}'),
+    ],
+)
+def test_what_is_no_key_has_the_advice_that_fits(text, help):
+    findings, data = Findings(), parse_yaml(text.encode(), "f.yaml")
+    Fields("f.yaml", findings, data, "top", ("a", "bb"), {"a": ("n",)})
+    assert [d.help for d in findings.items] == [help]
+
+
 def test_a_long_value_is_cut():
     _, [(_, message)] = read('{"n": "%s"}' % ("x" * 500), lambda top: top.number("n"))
     assert len(message) < 200

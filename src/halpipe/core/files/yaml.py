@@ -74,7 +74,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     mapping = dict(pairs)
     if len(mapping) < len(pairs):
         keys = Counter(key for key, _ in pairs)
-        raise ValueError(f'the key "{keys.most_common(1)[0][0][:80]}" is repeated')
+        raise ValueError(f'the key "{keys.most_common()[0][0][:80]}" is repeated')
     return mapping
 
 
@@ -119,7 +119,7 @@ def parse_yaml(data: bytes, name: str) -> Any:
     except yaml.reader.ReaderError as failure:
         line = data.count(b"\n", 0, failure.position) + 1
         raise _broken_yaml(name, line, f"is not text: {failure.reason}") from None
-    except (yaml.YAMLError, ValueError) as failure:
+    except (yaml.YAMLError, ValueError, OverflowError) as failure:
         raise _broken_yaml(name, 0, " ".join(str(failure).split())) from None
     return None if node is None else _YamlBuilder(name).build(node, 0)
 
