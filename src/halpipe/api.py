@@ -160,11 +160,10 @@ def schedule(
 
     count = from_keywords("schedule", WorkerOptions, {"workers": workers})
     chosen = search_options(from_keywords("schedule", SearchOptions, options), workers=Workers(**count))
-    is_over = _clock(chosen.time_limit)
+    has_time = _clock(chosen.time_limit)
 
     def go_on(*done: Any) -> bool:
-        continued = progress is None or progress(*done) is not False
-        return continued and not is_over()
+        return (progress is None or progress(*done) is not False) and has_time()
 
     scheduled = schedule_model(model, chosen, go_on)
     if not scheduled.is_complete:
@@ -173,10 +172,10 @@ def schedule(
     return scheduled.schedule
 
 
-def _clock(limit: Duration | None) -> Callable[[], bool]:
-    """Return a function that is true once `limit` has passed from now on."""
+def _clock(limit: Duration | None) -> Callable[..., bool]:
+    """Return a function that says whether to go on, whatever it is given: until `limit` has passed from now on."""
     end = None if limit is None else time.monotonic() + float(limit.in_unit("s"))
-    return lambda: end is not None and time.monotonic() >= end
+    return lambda *_: end is None or time.monotonic() < end
 
 
 @_of_values
@@ -201,8 +200,7 @@ def explain(model: TaskModel, **options: Any) -> Explanation:
     from halpipe.pipeline.explain.explanation import explain as explain_model
 
     chosen = explain_options(from_keywords("explain", ExplainOptions, options))
-    is_over = _clock(chosen.time_limit)
-    return explain_model(model, chosen, lambda: not is_over())
+    return explain_model(model, chosen, _clock(chosen.time_limit))
 
 
 @_of_values
@@ -214,7 +212,8 @@ def size(model: TaskModel, **options: Any) -> Answer:
     from halpipe.pipeline.whatif.size import SizeOptions, answer_of, question_of
 
     chosen = SizeOptions(**from_keywords("size", SizeOptions, options))
-    return answer_of(question_of(model, chosen), chosen, lambda *_: True)
+    has_time = _clock(chosen.time_limit)
+    return answer_of(question_of(model, chosen), chosen, has_time, has_time)
 
 
 @_of_values
@@ -230,7 +229,8 @@ def sensitivity(model: TaskModel, schedule: Schedule, **options: Any) -> list[Se
     refuse_unused(chosen, "sensitivity without search")
     refuse_invalid(model, schedule)
     rows = list(sensitivities(model, schedule, frozenset(chosen.tasks)))
-    return with_searches(model, rows, chosen, lambda *_: True) if chosen.search else rows
+    has_time = _clock(chosen.time_limit)
+    return with_searches(model, rows, chosen, has_time, has_time) if chosen.search else rows
 
 
 @overload

@@ -561,6 +561,16 @@ def parts_of_the_exact_engine(count):
     return ""
 
 
+@lowered("pipeline.solve.limits:MOST_UNLIMITED", 3, "HAL0417")
+def jobs_of_a_search_whose_end_is_open(count):
+    system = model(*(task(f"t{number}", "25ms", version("v", "1ms", "u1")) for number in range(count)))
+    try:
+        named("pipeline.solve.limits:refuse_endless")(system)
+    except HalpipeError as failure:
+        return failure.diagnostics[0].code
+    return ""
+
+
 @lowered("pipeline.solve.one_mode:MOST_PARTS", 3, "coarser", Placement=MagicMock(), natural_tick=lambda _: Duration(12))
 def parts_of_a_tick_for_margins(count):
     """The bound of a margin in so many parts is met; of more, the grid has no more than the limit."""

@@ -115,11 +115,15 @@ def explain(
     from halpipe.flow.searching import explain_options
     from halpipe.importers.native import read_model
     from halpipe.pipeline.explain.explanation import explain as explain_model
+    from halpipe.pipeline.solve.limits import refuse_endless
 
     chosen = explain_options(options)
+    model = read_model(subject)
+    if chosen.time_limit is None:
+        refuse_endless(model, [chosen.mode] if chosen.mode else ())
     stop = Stop("stopping; what was found so far follows", chosen.time_limit)
     with stop.listening():
-        explanation = explain_model(read_model(subject), chosen, stop.clock())
+        explanation = explain_model(model, chosen, stop.clock())
     output.report(explanation.diagnostics, as_result=True)
     if output.is_text():
         _summarise(explanation)

@@ -119,7 +119,7 @@ class Watch:
 
     def __init__(self, time_limit: Duration | None = None) -> None:
         self.stop = Stop("stopping; the best placement so far will be saved", time_limit)
-        self._may_go_on = self.stop.clock()
+        self.go_on = self.stop.clock()
         self._lock = threading.Lock()
         self._progress: Progress | None = None
         self._bars: dict[str, int] = {}
@@ -137,7 +137,7 @@ class Watch:
         if not output.Settings.quiet and output.is_terminal(sys.stderr):
             with self._lock:
                 self._show(mode, moves, budget, best)
-        return self._may_go_on()
+        return self.go_on()
 
     def on_better(self, mode: str, text: str) -> None:
         """Remember how far the objectives of a mode are."""
@@ -175,10 +175,13 @@ def find_schedule(model: TaskModel, options: SearchOptions, target: str, *, resu
     """Search, write what was found, say how it went, and return the exit code."""
     from halpipe.exporters.native import format_schedule
     from halpipe.pipeline.checked import schedule_model
+    from halpipe.pipeline.solve.limits import refuse_endless
 
     began = time.monotonic()
     refuse_inputs(target)
     refuse_name(target, ".xml")
+    if options.budget is None:
+        refuse_endless(model, options.modes)
     checkpoint = _checkpoint(model, options, target)
     if checkpoint is not None:
         if resume:

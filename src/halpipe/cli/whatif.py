@@ -30,7 +30,9 @@ def size(model: ModelFile, options: Values) -> int:
     """
     from halpipe.cli.searching import Watch
     from halpipe.importers.native import read_model
+    from halpipe.pipeline.solve.limits import refuse_endless
     from halpipe.pipeline.whatif.size import SizeOptions, answer_of, complaint, question_of
+    from halpipe.pipeline.whatif.trial import TRIES
 
     chosen = SizeOptions(**options)
     if not (chosen.units or chosen.bandwidth or chosen.wcet_factor):
@@ -38,8 +40,10 @@ def size(model: ModelFile, options: Values) -> int:
     system = read_model(model)
     question = question_of(system, chosen)
     output.report(question.warnings)
-    with Watch() as watch:
-        answer = answer_of(question, chosen, watch.on_progress)
+    if chosen.is_open:
+        refuse_endless(question.at(question.now).model, switches=chosen.switches, searches=TRIES)
+    with Watch(chosen.time_limit) as watch:
+        answer = answer_of(question, chosen, watch.on_progress, watch.go_on)
     wrong = complaint(answer)
     if wrong is not None:
         output.report([wrong, *answer.witness])
@@ -47,7 +51,7 @@ def size(model: ModelFile, options: Values) -> int:
         _show_size(answer, system, chosen.bandwidth)
     else:
         print_json(_size_json(answer))
-    if wrong is not None:
+    if answer.found is None:
         return Exit.INFEASIBLE if answer.bound is None else Exit.NOT_FOUND
     return Exit.OK
 
@@ -68,6 +72,7 @@ def _size_json(answer: Answer) -> dict[str, Any]:
         "proven-is": "at most" if question.largest else "at least",
         "witness": [{"code": d.code, "path": d.path, "message": d.message} for d in answer.witness],
         "failed": [_text(value) for value in answer.failed],
+        "cut-short": answer.is_cut,
     }
 
 
@@ -105,7 +110,10 @@ def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> in
     from halpipe.core.options import refuse_unused
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.checked import validate_model, verify_schedule
+    from halpipe.pipeline.explain.codes import CUT_SHORT
+    from halpipe.pipeline.solve.limits import refuse_endless
     from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, sensitivities, with_searches
+    from halpipe.pipeline.whatif.trial import TRIES
 
     chosen = SensitivityOptions(**options)
     refuse_unused(chosen, "sensitivity without --search")
@@ -116,8 +124,12 @@ def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> in
     findings.stop_on_errors()
     rows = list(sensitivities(system, tables, frozenset(chosen.tasks)))
     if chosen.search:
-        with Watch() as watch:
-            rows = with_searches(system, rows, chosen, watch.on_progress)
+        if chosen.is_open:
+            refuse_endless(system, switches=False, searches=TRIES * len(rows))
+        with Watch(chosen.time_limit) as watch:
+            rows = with_searches(system, rows, chosen, watch.on_progress, watch.go_on)
+        if cut := [row for row in rows if row.searched is not None and row.searched.is_cut]:
+            output.report([CUT_SHORT(f"of {len(cut)} of {len(rows)} versions", path="search")])
     if output.is_text():
         _show_growth(rows, search=chosen.search)
     else:

@@ -96,10 +96,13 @@ def solve(variant: Variant, go_on: Callable[..., bool], is_interrupted: Callable
     from halpipe.exporters.native import format_schedule
     from halpipe.importers.native import parse_model
     from halpipe.pipeline.checked import explain_failure, schedule_model
+    from halpipe.pipeline.solve.limits import refuse_endless
     from halpipe.pipeline.solve.schedule import SearchOptions
 
     try:
         model = parse_model(variant.content, variant.source)
+        if variant.options["budget"] is None:
+            refuse_endless(model, variant.options["modes"])
         scheduled = schedule_model(model, SearchOptions(**variant.options), go_on)
         if not scheduled.is_complete:
             found = explain_failure(model, scheduled, interrupted=is_interrupted())

@@ -115,7 +115,7 @@ def searched(monkeypatch, **members):
     monkeypatch.setattr("halpipe.exporters.native.format_schedule", lambda _: b"s")
     monkeypatch.setattr(searching, "write_output", lambda *_: None)
     monkeypatch.setattr(searching, "replace", lambda options, **_: options)
-    yield SimpleNamespace(time_limit=None)
+    yield SimpleNamespace(time_limit=None, budget=1)
 
 
 @pytest.mark.parametrize("is_kept", [False, True])

@@ -70,3 +70,56 @@ def test_a_search_that_ends_with_nothing_was_stopped_by_the_user_or_by_its_limit
     monkeypatch.setattr("halpipe.pipeline.checked.schedule_model", ended)
     assert invoke(["new", "first"]) == 0
     assert invoke(["schedule", "first/model.xml", "-o", "s.xml"]) == (Exit.INTERRUPTED if is_user else Exit.NOT_FOUND)
+
+
+SEARCHING = (
+    "schedule first/model.xml -o made.xml",
+    "schedule first/model.xml -o made/",
+    "explain first/model.xml",
+    "size first/model.xml --wcet-factor",
+    "sensitivity first/model.xml s.xml --search",
+)
+
+
+@pytest.fixture
+def scheduled(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert invoke(["new", "first"]) == 0
+    assert invoke(["schedule", "first/model.xml", "-o", "s.xml"]) == 0
+
+
+@pytest.mark.parametrize("words", SEARCHING)
+def test_a_large_search_begins_where_its_end_is_stated(words, scheduled, monkeypatch, capsys):
+    monkeypatch.setattr("halpipe.pipeline.solve.limits.MOST_UNLIMITED", 5)
+    assert invoke(words.split()) == 1
+    assert "HAL0417" in "".join(capsys.readouterr())
+    assert invoke([*words.split(), "--time-limit", "1000s"]) == 0
+    if not words.startswith("explain"):
+        assert invoke([*words.split(), "--budget", "50"]) == 0
+
+
+def test_a_large_pipeline_states_its_end_too(scheduled, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("halpipe.pipeline.solve.limits.MOST_UNLIMITED", 5)
+    steps = "halpipe-pipeline: 1\nmodel: first/model.xml\nschedule: {output: made.xml}\n"
+    (tmp_path / "run.yaml").write_text(steps)
+    assert invoke(["run", "run.yaml"]) == 1
+    assert "HAL0417" in "".join(capsys.readouterr())
+    (tmp_path / "run.yaml").write_text(steps.replace("made.xml", "made.xml, budget: 50"))
+    assert invoke(["run", "run.yaml"]) == 0
+
+
+def test_a_model_that_is_not_valid_needs_no_end(scheduled, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("halpipe.pipeline.solve.limits.MOST_UNLIMITED", 5)
+    model = tmp_path / "first" / "model.xml"
+    model.write_text(model.read_text().replace('wcet="', 'wcet="9', 1))
+    assert invoke(["schedule", "first/model.xml", "-o", "made.xml"]) != 0
+    assert "HAL0417" not in "".join(capsys.readouterr())
+
+
+@pytest.mark.parametrize("words", SEARCHING[2:])
+def test_an_answer_that_time_cuts_short_says_so(words, scheduled, monkeypatch, capsys):
+    """Nothing was searched: nothing is found, but for what the schedule shows."""
+    monkeypatch.setattr(Stop, "clock", lambda stop: lambda *_: False)
+    code = invoke(words.split())
+    assert code == (0 if words.startswith("sens") else 3)
+    assert ("HAL0443" if words.startswith("size") else "HAL0447") in "".join(capsys.readouterr())

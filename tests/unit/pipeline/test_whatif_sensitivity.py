@@ -14,7 +14,7 @@ from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif import sensitivity
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
-from halpipe.pipeline.whatif.trial import Search
+from halpipe.pipeline.whatif.trial import Search, proofs
 from support import after, chain, job, mode, model, ms, schedule, task, version
 
 
@@ -158,7 +158,7 @@ def test_a_window_from_a_while_after_the_end():
 
 def look(system, plan, name, own="v", step=Fraction(1, 10), budget=200):
     row = rows(system, plan)[name, own]
-    return row, searched(system, row, Search(SearchOptions(budget=budget), lambda *_: True), step)
+    return row, searched(system, row, Search(SearchOptions(budget=budget), lambda *_: True, lambda: True), step)
 
 
 def test_search_moves_what_stands_in_the_way():
@@ -183,7 +183,7 @@ def test_search_starts_from_what_the_schedule_shows():
 def test_a_search_without_success_leaves_what_the_schedule_shows(at, longest):
     system = model(task("a", 10, version("v", 2)), task("b", 10, version("v", 1)))
     plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, at, "u1"))
-    blind = SimpleNamespace(finds=lambda changed: False)
+    blind = SimpleNamespace(finds=lambda changed: False, proves=proofs)
     result = searched(system, rows(system, plan)["a", "v"], blind, Fraction(1, 10))
     assert (result.found, result.bound) == (ms(longest), ms(9))
     assert result.failed[0] == ms(9)

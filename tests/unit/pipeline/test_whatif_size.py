@@ -27,8 +27,9 @@ from halpipe.pipeline.whatif.size import (
 from halpipe.pipeline.whatif.trial import (
     Bracket,
     Search,
+    TimeUpError,
     bracket,
-    first_that,
+    neighbours,
     peak_bound,
     proofs,
     time_limit,
@@ -47,7 +48,7 @@ def typed(system, **types):
 
 
 def search(**options):
-    return Search(SearchOptions(**{"budget": 200} | options), lambda *_: True)
+    return Search(SearchOptions(**{"budget": 200} | options), lambda *_: True, lambda: True)
 
 
 def cores(count):
@@ -124,7 +125,7 @@ def test_switches_count_where_they_are_asked_for():
     system = model(first, second, units=cores(2), modes=modes, transitions=[("one", "two", 0)])
     question = fewest_units(typed(system, core=cores(2)), "core")
     assert ask(question, search()).found == 1
-    strict = Search(SearchOptions(budget=200), lambda *_: True, switches=True)
+    strict = Search(SearchOptions(budget=200), lambda *_: True, lambda: True, switches=True)
     answer = ask(question, strict)
     assert answer.found != 1
     assert 1 in answer.failed
@@ -267,13 +268,42 @@ def test_none_found_is_not_impossible():
     assert complaint(answer).code == codes.NONE_FOUND.id
 
 
-def test_an_interrupted_search_gives_no_answer():
-    with pytest.raises(KeyboardInterrupt):
-        Search(SearchOptions(budget=10**6), lambda *_: False).finds(with_units(parallel(3, 2), "core", 2))
+def test_a_search_that_time_ends_is_no_failure():
+    ended = Search(SearchOptions(budget=10**6), lambda *_: False, lambda: True)
+    with pytest.raises(TimeUpError):
+        ended.finds(with_units(parallel(3, 2), "core", 2))
+
+
+@pytest.mark.parametrize("tries", range(12))
+def test_what_time_leaves_of_an_answer_is_true(tries):
+    """Whenever time is over: what is found has a schedule, what is proven impossible has none, the rest is open."""
+    left = iter(range(tries))
+
+    def in_time(answer):
+        def ask(number):
+            if next(left, None) is None:
+                raise TimeUpError
+            return answer(number)
+
+        return ask
+
+    found = bracket(9, in_time(lambda n: ("proof",) if n < 3 else ()), in_time(lambda n: n >= 6))
+    assert found.possible in range(4)
+    assert found.found in (None, *range(6, 10))
+    assert set(found.failed) <= {3, 4, 5}
+    assert found.is_cut == ((found.possible, found.found) != (3, 6) or 5 not in found.failed)
+    assert bool(found.witness) == (found.possible > 0)
+
+
+def test_what_is_known_needs_no_time():
+    def over(_):
+        raise TimeUpError
+
+    assert bracket(9, over, over, known=6) == Bracket(0, (), 6, (), is_cut=True)
 
 
 @given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 60), st.integers(0, 60) | st.none())
-def test_first_that_finds_the_edge_wherever_it_begins(first, length, edge, likely):
+def test_the_edge_is_found_wherever_the_search_begins(first, length, edge, likely):
     last = first + length
     likely = None if likely is None else min(last, first + likely)
     asked = []
@@ -282,13 +312,13 @@ def test_first_that_finds_the_edge_wherever_it_begins(first, length, edge, likel
         asked.append(number)
         return number >= edge
 
-    expected = None if edge > last else max(first, edge)
-    assert first_that(first, last, holds, likely) == expected
+    expected = min(max(first, edge), last + 1)
+    assert neighbours(first, last, holds, likely) == (expected - 1, expected)
     assert len(asked) == len(set(asked))
     assert len(asked) <= 2 * length.bit_length() + 2
 
 
-def test_first_that_keeps_its_promise_without_an_edge():
+def test_neighbours_are_so_without_an_edge():
     """Whatever holds: the answer does, and the one before was asked and did not."""
     for pattern in range(256):
         asked = {}
@@ -297,10 +327,10 @@ def test_first_that_keeps_its_promise_without_an_edge():
             asked[number] = bool(pattern >> number & 1)
             return asked[number]
 
-        found = first_that(0, 7, holds)
-        if found is not None:
-            assert asked[found]
-            assert found == 0 or asked[found - 1] is False
+        below, found = neighbours(0, 7, holds)
+        assert below == found - 1
+        assert found == 8 or asked[found]
+        assert below == -1 or asked[below] is False
 
 
 def test_a_known_number_is_not_searched():

@@ -71,6 +71,11 @@ SCHEDULABLE = note(
     "Mode has a schedule",
     "A valid schedule was found, so there is nothing to explain.",
 )
+CUT_SHORT = warning(
+    "HAL0447",
+    "Searches ended early",
+    "The time was over, or the search was stopped. The answer is what was found by then, and what was proven by then.",
+)
 UNIT_HELD = error(
     "HAL0446",
     "Unit is held for longer than a chain can do without it",

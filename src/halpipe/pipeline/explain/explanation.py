@@ -20,6 +20,7 @@ from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import describe, find_conflict
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
+from halpipe.pipeline.explain.switches import Switches, failed_switches
 from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible, tasks_of
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
@@ -127,6 +128,8 @@ class Explanation:
     """Listed switches between modes with schedules for which no table was found, or which have none for certain."""
     hopeless: tuple[tuple[str, str], ...] = ()
     """Those of them that are proven to have no table."""
+    is_cut: bool = False
+    """Whether time ended it before every mode and switch had an answer."""
 
     @property
     def exit(self) -> Exit:
@@ -137,6 +140,8 @@ class Explanation:
                 return EXITS[verdict]
         if self.switches:
             return Exit.INFEASIBLE if self.hopeless else Exit.NOT_FOUND
+        if self.is_cut:
+            return Exit.NOT_FOUND
         return Exit.OK if found else Exit.FINDINGS  # a model without modes is invalid
 
 
@@ -167,14 +172,18 @@ def explain(
             verdict, found = _Question(model, served, chosen, options, options.search(), budget, go_on).answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found
-    if len(verdicts) > 1 and {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE} and go_on():
-        from halpipe.pipeline.explain.switches import failed_switches
-
+    switches = Switches((), (), ())
+    is_answered = {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE}
+    if len(verdicts) > 1 and is_answered:
         search = replace(options.search(), grid=None)
         switches = failed_switches(served, search, go_on, remedies=options.remedies)
         diagnostics += switches.diagnostics
-        return Explanation(tuple(verdicts), tuple(diagnostics), switches.missing, switches.hopeless)
-    return Explanation(tuple(verdicts), tuple(diagnostics))
+        is_answered = False
+    is_cut = not is_answered and not go_on()
+    if is_cut:
+        help = "give it more time, or ask for one --mode"
+        diagnostics.append(codes.CUT_SHORT("not all was looked at", path=about(model=model.name), help=help))
+    return Explanation(tuple(verdicts), tuple(diagnostics), switches.missing, switches.hopeless, is_cut)
 
 
 @record

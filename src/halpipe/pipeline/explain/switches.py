@@ -41,6 +41,8 @@ def failed_switches(model: TaskModel, options: SearchOptions, go_on: Callable[[]
     scheduled = _scheduled(model, options, go_on)
     found = {(table.source, table.target) for table in scheduled.schedule.transitions}
     missing = [each for each in model.transitions if (each.source, each.target) not in found]
+    if scheduled.stopped:  # nothing is known of the others
+        missing = [each for each in missing if (each.source, each.target) in short]
     findings = [each for each in scheduled.diagnostics if each.code in (NO_TABLE.id, NO_IMPLIED_TABLE.id)]
     if (scheduled.stopped or not findings) and not short:
         return Switches((), (), ())

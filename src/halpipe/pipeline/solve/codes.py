@@ -44,6 +44,12 @@ STILL_BROKEN = warning(
     "What verify finds in the best placement of a search that failed: where the conflict is.",
 )
 
+ENDLESS = error(
+    "HAL0417",
+    "Large search without a stated end",
+    "So many jobs can take longer than some ten seconds. Such a search begins where it is stated when to give up: with "
+    "--time-limit, or with a --budget, which gives the same result on every machine.",
+)
 GROUP_NOT_FOUND = warning(
     "HAL0408",
     "Independent group of tasks has no schedule yet",

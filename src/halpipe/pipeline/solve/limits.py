@@ -6,17 +6,25 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, about
-from halpipe.core.suggest import few
+from halpipe.core.suggest import counted, few
 from halpipe.models import WHOLE
 from halpipe.pipeline.jobs import natural_tick
-from halpipe.pipeline.solve.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE, TOO_MANY_STARTS
+from halpipe.pipeline.solve.codes import (
+    ENDLESS,
+    NO_OPTION,
+    OPTIONS_CUT,
+    TICK_DOES_NOT_DIVIDE,
+    TOO_LARGE,
+    TOO_MANY_STARTS,
+)
 from halpipe.pipeline.solve.lanes import MAX_OPTIONS_PER_VERSION
 from halpipe.pipeline.solve.problem import Problem, build_problem
+from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import Context, place
 from halpipe.pipeline.validate.load import overloads
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
@@ -27,8 +35,36 @@ if TYPE_CHECKING:
 DEFAULT_WORK = 60
 """Deterministic seconds of the exact engine: a count of work, about a second of it each, the same on every machine."""
 
+MOST_UNLIMITED = 25_000
+"""Jobs that a search places without a stated end: about 0.3 ms each, where nothing stands in the way."""
+
+PAIRED = 4
+"""Jobs of a pair of modes that take as long as one of a mode."""
+
 LARGEST = 2**62
 """Costs and times stay below this."""
+
+
+def refuse_endless(model: TaskModel, modes: Collection[str] = (), *, switches: bool = True, searches: int = 1) -> None:
+    """Refuse to schedule so many jobs that it can take long; `searches` times, the modes that are named, or all.
+
+    Models that are not valid pass: what is wrong with them is found before any search.
+    """
+    active = (mode for mode in Context(model).active if not modes or mode.mode.name in modes)
+    jobs = {mode.mode.name: sum(mode.most_jobs.values()) for mode in active}
+    if not switches:
+        paired = 0
+    elif model.transitions:
+        paired = sum(jobs[p.source] + jobs[p.target] for p in model.transitions if {p.source, p.target} <= jobs.keys())
+    else:
+        paired = 2 * (len(jobs) - 1) * sum(jobs.values())
+    work = searches * (sum(jobs.values()) + paired // PAIRED)
+    if work > MOST_UNLIMITED and not any(found.is_error for found in validate(model)):
+        text = f"{counted(sum(jobs.values()), 'job')} in {counted(len(jobs), 'mode')}"
+        asked = (" with switches" if paired else "") + (f", in {searches} searches" if searches > 1 else "")
+        text += f"{asked}, take as long as {work} jobs to place; more than {MOST_UNLIMITED} need a stated end"
+        help = "say when to give up, such as --time-limit 300s"
+        raise HalpipeError(ENDLESS(text, at=model.at, path=about(model=model.name), help=help))
 
 
 def stated_problem(

@@ -22,18 +22,18 @@ from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.excerpt import Section, Sections
 from halpipe.pipeline.whatif.trial import (
+    BUDGET,
     WINDOWS,
     Changed,
     Search,
     TrialOptions,
     bracket,
-    proofs,
     time_limit,
     with_version_factor,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from fractions import Fraction
 
     from halpipe.models import Chain, Job, Precedence, Schedule, Task, TaskModel, Version
@@ -56,7 +56,7 @@ class SensitivityOptions(TrialOptions):
 
     def unused(self) -> tuple[str, ...]:
         """Return the fields that have no effect beside the others."""
-        return () if self.search else ("step", "seed", "budget")
+        return () if self.search else ("step", "seed", "budget", "time_limit")
 
 
 @record(kw_only=True)
@@ -69,6 +69,8 @@ class Searched:
     found: Duration | None
     bound: Duration | None
     failed: tuple[Duration, ...]
+    is_cut: bool = False
+    """Whether time ended the search."""
 
 
 @record(kw_only=True)
@@ -218,10 +220,15 @@ class _Judge:
 
 
 def with_searches(
-    model: TaskModel, rows: Iterable[Sensitivity], options: SensitivityOptions, on_progress: OnProgress
+    model: TaskModel,
+    rows: Iterable[Sensitivity],
+    options: SensitivityOptions,
+    on_progress: OnProgress,
+    go_on: Callable[[], bool] = lambda: True,
 ) -> list[Sensitivity]:
-    """Return the rows with what searches find beyond the schedule."""
-    search = Search(SearchOptions(seed=options.seed, budget=options.budget, optimise=()), on_progress)
+    """Return the rows with what searches find beyond the schedule, until `on_progress` and `go_on` end them."""
+    chosen = SearchOptions(seed=options.seed, budget=options.budget or BUDGET, optimise=())
+    search = Search(chosen, on_progress, go_on)
     return [replace(row, searched=searched(model, row, search, options.step)) for row in rows]
 
 
@@ -239,7 +246,7 @@ def searched(model: TaskModel, row: Sensitivity, search: Search, step: Fraction)
 
     result = bracket(
         least,
-        lambda number: proofs(changed(number), WINDOWS),
+        lambda number: search.proves(changed(number), WINDOWS),
         lambda number: search.finds(changed(number)),
         known=least,
     )
@@ -248,7 +255,7 @@ def searched(model: TaskModel, row: Sensitivity, search: Search, step: Fraction)
         return row.wcet * factor(number) if number else None
 
     failed = tuple(w for w in map(wcet, result.failed) if w is not None)
-    return Searched(found=wcet(result.found), bound=wcet(result.possible), failed=failed)
+    return Searched(found=wcet(result.found), bound=wcet(result.possible), failed=failed, is_cut=result.is_cut)
 
 
 def _longest(model: TaskModel, task: Task, wcet: Duration, step: Fraction) -> int:

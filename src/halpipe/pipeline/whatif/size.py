@@ -11,6 +11,7 @@ from halpipe.core.options import Form, option, positive_duration, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.models.modes import require_mode, require_names
+from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.optimise import lower_bound
@@ -18,6 +19,7 @@ from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context, place
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.trial import (
+    BUDGET,
     WINDOWS,
     Changed,
     Search,
@@ -25,7 +27,6 @@ from halpipe.pipeline.whatif.trial import (
     bracket,
     check_otherwise,
     peak_bound,
-    proofs,
     time_limit,
     with_bandwidth,
     with_factor,
@@ -110,6 +111,8 @@ class Answer:
     bound: Fraction | None
     witness: tuple[Diagnostic, ...]
     failed: tuple[Fraction, ...]
+    is_cut: bool = False
+    """Whether time ended it: more of the values may be impossible, and others have a schedule."""
 
 
 def ask(question: Question, search: Search) -> Answer:
@@ -117,7 +120,7 @@ def ask(question: Question, search: Search) -> Answer:
     last = abs(question.easiest - question.hardest)
     result: Bracket = bracket(
         last,
-        lambda steps: proofs(question.relaxed(question.value(steps)), question.ignored),
+        lambda steps: search.proves(question.relaxed(question.value(steps)), question.ignored),
         lambda steps: search.finds(question.at(question.value(steps))),
         likely=question.likely,
     )
@@ -127,19 +130,21 @@ def ask(question: Question, search: Search) -> Answer:
         bound=None if result.possible is None else question.value(result.possible),
         witness=result.witness,
         failed=tuple(map(question.value, result.failed)),
+        is_cut=result.is_cut,
     )
 
 
 def complaint(answer: Answer) -> Diagnostic | None:
-    """Return what there is to say when no value was found; None when one was."""
+    """Return what there is to say when no value was found, or time was over; None otherwise."""
     question = answer.question
     if answer.bound is None:
         help = "see what the witness says is necessary; `halpipe explain` says more"
         return codes.IMPOSSIBLE("no value is enough", path=question.what, help=help)
     if answer.found is None:
-        help = "raise --budget, try another --seed, or ask `halpipe explain`"
+        limit = "--time-limit" if answer.is_cut else "--budget"
+        help = f"raise {limit}, try another --seed, or ask `halpipe explain`"
         return codes.NONE_FOUND(f"{len(answer.failed)} values tried without success", path=question.what, help=help)
-    return None
+    return explain_codes.CUT_SHORT("a longer search may find more", path=question.what) if answer.is_cut else None
 
 
 # ------------------------------------------------------------------------------------------------ questions
@@ -257,7 +262,9 @@ def question_of(model: TaskModel, options: SizeOptions) -> Question:
     return largest_factor(asked, options.step)
 
 
-def answer_of(question: Question, options: SizeOptions, on_progress: OnProgress) -> Answer:
-    """Answer a question by searches with these options."""
-    chosen = SearchOptions(seed=options.seed, budget=options.budget, tick=options.tick, optimise=())
-    return ask(question, Search(chosen, on_progress, options.switches))
+def answer_of(
+    question: Question, options: SizeOptions, on_progress: OnProgress, go_on: Callable[[], bool] = lambda: True
+) -> Answer:
+    """Answer a question by searches with these options, with what is known when `on_progress` and `go_on` end them."""
+    chosen = SearchOptions(seed=options.seed, budget=options.budget or BUDGET, tick=options.tick, optimise=())
+    return ask(question, Search(chosen, on_progress, go_on, options.switches))

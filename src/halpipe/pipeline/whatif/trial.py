@@ -6,13 +6,14 @@ what one was found for: the answer is what was found, together with what was tri
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
-from halpipe.core.options import option
+from halpipe.core.options import option, time_limit_of
 from halpipe.core.quantities import parse_share, quoted, whole
 from halpipe.core.records import record
 from halpipe.pipeline.checked import schedule_model
@@ -50,7 +51,10 @@ WINDOWS = frozenset((explain_codes.WINDOW_TOO_NARROW.id, explain_codes.WINDOWS_C
 
 
 BUDGET = 2_000
-"""A tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
+"""Moves per task: a tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
+
+TRIES = 20
+"""Searches that one answer takes, roughly."""
 
 
 def _step(text: str) -> Fraction:
@@ -67,22 +71,41 @@ class TrialOptions:
 
     step: Fraction = option(Fraction(1, 100), "Grid of shares and factors.", _step, metavar="SHARE")
     seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
-    budget: int = option(BUDGET, "Moves per task before one search gives up.", whole(1), metavar="N")
+    budget: int | None = option(
+        None, "Moves per task before one search gives up.", whole(1), metavar="N", otherwise=str(BUDGET)
+    )
+    time_limit: Duration | None = option(
+        None,
+        "Time after which the answer is what was found by then, such as 30s.",
+        time_limit_of,
+        metavar="TIME",
+        otherwise="none",
+    )
+
+    @property
+    def is_open(self) -> bool:
+        """Whether no end of the searches is stated."""
+        return self.budget is None and self.time_limit is None
+
+
+class TimeUpError(Exception):
+    """The time for an answer is over."""
 
 
 @record
 class Search:
-    """Search for schedules; with `switches`, tables between the modes must be found as well."""
+    """Search for schedules, and for proofs; with `switches`, tables between the modes must be found as well.
+
+    `on_progress` may end a search, as `go_on` ends the proofs: with `TimeUpError`.
+    """
 
     options: SearchOptions
     on_progress: OnProgress
+    go_on: Callable[[], bool]
     switches: bool = False
 
     def finds(self, changed: Changed) -> bool:
-        """Return whether a schedule is found and verified for every mode.
-
-        Raise `KeyboardInterrupt` if `on_progress` ends the search: half an answer is none.
-        """
+        """Return whether a schedule is found and verified for every mode."""
         if changed.lost:
             return False
         names = tuple(mode.name for mode in changed.model.modes)
@@ -98,8 +121,14 @@ class Search:
                 return False
             raise
         if scheduled.stopped:
-            raise KeyboardInterrupt
+            raise TimeUpError
         return scheduled.is_complete and not any(d.is_error for d in scheduled.diagnostics)
+
+    def proves(self, changed: Changed, ignored: frozenset[str]) -> tuple[Diagnostic, ...]:
+        """Return what `proofs` finds."""
+        if not self.go_on():
+            raise TimeUpError
+        return proofs(changed, ignored)
 
 
 def proofs(changed: Changed, ignored: frozenset[str] = frozenset()) -> tuple[Diagnostic, ...]:
@@ -125,13 +154,15 @@ class Bracket:
     """Answer to a question, in steps from the hardest number.
 
     `possible` is the first that is not proven impossible (None: all are), `witness` the proof against the one before;
-    `found` the first with a schedule; `failed` was tried without success.
+    `found` the first with a schedule; `failed` was tried without success. If it `is_cut` short, by its time, more of
+    them may be impossible, and others have a schedule.
     """
 
     possible: int | None
     witness: tuple[Diagnostic, ...] = ()
     found: int | None = None
     failed: tuple[int, ...] = ()
+    is_cut: bool = False
 
 
 def bracket(
@@ -143,16 +174,17 @@ def bracket(
 ) -> Bracket:
     """Look for the first of the numbers 0 to `last` that works; of `known` it is known.
 
-    Proofs begin at the number that is `likely` the first without one.
+    Proofs begin at the number that is `likely` the first without one. `TimeUpError` ends both.
     """
-    witnesses: dict[int, tuple[Diagnostic, ...]] = {}
+    witnesses: dict[int, tuple[Diagnostic, ...]] = {-1: ()}
 
     def is_possible(number: int) -> bool:
         witnesses[number] = prove(number)
         return not witnesses[number]
 
-    possible = first_that(0, last, is_possible, min(likely, last))
-    if possible is None:
+    impossible, possible = neighbours(0, last, is_possible, min(likely, last))
+    is_cut = possible - impossible > 1
+    if impossible == last:
         return Bracket(None, witnesses[last])
     failed: list[int] = []
 
@@ -162,27 +194,36 @@ def bracket(
         failed.append(number)
         return False
 
-    found = first_that(possible, last if known is None else max(possible, known), works)
-    return Bracket(possible, witnesses.get(possible - 1, ()), found, tuple(sorted(failed)))
+    top = last if known is None else max(impossible + 1, known)
+    below, found = (impossible, top + 1) if is_cut else neighbours(possible, top, works)
+    return Bracket(
+        impossible + 1,
+        witnesses[impossible],
+        found if found <= top else known,
+        tuple(sorted(failed)),
+        is_cut or found - below > 1,
+    )
 
 
-def first_that(first: int, last: int, holds: Callable[[int], bool], likely: int | None = None) -> int | None:
-    """Return a number of [first, last] that holds while the one before does not, or is `first`; None if `last` fails.
+def neighbours(first: int, last: int, holds: Callable[[int], bool], likely: int | None = None) -> tuple[int, int]:
+    """Return two neighbours in [first - 1, last + 1]: the first does not hold, or is before all; the second does.
 
     From `likely`, or `first`, steps double until the answer changes, then halve, so that few tries are far from it.
+    Where `holds` raises `TimeUpError`, the two are as near as they were by then.
     """
     at, width = first if likely is None else likely, 1
-    below, above = (first - 1, at) if holds(at) else (at, last + 1)
-    while below == first - 1 < above - 1:
-        at, width = max(first, above - width), 2 * width
-        below, above = (below, at) if holds(at) else (at, above)
-    while above == last + 1 > below + 1:
-        at, width = min(last, below + width), 2 * width
-        below, above = (below, at) if holds(at) else (at, above)
-    while above - below > 1:
-        middle = (below + above) // 2
-        below, above = (below, middle) if holds(middle) else (middle, above)
-    return above if above <= last else None
+    below, above = first - 1, last + 1
+    with suppress(TimeUpError):
+        while above - below > 1:
+            below, above = (below, at) if holds(at) else (at, above)
+            if below == first - 1:
+                at = max(first, above - width)
+            elif above == last + 1:
+                at = min(last, below + width)
+            else:
+                at = (below + above) // 2
+            width *= 2
+    return below, above
 
 
 # ------------------------------------------------------------------------------------------------ models of other sizes
