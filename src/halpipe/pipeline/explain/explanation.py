@@ -20,7 +20,6 @@ from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import describe, find_conflict
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
-from halpipe.pipeline.explain.switches import Switches, failed_switches
 from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible, tasks_of
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
@@ -172,18 +171,21 @@ def explain(
             verdict, found = _Question(model, served, chosen, options, options.search(), budget, go_on).answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found
-    switches = Switches((), (), ())
+    missing: tuple[tuple[str, str], ...] = ()
+    hopeless = missing
     is_answered = {verdict for _, verdict in verdicts} == {Verdict.SCHEDULABLE}
     if len(verdicts) > 1 and is_answered:
+        from halpipe.pipeline.explain.switches import failed_switches
+
         search = replace(options.search(), grid=None)
         switches = failed_switches(served, search, go_on, remedies=options.remedies)
         diagnostics += switches.diagnostics
-        is_answered = False
+        missing, hopeless, is_answered = switches.missing, switches.hopeless, False
     is_cut = not is_answered and not go_on()
     if is_cut:
         help = "give it more time, or ask for one --mode"
         diagnostics.append(codes.CUT_SHORT("not all was looked at", path=about(model=model.name), help=help))
-    return Explanation(tuple(verdicts), tuple(diagnostics), switches.missing, switches.hopeless, is_cut)
+    return Explanation(tuple(verdicts), tuple(diagnostics), missing, hopeless, is_cut)
 
 
 @record
