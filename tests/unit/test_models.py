@@ -243,7 +243,7 @@ def test_a_job_occupies_its_units_in_its_parts():
         ("1/4", "1/4", "25 %, the best possible"),
         ("1/4", "1/3", "25 %, at most 33.4 % is possible"),
         ("1/4", None, "25 %"),
-        ("0", "1/3", "0 %, not proven best, at most 33.4 % is possible"),
+        ("0", "1/3", "none found, at most 33.4 % is possible"),
     ],
 )
 def test_a_margin_in_words(margin, bound, words):

@@ -161,14 +161,17 @@ class ModeSchedule:
 
     @property
     def margin_words(self) -> str:
-        """The least margin in percent, with the largest that is possible, rounded up; empty where none is stated."""
+        """The least margin in percent, with the largest that is possible, rounded up; empty where none is stated.
+
+        0 % is said only of a margin that is proven best.
+        """
         if self.margin is None:
             return ""
         if self.margin == self.margin_bound:
             return f"{format_percent(self.margin)}, the best possible"
-        proven = "" if self.margin else ", not proven best"
+        least = format_percent(self.margin) if self.margin else "none found"
         most = f", at most {format_percent(self.margin_bound, is_bound=True)} is possible" if self.margin_bound else ""
-        return format_percent(self.margin) + proven + most
+        return least + most
 
 
 def _jobs_by_task(jobs: tuple[Job, ...]) -> dict[str, list[Job]]:

@@ -85,10 +85,10 @@ def test_the_words_name_the_bound():
         (
             0,
             "1/9",
-            "0 %, not proven best, at most 11.2 % is possible",
+            "none found, at most 11.2 % is possible",
             "0 %, at first 0 %; not proven best; the best possible is at most 11.2 %",
         ),
-        (0, None, "0 %, not proven best", "0 %, at first 0 %; how good it can be is not known"),
+        (0, None, "none found", "0 %, at first 0 %; how good it can be is not known"),
         (
             "1/20000",
             "1/9999",
@@ -178,7 +178,7 @@ def test_what_stays_at_zero_says_that_it_is_not_proven_best():
     """Both jobs begin at ticks, and the next tick is taken."""
     owner = model(task("a", 10, version("v", 5)), task("b", 10, version("v", 4)))
     (mode,) = found(owner, tick=ms(5)).schedule.modes
-    assert (mode.margin, mode.margin_words) == (0, "0 %, not proven best, at most 11.2 % is possible")
+    assert (mode.margin, mode.margin_words) == (0, "none found, at most 11.2 % is possible")
 
 
 IN_PARTS = Split(points=(ms(1),), resume=ms(1))
