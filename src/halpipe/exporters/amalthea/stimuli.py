@@ -48,16 +48,13 @@ def stimuli_of(model: TaskModel, schedule: Schedule | None) -> dict[str, list[St
     for played in model.modes:
         for run in played.runs:
             runs[run.task][played.name] = None
-    jobs: defaultdict[tuple[str, str], list[Job]] = defaultdict(list)
-    for name, table in tables.items():
-        for job in table.jobs:
-            jobs[name, job.task].append(job)
+    jobs = {name: table.by_task() for name, table in tables.items()}
     found: dict[str, list[Stimulus]] = {}
     for task in model.tasks:
         stimuli = found.setdefault(task.name, [])
         for mode in [mode for mode in runs[task.name] if mode in tables]:
             only = () if len(model.modes) == 1 else (mode,)
-            stimuli += _placed(task, jobs[mode, task.name], tables[mode].hyperperiod, only, names)
+            stimuli += _placed(task, jobs[mode].get(task.name, ()), tables[mode].hyperperiod, only, names)
         rest = [mode for mode in runs[task.name] if mode not in tables]
         if task.period is not None and (rest or not model.modes):
             modes = () if len(rest) == len(model.modes) else tuple(rest)

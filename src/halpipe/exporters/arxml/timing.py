@@ -11,7 +11,7 @@ from halpipe.exporters.arxml.codes import NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.document import add, add_time, freeze, named, package, ref
 from halpipe.exporters.arxml.software import Layout, ShortNames
 from halpipe.exporters.common.timeline import delays_of
-from halpipe.models import Anchor, Chain, Job, Match, ModeSchedule, Precedence, Schedule, Task, TaskModel
+from halpipe.models import Anchor, Chain, Match, ModeSchedule, Precedence, Schedule, Task, TaskModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -258,10 +258,7 @@ def write_guarantees(elements: etree._Element, model: TaskModel, schedule: Sched
 
 
 def _mode(parent: etree._Element, model: TaskModel, table: ModeSchedule, known: Descriptions) -> None:
-    jobs: dict[str, list[Job]] = {}
-    for job in table.jobs:
-        jobs.setdefault(job.task, []).append(job)
-    names = ShortNames()
+    names, jobs = ShortNames(), table.by_task()
     for task in model.tasks:
         found = jobs.get(task.name)
         if task.period is None or not found:

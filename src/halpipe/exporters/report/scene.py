@@ -22,8 +22,9 @@ from halpipe.exporters.report.beside import MARKS, Beside, Strip
 from halpipe.models import Anchor, Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    Jobs = Mapping[str, Sequence[Job]]
 
 Plain = dict[str, Any]
 Drawn = dict[str, tuple[Any, Plain]]
@@ -43,7 +44,7 @@ def scene(
     What is `drawn` already is not made again; it is kept up to date. Under the jobs lies what `beside` has.
     """
     drawn = {} if drawn is None else drawn
-    modes = [(jobs_by_task(mode), mode.hyperperiod) for mode in schedule.modes] if schedule else []
+    modes = [(mode.by_task(), mode.hyperperiod) for mode in schedule.modes] if schedule else []
     tables = _Tables(model, beside, is_valid=is_valid)
     context = schedule is not None and shows_context(schedule)
     return {
@@ -65,7 +66,7 @@ def scene(
     }
 
 
-def _task(task: Task, colour: int, modes: Sequence[tuple[dict[str, list[Job]], Duration]], drawn: Drawn) -> Plain:
+def _task(task: Task, colour: int, modes: Sequence[tuple[Jobs, Duration]], drawn: Drawn) -> Plain:
     own = [(jobs.get(task.name, []), length) for jobs, length in modes]
     known = drawn.get(task.name)
     if known is None or known[0] != (task, colour, own):
@@ -93,14 +94,6 @@ def _let(task: Task) -> list[float]:
     if task.let is None or task.period is None or task.offset is None:
         return []
     return [_ms(task.offset % task.period), _ms(task.period), _ms(task.let)]
-
-
-def jobs_by_task(mode: ModeSchedule) -> dict[str, list[Job]]:
-    """Return the jobs of each task that runs in a mode."""
-    found: dict[str, list[Job]] = {}
-    for job in mode.jobs:
-        found.setdefault(job.task, []).append(job)
-    return found
 
 
 def figures(task: Task, jobs: Sequence[Job], length: Duration) -> Plain:

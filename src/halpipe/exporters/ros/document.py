@@ -85,9 +85,7 @@ def _executors(model: TaskModel, table: ModeSchedule, cpus: dict[str, int]) -> l
 
     A group of its own for each pair of task and executor, since ROS assigns a group to one executor as a whole.
     """
-    jobs: dict[str, list[Job]] = {}
-    for job in table.jobs:
-        jobs.setdefault(job.task, []).append(job)
+    jobs = table.by_task()
     groups: dict[str, dict[str, list[Row]]] = {}
     for task in model.tasks:
         for unit, timer in _timers(task, jobs[task.name], table) if task.name in jobs else ():
