@@ -8,6 +8,7 @@ from enum import Enum
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.models import Access, Job, ModeSchedule, Precedence, Schedule, Split, TaskModel, TransitionTable
@@ -151,9 +152,7 @@ def _summaries(
     totals: Counter[str] = Counter()
     for table in (before, after):
         totals |= Counter(job.task for job in (table.jobs if table else ()))
-    by_task: dict[str, list[JobChange]] = {}
-    for change in jobs:
-        by_task.setdefault(change.job.task, []).append(change)
+    by_task = grouped((change.job.task, change) for change in jobs)
     hyperperiod = getattr(before, "hyperperiod", None)
     for task, changes in sorted(by_task.items()):
         counts = Counter(kind for change in changes for kind in change.kinds)

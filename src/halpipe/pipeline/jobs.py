@@ -13,6 +13,7 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.models import Anchor, Interrupt, Match, Mode, Precedence, ResourceKind, Task, TaskModel, Version
 
@@ -121,10 +122,7 @@ def demands_of(version: Version) -> Counter[str]:
 
 def demand_ranges(versions: Sequence[Version]) -> dict[str, tuple[int, int]]:
     """Return, for every task that versions name, how many constraints of one version do at least and at most."""
-    found: dict[str, list[int]] = {}
-    for version in versions:
-        for name, count in demands_of(version).items():
-            found.setdefault(name, []).append(count)
+    found = grouped(demand for version in versions for demand in demands_of(version).items())
     return {name: (min(n) if len(n) == len(versions) else 0, max(n)) for name, n in found.items()}
 
 

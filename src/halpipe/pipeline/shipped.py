@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about, error
+from halpipe.core.grouping import grouped
 from halpipe.pipeline.jobs import Expansion, expand
 
 if TYPE_CHECKING:
@@ -93,10 +94,7 @@ def overlaps(expansion: Expansion, jobs: Iterable[Job]) -> Iterator[tuple[str, D
 
 def staying(expansion: Expansion, every: Iterable[Job]) -> Iterator[Job]:
     """Yield the jobs in one piece of tasks that stay: all their jobs are given, with versions and units they have."""
-    jobs: dict[str, list[Job]] = {}
-    for job in every:
-        jobs.setdefault(job.task, []).append(job)
-    for name, own in jobs.items():
+    for name, own in grouped((job.task, job) for job in every).items():
         active = expansion.by_name.get(name)
         units = {v.name: (frozenset(v.units), v.gang) for v in active.versions} if active is not None else {}
         if (

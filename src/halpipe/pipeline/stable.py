@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, about, note
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.suggest import few
 from halpipe.models import Binding, Job, Mode, Schedule, Status, Task, TaskModel, Unit
 from halpipe.pipeline.jobs import expand
@@ -353,10 +354,7 @@ def _together(held: Schedule | None, kept: Schedule) -> Schedule:
 def _changed(model: TaskModel, earlier: Schedule) -> dict[str, str]:
     """Return the tasks of which some job cannot be what it was, and why."""
     units = {unit.name: unit for unit in model.units}
-    jobs: dict[str, list[Job]] = {}
-    for mode in earlier.modes:
-        for job in mode.jobs:
-            jobs.setdefault(job.task, []).append(job)
+    jobs = grouped((job.task, job) for mode in earlier.modes for job in mode.jobs)
     why = {
         task.name: next((why for job in jobs[task.name] if (why := _hinders(units, task, job))), "")
         if task.name in jobs

@@ -15,6 +15,7 @@ from halpipe.core.bundles import CHANGED_FILE
 from halpipe.core.diagnostics import Findings, Location, error, named
 from halpipe.core.durations import seconds
 from halpipe.core.files import parse_xml, read_bytes, sha256
+from halpipe.core.grouping import grouped
 from halpipe.core.suggest import few
 from halpipe.deploy.base import Checked, Target
 
@@ -339,9 +340,7 @@ def _differences(
 def _lines(acts: list[Act], length: Fraction) -> Iterator[str]:
     """Yield what happens to each OsTask in one hyperperiod, in the order of the first instants."""
     yield f"{len(acts)} actions on {len({act.task for act in acts})} OsTasks in {seconds(length)}"
-    found: dict[tuple[str, str, str], list[Fraction]] = {}
-    for act in acts:
-        found.setdefault((act.task, act.event, act.by), []).append(act.time % length)
+    found = grouped(((act.task, act.event, act.by), act.time % length) for act in acts)
     for (task, event, by), times in sorted(found.items(), key=lambda item: (min(item[1]), item[0])):
         times.sort()
         what = f"{event} set" if event else "activated"

@@ -14,6 +14,7 @@ from math import ceil
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, sort_diagnostics
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import parse_rational, quoted
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
@@ -202,10 +203,7 @@ class Judge:
 
     def sums(self, samples: Sequence[Sample], file: str) -> Iterator[Diagnostic]:
         """Yield intervals in which all that were counted together are above the capacity."""
-        together: dict[tuple[int, Fraction, Fraction], list[Sample]] = {}
-        for sample in samples:
-            together.setdefault((sample.table.index, sample.start, sample.end), []).append(sample)
-        for several in together.values():
+        for several in grouped(((sample.table.index, sample.start, sample.end), sample) for sample in samples).values():
             first = several[0]
             total = sum(sample.used for sample in several)
             most = len(self._windows(first)) * self._tables.platform.capacity_bytes

@@ -11,6 +11,7 @@ from itertools import pairwise
 from math import ceil, floor, lcm
 from typing import TYPE_CHECKING
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -47,10 +48,7 @@ class Timeline:
 
     def by_row(self) -> dict[Row, list[Phase]]:
         """Return the phases of every row that has any."""
-        rows: dict[Row, list[Phase]] = {}
-        for phase in self.phases:
-            rows.setdefault(phase.row, []).append(phase)
-        return rows
+        return grouped((phase.row, phase) for phase in self.phases)
 
 
 def phases_of(model: TaskModel, platform: Platform, jobs: Iterable[Job]) -> Iterator[Phase]:

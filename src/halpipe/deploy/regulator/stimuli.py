@@ -13,6 +13,7 @@ from itertools import count as counting
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.deploy.regulator.forms import MOST_HEADERS, header_lines
 from halpipe.deploy.regulator.reading import DIRECTIONS, Entry, Table, Tables
@@ -347,9 +348,7 @@ class _Software:
 
     def _path(self, mode: str, made: set[tuple[str, str]]) -> tuple[str, str] | None:
         """Return the next switch on the shortest way to one that was not made yet; drawn among equals."""
-        leads: dict[str, list[str]] = {}
-        for switch in self._tables.switches:
-            leads.setdefault(switch.source, []).append(switch.target)
+        leads = grouped((switch.source, switch.target) for switch in self._tables.switches)
         reached: list[tuple[str, tuple[str, str] | None]] = [(mode, None)]
         seen = {mode}
         for place, first in reached:

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.exporters.amalthea.document import Unique, Written, add, add_property, add_time, named, ref
 from halpipe.models import Anchor, Chain, Job, Precedence, Schedule, Task, TaskModel
@@ -67,9 +68,7 @@ def _placed(
     task: Task, jobs: Sequence[Job], hyperperiod: Duration, modes: tuple[str, ...], names: Unique
 ) -> list[Stimulus]:
     """Return a stimulus for each version and set of units that jobs of a task have in a mode."""
-    groups: dict[tuple[str, tuple[str, ...]], list[Duration]] = {}
-    for job in sorted(jobs, key=lambda job: job.start):
-        groups.setdefault((job.version, job.units), []).append(job.start)
+    groups = grouped(((job.version, job.units), job.start) for job in sorted(jobs, key=lambda job: job.start))
     base = "@".join((task.name, *modes))
     found = []
     for (version, units), starts in groups.items():

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.grouping import grouped
 from halpipe.exporters.arxml.document import (
     CONTAINER,
     MODULE,
@@ -261,9 +262,7 @@ def write_rte(elements: etree._Element, model: TaskModel, plan: Plan, names: OsN
         for point in table.points:
             for name in point.tasks:
                 points.setdefault(name, names.point(table, point.offset))
-    os_tasks: dict[str, list[str]] = {}
-    for name, work in plan.tasks.items():
-        os_tasks.setdefault(work.task, []).append(name)
+    os_tasks = grouped((work.task, name) for name, work in plan.tasks.items())
     rte = names.module("Rte")
     _fill_general(rte, names.definitions, release)
     if names.definitions.has(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.exporters.arxml.codes import NO_LATENCY, WEAKER_WINDOW
 from halpipe.exporters.arxml.document import add, add_time, freeze, named, package, ref
 from halpipe.exporters.arxml.software import Layout, ShortNames
@@ -189,10 +190,7 @@ def common_windows(task: Task) -> list[Precedence]:
     """
     if len(task.versions) == 1:
         return list(task.versions[0].precedences)
-    found: dict[object, list[Precedence]] = {}
-    for version in task.versions:
-        for precedence in version.precedences:
-            found.setdefault(_ends(precedence), []).append(precedence)
+    found = grouped((_ends(precedence), precedence) for version in task.versions for precedence in version.precedences)
     keys = [set(map(_ends, version.precedences)) for version in task.versions]
     return [
         replace(windows[0], min=min(p.min for p in windows), max=max(p.max for p in windows))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.common.timeline import versions_of
 
@@ -96,10 +97,7 @@ def _note(
 
 
 def _starts_by_unit(line: Iterable[tuple[Job, Duration]]) -> dict[str, list[tuple[Duration, str]]]:
-    starts: dict[str, list[tuple[Duration, str]]] = defaultdict(list)
-    for job, at in line:
-        for unit in job.units:
-            starts[unit].append((at, job.task))
+    starts = grouped((unit, (at, job.task)) for job, at in line for unit in job.units)
     return {unit: sorted(found, key=lambda start: start[0].ns) for unit, found in starts.items()}
 
 

@@ -18,6 +18,7 @@ from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.exporters.regulator.frames import MODE, Frame, Phase, Row
 
@@ -70,9 +71,7 @@ def pieces(frame: Frame, phase: Phase) -> Iterator[tuple[int, int]]:
 
 def promises(frame: Frame, window: int, bursts: Fraction) -> dict[Row, Promise]:
     """Return the promise of every row that has any; `bursts` per window are what a bound of 1 promises."""
-    by_row: dict[Row, list[Phase]] = {}
-    for phase in frame.phases:
-        by_row.setdefault(phase.row, []).append(phase)
+    by_row = grouped((phase.row, phase) for phase in frame.phases)
     return {row: _promise(frame, by_row[row], window, bursts) for row in sorted(by_row)}
 
 

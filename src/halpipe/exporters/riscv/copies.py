@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.exporters.common.let import releases_of
 from halpipe.exporters.riscv.codes import COPIES_UNFIT, OFF_GRID
@@ -185,9 +186,7 @@ def turns_of(
     model: TaskModel, versions: Iterable[tuple[str, Version]], clock: Clock, patience: int
 ) -> tuple[Turn, ...]:
     """Return the turns of the tasks with a LET, in the model's order: all that write, then all that read."""
-    used: dict[str, list[Version]] = {}
-    for name, version in versions:
-        used.setdefault(name, []).append(version)
+    used = grouped(versions)
     found: list[Turn] = []
     after = 0
     for kind in (AccessKind.WRITE, AccessKind.READ):

@@ -6,6 +6,7 @@ import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.entities import ENDS, Entities, combined
@@ -64,9 +65,7 @@ def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
     chains = reader.limited(chains)
     chains += reader.processes()
     chains += reader.ages()
-    by_item: dict[Item, list[Chained]] = {}
-    for chain in chains:
-        by_item.setdefault(chain.item, []).append(chain)
+    by_item = grouped((chain.item, chain) for chain in chains)
     stricter = [item for item, same in by_item.items() if _is_stricter(same, entities)]
     help = "state the limits of one activation or writer as chains in an overlay, if the others may be late"
     forest.report_each(codes.STRICTER, "chains keep their limits for each activation or writer alone", stricter, help)

@@ -6,10 +6,10 @@ triggers and at the calls of runnables that trigger.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, SWITCHES, call_count, candidates, most, steps
@@ -218,9 +218,7 @@ class Triggers:
 
     def _followed(self, made: Sequence[Occurrence]) -> list[Occurrence]:
         """Return the occurrences with counters that count all of one job together."""
-        groups: defaultdict[tuple[Item, Item, Count], list[Occurrence]] = defaultdict(list)
-        for one in made:
-            groups[one.target, one.cause, one.count].append(one)
+        groups = grouped(((one.target, one.cause, one.count), one) for one in made)
         found = []
         for (target, cause, count), same in groups.items():
             passing = thinned(len(same), count)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import ZERO
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
@@ -136,9 +137,7 @@ def _by_mode(
 
     A version waits for no task that does not run in its mode; an order passes through such a task.
     """
-    incoming: dict[str, list[Edge]] = {}
-    for edge in edges:
-        incoming.setdefault(edge.second, []).append(edge)
+    incoming = grouped((edge.second, edge) for edge in edges)
     orders: dict[str, dict[str, tuple[Edge, ...]]] = {draft.name: {} for draft in drafts}
     result = []
     for mode in modes:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.core.durations import Duration, seconds
+from halpipe.core.grouping import grouped
 from halpipe.core.suggest import counted
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.build import Built, assemble
@@ -442,11 +443,12 @@ class _Reader:
         return tuple(deed for deed in deeds_of(self._containers, starter) if deed.os_task)
 
     def _starters(self) -> Iterator[Starter]:
-        called: dict[str, list[str]] = {}
-        for start in self._containers.of("RteUsedOsActivation"):
-            if not _is_generated(start.node.parts[0].element):
-                for ref in start.refs("RteActivationOsAlarmRef", "RteActivationOsSchTblRef"):
-                    called.setdefault(ref.path, []).append(start.node.path)
+        called = grouped(
+            (ref.path, start.node.path)
+            for start in self._containers.of("RteUsedOsActivation")
+            if not _is_generated(start.node.parts[0].element)
+            for ref in start.refs("RteActivationOsAlarmRef", "RteActivationOsSchTblRef")
+        )
         elsewhere = started_elsewhere(self._containers)
         others = replaced(self._containers, self._containers.of("OsScheduleTable"))
         used = {t for mapping in self._containers.of(*_MAPPINGS) for t in mapping.targets(*_ALARMS)}
@@ -482,10 +484,7 @@ class _Reader:
 
 def _rates(triggers: Sequence[Trigger]) -> dict[str, Duration]:
     """Return the mean time between two settings of each OsEvent (path) that one alarm or table sets."""
-    sources: dict[str, list[tuple[str, Duration]]] = {}
-    for trigger in triggers:
-        for event in trigger.events:
-            sources.setdefault(event, []).append((trigger.table or trigger.place.path, trigger.period))
+    sources = grouped((event, (t.table or t.place.path, t.period)) for t in triggers for event in t.events)
     return {event: found[0][1] / len(found) for event, found in sources.items() if len(dict(found)) == 1}
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location, Severity, named
 from halpipe.core.durations import ZERO
 from halpipe.core.embedding import joined
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import counted, few
 from halpipe.importers.common.base import Coverage, Imported, imported
@@ -80,11 +81,9 @@ _NO_PAIR = "no two of its callbacks that exclude each other are tasks"
 
 def default_groups(graph: RosGraph, coverage: Coverage) -> list[Group]:
     """Return the default groups of nodes: of the callbacks that are in no stated one."""
-    grouped = {name for group in graph.groups if group.kind == CALLBACK_GROUP for name in group.callbacks}
-    loose: dict[str, list[str]] = {}
-    for callback in graph.callbacks:
-        if callback.name not in grouped and callback.kind not in (Kind.NODE, Kind.SERVICE):
-            loose.setdefault(callback.node, []).append(callback.name)
+    stated = {name for group in graph.groups if group.kind == CALLBACK_GROUP for name in group.callbacks}
+    others = [callback for callback in graph.callbacks if callback.name not in stated]
+    loose = grouped((each.node, each.name) for each in others if each.kind not in (Kind.NODE, Kind.SERVICE))
     places = {node.name: node.at for node in graph.nodes}
     found = []
     for node, callbacks in loose.items():

@@ -8,12 +8,13 @@ a topic is data flow, but only the first one, which triggers the readers, become
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import deque
 from dataclasses import dataclass, field
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from halpipe.core.diagnostics import Diagnostic, Findings, named
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.importers.ros import codes
@@ -114,9 +115,7 @@ def _ranks(wiring: Wiring, activations: Activations) -> dict[Vertex, tuple[int, 
 
 def _flow_graph(wiring: Wiring) -> dict[Vertex, list[Vertex]]:
     arcs: dict[Vertex, dict[Vertex, None]] = {Vertex("callback", name): {} for name in wiring.callbacks}
-    of_node: dict[str, list[str]] = {}
-    for callback in wiring.graph.callbacks:
-        of_node.setdefault(callback.node, []).append(callback.name)
+    of_node = grouped((callback.node, callback.name) for callback in wiring.graph.callbacks)
     for publication in wiring.graph.publications:
         writers = [Vertex("callback", name) for name in publication.callbacks]
         if uses_memory(publication):
@@ -138,10 +137,8 @@ def _flow_graph(wiring: Wiring) -> dict[Vertex, list[Vertex]]:
 
 def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
     """Warn, once per node, of topics that are read and whose publishing callback had to be assumed."""
-    unknown: dict[str, list[Publication]] = {}
-    for publication in wiring.graph.publications:
-        if publication.certainty is Certainty.ASSUMED and wiring.readers(publication.topic):
-            unknown.setdefault(publication.node, []).append(publication)
+    doubtful = [each for each in wiring.graph.publications if each.certainty is Certainty.ASSUMED]
+    unknown = grouped((each.node, each) for each in doubtful if wiring.readers(each.topic))
     for node, publications in unknown.items():
         topics = few([publication.topic for publication in publications])
         chosen = [wiring.callbacks[name] for name in dict.fromkeys(n for p in publications for n in p.callbacks)]
@@ -230,10 +227,7 @@ def components(successors: Mapping[V, Sequence[V]]) -> list[list[V]]:
     seen: set[V] = set()
     for root in successors:
         _walk(root, successors, seen, finished)
-    predecessors: dict[V, list[V]] = defaultdict(list)
-    for vertex, followers in successors.items():
-        for follower in followers:
-            predecessors[follower].append(vertex)
+    predecessors = grouped((follower, vertex) for vertex, followers in successors.items() for follower in followers)
     found = []
     seen = set()
     for root in reversed(finished):

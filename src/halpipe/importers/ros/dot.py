@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal, NoReturn
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration, seconds
 from halpipe.core.files import refuse_more_than
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription, printable
@@ -140,9 +141,7 @@ def _link(edge: Edge, labels: dict[str, str], topics: dict[str, None], file: str
 
 
 def _callbacks(nodes: Iterable[tuple[str, int]], links: _Links, file: str) -> list[Callback]:
-    inputs: dict[str, list[str]] = {}
-    for node, topic in links.subscribes:
-        inputs.setdefault(node, []).append(topic)
+    inputs = grouped(links.subscribes)
     return [
         Callback(name=name, node=name, kind=Kind.NODE, inputs=tuple(inputs.get(name, ())), at=Location(file, line))
         for name, line in nodes

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_rational
 from halpipe.models import Access, ResourceKind, Task, Version
 from halpipe.pipeline.parts import Service, reserved_length, service_of
@@ -103,11 +104,8 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
         is_served = bool(version.units) and serving.issuperset(version.units)
         if not is_served and all(a.start.ns < a.end.ns <= b.start.ns for a, b in pairwise(version.accesses)):
             continue
-        by_resource: dict[str, list[Access]] = {}
-        for access in version.accesses:
-            if access.start.ns < access.end.ns and _is_share(access.bound):
-                by_resource.setdefault(access.resource, []).append(access)
-        for accesses in by_resource.values():
+        counting = [each for each in version.accesses if each.start.ns < each.end.ns and _is_share(each.bound)]
+        for accesses in grouped((access.resource, access) for access in counting).values():
             found = []
             if any(earlier.end.ns > later.start.ns for earlier, later in pairwise(accesses)):
                 found = list(_overload(task, version, [(a, a.start, a.end) for a in accesses]))

@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Code, Diagnostic, Path, Subject, about
+from halpipe.core.grouping import grouped
 from halpipe.models import HealthAction, HealthRule, TaskModel
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Context, check, place, repeated, task_path, version_path
@@ -313,10 +314,7 @@ def check_switches(context: Context) -> Iterator[Diagnostic]:
     if not context.model.health:
         return
     allowed = {(t.source, t.target) for t in context.model.allowed_transitions()}
-    running: dict[str, list[str]] = {}
-    for mode in context.model.modes:
-        for run in mode.runs:
-            running.setdefault(run.task, []).append(mode.name)
+    running = grouped((run.task, mode.name) for mode in context.model.modes for run in mode.runs)
     for rule in context.model.health:
         if rule.task not in context.tasks or (rule.mode and rule.mode not in context.modes):
             continue

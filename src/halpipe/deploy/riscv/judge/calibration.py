@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections import defaultdict
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ import yaml
 
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location
 from halpipe.core.durations import Duration, seconds
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.core.settings import Fields
@@ -78,10 +78,8 @@ def calibrate(target: Target, data: bytes, file: str, base: int | None = None) -
 
 def _points(measured: Measured, file: str) -> Mapping[int, Sequence[tuple[int, int]]]:
     """Return amounts and ticks by kind; raise `HalpipeError` where a kind is missing, or one failed."""
-    points: dict[int, list[tuple[int, int]]] = defaultdict(list)
-    for kind, amount, ticks in measured:
-        points[kind].append((amount, ticks))
-    lacking = [kind for kind in range(1, _MANAGEMENT + 1) if not points[kind]]
+    points = grouped((kind, (amount, ticks)) for kind, amount, ticks in measured)
+    lacking = [kind for kind in range(1, _MANAGEMENT + 1) if kind not in points]
     failed = [k for k, each in sorted(points.items()) if any(not amount or (k >= _ADD and not t) for amount, t in each)]
     if lacking or failed:
         kinds = ", ".join(map(str, lacking or failed))

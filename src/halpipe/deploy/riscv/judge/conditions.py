@@ -7,6 +7,7 @@ from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Path, about
+from halpipe.core.grouping import grouped
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.registers import TOP, Level, Protection, Right
 from halpipe.deploy.riscv.run.recording import Flag, Word
@@ -149,13 +150,11 @@ def starts_afresh(run: Run) -> Iterator[Diagnostic]:
 def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> Iterator[Diagnostic]:
     """Yield where drivers were not called as planned, or otherwise; the same of other cycles is only counted."""
     late = int(tolerance / run.site.tick)
-    left: dict[tuple[str, int, int], list[int]] = defaultdict(list)
-    for call in run.recorder.calls:
-        left[call.function, call.data, call.size].append(tick_of(run, call.now))
+    left = grouped(((call.function, call.data, call.size), tick_of(run, call.now)) for call in run.recorder.calls)
     lacking: dict[tuple[Path, str], list[PlannedCall]] = defaultdict(list)
     for job in jobs:
         for planned in job.calls:
-            seen = left[planned.driver.function, planned.data, planned.size]
+            seen = left.get((planned.driver.function, planned.data, planned.size), [])
             tick = next((tick for tick in seen if planned.begin <= tick <= planned.begin + late), None)
             if tick is not None:
                 seen.remove(tick)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections import defaultdict
 from dataclasses import replace
 from enum import StrEnum
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.deploy.riscv.run.observation import Execution, Outcome
 from halpipe.deploy.riscv.run.recording import Flag
@@ -240,10 +240,7 @@ def assign(jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, late: 
     There are no more than the runtime can record. A further `turn` begins with other pairs.
     """
     found: list[Injection] = []
-    begins: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
-    for job in jobs:
-        for transfer in job.transfers:
-            begins[transfer.channel].append((transfer.begin, job.table.cycle, job.row))
+    begins = grouped((each.channel, (each.begin, job.table.cycle, job.row)) for job in jobs for each in job.transfers)
     for starts in begins.values():
         starts.sort()
     for job in jobs:

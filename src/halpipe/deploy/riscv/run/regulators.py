@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Location, about
 from halpipe.core.durations import Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.deploy.regulator import regulators_of
@@ -278,9 +279,7 @@ def _csv(phases: Sequence[_Phase]) -> bytes:
 
 def _figures(phases: Sequence[_Phase]) -> Iterator[str]:
     """Yield what all phases of each table, unit and direction come to."""
-    together: dict[tuple[str, str, str], list[_Phase]] = {}
-    for phase in phases:
-        together.setdefault((phase.table, phase.unit, phase.direction), []).append(phase)
+    together = grouped(((phase.table, phase.unit, phase.direction), phase) for phase in phases)
     for (table, unit, direction), several in sorted(together.items()):
         promised, granted, used = (sum(getattr(p, what) for p in several) for what in ("promised", "granted", "used"))
         worst = max(phase.held for phase in several)

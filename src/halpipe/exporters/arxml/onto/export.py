@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Code, Findings, named
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
+from halpipe.core.grouping import grouped
 from halpipe.exporters.arxml.codes import (
     CODE_STARTS,
     DOUBLE_START,
@@ -147,9 +148,7 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
     plan = Planner(model, schedule, project, findings).plan()
     writer = _Writer(schedule, project, plan, findings)
     writer.run()
-    by_file: dict[str, list[Edit]] = {}
-    for edit in writer.edits:
-        by_file.setdefault(edit.at.file, []).append(edit)
+    by_file = grouped((edit.at.file, edit) for edit in writer.edits)
     modules = writer.delta.modules()
     in_place = {path: file for path in modules if (file := project.items[path].at.file).endswith(XDM)}
     contents = {DELTA: writer.delta.write(in_place)} if len(in_place) < len(modules) else {}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about, named
 from halpipe.core.durations import Duration, greatest_common_divisor, least_common_multiple, seconds
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.arxml.codes import (
@@ -267,10 +268,8 @@ class Planner:
                 self._findings.report(WRONG_CORE, message, at=at, path=path, help=help)
 
     def _report_shared(self, starts: dict[str, tuple[Action, ...]]) -> None:
-        by_action: dict[Action, list[str]] = {}
-        for task, actions in starts.items():
-            for action in actions if self._project.calls.get(task) else ():
-                by_action.setdefault(action, []).append(task)
+        calls = self._project.calls
+        by_action = grouped((action, task) for task, actions in starts.items() if calls.get(task) for action in actions)
         for action, tasks in by_action.items():
             if len(tasks) < 2:
                 continue

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, named
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.common.names import legal, unique_name
@@ -391,10 +392,8 @@ def group(activations: Sequence[Activation], granularity: str) -> list[Draft]:
     find nothing left to do. Events of different periods or offsets make one task each. Processes are tasks even
     without a period: there is nothing else in their manifests that could be.
     """
-    groups: dict[Hashable, list[Activation]] = {}
-    for activation in activations:
-        if activation.period is not None or activation.process is not None:
-            groups.setdefault(_key(activation, granularity), []).append(activation)
+    active = [each for each in activations if each.period is not None or each.process is not None]
+    groups = grouped((_key(activation, granularity), activation) for activation in active)
     members = [sorted(found, key=_order) for found in groups.values()]
     names = _names(members, granularity)
     return [

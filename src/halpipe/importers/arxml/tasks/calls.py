@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about, named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
 
@@ -42,10 +43,7 @@ def join_calls(activations: Sequence[Activation], findings: Findings) -> list[Ac
 
 def _twins(activations: Sequence[Activation], findings: Findings) -> list[Activation]:
     """Point BSW entities to the runnables that are the same function at the same place."""
-    runnables: dict[object, list[Activation]] = {}
-    for activation in activations:
-        if activation.place.kind == _RUNNABLE and (slot := _slot(activation)):
-            runnables.setdefault(slot, []).append(activation)
+    runnables = grouped((slot, each) for each in activations if each.place.kind == _RUNNABLE and (slot := _slot(each)))
     result = []
     for activation in activations:
         found = runnables.get(_slot(activation)) if activation.place.kind == _ENTITY else None
@@ -125,10 +123,7 @@ def _hosted(activations: Sequence[Activation]) -> dict[str, list[int]]:
 def report_other_rates(activations: Sequence[Activation], triggers: Iterable[Trigger], findings: Findings) -> None:
     """Report alarms and tables that activate an OsTask at another rate than that at which its calls are due."""
     hosted = _hosted(activations)
-    comes: dict[tuple[str, str], list[Trigger]] = {}
-    for trigger in triggers:
-        for path in trigger.tasks:
-            comes.setdefault((path, trigger.table or trigger.place.path), []).append(trigger)
+    comes = grouped(((path, t.table or t.place.path), t) for t in triggers for path in t.tasks)
     for (path, starter), found in comes.items():
         calls = [a for a in (activations[i] for i in hosted.get(path, ())) if a.event and a.event.is_timing]
         named_by = {name for call in calls if call.mapping for name in call.mapping.triggers}

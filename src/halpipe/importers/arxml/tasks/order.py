@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, named
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.system.values import Order, Ordered, Place, Synchronisation, System
-    from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
+    from halpipe.importers.arxml.tasks.dataflow import DataFlow
 
 
 @record
@@ -100,11 +101,8 @@ def _joined(alike: list[Edge]) -> Iterator[Edge]:
 
 def _from_constraints(system: System, drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:
     """Execution order constraints; two runnables of one component type are ordered within each instance only."""
-    by_path: dict[str, list[tuple[Draft, Activation]]] = {}
-    for draft in drafts:
-        for member in draft.members:
-            for path in paths_of(member):
-                by_path.setdefault(path, []).append((draft, member))
+    members = [(draft, member) for draft in drafts for member in draft.members]
+    by_path = grouped((path, (draft, member)) for draft, member in members for path in paths_of(member))
     _report_lost(system, by_path.keys(), findings)
     inner: dict[Place, list[Draft]] = {}
     for order in system.orders:
@@ -161,15 +159,9 @@ def _from_positions(drafts: Sequence[Draft], findings: Findings) -> Iterator[Edg
     What is released together runs in this order, also across periods: each position follows the last one before it,
     and the last one with its own period and offset.
     """
-    hosted: dict[str, list[Draft]] = {}
-    for draft in drafts:
-        if draft.os_task is not None:
-            hosted.setdefault(draft.os_task.place.path, []).append(draft)
+    hosted = grouped((draft.os_task.place.path, draft) for draft in drafts if draft.os_task is not None)
     for found in hosted.values():
-        slots: dict[int, list[Draft]] = {}
-        for draft in found:
-            if draft.position is not None:
-                slots.setdefault(draft.position, []).append(draft)
+        slots = grouped((draft.position, draft) for draft in found if draft.position is not None)
         _report_positions(found, slots, findings)
         yield from _in_turn(slots)
 
@@ -186,10 +178,7 @@ def _in_turn(slots: dict[int, list[Draft]]) -> Iterator[Edge]:
                     assert mapping is not None
                     yield Edge(first.name, second.name, mapping.place)
         last = slots[position]
-        rates: dict[tuple[Duration | None, Duration | None], list[Draft]] = {}
-        for draft in last:
-            rates.setdefault((draft.period, draft.offset), []).append(draft)
-        last_of_rate |= rates
+        last_of_rate |= grouped(((draft.period, draft.offset), draft) for draft in last)
 
 
 def _meet(first: Draft, second: Draft) -> bool:
@@ -214,10 +203,7 @@ def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], fin
 
 def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator[Edge]:
     """A task that data starts comes after the tasks of the same period that send the data."""
-    senders: dict[tuple[Actor, Duration | None], list[Draft]] = {}
-    for draft in drafts:
-        for member in draft.members:
-            senders.setdefault((member.actor, draft.period), []).append(draft)
+    senders = grouped(((member.actor, draft.period), draft) for draft in drafts for member in draft.members)
     for draft in drafts:
         for member in draft.members:
             if member.event is None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Findings, about, named
 from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import is_symbolic, parse_number, parse_seconds
@@ -294,10 +295,7 @@ def _from_overlay(activations: list[Activation], overlay: OverlayUse) -> list[Ac
     Of several events that start one, it goes to the arrival of data, else to one that an OsTask runs.
     """
     periodic = {a.actor for a in activations if a.period is not None}
-    idle: dict[Actor, list[int]] = {}
-    for index, activation in enumerate(activations):
-        if activation.actor not in periodic:
-            idle.setdefault(activation.actor, []).append(index)
+    idle = grouped((each.actor, index) for index, each in enumerate(activations) if each.actor not in periodic)
     result = list(activations)
     for indices in idle.values():
         name = result[indices[0]].name
@@ -362,10 +360,7 @@ def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Find
         ready = [i for i in pending if not any(sender in waiting for sender in senders_of(result[i], dataflow))]
         if not ready:
             return result
-        periods: dict[Actor, list[Duration]] = {}
-        for activation in result:
-            if activation.period is not None:
-                periods.setdefault(activation.actor, []).append(activation.period)
+        periods = grouped((each.actor, each.period) for each in result if each.period is not None)
         for index in ready:
             result[index] = _inherit(result[index], periods, dataflow, findings)
         pending = [index for index in pending if index not in ready]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.diagnostics import Diagnostic, Findings, Location, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.words import listed
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
     from halpipe.importers.arxml.tasks.activation import Draft
-    from halpipe.importers.arxml.tasks.dataflow import Actor
     from halpipe.importers.arxml.tasks.platform import Platform
     from halpipe.importers.common.base import Coverage
 
@@ -147,9 +147,7 @@ def _variants(
     draft: Draft, platform: Platform, times: dict[str, dict[str | None, ExecutionTime]], splitter: Splitter
 ) -> tuple[Variant, ...]:
     units = platform.units_of(draft)
-    runnables: dict[Actor, list[str]] = {}
-    for member in draft.members:
-        runnables.setdefault(member.work, []).append(member.name)
+    runnables = grouped((member.work, member.name) for member in draft.members)
     groups: dict[tuple[Duration, Split], list[tuple[str, tuple[ExecutionTime, ...]]]] = {}
     for unit in units:
         found = [_time(times.get(path, {}), platform.hardware.get(unit, ())) for _, path in runnables]
