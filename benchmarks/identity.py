@@ -44,7 +44,8 @@ RANDOM_MODELS, SETS_OF_A_KIND = 360, 14
 def models() -> Iterator[TaskModel]:
     """Make models of all kinds; their names tell them apart."""
     from halpipe.importers.native import read_model
-    from halpipe.pipeline.generate import TABLE_III, generate
+    from halpipe.pipeline.generate import generate
+    from table_iii import TABLE_III
 
     yield from random_models()
     for name, parameters in kinds().items():

@@ -21,11 +21,12 @@ from unittest import mock
 import chained
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.native import read_model
-from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
+from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.kernel import search
 from halpipe.pipeline.solve.kernel.kernel import ALL_PARTS, Part, new_state
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from search_benchmark import SUITES
+from table_iii import TABLE_III
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -10,10 +10,11 @@ from halpipe.core.durations import Duration, milliseconds, seconds
 from halpipe.core.records import record
 from halpipe.importers.native import read_model
 from halpipe.models import Binding
-from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
+from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.measure.objectives import Objective
 from search_benchmark.families import FullSlack, ManyVersions, RigidChains
 from search_benchmark.real import Engine, EngineControl, Waters2019
+from table_iii import TABLE_III
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

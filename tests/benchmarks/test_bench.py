@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
 from halpipe.importers.native import read_schedule
-from halpipe.pipeline.generate import TABLE_III, SetParameters
+from halpipe.pipeline.generate import SetParameters
 from halpipe.pipeline.solve import exact
 from halpipe.pipeline.solve.codes import NOT_FOUND
 from search_benchmark import SUITES, Instance, Row, given_rows, measure, report
 from search_benchmark.instance import VALID, _forward
 from search_benchmark.render import duration_text, outputs
 from search_benchmark.results import Ratio, Spread, instances
+from table_iii import TABLE_III
 
 SMALL = Instance(
     key="r / 1 / 5",

@@ -97,11 +97,6 @@ def arguments() -> dict[str, bytes]:
     return texts | {"tool-confidence.md": confidence.table().encode()}
 
 
-def argument_hash() -> str:
-    """Return one hash of the arguments: of the hashes of its files, by name."""
-    return sha256("".join(f"{sha256(text)}  {name}\n" for name, text in sorted(arguments().items())).encode())
-
-
 def _environment(commit: Commit | None) -> dict[str, Any]:
     return {
         "tool": {"name": "halpipe", "version": __version__, "commit": commit and commit.id},

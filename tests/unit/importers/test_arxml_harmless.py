@@ -23,7 +23,7 @@ from arxml_case import (
 
 from halpipe.core.diagnostics import Exit
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.coverage import harmless_kinds, reason_of
+from halpipe.importers.arxml.coverage import _REASONS, reason_of
 from halpipe.importers.arxml.files.slim import tags_to_drop
 from halpipe.importers.arxml.files.words import NS
 
@@ -78,7 +78,7 @@ def shape(imported):
     ], [unit.name for unit in imported.model.units]
 
 
-@pytest.mark.parametrize("kind", harmless_kinds())
+@pytest.mark.parametrize("kind", [kind for known in _REASONS.values() for kind in known.split()])
 def test_a_harmless_kind_changes_nothing_and_is_not_told(tmp_path, kind):
     plain = read(project(tmp_path / "plain"))
     for name, content in (("One", ""), ("Other", el("PERIOD", "0.001"))):

@@ -5,12 +5,13 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from benchmarks.table_iii import TABLE_III
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.core.files import sha256
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.pipeline.generate import TABLE_III, SetParameters, achieved, generate, generate_with_witness
+from halpipe.pipeline.generate import SetParameters, achieved, generate, generate_with_witness
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
 

@@ -105,11 +105,6 @@ def reason_of(kind: str) -> str:
     return next((reason for reason, known in _REASONS.items() if any(_fits(kind, k) for k in known.split())), "")
 
 
-def harmless_kinds() -> tuple[str, ...]:
-    """Return every kind on the list, patterns as they are."""
-    return tuple(kind for known in _REASONS.values() for kind in known.split())
-
-
 def _fits(kind: str, known: str) -> bool:
     head, star, tail = known.partition("*")
     return kind == known if not star else kind.startswith(head) and kind.endswith(tail)

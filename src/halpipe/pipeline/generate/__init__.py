@@ -8,7 +8,7 @@ Only whole numbers are drawn, and from ``random.Random`` alone: the same paramet
 machine. Where the paper's text leaves a choice open, ``(D)`` marks what was decided.
 """
 
-from halpipe.pipeline.generate.parameters import TABLE_III, Experiment, SetParameters
+from halpipe.pipeline.generate.parameters import SetParameters
 from halpipe.pipeline.generate.system import Achieved, achieved, generate, generate_with_witness
 
-__all__ = ["TABLE_III", "Achieved", "Experiment", "SetParameters", "achieved", "generate", "generate_with_witness"]
+__all__ = ["Achieved", "SetParameters", "achieved", "generate", "generate_with_witness"]

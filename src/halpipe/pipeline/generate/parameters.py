@@ -1,10 +1,9 @@
-"""Parameters of a synthetic task set, and the four experiments of the Table III of the paper."""
+"""Parameters of a synthetic task set."""
 
 from __future__ import annotations
 
-import itertools
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.core.durations import Duration, least_common_multiple, milliseconds
@@ -13,7 +12,7 @@ from halpipe.core.quantities import parse_share, whole
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
 TICK = Duration(1000)
 """The grid of all generated times (D): one microsecond."""
@@ -42,7 +41,7 @@ SEXTANTS = 6
 
 @record(kw_only=True)
 class SetParameters:
-    """Parameters of a synthetic task set; the first eight are the rows of Table III, the others are extensions.
+    """Parameters of a synthetic task set; the first eight are the rows of the paper's Table III, others are ours.
 
     `access_windows` None means one for every task. With a `resource_fill`, windows are added until the resources are
     in use for that share of the time on average. `gang` is the share of tasks that take two units at once. With
@@ -141,38 +140,6 @@ class SetParameters:
                 yield "periods", f"give {jobs} jobs in a hyperperiod of {self.span}", help
         elif not self.hyperperiod or self.hyperperiod % (TICK * SEXTANTS):
             yield "hyperperiod", f"{self.hyperperiod} is no multiple of {TICK * SEXTANTS}", "round it"
-
-
-@record
-class Experiment:
-    """One experiment of Table III: its cells, and the algorithm runtime in seconds that the paper reports."""
-
-    number: int
-    varies: str
-    cells: tuple[SetParameters, ...]
-    paper_seconds: tuple[int, int]
-
-
-def _experiment(number: int, varies: str, values: Sequence[Any], paper_seconds: tuple[int, int]) -> Experiment:
-    """Vary one row of Table III on its platforms. Of ranges that the paper gives by their ends, steps are ours (D)."""
-    platforms = itertools.product((2, 3), (Fraction(3, 5), Fraction(7, 10)))
-    rows: list[dict[str, Any]] = [{"unit_types": types, "utilisation": share} for types, share in platforms]
-    if varies == "tasks":
-        rows = [{**row, "multi_version": Fraction(1, 10)} for row in rows]
-    if varies == "resources":
-        row = {"tasks": 112, "units": 8, "unit_types": 1, "utilisation": Fraction(7, 10)}
-        rows = [{**row, "access_windows": windows} for windows in (2, 18, 34, 50)]
-    cells = tuple(SetParameters(**{**row, varies: value}) for value in values for row in rows)
-    return Experiment(number, varies, cells, paper_seconds)
-
-
-TABLE_III = (
-    _experiment(1, "tasks", (60, 80, 100, 120), (460, 6816)),
-    _experiment(2, "multi_version", [Fraction(percent, 100) for percent in (0, 10, 25, 50)], (500, 700)),
-    _experiment(3, "precedence", [Fraction(percent, 100) for percent in (0, 20, 40, 60)], (470, 630)),
-    _experiment(4, "resources", (1, 2, 3, 4), (240, 400)),
-)
-"""The parameter grids of Table III; all on 6 units but the last, which has 8."""
 
 
 # ------------------------------------------------------------------------------------------------ diagnostics
