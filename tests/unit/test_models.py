@@ -73,7 +73,7 @@ def test_what_an_element_does_not_state():
     assert (callback.period, callback.order, callback.longest) == (0, 0, 0)
     assert Trace(name="t", executions=()).is_shared is False
     item = Item("/a/b", False, "d", "c", "", AT)
-    assert (item.is_generated, item.is_added, item.name) == (False, False, "b")
+    assert (item.is_added, item.name) == (False, "b")
     assert Value("n", "t", AT).is_generated is False
     assert Call(mapping="m", event="e", is_bsw=False, os_task="o").has_period is True
     assert Starter(path="p", is_table=True, deeds=()).is_coded

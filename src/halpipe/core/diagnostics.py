@@ -245,11 +245,6 @@ class Diagnostic:
         """Return the same finding, which concerns further elements."""
         return replace(self, subjects=_unique((*self.subjects, *subjects)))
 
-    def placed(self, at: Location, path: str) -> Diagnostic:
-        """Return the same finding about an element that was not known where it was made."""
-        subjects = (*(path.subjects if isinstance(path, Path) else ()), *self.subjects)
-        return replace(self, at=at, path=shortened(str(path)), subjects=_unique(subjects))
-
 
 def tasks_named(names: Iterable[str]) -> tuple[Subject, ...]:
     """Return tasks as subjects."""

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 class Item:
     """A module configuration or container: path, definition and its class as written, UUID (empty if none), place.
 
-    `is_generated` says that the vendor's generator owns it, `is_added` that an export put it there; `places` are those
-    of its parts.
+    `is_added` says that an export put it there; `places` are those of its parts.
     """
 
     path: str
@@ -31,7 +30,6 @@ class Item:
     dest: str
     uuid: str
     at: Location
-    is_generated: bool = False
     is_added: bool = False
     places: tuple[Location, ...] = ()
 

@@ -60,10 +60,9 @@ class Line:
 
 @record
 class Script:
-    """A script: its name in the folder, its comments, and its other lines without the space at their ends."""
+    """A script: its name in the folder, and its lines but for comments, without the space at their ends."""
 
     name: str
-    comments: tuple[Line, ...]
     lines: tuple[Line, ...]
 
 
@@ -92,10 +91,10 @@ def scripts_of(case: Case, suffix: str, *others: str) -> tuple[dict[str, Script]
 
 def _script(case: Case, name: str, data: bytes) -> Script:
     lines = [Line(n, text.rstrip()) for n, text in enumerate(data.decode("utf-8", "replace").splitlines(), 1)]
-    comments = tuple(line for line in lines if line.text.startswith(("#", "//")))
+    comments = [line for line in lines if line.text.startswith(("#", "//"))]
     if not any(f"schedule {case.tables.schedule_sha256}" in line.text for line in comments):
         case.note(OTHER_SCHEDULE, name, "does not state the schedule of this bundle")
-    return Script(name, comments, tuple(line for line in lines if line.text and line not in comments))
+    return Script(name, tuple(line for line in lines if line.text and line not in comments))
 
 
 def take(case: Case, script: Script, begin: Sequence[str]) -> Iterator[Line]:

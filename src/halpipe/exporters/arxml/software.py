@@ -79,10 +79,6 @@ class Layout:
         own = self.units[next(iter(chosen))] if len(chosen) == 1 else self.groups.get(chosen, "")
         return own if len(chosen) < len(self.units) else ""
 
-    def resource(self, name: str) -> str:
-        """Return the path of the HW-ELEMENT of a resource."""
-        return self.path("Platform", self.resources[name])
-
     def component(self, task: str) -> str:
         """Return the path of the component type of a task."""
         return self.path("Components", self.tasks[task])

@@ -171,7 +171,6 @@ class _Programs:
     """
 
     def __init__(self, model: TaskModel, functions: Mapping[tuple[str, str], int], findings: Findings) -> None:
-        self._model = model
         self._functions = functions
         self._findings = findings
         self._times = PhaseTimes(model)

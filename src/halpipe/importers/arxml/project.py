@@ -331,7 +331,6 @@ class _Reader:
                 dest=definition.dest if definition else "",
                 uuid=next((part.element.get("UUID") or "" for part in node.parts), ""),
                 at=node.at,
-                is_generated=_is_generated(node.parts[0].element),
                 is_added=node.path in self._containers.added,
                 places=tuple(place(part.element, part.file) for part in node.parts),
             )

@@ -141,7 +141,7 @@ def _paths(document: YamlMap, nodes: set[str], reader: Reader) -> tuple[Path, ..
                 reader.findings.add(codes.DANGLING(f'no node "{node}"', at=reader.at(step), path=where, help=help))
             topics = [reader.optional(step, f"{side}_topic_name", where) for side in ("subscribe", "publish")]
             subscribed, published = (None if topic == UNDEFINED else topic for topic in topics)
-            steps.append(Step(node=node, subscribed=subscribed, published=published, at=reader.at(step)))
+            steps.append(Step(node=node, subscribed=subscribed, published=published))
         paths.append(Path(name=name, steps=tuple(steps), at=reader.at(entry)))
     return tuple(paths)
 

@@ -111,7 +111,6 @@ class Step:
     node: str
     subscribed: str | None
     published: str | None
-    at: Location
 
 
 @record(kw_only=True)

@@ -86,7 +86,6 @@ class RosTrace:
     """When the processes of a node ended that started again."""
     ends: dict[str, int] = field(default_factory=dict)
     """When a process of a node wrote its last event."""
-    discarded: int = 0
 
 
 def read_ros_trace(root: str, findings: Findings, beside: Callable[[Event], None] | None = None) -> RosTrace:
@@ -275,7 +274,7 @@ class _Join:
     def result(self, damage: Damage) -> RosTrace:
         """Return everything by name."""
         keys = dict(self._keys())
-        trace = RosTrace(self._file, has_switches=self._has_switches, discarded=damage.discarded)
+        trace = RosTrace(self._file, has_switches=self._has_switches)
         trace.nodes = sorted(set(self._known["node"].values()))
         trace.callbacks = {key: self._known["symbol"].get(callback, "") for callback, key in keys.items()}
         for callback, jobs in self._ran.items():

@@ -16,7 +16,7 @@ from halpipe.models import Access, Mode, ResourceKind, Run, Task, TaskModel, Ver
 from halpipe.pipeline.jobs import demand_ranges
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator
     from types import ModuleType
 
 
@@ -234,8 +234,3 @@ def version_path(task: Task, version: Version) -> Path:
     """Return how messages name a version; see `task_path`."""
     subjects = (Subject("task", task.name), Subject("version", version.name))
     return Path(f'task "{task.name}" version "{version.name}"', subjects)
-
-
-def lookup(mapping: Mapping[str, Named], names: Iterable[str]) -> list[Named]:
-    """Return what is known of `names`."""
-    return [mapping[name] for name in names if name in mapping]

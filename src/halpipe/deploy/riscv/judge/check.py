@@ -101,7 +101,6 @@ class Outcome:
     tables: Sequence[Played]
     jobs: list[Seen]
     findings: list[Diagnostic]
-    planned: Sequence[PlannedJob]
     dispatch: Dispatch = field(default_factory=Dispatch)
     hears: bool = False
 
@@ -372,7 +371,7 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
         taken = Dispatch() if truth else measured(run, records, played)
     except LookupError:  # a table that nothing uses, and that the linker has left out: that is a finding before
         taken = Dispatch()
-    return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
+    return Outcome(run, played, comparison.jobs, findings.items, taken)
 
 
 def refuse_disagreement(target: Target, site: Site) -> None:

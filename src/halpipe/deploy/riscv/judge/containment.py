@@ -176,11 +176,10 @@ class Event:
 
 @record
 class Firing:
-    """A rule (by its place in the model) that fires, in a table of the run, for one of the jobs of its task."""
+    """A rule (by its place in the model) that fires for one of the jobs of its task."""
 
     rule: int
     tick: int
-    cycle: int
 
 
 @dataclass(slots=True)
@@ -220,7 +219,7 @@ def firings_of(model: TaskModel, events: Sequence[Event], tables: Sequence[Playe
                 continue
             windows[i].append(table.cycle)
             if len(windows[i]) == rule.count and table.cycle - windows[i][0] < rule.cycles:
-                found.append(Firing(i, event.tick, table.cycle))
+                found.append(Firing(i, event.tick))
     return found
 
 

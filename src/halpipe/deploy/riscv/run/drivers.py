@@ -110,10 +110,9 @@ class Driver:
 
 @record(kw_only=True)
 class PlannedCall:
-    """A call of a driver at tick `begin`, for the job of a core, with the area of a buffer."""
+    """A call of a driver at tick `begin`, with the area of a buffer."""
 
     driver: Driver
-    hart: int
     data: int
     size: int
     begin: int

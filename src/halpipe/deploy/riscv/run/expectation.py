@@ -242,7 +242,7 @@ class Expectation:
             area = self._site.buffers.get(driver.buffer)
             if driver.serves(task, access) and area is not None:
                 at = begin if driver.kind is AccessKind.READ else end
-                yield PlannedCall(driver=driver, hart=leader.hart, data=area.base, size=area.size, begin=at)
+                yield PlannedCall(driver=driver, data=area.base, size=area.size, begin=at)
 
     def _phase(self, access: Access, members: list[Image], wall: _Wall) -> Iterator[PlannedTransfer]:
         tick = self._site.tick

@@ -32,7 +32,6 @@ class Outcome(StrEnum):
     OVERRUN = "overrun"  # ended by the timer
     FAULT = "fault"  # ended by an exception
     OPEN = "open"  # not ended when the run did
-    SKIPPED = "skipped"  # not begun, for the job had been abandoned
 
 
 @dataclass(slots=True, eq=False)

@@ -107,7 +107,6 @@ def _process(
     machine, cores = _allowed(tree, mapping, machines) if mapping else (None, ())
     return Process(
         place=place_of(node),
-        states=states,
         disabled_in=tuple(mode.path for group in own for mode in group.modes if mode.path not in states),
         machine=machine,
         cores=cores,

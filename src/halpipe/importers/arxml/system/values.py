@@ -429,14 +429,13 @@ class Machine:
 
 @record(kw_only=True)
 class Process:
-    """A PROCESS: the states (paths below their function group) in which it runs, and the cores that it may use.
+    """A PROCESS: the states (paths below their function group) in which it does not run, and the cores it may use.
 
     `machine` is None if it is mapped to none. `cycle` and `workers` are those of its DETERMINISTIC-CLIENT; `parts`
     are the elements without a name of their own that say all this.
     """
 
     place: Place
-    states: tuple[str, ...] = ()
     disabled_in: tuple[str, ...] = ()
     machine: str | None = None
     cores: tuple[str, ...] = ()

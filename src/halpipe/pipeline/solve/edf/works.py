@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
-from halpipe.models import Anchor, Binding
+from halpipe.models import Anchor
 from halpipe.pipeline.parts import Service, interrupt_load, pieces, reserved_length, service_of
 from halpipe.pipeline.solve.edf.fixed import Fixed
 from halpipe.pipeline.solve.lanes import quanta_of
@@ -105,11 +105,6 @@ class Work:
     def is_cyclic(self) -> bool:
         """Whether the task has a period."""
         return self.active.task.period is not None
-
-    @property
-    def is_bound(self) -> bool:
-        """Whether all its jobs keep to one set of units."""
-        return self.active.task.binding is not Binding.JOB
 
 
 @record
