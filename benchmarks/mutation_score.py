@@ -157,7 +157,7 @@ ROOMS = {
     ),
     "transitions": (
         "pipeline/transitions",
-        "unit/pipeline/test_transitions* properties/test_switch_tables*",
+        "unit/pipeline/test_transitions* properties/test_switch_tables* properties/test_search_golden*",
     ),
     "whatif": (
         "pipeline/whatif",
@@ -187,7 +187,7 @@ ROOMS = {
             "unit/pipeline/test_checked* unit/pipeline/test_transitions* unit/pipeline/test_reserved* "
             "unit/pipeline/test_quantise* unit/pipeline/test_search* unit/pipeline/test_explain_on_grid* "
             "unit/test_formats_and_checked* unit/cli/test_shown* unit/workbench/test_reached* "
-            "properties/test_cost_verify_split* properties/test_cost_refined*"
+            "properties/test_cost_verify_split* properties/test_cost_refined* properties/test_search_golden*"
         ),
     ),
 }
