@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.durations import ZERO
-from halpipe.exporters.common.let import releases_of
 from halpipe.exporters.common.timeline import (
     Window,
     cycles_after,
     delays_of,
     links,
+    releases_of,
     resource_steps,
     shows_context,
     unroll,

@@ -6,7 +6,7 @@ import zlib
 
 import pytest
 
-from halpipe.importers.common.damage import reason
+from halpipe.importers.common.inputs import reason
 
 
 @pytest.mark.parametrize("failure", [ValueError("row 3 has no end"), zipfile.BadZipFile("row 3 has no end\nmore")])

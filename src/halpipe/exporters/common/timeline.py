@@ -16,7 +16,7 @@ from halpipe.models import Anchor
 from halpipe.pipeline.parts import latest_phase, parts_of, phase_instants, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.models import (
         Access,
@@ -108,8 +108,26 @@ def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Du
     The phase s is the offset of the task, or the one that delays jobs least.
     """
     latest = [(job.start - period * job.index) % hyperperiod for job in jobs]
-    phase = latest_phase(sorted(latest), hyperperiod) if task.offset is None else task.offset % period
+    phase = _phase(task, period, latest, hyperperiod)
     return [(place - phase) % hyperperiod for place in latest]
+
+
+def releases_of(mode: ModeSchedule, tasks: Mapping[str, Task]) -> Iterator[tuple[Job, Duration]]:
+    """Yield the jobs of tasks with a LET in a mode, and their releases, at which a target copies what they read.
+
+    That is the offset, or the phase that the schedule chose (MODEL 10.1, 10.6).
+    """
+    for name, jobs in mode.by_task().items():
+        if name in tasks:
+            period = tasks[name].period
+            assert period is not None, "verify refuses a LET without a period"
+            latest = [(job.start - period * job.index) % mode.hyperperiod for job in jobs]
+            phase = _phase(tasks[name], period, latest, mode.hyperperiod)
+            yield from ((job, phase + period * job.index) for job in jobs)
+
+
+def _phase(task: Task, period: Duration, latest: Sequence[Duration], hyperperiod: Duration) -> Duration:
+    return latest_phase(sorted(latest), hyperperiod) if task.offset is None else task.offset % period
 
 
 class PhaseTimes:

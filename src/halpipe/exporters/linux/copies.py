@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
-from halpipe.exporters.common.let import releases_of
+from halpipe.exporters.common.timeline import releases_of
 from halpipe.exporters.linux.codes import NO_COPIES
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.grouping import grouped
 from halpipe.core.records import record
-from halpipe.exporters.common.let import releases_of
+from halpipe.exporters.common.timeline import releases_of
 from halpipe.exporters.riscv.codes import COPIES_UNFIT, OFF_GRID
 from halpipe.exporters.riscv.phases import COPIES, Clock, transfers_of
 from halpipe.models import AccessKind, Job, Schedule, Task, TaskModel, Version

@@ -281,12 +281,10 @@ def _model(
     memories = Memories(forest, hardware)
     splitter = Splitter(evaluator, options.pieces, added=options.memory == "added")
     locks = Locks(forest, evaluator, [memories.name(item) for item in hardware.memories])
-    makers = VersionMaker(
-        forest, evaluator, memories, units, modes=modes, memory=options.memory, splitter=splitter, locks=locks
-    )
+    makers = VersionMaker(forest, evaluator, memories, units, modes, options.memory, splitter, locks)
     mapping = Allocations(forest) if options.mapping == "stated" else None
     timing = read_timing(forest, drafts)
-    builder = TaskBuilder(forest, hardware, mapping=mapping, versions=makers, coverage=coverage)
+    builder = TaskBuilder(forest, hardware, mapping, makers, coverage)
     built = builder.build(drafts, timing)
     interrupts = interrupts_of(forest, drafts.routines, hardware, mapping, evaluator, modes, options.overlay)
     runs = _modes(modes, built)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -42,37 +42,29 @@ _Limits = tuple[Fraction, "Duration | None"]
 """Slack and deadline of a draft."""
 
 
+@dataclass(slots=True)
 class TaskBuilder:
     """Builds tasks; every value that no file states goes to the coverage report as a default."""
 
-    def __init__(
-        self,
-        forest: Forest,
-        hardware: Hardware,
-        *,
-        mapping: Allocations | None,
-        versions: VersionMaker,
-        coverage: Coverage,
-    ) -> None:
-        self._forest = forest
-        self._hardware = hardware
-        self._mapping = mapping
-        self._maker = versions
-        self._coverage = coverage
-        self._untimed: list[Item] = []
-        self._next: dict[Draft, Duration | None] = {}
-        """The time to the next activation of the task."""
-        self._spare: dict[Draft, Duration] = {}
-        """How long after its trigger a task that waits starts."""
-        self._parts: Mapping[Item, Sequence[Part]] = {}
-        self._made: dict[Draft, tuple[Version, ...]] = {}
-        self._by_mode: dict[str, Mapping[str, Sequence[str]]] = {}
-        self._resources: dict[str, None] = {}
-        self._unbound: list[Item] = []
-        self._unlimited: list[Item] = []
-        """Tasks with a limit that the model has no instant for."""
-        self._early: list[Item] = []
-        """Tasks that may start later by their limit than the model lets them."""
+    _forest: Forest
+    _hardware: Hardware
+    _mapping: Allocations | None
+    _maker: VersionMaker
+    _coverage: Coverage
+    _untimed: list[Item] = field(default_factory=list)
+    _next: dict[Draft, Duration | None] = field(default_factory=dict)
+    """The time to the next activation of the task."""
+    _spare: dict[Draft, Duration] = field(default_factory=dict)
+    """How long after its trigger a task that waits starts."""
+    _parts: Mapping[Item, Sequence[Part]] = field(default_factory=dict)
+    _made: dict[Draft, tuple[Version, ...]] = field(default_factory=dict)
+    _by_mode: dict[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
+    _resources: dict[str, None] = field(default_factory=dict)
+    _unbound: list[Item] = field(default_factory=list)
+    _unlimited: list[Item] = field(default_factory=list)
+    """Tasks with a limit that the model has no instant for."""
+    _early: list[Item] = field(default_factory=list)
+    """Tasks that may start later by their limit than the model lets them."""
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
         """Return the tasks in the order of the drafts, and the chains."""

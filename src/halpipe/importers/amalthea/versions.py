@@ -245,32 +245,21 @@ class Versions:
     by_mode: dict[str, list[str]] = field(default_factory=dict)
 
 
+@dataclass(slots=True)
 class VersionMaker:
     """Makes versions; remembers what to report of all tasks together."""
 
-    def __init__(
-        self,
-        forest: Forest,
-        evaluator: Evaluator,
-        memories: Memories,
-        units: Mapping[Item, str],
-        *,
-        modes: Sequence[SystemMode],
-        memory: str,
-        splitter: Splitter,
-        locks: Locks,
-    ) -> None:
-        self._forest = forest
-        self._evaluator = evaluator
-        self._memories = memories
-        self._units = units
-        self._modes = modes
-        self._memory = memory
-        self._splitter = splitter
-        self._locks = locks
-        self.too_long: dict[Item, None] = {}
-        self.impossible: dict[Item, None] = {}
-        self.candidates: dict[Draft, Sequence[Pu]] = {}
+    _forest: Forest
+    _evaluator: Evaluator
+    _memories: Memories
+    _units: Mapping[Item, str]
+    _modes: Sequence[SystemMode]
+    _memory: str
+    _splitter: Splitter
+    _locks: Locks
+    too_long: dict[Item, None] = field(default_factory=dict)
+    impossible: dict[Item, None] = field(default_factory=dict)
+    candidates: dict[Draft, Sequence[Pu]] = field(default_factory=dict)
 
     def make(self, draft: Draft, candidates: Sequence[Pu]) -> Versions:
         """Return the versions of a draft on the units that may run it."""

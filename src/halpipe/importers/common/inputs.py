@@ -1,7 +1,8 @@
-"""The files of one format among those that the user named."""
+"""The files of one format among those that the user named, and reasons for which one cannot be read."""
 
 from __future__ import annotations
 
+import zlib
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Code, Findings, HalpipeError, Location
@@ -50,3 +51,26 @@ def read_inputs(
         help = f"name {suffixes[0]} files, or directories that hold them"
         findings.add(no_input(what, at=Location(paths[0] if paths else ""), help=help))
     return documents
+
+
+_LONGEST = 200
+_REASONS: dict[type[Exception], str] = {
+    IndexError: "a number is cut off, or stands for what is not there",
+    KeyError: "a name stands for what is not there",
+    TypeError: "a number stands where a text or a message is due",
+    AttributeError: "a value is of another kind than is due",
+    OverflowError: "a number does not fit into 64 bits",
+    EOFError: "it is cut off",
+    zlib.error: "what it holds compressed is damaged",
+    UnicodeDecodeError: "a text is not UTF-8",
+}
+_OF_PYTHON = {"builtins", "struct", "zlib"}
+"""Modules whose exceptions state what happened in a program; a plain ValueError is raised by readers of files."""
+
+
+def reason(failure: Exception) -> str:
+    """Return why a file cannot be read: the first line of what a reader or a library says, or a reason of our own."""
+    kind, lines = type(failure), str(failure).splitlines()
+    if lines and (kind is ValueError or kind.__module__ not in _OF_PYTHON):
+        return lines[0][:_LONGEST]
+    return next((text for each, text in _REASONS.items() if issubclass(kind, each)), "it is cut off, or damaged")

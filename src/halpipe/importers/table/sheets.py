@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import HalpipeError, Location, error
 from halpipe.core.files import read_bytes
 from halpipe.core.records import record
-from halpipe.importers.common.damage import reason
+from halpipe.importers.common.inputs import reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.importers.common.damage import reason
+from halpipe.importers.common.inputs import reason
 from halpipe.importers.traces import codes, table
 from halpipe.importers.traces.jobs import Jobs
 from halpipe.models.trace import Trace

@@ -18,7 +18,7 @@ import numpy as np
 
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import MAX_INPUT_BYTES, refuse_more_than
-from halpipe.importers.common.damage import reason
+from halpipe.importers.common.inputs import reason
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.jobs import Marks, Oddities, line_of, report_unfinished, report_unused, unfinished

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, Location
 from halpipe.core.files import STDIO, TOO_LARGE, is_folder_without, open_input, read_bytes
 from halpipe.core.records import record
-from halpipe.importers.common.damage import reason
+from halpipe.importers.common.inputs import reason
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import METADATA, folders
 from halpipe.importers.traces.numbers import separator_of

@@ -15,7 +15,7 @@ import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location
-from halpipe.importers.common.damage import reason
+from halpipe.importers.common.inputs import reason
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ftrace import Switches, is_runnable
 from halpipe.importers.traces.jobs import report_unused
