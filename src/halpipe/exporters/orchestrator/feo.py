@@ -10,7 +10,7 @@ from halpipe.core.extent import Extent
 from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
 
@@ -101,17 +101,17 @@ def _cycle(mode: ModeSchedule) -> dict[str, Any]:
     """Return the cycle of a mode; activities are numbered by their starts."""
     jobs = sorted(mode.jobs, key=lambda job: (job.start, job.end, job.task))
     number = {job.task: index for index, job in enumerate(jobs, start=1)}
-    units = sorted({job.units[0] for job in jobs})
-    workers = {WORKERS + index: unit for index, unit in enumerate(units, start=1)}
+    on_unit: dict[str, list[int]] = {}
+    for job in jobs:
+        on_unit.setdefault(job.units[0], []).append(number[job.task])
+    workers = {WORKERS + index: unit for index, unit in enumerate(sorted(on_unit), start=1)}
     return {
         "signalling": "DirectMpsc",
         "primary_agent": AGENT,
         "agent_assignments": {str(AGENT): list(workers)},
-        "worker_assignments": {
-            str(worker): [number[job.task] for job in jobs if job.units[0] == unit] for worker, unit in workers.items()
-        },
+        "worker_assignments": {str(worker): on_unit[unit] for worker, unit in workers.items()},
         "optimize_composite_activities": False,
-        "activity_deps": {str(number[job.task]): [number[p.task] for p in _before(job, jobs)] for job in jobs},
+        "activity_deps": {str(index): before for index, before in enumerate(_before(jobs), start=1)},
         "halpipe": {
             "mode": mode.name,
             "cycle": str(mode.hyperperiod),
@@ -121,8 +121,16 @@ def _cycle(mode: ModeSchedule) -> dict[str, Any]:
     }
 
 
-def _before(job: Job, jobs: list[Job]) -> list[Job]:
-    """Return the jobs that end before a job starts, without those that another of them follows."""
-    over = [other for other in jobs if other.end <= job.start]
-    latest = max((other.start for other in over), default=ZERO)
-    return [other for other in over if other.end > latest]
+def _before(jobs: list[Job]) -> Iterator[list[int]]:
+    """Yield for each of the jobs in order which end before it starts, without those that another of them follows.
+
+    They are numbered from 1.
+    """
+    waiting = sorted(enumerate(jobs, start=1), key=lambda pair: pair[1].end, reverse=True)
+    latest, over = ZERO, waiting[:0]
+    for job in jobs:
+        while waiting and waiting[-1][1].end <= job.start:
+            over.append(waiting.pop())
+            latest = max(latest, over[-1][1].start)
+        over = [each for each in over if each[1].end > latest]
+        yield sorted(index for index, _ in over)

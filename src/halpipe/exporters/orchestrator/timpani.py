@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import chain
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.extent import Extent
-from halpipe.core.files import parse_yaml
 from halpipe.core.options import CPUS, Form, cpu_number, option, specific
 from halpipe.core.records import record
 from halpipe.exporters.common.base import Exporter, ExportOptions
@@ -79,11 +79,12 @@ class TimpaniExporter(Exporter):
         """Return the names that nodes cut, the health rules and the resources whose bounds none enforces."""
         from halpipe.exporters.orchestrator import NOT_CARRIED
 
-        tasks = parse_yaml(contents[""], "")["tasks"]
-        names = [task["name"] for task in tasks if len(task["name"]) > NAME_LENGTH]
-        texts = [f'name "{name}" is longer than the {NAME_LENGTH} characters that a node keeps' for name in names]
-        known = {task.name for task in model.tasks}
-        apart = sorted({task["name"].rpartition(".")[0] for task in tasks if task["name"] not in known})
+        assert schedule is not None, "write needs a schedule"
+        mode = next(mode for mode in schedule.modes if options.mode in ("", mode.name))
+        named = {task: [name for name, *_ in _entries(jobs, mode.hyperperiod)] for task, jobs in _by_task(mode).items()}
+        long = [name for names in named.values() for name in names if len(name) > NAME_LENGTH]
+        texts = [f'name "{name}" is longer than the {NAME_LENGTH} characters that a node keeps' for name in long]
+        apart = sorted(task for task, names in named.items() if names != [task])
         texts += [f'jobs of task "{name}" are not equidistant on one unit: each is a task of its own' for name in apart]
         texts += [f'health rule of task "{rule.task}" has no element' for rule in model.health]
         return [NOT_CARRIED(text, help="rename or bind the task, or add other means") for text in texts]
@@ -106,9 +107,8 @@ def _tasks(model: TaskModel, mode: ModeSchedule, cpus: Mapping[str, int], node: 
     if length.denominator != 1 or length > LONGEST:
         text = f"hyperperiod {mode.hyperperiod} is no whole number of us up to 1 h"
         refuse(text, about(mode=mode.name), microseconds)
-    by_task: dict[str, list[Job]] = {}
-    for job in sorted(mode.jobs, key=lambda job: (job.start, job.task)):
-        by_task.setdefault(job.task, []).append(job)
+    by_task = _by_task(mode)
+    for job in chain.from_iterable(by_task.values()):
         path = about(task=job.task, job=job.index)
         if job.start.in_unit("us").denominator != 1:
             refuse(f"start {job.start} is no whole number of us", path, microseconds)
@@ -135,6 +135,14 @@ def _tasks(model: TaskModel, mode: ModeSchedule, cpus: Mapping[str, int], node: 
             refuse(f"load is {load * 100} %, not below 90 %", about(unit=unit), "move a task to another unit")
     findings.stop_on_errors()
     return rows
+
+
+def _by_task(mode: ModeSchedule) -> dict[str, list[Job]]:
+    """Return the jobs of each task in the order of their starts."""
+    found: dict[str, list[Job]] = {}
+    for job in sorted(mode.jobs, key=lambda job: (job.start, job.task)):
+        found.setdefault(job.task, []).append(job)
+    return found
 
 
 def _entries(jobs: list[Job], hyperperiod: Duration) -> list[tuple[str, Job, Duration]]:
