@@ -16,6 +16,7 @@ from dataclasses import field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.pipeline.explain import codes
@@ -112,10 +113,7 @@ def _next(part: Part, period: int, together: int) -> Step | None:
 
 def _pairs(parts: list[Part], capacity: int) -> Iterator[tuple[Part, Part]]:
     """Yield pairs whose heights are too much together, the longest of every two periods first."""
-    by_period: dict[int, list[Part]] = {}
-    for part in parts:
-        if 2 * part.height > capacity:
-            by_period.setdefault(part.period, []).append(part)
+    by_period = grouped((part.period, part) for part in parts if 2 * part.height > capacity)
     tops = [sorted(same, key=lambda part: (-part.length, part.task))[:2] for same in by_period.values()]
     tops = sorted(tops, key=lambda top: (-top[0].length, top[0].task))[:64]
     for number, top in enumerate(tops):

@@ -9,6 +9,7 @@ from heapq import nsmallest
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.core.suggest import few
@@ -180,10 +181,7 @@ def units_met(facts: ModeFacts, model: TaskModel) -> Iterator[Witness]:
 
 def _classes(facts: ModeFacts) -> list[tuple[frozenset[str], list[TaskFacts]]]:
     """Return the unit sets of the mode, small ones first, each with the tasks confined to it and surely running."""
-    own: dict[frozenset[str], list[TaskFacts]] = {}
-    for task in facts.tasks.values():
-        if task.core > 0 and task.period:
-            own.setdefault(task.units, []).append(task)
+    own = grouped((task.units, task) for task in facts.tasks.values() if task.core > 0 and task.period)
     everything = frozenset().union(*own)
     sets = sorted({*own, everything}, key=lambda units: (len(units), sorted(units)))[:MAX_CLASSES]
     return [(units, [t for inner, tasks in own.items() if inner <= units for t in tasks]) for units in sets if units]

@@ -13,6 +13,7 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.parts import reserved_length, service_of
 
@@ -108,10 +109,7 @@ class _Bound:
         for own in by_unit.values():
             yield Fraction(self.hyperperiod, sum(self.stay(each) * each.jobs for each in own))
             whole = sorted((each for each in own if not _is_split(each)), key=self.stay, reverse=True)
-            strict: dict[Rational, list[ActiveTask]] = {}
-            for each in whole:
-                if not each.task.slack:
-                    strict.setdefault(_period(each), []).append(each)
+            strict = grouped((_period(each), each) for each in whole if not each.task.slack)
             tops = [(period, each) for period, alike in strict.items() for each in alike[:2]]
             for (period, each), (other, its) in combinations(tops, 2):
                 cycle = greatest_common_divisor([Duration(period), Duration(other)])

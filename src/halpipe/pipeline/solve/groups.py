@@ -12,6 +12,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
+from halpipe.core.grouping import grouped
 from halpipe.core.suggest import few
 from halpipe.models import Status
 from halpipe.pipeline.measure.cost import mode_report
@@ -59,10 +60,7 @@ def linked_tasks(expansion: Expansion, chains: Iterable[Chain] = ()) -> dict[str
         if all(name in expansion.by_name for name in chain.tasks):
             for name in chain.tasks:
                 groups.join(name, chain.tasks[0])
-    members: dict[str, list[ActiveTask]] = {}
-    for active in expansion.tasks:
-        members.setdefault(groups.root(active.name), []).append(active)
-    return members
+    return grouped((groups.root(active.name), active) for active in expansion.tasks)
 
 
 def _shared(active: ActiveTask) -> Iterator[tuple[str, str]]:

@@ -13,6 +13,7 @@ from itertools import combinations, islice, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import Duration, greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.models import Anchor, Binding, Edge, Match, ModeSchedule, TaskModel, Unit, Version
 from halpipe.pipeline.jobs import ActiveTask, Expansion, expand
@@ -399,10 +400,7 @@ class GridMode:
             for chosen in sets:
                 yield self._shape(active, version, tuple(chosen), self._placing.service(tuple(chosen)))
             return
-        alike: dict[Service[Duration], list[str]] = {}
-        for unit in units:
-            alike.setdefault(self._placing.service((unit,)), []).append(unit)
-        for service, names in alike.items():
+        for service, names in grouped((self._placing.service((unit,)), unit) for unit in units).items():
             yield self._shape(active, version, tuple(names), service)
 
     def _shape(self, active: ActiveTask, version: Version, units: tuple[str, ...], service: Service[Duration]) -> Shape:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.core.options import Form, option
 from halpipe.core.records import record
 from halpipe.models import Anchor
@@ -326,10 +327,7 @@ class FixedStarts:
 
     @cached_property
     def _by_unit(self) -> dict[str, tuple[list[int], list[PlacedJob]]]:
-        found: dict[str, list[tuple[int, PlacedJob]]] = defaultdict(list)
-        for job in self.placement.jobs:
-            for unit in job.units:
-                found[unit].append((job.start, job))
+        found = grouped((unit, (job.start, job)) for job in self.placement.jobs for unit in job.units)
         ordered = {unit: sorted(jobs, key=lambda pair: pair[0]) for unit, jobs in found.items()}
         return {unit: ([s for s, _ in jobs], [job for _, job in jobs]) for unit, jobs in ordered.items()}
 
