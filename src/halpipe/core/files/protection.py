@@ -90,16 +90,12 @@ def refuse_name(target: str, *endings: str) -> None:
 
 def is_input(target: str) -> bool:
     """Return whether a file was read, by whatever name."""
-    return bool(_name_of_input(target))
+    return bool(_found_in(_Inputs.known, target))
 
 
 def was_input(name: str) -> bool:
     """Return whether the command at hand, or the one that just failed, has read a file."""
     return bool(_found_in(_Inputs.last if _Inputs.known is None else _Inputs.known, name))
-
-
-def _name_of_input(target: str) -> str:
-    return _found_in(_Inputs.known, target)
 
 
 def _found_in(read: dict[tuple[int, int], str] | None, name: str) -> str:
@@ -113,7 +109,7 @@ def _found_in(read: dict[tuple[int, int], str] | None, name: str) -> str:
 
 
 def _input_at(target: str) -> Diagnostic | None:
-    name = _name_of_input(target)
+    name = _found_in(_Inputs.known, target)
     if not name:
         return None
     return OUTPUT_IS_INPUT(f'is also an input, "{name}", and is not replaced', at=Location(target), help=HELP)

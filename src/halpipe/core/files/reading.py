@@ -7,7 +7,7 @@ import hashlib
 import os
 import sys
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -155,10 +155,7 @@ def sha256(data: bytes) -> str:
 class SourceLines:
     """Gives the text of a line of an input file, for messages; empty where it cannot be had, or was not read before."""
 
-    _cache: dict[str, list[bytes]]
-
-    def __init__(self) -> None:
-        self._cache = {}
+    _cache: dict[str, list[bytes]] = field(default_factory=dict)
 
     def __call__(self, at: Location) -> str:
         """Return the line that `at` points to, without its indentation and at most 160 characters of it."""
