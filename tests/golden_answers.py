@@ -17,6 +17,7 @@ from unittest.mock import patch
 from golden_file import assert_golden
 from halpipe.core.diagnostics import HalpipeError, render_text
 from halpipe.pipeline.checked import explain_failure, schedule_model
+from halpipe.pipeline.explain.explanation import ExplainOptions, explain
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import exact, exact_goals, exactlengths, exactmodel, exactunits
 from halpipe.pipeline.solve.one_mode import CONSTRUCTING
@@ -38,6 +39,9 @@ FOLDER = "searches"
 
 SHOWN = 12
 """Tries that are shown of a switch; of more, the number and a word for all."""
+
+MOST_QUESTIONS = 300
+"""Questions whether to go on after which the answer is no."""
 
 
 def assert_answers(name: str, verbs: Mapping[str, Callable[[], Iterable[str]]], folder: str = FOLDER) -> None:
@@ -77,6 +81,21 @@ def searched(model: TaskModel, stop: int = 0, **options: object) -> list[str]:
     known = list(validate(model))
     lines += findings(each for each in found.diagnostics if each not in known)
     return lines if found.is_complete else lines + findings(explain_failure(model, found, interrupted=found.stopped))
+
+
+def explained(system: TaskModel, **options: object) -> list[str]:
+    """Return the exit code, the verdicts and findings of an explanation, and how often it asks to go on."""
+    asked = [0]
+
+    def go_on() -> bool:
+        asked[0] += 1
+        return asked[0] < MOST_QUESTIONS
+
+    found = explain(system, ExplainOptions(exact=False, **options), go_on, budget=20)
+    verdicts = ", ".join(f"{name} {verdict}" for name, verdict in found.verdicts)
+    lines = [f"exit {int(found.exit)}: {verdicts}; asked {asked[0]} times"]
+    lines += [f"no table: {pair}{' for certain' if pair in found.hopeless else ''}" for pair in found.switches]
+    return lines + findings(found.diagnostics)
 
 
 class Work:

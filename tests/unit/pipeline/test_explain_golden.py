@@ -1,17 +1,20 @@
 """Proofs word for word with their numbers, and the least changes that are proven to be the least ones."""
 
 from dataclasses import replace
+from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from golden_answers import assert_answers, explained
 from golden_file import assert_golden
 from halpipe.importers.native import read_model
 from halpipe.models import Interrupt, Split
 from halpipe.pipeline.explain.codes import REMEDY, UNIT_HELD
 from halpipe.pipeline.explain.explanation import explain
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from support import after, chain, model, ms, task, version
+from support import access, after, chain, mode, model, ms, task, version
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "explain").glob("*.xml"))
 
@@ -115,3 +118,67 @@ def test_a_chain_may_run_elsewhere_if_that_is_just_quick_enough(elsewhere, is_he
     system = model(*others, see, units="cpu gpu", chains=[chain("picture", "grab see", reaction=20)])
     named = {proof.code for hopeless in find_witnesses(system) for proof in hopeless.diagnostics}
     assert named == ({UNIT_HELD.id} if is_held else set())
+
+
+# ------------------------------------------------------------------------------------------------ answers in full
+
+
+def accelerator(held, choice="c", slack=0, **more):
+    """Two tasks that may use the core, or be quicker on the accelerator, which a third one holds for some time."""
+    versions = (version("core", 3, choice, **more), version("quick", 1, "g"))
+    tasks = [task(name, 5, *versions, slack=slack) for name in "ab"]
+    return model(*tasks, task("holder", 20, version("v", held, "g")), units=f"{choice} g")
+
+
+def rates(*pairs, units="a b c d", slack=0):
+    """Tasks of some rates that may run anywhere, by period and WCET."""
+    tasks = [task(f"t{n}", period, version("v", wcet, units), slack=slack) for n, (period, wcet) in enumerate(pairs)]
+    return model(*tasks, units=units)
+
+
+def switching(limit, *, slack=0, offset=0, helper=6, ahead=6, least=3):
+    """To reach `on`, where b starts just when a has run, a must run first, and h before a."""
+    rows = (after("h", least, 9, "end"), after("h", 0, 30))
+    tasks = (
+        task("h", 10, version("v", 1, "u2")),
+        task("a", 10, version("v", helper, "u1", *rows[: 1 + (least > 3)])),
+        task("b", 10, version("v", 2, "u2", after("a", ahead, ahead)), offset=offset, slack=slack),
+        task("c", 10, version("v", 9, "u1"), offset=0),
+    )
+    modes = [mode("on", tasks[:3]), mode("off", tasks[3:])]
+    return model(*tasks, units="u1 u2", modes=modes, transitions=[("off", "on", limit)])
+
+
+def phases(*rows, bound="2/3", slack=0):
+    """Tasks on units of their own whose access phases meet, by period, WCET, begin and end."""
+    tasks = [
+        task(f"t{n}", period, version("v", wcet, f"u{n}", access("mem", begin, end, Fraction(bound))), slack=slack)
+        for n, (period, wcet, begin, end) in enumerate(rows)
+    ]
+    return model(*tasks, units=" ".join(f"u{n}" for n in range(len(rows))), resources="mem")
+
+
+BY_HAND = {
+    "accelerator 9": lambda: accelerator(9),
+    "accelerator 12": lambda: accelerator(12, slack="1/50"),
+    "accelerator 17": lambda: accelerator(17, "c d", gang=2),
+    "two rates": lambda: rates((66, "42.24ms"), (33, "27.82ms"), (33, "10.87ms"), (15, "12.44ms"), (15, "4.43ms")),
+    "equal rates": lambda: rates((10, 7), (10, 6), (10, 6), units="a b", slack="1/20"),
+    "one too many": lambda: rates((10, 4), (15, 3), (30, 2), units="a"),
+    "switch 1": lambda: switching(1),
+    "switch 5": lambda: switching(5, offset=2),
+    "switch 7": lambda: switching(7, slack="1/10", least=4),
+    "switch 12": lambda: switching(12, ahead=8),
+    "phases": lambda: phases((10, 7, 1, 7), (15, 4, 0, 4)),
+    "phases of three": lambda: phases((12, 9, 0, 9), (12, 9, 2, 9), (18, 6, 1, 5), bound="2/5"),
+    "phases with slack": lambda: phases((10, 8, 1, 8), (15, 4, 0, 4), slack="1/20"),
+}
+"""Systems with a proof of each kind; those of switches are schedulable in each mode."""
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_explanations_in_full(part):
+    answers = {}
+    for name in list(BY_HAND)[part::3]:
+        answers[name] = partial(explained, BY_HAND[name]())
+    assert_answers(f"explain-by-hand-{part}", answers)
