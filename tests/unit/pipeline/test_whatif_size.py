@@ -252,6 +252,14 @@ def test_the_scale_of_a_factor_takes_the_phases_along():
 # ------------------------------------------------------------------------------------------------ trouble
 
 
+def test_what_interrupts_make_too_long_bounds_the_factor():
+    """An interrupt takes 4 of every 10 ms; at 7/4 of its WCET the job would be over after 11 ms."""
+    system = model(task("a", 10, version("v", 4)))
+    served = (Interrupt(name="i", distance=ms(10), wcet=ms(4)),)
+    system = replace(system, units=(replace(system.units[0], interrupts=served),))
+    assert ask(largest_factor(system, Fraction(1, 4)), search()).found == Fraction(3, 2)
+
+
 def test_what_no_size_mends_is_refused_at_once():
     with pytest.raises(HalpipeError) as failed:
         of_modes(model(task("a", 10, version("v", 1, "nowhere"))), "")

@@ -20,6 +20,7 @@ from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.explain.changes import more_units
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.solve.codes import NO_OPTION
 from halpipe.pipeline.validate import codes as validate_codes
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
@@ -117,7 +118,7 @@ class Search:
             scheduled = schedule_model(model, replace(self.options, modes=modes), self.on_progress)
         except HalpipeError as failure:
             errors = {d.code for d in failure.diagnostics if d.is_error}
-            if failure.exit is Exit.INFEASIBLE or (errors and errors <= LOADS):
+            if failure.exit is Exit.INFEASIBLE or (errors and errors <= LOADS | {NO_OPTION.id}):
                 return False
             raise
         if scheduled.stopped:
