@@ -9,7 +9,8 @@ import pytest
 from explain_systems import random_system
 from test_search_golden import FAMILIES, finer, first, longer
 
-from golden_answers import assert_answers, explained
+from golden_answers import assert_answers, explained, findings
+from halpipe.pipeline.explain.conflict import describe, find_conflict
 
 
 def brief(share, family):
@@ -79,3 +80,34 @@ def test_explanations_say_what_they_said_before(chosen):
         family, seed = name.split()
         answers[name] = partial(verb, (OWN | FAMILIES)[family](int(seed)))
     assert_answers(f"explain-{chosen}", answers)
+
+
+def conflict(system, most):
+    """Return what the exact engine says of the first mode, with a set that conflicts, and the count of questions."""
+    asked = [0]
+
+    def go_on():
+        asked[0] += 1
+        return asked[0] <= most
+
+    found = find_conflict(system, system.modes[0], go_on)
+    named = [] if found.kept is None else findings([describe(system.modes[0], found)])
+    return [f"{found.answer}, asked {asked[0]} times", *named]
+
+
+CONFLICTS = (
+    "whole-long 26, whole-long 185, whole-long 379, refined 74, refined 89, refined 117, refined 145, refined 185, "
+    "refined 202, refined 275, refined 289, refined 315, refined 446, refined 472, hard 363, random 51, random 117, "
+    "random 221, every 114, every 0, every 1"
+)
+
+
+@pytest.mark.parametrize("most", [2, 40])
+def test_conflicts_are_what_they_were_before(most):
+    """A set from which nothing can be left out does not depend on how the engine comes to its answers."""
+    pytest.importorskip("ortools")
+    answers = {}
+    for name in CONFLICTS.split(", "):
+        family, seed = name.split()
+        answers[name] = partial(conflict, (OWN | FAMILIES)[family](int(seed)), most)
+    assert_answers(f"explain-conflicts-{most}", answers)
