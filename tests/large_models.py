@@ -50,6 +50,10 @@ ON_SCHEDULES = {
     "export amalthea, schedule": "export amalthea model.xml s.xml -o out.amxmi",
     "export graph, schedule": "export graph model.xml s.xml -o out.dot",
     "export ros": "export ros model.xml s.xml -o out.yaml",
+    "export linux": "export linux model.xml s.xml -o linux --busy 50",
+    "export feo": "export feo model.xml s.xml --mode m0 -o feo.json",
+    "export timpani": "export timpani model.xml s.xml --mode m0 -o timpani.yaml",
+    "export launch-manager": "export launch-manager model.xml s.xml -o launch.json",
 }
 
 
