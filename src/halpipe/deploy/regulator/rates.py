@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
@@ -94,9 +95,7 @@ def fall_first(
     A setting is reached in at most two steps: down to the least of all that may be in force, then to its value.
     """
     final = dict(writes)
-    left: dict[str, int] = {}
-    for owner, _ in writes:
-        left[owner] = left.get(owner, 0) + 1
+    left = Counter(owner for owner, _ in writes)
     for owner, value in writes:
         left[owner] -= 1
         common = min([final[owner], *(setting[owner] for setting in before if owner in setting)])

@@ -10,6 +10,7 @@ are exact: a 30 Hz source is 1/30 s.
 
 from __future__ import annotations
 
+from collections import Counter
 from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -155,9 +156,7 @@ def printable(text: str) -> str:
 
 def task_names(graph: RosGraph, names: Names) -> dict[str, str]:
     """Return the task name of every callback: its node's name where it is the node's only one, else its own."""
-    count: dict[str, int] = {}
-    for callback in graph.callbacks:
-        count[callback.node] = count.get(callback.node, 0) + 1
+    count = Counter(callback.node for callback in graph.callbacks)
     result = {}
     for callback in sorted(graph.callbacks, key=lambda callback: count[callback.node] > 1):
         kind = "node" if callback.kind is Kind.NODE else "callback"

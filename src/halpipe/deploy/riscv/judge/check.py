@@ -384,8 +384,7 @@ def refuse_disagreement(target: Target, site: Site) -> None:
     if stated != modes:
         message = f"its tables are {_listed(stated)}; those of the schedule are {_listed(modes)}"
         findings.add(codes.BROKEN_TARGET(message, at=at, path="tables", help="export the bundle again"))
-    used = {unit for mode in target.schedule.modes for job in mode.jobs for unit in job.units}
-    used |= {unit for table in target.schedule.transitions for job in table.jobs for unit in job.units}
+    used = {unit for job in target.schedule.all_jobs() for unit in job.units}
     for unit in sorted(used - {unit.name for unit in site.units}):
         message = f'has no unit "{unit}", on which jobs are scheduled'
         findings.add(codes.BROKEN_TARGET(message, at=at, path="units", help="export the bundle again"))

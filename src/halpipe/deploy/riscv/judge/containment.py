@@ -9,7 +9,7 @@ from fractions import Fraction
 from itertools import combinations, zip_longest
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Diagnostic, Findings, about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.records import record
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.judge.conditions import tick_of
@@ -94,11 +94,8 @@ def switches(schedule: Schedule) -> list[Tour]:
 def planned(jobs: Sequence[PlannedJob], injections: Sequence[Injection]) -> list[PlannedJob]:
     """Return the plan of a run in which the faults happen."""
     by_place = {(injection.cycle, injection.row): injection for injection in injections}
-    found = []
-    for job in jobs:
-        injection = by_place.get((job.table.cycle, job.row))
-        found.append(job if injection is None else consequence(injection, job))
-    return found
+    pairs = ((job, by_place.get((job.table.cycle, job.row))) for job in jobs)
+    return [job if injection is None else consequence(injection, job) for job, injection in pairs]
 
 
 def recorded(
@@ -151,11 +148,8 @@ def _judge(
 
 def prefixed(found: Sequence[Diagnostic]) -> list[Diagnostic]:
     """Return the findings of a run with faults, marked as such."""
-    findings = Findings()
-    for each in found:
-        is_own = each.code in (codes.NOT_CONTAINED.id, codes.NOT_INJECTED.id, codes.WRONG_HEALTH.id)
-        findings.add(each if is_own else replace(each, message=PREFIX + each.message))
-    return findings.items
+    own = (codes.NOT_CONTAINED.id, codes.NOT_INJECTED.id, codes.WRONG_HEALTH.id)
+    return [each if each.code in own else replace(each, message=PREFIX + each.message) for each in found]
 
 
 RULE_AT_FAULT = "the runtime is at fault: on the board this rule of the model would not do what it says"
