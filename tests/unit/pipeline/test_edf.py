@@ -10,7 +10,7 @@ from edf_reference_jobs import Resources
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.importers.native import read_model
-from halpipe.models import Binding, Interrupt, Split, Unit
+from halpipe.models import Anchor, Binding, Interrupt, Split, Status, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
@@ -21,7 +21,7 @@ from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.integers import Draws
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
-from support import access, after, chain, model, task, version
+from support import access, after, chain, model, ms, task, version
 
 EXAMPLE = Path(__file__).parents[2] / "fixtures" / "split"
 
@@ -391,3 +391,38 @@ def test_pieces_are_rounded_up_one_by_one():
     assert ticks[0] == milliseconds(Fraction(1, 10))
     assert exact.ways[0].ends == (12, 25)
     assert coarse.ways[0].ends == (2, 4)
+
+
+def ends_where_it_begins(*points):
+    """A job that only fits before its predecessor, and there only where it ends as that one begins."""
+    row = replace(after("first", 0, 8), to=Anchor.END)
+    return model(
+        task("first", 30, version("v", 6), slack=1),
+        task("second", 30, split(version("v", 3, "u1", row), *points), slack=1),
+    )
+
+
+@pytest.mark.parametrize("limits", [{"budget": 20}, {"budget": None}, {"budget": solve.UNBOUNDED}])
+def test_what_splitting_makes_hard_to_find_is_found_in_one_piece(limits):
+    owner = ends_where_it_begins(1, 2)
+    found = schedule_model(owner, SearchOptions(optimise=(), **limits), lambda *_: True)
+    assert found.is_complete
+    jobs = {job.task: job for job in found.schedule.modes[0].jobs}
+    assert jobs["second"].end == jobs["first"].start
+    assert found.schedule.modes[0].margin_bound is not None
+
+
+def test_what_one_piece_does_not_find_is_searched_on():
+    """With a clock alone the search of what cannot be ends when the clock says so."""
+    owner = ends_where_it_begins(1, 2)
+    first, second = owner.tasks
+    late = replace(owner, tasks=(replace(first, offset=ms(0), slack=0), replace(second, offset=ms(15), slack=0)))
+    asked = []
+
+    def go_on(*done):
+        asked.append(done)
+        return len(asked) < 4000
+
+    found = solve.schedule_model(late, SearchOptions(optimise=(), budget=solve.UNBOUNDED), go_on)
+    assert (found.stopped, len(asked) >= 4000) == (True, True)
+    assert found.schedule.modes[0].status is Status.NOT_FOUND

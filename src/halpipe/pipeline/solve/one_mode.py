@@ -69,6 +69,12 @@ THOROUGH = 100
 POLISH_TABLES, MARGIN_TABLES, ANY_TABLES = 4000, 20, 6000
 """Whole tables of preemptive jobs tried to improve a valid one, for a margin with little effort, and for any at all."""
 
+SOON = 8
+"""Part of the preemptive jobs that are placed before a table that splits no job is looked for."""
+
+WHOLE_BUDGET = 2000
+"""Moves per task to look for such a table."""
+
 TABLED_SHARE, TABLED_UNIT = 40, 10
 """For a margin, so many times fewer preemptive jobs are placed than others; a tenth of a table stands for a move."""
 
@@ -317,9 +323,15 @@ class _SplitJobs(_Search):
         fixed, changed = fix(mode, self.shipped)
         mode = replace(mode, fixed=fixed)
         refuse_stuck(self.expansion, [work.name for work in mode.works if not work.ways])
-        found = self._searched(mode, None if self.widens else self.polish, self.kept)
-        self.on_progress(self.name, found.placed, self.budget, found.excess)
         notes = self.changed(changed, "number of jobs, version, units or parts")
+        polish = None if self.widens else self.polish
+        found = self._searched(mode, polish, self.kept, min(self.budget, self.least) // SOON)
+        if found.excess and not found.stopped:
+            whole = None if fixed.jobs else self._in_one_piece(notes, found.placed)
+            if whole is not None:
+                return whole
+            found = self._searched(mode, polish, self.kept and self.kept.stage("later"), self.budget)
+        self.on_progress(self.name, found.placed, self.budget, found.excess)
         if found.excess:
             return Found(self.report(found.jobs, Status.NOT_FOUND), notes, found.placed, found.stopped)
         if self.widens and not found.stopped and not fixed.jobs:
@@ -333,6 +345,32 @@ class _SplitJobs(_Search):
         """Jobs that may be placed."""
         return self.options.placements(max(1, len(self.expansion.tasks)), self.expansion.job_count)
 
+    @cached_property
+    def least(self) -> int:
+        """Jobs that may be placed where no budget is stated."""
+        return replace(self.options, budget=None).placements(
+            max(1, len(self.expansion.tasks)), self.expansion.job_count
+        )
+
+    @cached_property
+    def whole(self) -> _WholeJobs:
+        """The search that splits no job."""
+        tasks = (replace(a, versions=tuple(replace(v, split=WHOLE) for v in a.versions)) for a in self.expansion.tasks)
+        expansion = replace(self.expansion, tasks=tuple(tasks))
+        return _WholeJobs(self.model, expansion, self.options, self.number, self.on_progress, self.earlier, self.part)
+
+    def _in_one_piece(self, notes: list[Diagnostic], placed: int) -> Found | None:
+        """Search for a table that splits no job: there it is easy to let a job end where another one starts."""
+        options = replace(self.options, budget=min(self.options.budget or WHOLE_BUDGET, WHOLE_BUDGET))
+        try:
+            found = replace(self.whole, options=options, part=f"{self.part}/whole").found()
+        except HalpipeError:  # a job may be too long in one piece
+            return None
+        if found.table.status is not Status.VALID:
+            return None
+        table = self.report(found.table.jobs, Status.VALID)
+        return replace(found, table=table, diagnostics=[*notes, *found.diagnostics], moves=placed + found.moves)
+
     def _mode(self, expansion: Expansion, growth: Fraction, *, is_fine: bool = False) -> Mode:
         from halpipe.pipeline.solve.edf.works import finer, lenient, works_of
 
@@ -340,13 +378,13 @@ class _SplitJobs(_Search):
         mode = works_of(self.model, expansion, self.options.tick or (finer(tick) if is_fine else tick), growth)
         return lenient(mode) if is_fine else mode
 
-    def _searched(self, mode: Mode, polish: Polish | None, kept: Kept | None) -> Tabled:
+    def _searched(self, mode: Mode, polish: Polish | None, kept: Kept | None, budget: int) -> Tabled:
         from halpipe.pipeline.solve.edf.search import Search
         from halpipe.pipeline.solve.edf.trials import Effort
 
         tell = lambda placed, excess: self.on_progress(self.name, placed, self.budget, excess)  # noqa: E731
         least = max(POLISH_BUDGET * len(mode.works), POLISH_TABLES * self.expansion.job_count)
-        effort = Effort(self.budget, least if self.options.is_open else self.budget, tell)
+        effort = Effort(budget, least if self.options.is_open else self.budget, tell)
         return Search(mode, self.model, self.seed, self.pinned, effort, polish, kept).run()
 
     def _wider(self, plain: Tabled) -> Tabled:
@@ -356,13 +394,10 @@ class _SplitJobs(_Search):
         effort = max(spare // TABLED_SHARE, MARGIN_TABLES * jobs)
         plain_begin, unit = self._lengthened(expansion, plain.plan), max(1, jobs // TABLED_UNIT)
         fine_begin = self._lengthened(expansion, None, is_fine=True)
-        tasks = (replace(a, versions=tuple(replace(v, split=WHOLE) for v in a.versions)) for a in expansion.tasks)
-        whole = replace(expansion, tasks=tuple(tasks))
-        annealed = _WholeJobs(self.model, whole, self.options, self.number, self.on_progress, self.earlier)
         tries = (
             lambda made: self.widened(plain_begin, plain.jobs, made, self.budget, unit, effort),
             lambda made: self.widened(fine_begin, plain.jobs, made, self.budget, jobs, spare, "finer"),
-            lambda made: annealed.raised(plain.jobs, made, is_fine=True),
+            lambda made: self.whole.raised(plain.jobs, made, is_fine=True),
             lambda made: self._any_margin(fine_begin, min(ANY_TABLES * jobs, spare), made),
         )
         wider = self.first_wider(plain.jobs, plain.placed, tries)
@@ -371,7 +406,7 @@ class _SplitJobs(_Search):
             return replace(found, jobs=max((plain.jobs, wider.jobs or plain.jobs), key=self.margin_of))
         if not wider.stopped:  # what else counts is improved where the segments keep their time
             mode = self._mode(expansion, 1 + wider.margin if wider.jobs else Fraction(1))
-            last = self._searched(mode, self.polish, self.kept and self.kept.stage("wider"))
+            last = self._searched(mode, self.polish, self.kept and self.kept.stage("wider"), self.budget)
             found = replace(last, placed=found.placed + last.placed)
         return replace(found, jobs=self.better_of(plain.jobs, [wider.jobs, None if found.excess else found.jobs]))
 
