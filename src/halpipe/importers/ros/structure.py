@@ -116,23 +116,18 @@ class Catalogue:
         """Return the body of an entity put onto that of its base."""
         if entity.resolved is not None:
             return entity.resolved
-        base_name = entity.body.get("base")
-        if not isinstance(base_name, str):
-            entity.resolved = entity.body
-            return entity.resolved
-        at = Location(self.file_of(entity.body), entity.body.line_of("base"))
-        if base_name in (*below, entity.name):
-            self.reader(entity.body).malformed("is its own base", at.line, f'entity "{entity.name}"')
-            entity.resolved = entity.body
-            return entity.resolved
-        base = self.entities.get(base_name)
-        if base is None:
-            self.get(base_name, at, f'entity "{entity.name}"')
-            entity.resolved = entity.body
-            return entity.resolved
-        inherited = self.resolve(base, (*below, entity.name))
-        entity.resolved = self.changed(inherited, entity.body)
-        return entity.resolved
+        resolved, base_name = entity.body, entity.body.get("base")
+        if isinstance(base_name, str):
+            at, path = Location(self.file_of(resolved), resolved.line_of("base")), f'entity "{entity.name}"'
+            if base_name in (*below, entity.name):
+                self.reader(resolved).malformed("is its own base", at.line, path)
+            elif base_name in self.entities:
+                inherited = self.resolve(self.entities[base_name], (*below, entity.name))
+                resolved = self.changed(inherited, resolved)
+            else:
+                self.get(base_name, at, path)
+        entity.resolved = resolved
+        return resolved
 
     def changed(self, body: YamlMap, change: YamlMap) -> YamlMap:
         """Return `body` without what `change` removes and with what it overrides, in this order."""
