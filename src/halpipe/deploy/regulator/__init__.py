@@ -52,17 +52,13 @@ class RegulatorDeployment:
         if arithmetic.windows:
             text += f", {arithmetic.windows} sums against {tables.platform.capacity_bytes} B a window"
         lines = [f"arithmetic: {wrong}; {text}"]
-        if findings and (options.engine == "auto" or tables.backend != "table"):
-            lines.append(
-                "nothing executed: the tables are wrong"
-                + (" (name an --engine to play them all the same)" if tables.backend == "table" else "")
-            )
-        elif tables.backend != "table":
-            found, remarks = _execute(target, tables, arithmetic.planned)
-            findings += found
-            lines += remarks
+        is_played = tables.backend == "table"
+        if findings and (options.engine == "auto" or not is_played):
+            remedy = " (name an --engine to play them all the same)" if is_played else ""
+            lines.append(f"nothing executed: the tables are wrong{remedy}")
         else:
-            found, remarks = _simulate(target, tables, options)
+            planned = arithmetic.planned
+            found, remarks = _simulate(target, tables, options) if is_played else _execute(target, tables, planned)
             findings += found
             lines += remarks
         return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines))
