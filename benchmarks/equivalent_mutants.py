@@ -16,6 +16,13 @@ REPLACED = "replaced by a function of ours, unless the class has its own"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("conflict.py", "is_minimal: bool = True"): "read of infeasible answers only, all of which state it",
+    ("conflict.py", "EFFORT = 6"): BUDGET,
+    ("sharing.py", "if any((smaller < units for smaller in found)):"): "each set of units comes once",
+    ("sharing.py", "return not _assign(items, 0, held, users, budget) and budget.steps >= 1"): BUDGET,
+    ("meetings.py", "if holder.core < wait:"): "what is left for no time meets nothing",
+    ("meetings.py", "budget = Budget(len(parts) ** 3)"): "enough for each try in either case",
+    ("meetings.py", "for order in (longest, sorted(longest, key=lambda part: (-part.length * 1001 // part.period, part.task))):"): CHOICE,
     ("records.py", "def field(*, default: Any=..., init: bool=False, repr: bool=True, compare: bool=True, metadata: Any=None) -> Any:"): TYPES,
     ("records.py", "def field(*, default: Any=..., init: bool=True, repr: bool=False, compare: bool=True, metadata: Any=None) -> Any:"): TYPES,
     ("records.py", "def field(*, default: Any=..., init: bool=True, repr: bool=True, compare: bool=False, metadata: Any=None) -> Any:"): TYPES,

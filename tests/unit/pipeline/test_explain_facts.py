@@ -6,8 +6,12 @@ from fractions import Fraction
 import pytest
 from split_helpers import interrupts, points, split
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO
+from halpipe.core.options import options_of
 from halpipe.models import Anchor, Edge, Match, Resource, ResourceKind, Split
+from halpipe.pipeline.explain import remedies
+from halpipe.pipeline.explain.explanation import ExplainOptions
 from halpipe.pipeline.explain.facts import longest_piece, mode_facts
 from halpipe.pipeline.explain.remedies import COARSE, FEW_JOBS, Trials
 from halpipe.pipeline.explain.switches import least_length
@@ -145,6 +149,54 @@ def test_parameters_are_relaxed_by_the_tick_or_in_few_steps_where_jobs_are_many(
     few, many = (Trials("all", jobs, lambda: True, ms(1)) for jobs in (FEW_JOBS, FEW_JOBS + 1))
     assert [few.step(ms(n)) for n in (0, 1, 1000)] == [ms(1)] * 3
     assert [many.step(ms(n)) for n in (0, COARSE, COARSE + 1, 3 * COARSE)] == [ms(1), ms(1), ms(2), ms(3)]
+
+
+def tried(monkeypatch, system, jobs):
+    """Return the options of the search of one try."""
+    seen = []
+
+    def search(_, chosen, *__):
+        seen.append(chosen)
+        raise HalpipeError
+
+    monkeypatch.setattr(remedies, "schedule_model", search)
+    assert Trials("all", jobs, lambda: True, exact=False).schedule(system) is None
+    return seen[0]
+
+
+@pytest.mark.parametrize(("jobs", "budget"), [(0, 2000), (1, 2000), (200, 2000), (400, 1000), (10**6, 20)])
+def test_a_search_for_a_remedy_is_shorter_where_jobs_are_many(monkeypatch, jobs, budget):
+    assert tried(monkeypatch, model(task("a", 10, version("v", 3))), jobs).budget == budget
+
+
+@pytest.mark.parametrize(
+    ("jobs", "periods", "tick"),
+    [
+        (FEW_JOBS, (10, 20), ms("0.1ms")),
+        (FEW_JOBS + 1, (10, 20), None),
+        (1, (10, ms(100_000)), None),
+        (1, (10, ms(99_990)), ms("0.1ms")),
+    ],
+)
+def test_slacks_are_tried_on_their_grid_where_it_is_not_too_fine(monkeypatch, jobs, periods, tick):
+    """Of a period of 10 ms, a slack of 1/100 is 0.1 ms; a period has fewer than a million of them."""
+    short, long = periods
+    system = model(
+        task("a", short, version("v", 3), slack="1/100"), task("b", long, version("v", 3, "u2")), units="u1 u2"
+    )
+    assert tried(monkeypatch, system, jobs).tick == tick
+
+
+def test_as_many_searches_are_made_as_are_left():
+    trials = Trials("all", 1, lambda: True, left=1)
+    easy = model(task("a", 10, version("v", 3)))
+    assert trials.schedule(easy) is not None
+    assert trials.schedule(easy) is None
+
+
+def test_files_of_an_explanation_are_relative_to_its_pipeline_file():
+    files = {each.name for each in options_of(ExplainOptions) if each.is_path("x.xml")}
+    assert files == {"schedule", "freeze", "near", "quantise"}
 
 
 # ------------------------------------------------------------------------------------------------ least lengths

@@ -123,10 +123,12 @@ def test_a_chain_may_run_elsewhere_if_that_is_just_quick_enough(elsewhere, is_he
 # ------------------------------------------------------------------------------------------------ answers in full
 
 
-def accelerator(held, choice="c", slack=0, **more):
+def accelerator(held, choice="c", slack=0, longest=3, **more):
     """Two tasks that may use the core, or be quicker on the accelerator, which a third one holds for some time."""
-    versions = (version("core", 3, choice, **more), version("quick", 1, "g"))
-    tasks = [task(name, 5, *versions, slack=slack) for name in "ab"]
+    quick = version("quick", 1, "g")
+    tasks = [
+        task(name, 5, version("core", n, choice, **more), quick, slack=slack) for name, n in (("a", longest), ("b", 3))
+    ]
     return model(*tasks, task("holder", 20, version("v", held, "g")), units=f"{choice} g")
 
 
@@ -158,12 +160,21 @@ def phases(*rows, bound="2/3", slack=0):
     return model(*tasks, units=" ".join(f"u{n}" for n in range(len(rows))), resources="mem")
 
 
+def gaps_of_one_job():
+    """Each of two units has one job of 8 ms in 12, beside which no version of 5 ms has a place, with whatever slack."""
+    busy = (task(f"o{n}", 12, version("v", 8, f"u{n}")) for n in (1, 2))
+    return model(*busy, task("x", 12, version("v", 5, "u1"), version("w", 6, "u2")), units="u1 u2")
+
+
 BY_HAND = {
     "accelerator 9": lambda: accelerator(9),
     "accelerator 12": lambda: accelerator(12, slack="1/50"),
     "accelerator 17": lambda: accelerator(17, "c d", gang=2),
     "two rates": lambda: rates((66, "42.24ms"), (33, "27.82ms"), (33, "10.87ms"), (15, "12.44ms"), (15, "4.43ms")),
     "equal rates": lambda: rates((10, 7), (10, 6), (10, 6), units="a b", slack="1/20"),
+    "gaps of one job": gaps_of_one_job,
+    "gaps": lambda: rates((6, 2), (12, 5), units="a"),
+    "two lengths": lambda: accelerator(14, longest=4),
     "one too many": lambda: rates((10, 4), (15, 3), (30, 2), units="a"),
     "switch 1": lambda: switching(1),
     "switch 5": lambda: switching(5, offset=2),

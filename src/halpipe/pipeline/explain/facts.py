@@ -123,7 +123,7 @@ def mode_facts(mode: ActiveMode, units: Mapping[str, Unit] | None = None) -> Mod
     """Collect the facts of a mode of a validated model, whose `units` may serve interrupts."""
     interrupts = {name: unit.interrupts for name, unit in (units or {}).items() if unit.interrupts}
     times = [time.ns for served in interrupts.values() for i in served for time in (i.distance, i.wcet)]
-    scale = math.lcm(1, *(getattr(value, "denominator", 1) for value in (*_values(mode), *times)))
+    scale = math.lcm(*(getattr(value, "denominator", 1) for value in (*_values(mode), *times)))
     services: dict[str, Service[int]] = {
         name: tuple((_scaled(i.distance, scale), _scaled(i.wcet, scale)) for i in served)
         for name, served in interrupts.items()

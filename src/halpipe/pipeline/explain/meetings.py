@@ -143,7 +143,7 @@ def _grow(first: Part, order: Sequence[Part], capacity: int, budget: Budget) -> 
 
 def _without_surplus(parts: list[Part], capacity: int) -> tuple[Step, ...]:
     """Leave out what is not needed to pass the capacity."""
-    budget = Budget(len(parts) ** 2 + len(parts))
+    budget = Budget(len(parts) ** 2)
     for part in list(parts):
         rest = [other for other in parts if other is not part]
         if rest and sum(other.height for other in rest) > capacity and meet(rest, budget):
@@ -202,7 +202,7 @@ def crowds(facts: ModeFacts) -> Iterator[Witness]:
     if len(units) > MAX_UNITS:
         return
     budget = Budget(EFFORT)
-    holders = sorted((t for t in tasks if t.sure_units() and t.core > 0), key=lambda t: (-t.core, t.name))
+    holders = sorted((t for t in tasks if t.sure_units()), key=lambda t: (-t.core, t.name))
     for holder in (None, *holders[:MAX_HOLDERS]):
         held, parts = _parts(tasks, units, holder)
         group = meet_in_groups(parts, budget) if parts else None

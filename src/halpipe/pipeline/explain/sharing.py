@@ -219,7 +219,7 @@ def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
         text = f'{facts.text(part.length)} of "{part.task}" + {facts.text(before)} '
         text += f'of "{first.task}"' if not lines else "of those together"
         text += f" > {facts.text(step.gcd)} = gcd({facts.text(part.period)}, {facts.text(period)})"
-        if len(steps) > 2 and step is not steps[-1]:
+        if step is not steps[-1]:
             text += f", so they are together for at least {facts.text(step.together)}"
         lines.append(text)
         period, before = math.lcm(period, part.period), step.together
