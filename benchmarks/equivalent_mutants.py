@@ -16,6 +16,8 @@ REPLACED = "replaced by a function of ours, unless the class has its own"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("yaml.py", "line = mark.line + 1 if mark else 1"): "each such failure has a mark",
+    ("yaml.py", "if self.depth > MAX_YAML_DEPTH + 2 or self.nodes > MAX_YAML_NODES:"): "one level more is refused when the values are built",
     ("conflict.py", "is_minimal: bool = True"): "read of infeasible answers only, all of which state it",
     ("conflict.py", "EFFORT = 6"): BUDGET,
     ("sharing.py", "if any((smaller < units for smaller in found)):"): "each set of units comes once",

@@ -142,7 +142,7 @@ def _text(ns: int | Fraction) -> str:
                 return f"{whole}.{rest:0{digits}d}".rstrip("0") + unit if rest else f"{whole}{unit}"
     first = ""
     reached = [entry for entry in _LARGEST_FIRST if top >= entry[1] * bottom]
-    units = [*reached, *_LARGEST_FIRST] if reached else _LARGEST_FIRST[::-1]
+    units = [*reached, *_LARGEST_FIRST] if reached else _LARGEST_FIRST[-1:]
     for unit, size, _ in units:
         common = math.gcd(top, size)
         text = format_ratio(ns.numerator // common, bottom * (size // common)) + unit

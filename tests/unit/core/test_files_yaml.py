@@ -30,6 +30,7 @@ def refusal(data):
         pytest.param(b"a: 1\nb: *x", 2, "undefined alias", id="unknown alias"),
         pytest.param(b"a: 1\n---\nb: 2", 2, "another document", id="two documents"),
         pytest.param(b"a: 1\nb: \xe9", 2, "is not text", id="Latin-1"),
+        pytest.param(b"\nb: \xe9", 2, "is not text", id="Latin-1 behind an empty line"),
         pytest.param(b"a: 1\nb: \0", 2, "is not text", id="NUL"),
         pytest.param(b"a: 1\nb: \x1b", 2, "is not text", id="control character"),
         pytest.param(b"\n\n<a>\nb: c: d", 1, "is XML", id="XML"),

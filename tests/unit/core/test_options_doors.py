@@ -52,6 +52,7 @@ class Own(Common):
     parts: tuple = option(("a",), "Parts.", Words("a", "b", "c"), form=Form.LIST, splits=True)
     kinds: tuple = option(None, "Kinds.", Words("x", "y"), form=Form.LIST, splits=True, otherwise="all of them")
     folder: str = option("", "Folder.", file_name, is_path=True)
+    beside: str = option("", "Own folder.", file_name, name="own-folder", is_path=True)
 
 
 BY_NAME = {each.name: each for each in options_of(Own)}
@@ -69,11 +70,13 @@ def test_defaults_are_shown_as_users_read_them():
         "parts": "('a',)",
         "kinds": "all of them",
         "folder": "",
+        "own-folder": "",
     }
 
 
 def test_keywords_of_python_have_the_plural_of_a_list():
     assert (BY_NAME["task"].keywords, BY_NAME["depth"].keywords) == (("tasks", "task"), ("depth",))
+    assert (BY_NAME["parts"].keywords, BY_NAME["own-folder"].keywords) == (("parts",), ("own_folder",))
     assert (BY_NAME["parts"].words, BY_NAME["kinds"].words, BY_NAME["depth"].words) == (
         ("a", "b", "c"),
         ("x", "y", "none"),
@@ -235,7 +238,7 @@ def test_common_options_become_those_of_a_format():
     assert specific(Own, own) is own
     made = specific(Own, Common(name="n", rest=5))
     assert (made.name, made.rest, made.depth) == ("n", 5, 4)
-    assert len(fields(made)) == 11
+    assert len(fields(made)) == 12
 
 
 # ------------------------------------------------------------------------------------------------ single values

@@ -230,6 +230,7 @@ def test_what_is_no_frequency_is_refused(text, said):
 )
 def test_a_share_prints_in_tenths_of_a_percent(share, is_bound, text):
     assert format_percent(Fraction(share), is_bound=is_bound) == text
+    assert is_bound or format_percent(Fraction(share)) == text
 
 
 def test_numbers_with_a_sign_are_read_and_long_ones_are_not_writable():

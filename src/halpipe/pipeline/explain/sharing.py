@@ -114,7 +114,7 @@ def _ways_out(facts: ModeFacts, task: TaskFacts, name: str, gap: _Gap) -> str:
         slack = f', a slack of "{owner.name}" of {format_rational(Fraction(owner.late + over, owner.period))}'
     which = f'"{name}" of "{task.name}"' if len(task.task.versions) > 1 else f'"{task.name}"'
     cut = _cut(facts, usable, gap)
-    split = f", {which} cut into pieces of at most {facts.text(cut)} (split)" if cut > 0 else ""
+    split = f", {which} cut into pieces of at most {facts.text(cut)} (split)" if cut else ""
     ways = f'{facts.text(over)} less WCET of {which} or of "{owner.name}"'
     if facts.services.get(gap.unit):
         ways = f'{facts.text(over)} less WCET or interrupts of {which} or of "{owner.name}"'
@@ -209,8 +209,6 @@ def _names(steps: tuple[Step, ...]) -> tuple[str, ...]:
 def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
     """Spell the sums out, so that they can be checked with pencil and paper."""
     first = steps[0].part
-    if len(steps) == 1:
-        return f'"{first.task}" takes it all'
     lines: list[str] = []
     period = first.period
     before = first.length
@@ -231,8 +229,7 @@ def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
 def _relief(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
     """Say by how much the sum of the last step must shrink; slack counts as much as WCET."""
     last = steps[-1]
-    before = steps[-2].together if len(steps) > 1 else 0
-    amount = facts.text(last.part.length + before - last.gcd)
+    amount = facts.text(last.part.length + steps[-2].together - last.gcd)
     if len(steps) == 2:
         return f"{amount} less of WCET or more of slack, of the two together"
     return f'less WCET or more slack, such as {amount} of "{last.part.task}"'
