@@ -11,6 +11,7 @@ from test_search_golden import FAMILIES, finer, first, longer
 
 from golden_answers import assert_answers, explained, findings
 from halpipe.pipeline.explain.conflict import describe, find_conflict
+from support import model, ms, task, version
 
 
 def brief(share, family):
@@ -24,9 +25,17 @@ def brief(share, family):
     return made
 
 
+def places(count):
+    return " ".join(f"u{n}" for n in range(count))
+
+
 OWN = {
     "hard": lambda seed: random_system(random.Random(seed)),
     "crowded-long": lambda seed: longer(FAMILIES["crowded"](seed)),
+    "pigeons": lambda count: model(
+        *(task(f"t{n}", 10, version("v", 6, places(count))) for n in range(count + 1)), units=places(count)
+    ),
+    "loads": lambda count: model(*(task(f"t{n}", 10, version("v", ms(10) / (count - 1))) for n in range(count))),
     "whole-long": lambda seed: longer(FAMILIES["whole"](seed)),
     "switching-short": brief(Fraction(1, 4), "switching"),
     "switching-split-short": brief(Fraction(1, 4), "switching-split"),
@@ -98,7 +107,7 @@ def conflict(system, most):
 CONFLICTS = (
     "whole-long 26, whole-long 185, whole-long 379, refined 74, refined 89, refined 117, refined 145, refined 185, "
     "refined 202, refined 275, refined 289, refined 315, refined 446, refined 472, hard 363, random 51, random 117, "
-    "random 221, every 114, every 0, every 1"
+    "random 221, every 114, every 0, every 1, pigeons 5, loads 14"
 )
 
 
