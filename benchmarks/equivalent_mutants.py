@@ -16,6 +16,13 @@ REPLACED = "replaced by a function of ours, unless the class has its own"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("meetings.py", "text = f'{few(names, 21)} need {needed} units at the same time, whatever their phases, and have {len(units)}: '"): "no group has so many: it is complete with one task more than there are units, of which 16 are looked at",
+    ("explanation.py", "BUDGET = 5001"): BUDGET,
+    ("explanation.py", "WORK = 2000001"): BUDGET,
+    ("excerpt.py", "length = 1"): "without a switch, all is moved alike",
+    ("excerpt.py", "longest = max((job.end * places[-1].hyperperiod for place in places for job in place.jobs), default=0)"): MORE,
+    ("excerpt.py", "yield _Part(length, places[-1].hyperperiod, 3 + longest, places[-1])"): MORE,
+    ("excerpt.py", "longest = max((job.end // places[-1].hyperperiod for place in places for job in place.jobs), default=1)"): "without a job there is nothing to repeat",
     ("yaml.py", "line = mark.line + 1 if mark else 1"): "each such failure has a mark",
     ("yaml.py", "if self.depth > MAX_YAML_DEPTH + 2 or self.nodes > MAX_YAML_NODES:"): "one level more is refused when the values are built",
     ("conflict.py", "is_minimal: bool = True"): "read of infeasible answers only, all of which state it",

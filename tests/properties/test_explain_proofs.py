@@ -88,7 +88,7 @@ def held(rng):
     tasks = [
         task("grab", period, version("v", 1, "cpu"), slack=rng.choice((0, 1))),
         task("see", period, *see, slack=1),
-        task("act", period, version("v", 1, "dsp"), slack=rng.choice((0, 1))),
+        task("act", rng.choice((period, 40)), version("v", 1, "dsp"), slack=rng.choice((0, "1/8", 1))),
         task("detect", 40, version("v", rng.randint(6, 30), "gpu"), slack=1),
     ]
     limits = {kind: rng.randint(8, 32) for kind in rng.choice((("reaction",), ("age",), ("reaction", "age")))}

@@ -80,3 +80,11 @@ def test_more_units_are_like_the_one_that_is_named():
     assert [unit.name for unit in found.units] == ["u1", "u1+1", "u1+2"]
     assert all(each.units == ("u1", "u1+1", "u1+2") for task in found.tasks for each in task.versions)
     assert [unit.name for unit in changes.more_units(found, "u1+1", 1).units][3:] == ["u1+1+1"]
+
+
+def test_pieces_begin_and_end_with_access_phases_and_cut_none():
+    """Cut into four, a job of 8 ms has pieces of 2 ms, but for where a phase from 2 to 4 or from 5 to 7 ms is cut."""
+    phases = access("r", 2, 4), access("r", 5, 7)
+    system = model(task("a", 20, version("v", 8, "u1", *phases)), resources="r")
+    split = changes.with_pieces(system, ["a"], 4).tasks[0].versions[0].split
+    assert split.points == (ms(2), ms(4))

@@ -10,7 +10,7 @@ import pytest
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.models import Anchor, Interrupt, Part, Split
-from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif import sensitivity
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
@@ -203,6 +203,24 @@ def test_no_limit_where_another_version_takes_over():
     plan = schedule(system, 10, job(system, "a", 0, 0, "u1"))
     _, found = look(system, plan, "a")
     assert (found.found, found.bound, found.failed) == (None, None, ())
+
+
+def test_a_task_on_demand_grows_as_far_as_the_longest_hyperperiod_allows():
+    """In a mode with a hyperperiod of 10 ms it has another version."""
+    called = task("called", None, version("long", 2, "u2"), version("short", 1, "u2"))
+    slow, fast = (
+        task(name, n, version("v", 1, "u1", after("called", 0, n))) for name, n in (("slow", 40), ("fast", 10))
+    )
+    modes = [mode("a", [slow, called]), mode("b", [fast, called])]
+    runs = [
+        replace(run, versions=("long",) if place == 0 else ("short",))
+        for place, run in enumerate((modes[0].runs[1], modes[1].runs[1]))
+    ]
+    modes = [replace(each, runs=(each.runs[0], run)) for each, run in zip(modes, runs, strict=True)]
+    system = model(slow, fast, called, units="u1 u2", modes=modes)
+    plan = schedule_model(system, SearchOptions(budget=50, optimise=()), lambda *_: True).schedule
+    _, found = look(system, plan, "called", "long")
+    assert (found.found, found.bound) == (ms(40), ms(40))
 
 
 def test_a_grid_that_does_not_meet_the_growth():

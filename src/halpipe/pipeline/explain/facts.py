@@ -128,7 +128,7 @@ def mode_facts(mode: ActiveMode, units: Mapping[str, Unit] | None = None) -> Mod
         name: tuple((_scaled(i.distance, scale), _scaled(i.wcet, scale)) for i in served)
         for name, served in interrupts.items()
     }
-    counts = _job_counts(mode)
+    counts = mode.least_jobs
     sets: dict[tuple[str, ...], frozenset[str]] = {}
     tasks = {}
     for name, active in mode.tasks.items():
@@ -137,15 +137,6 @@ def mode_facts(mode: ActiveMode, units: Mapping[str, Unit] | None = None) -> Mod
             period = _scaled(active.task.period or ZERO, scale)
             tasks[name] = TaskFacts.of(active.task, period, counts[name], versions)
     return ModeFacts(mode, scale, tasks, services)
-
-
-def _job_counts(mode: ActiveMode) -> dict[str, int]:
-    """Return how many jobs each task has at least."""
-    hyperperiod = mode.hyperperiod
-    periods = {name: active.task.period for name, active in mode.tasks.items() if active.is_periodic}
-    if len(periods) < len(mode.tasks) or hyperperiod is None:
-        return mode.least_jobs
-    return {name: hyperperiod // period for name, period in periods.items() if period is not None}
 
 
 def _values(mode: ActiveMode) -> Iterator[int | Fraction]:

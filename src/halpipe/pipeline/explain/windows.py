@@ -310,8 +310,7 @@ def _by_age(facts: ModeFacts, chain: Chain, members: Sequence[TaskFacts], unit: 
         rest = others - task.least
         there = _there(task, unit, limit - rest)
         if there is not None:
-            apart = last.period + (last.late if last.jobs > 1 else 0)
-            room = limit + apart - 2 * there - rest
+            room = limit + last.period + last.late - 2 * there - rest
             yield _Need(chain, _text("data age", chain.max_age), task, unit, room, _elsewhere(task, unit, rest))
 
 
