@@ -134,6 +134,12 @@ def test_a_version_too_long_beside_one_that_is_not_proves_nothing():
     assert verdicts(explain(system)) == [Verdict.SCHEDULABLE]
 
 
+def test_a_version_with_a_fault_beside_one_without_proves_nothing():
+    both = version("v", 1, "u1", after("a", 3, 2)), version("w", 1)
+    system = model(task("a", 9, version("v", 1)), task("b", 9, *both))
+    assert verdicts(explain(system)) == [Verdict.INVALID]
+
+
 def test_nothing_is_proven_of_a_model_that_is_wrong_otherwise():
     system = model(task("a", "10ms", version("v", "11ms")), task("b", "10ms", version("v", None)))
     assert verdicts(explain(system)) == [Verdict.INVALID]

@@ -197,6 +197,8 @@ def test_as_many_searches_are_made_as_are_left():
 def test_files_of_an_explanation_are_relative_to_its_pipeline_file():
     files = {each.name for each in options_of(ExplainOptions) if each.is_path("x.xml")}
     assert files == {"schedule", "freeze", "near", "quantise"}
+    (seed,) = (each for each in options_of(ExplainOptions) if each.name == "seed")
+    assert seed.from_text("0") == 0
 
 
 # ------------------------------------------------------------------------------------------------ least lengths

@@ -224,6 +224,17 @@ def test_bound_tasks_have_a_witness_exactly_where_no_assignment_exists(seed):
         assert not assignable(tasks)
 
 
+@pytest.mark.parametrize(("slack", "is_proven"), [("1/3", True), ("1/2", False)])
+def test_slack_counts_for_what_it_takes_from_the_time_of_two_tasks(slack, is_proven):
+    """A job of 7 ms in 12 leaves one of 2 ms in 6 no place if that may be late by 2 ms; by 3 ms it can wait."""
+    late = replace(bound("late", 6, 2), slack=Fraction(slack))
+    system = model(bound("a", 12, 7), bound("b", 12, 7), late, units="u1 u2")
+    named = {d.code for each in find_witnesses(system) for d in each.diagnostics}
+    assert named == ({codes.NO_ASSIGNMENT.id} if is_proven else set())
+    if not is_proven:
+        assert schedule_model(system, SearchOptions(optimise=()), lambda *_: True).is_complete
+
+
 def test_no_task_is_named_without_which_the_others_do_not_fit_either():
     spare = bound("spare", 20, "1ms")
     system = model(bound("a", 20, "9ms"), bound("b", 20, "12ms"), bound("c", 20, "12ms"), spare, units="u1 u2")

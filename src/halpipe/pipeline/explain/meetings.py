@@ -70,7 +70,7 @@ def find_meeting(parts: Iterable[Part], capacity: int, budget: Budget) -> tuple[
 
     Every pair is tried that can be enough, and larger sets greedily, so that some may be missed.
     """
-    useful = [part for part in parts if part.length > 0 and part.period > 0]
+    useful = [part for part in parts if part.length > 0]
     if sum(part.height for part in useful) <= capacity:
         return ()
     for pair in _pairs(useful, capacity):

@@ -284,8 +284,7 @@ class _Item:
 
     def excludes(self, other: _Item) -> bool:
         """Return whether the jobs of two tasks must meet if they are on one unit."""
-        gcd = math.gcd(self.task.period, other.task.period)
-        return self.task.core > 0 and other.task.core > 0 and self.task.core + other.task.core > gcd
+        return self.task.core + other.task.core > math.gcd(self.task.period, other.task.period)
 
 
 def packings(facts: ModeFacts) -> Iterator[Witness]:
