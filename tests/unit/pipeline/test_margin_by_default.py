@@ -71,6 +71,17 @@ def test_what_is_proven_best_costs_nothing():
     assert scheduled.moves == found(owner, optimise=()).moves
 
 
+@pytest.mark.parametrize(
+    ("more", "words"), [((), "0 %, the best possible"), ((version("w", 4),), "none found, at most")]
+)
+def test_jobs_on_demand_take_their_share_of_the_bound(more, words):
+    """Where a version demands nothing, its jobs may do without."""
+    needs = version("v", 4, "u1", after("d", 0, 10, "end"))
+    owner = model(task("d", None, version("v", 6)), task("a", 10, needs, *more))
+    (mode,) = found(owner, optimise=()).schedule.modes
+    assert mode.margin_words.startswith(words)
+
+
 def test_the_words_name_the_bound():
     owner = model(task("a", 10, version("v", 4)), task("b", 20, version("v", 3)), task("c", 20, version("v", 3)))
     (mode,) = found(owner).schedule.modes

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from fractions import Fraction
+from graphlib import TopologicalSorter
 from itertools import combinations, pairwise, product
 from math import ceil
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.grouping import grouped
 from halpipe.models import Anchor, Binding
+from halpipe.pipeline.jobs import demand_ranges
 from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
@@ -63,14 +65,16 @@ class _Bound:
         self.hyperperiod = expansion.hyperperiod.ns
         self.by_name = {each.name: each for each in expansion.tasks if all(version.wcet for version in each.versions)}
         self.model, self.units = model, {unit.name: unit for unit in model.units if unit.interrupts}
-        self.cyclic = [each for each in self.by_name.values() if each.task.period is not None and each.jobs]
+        self.jobs = _least_jobs(expansion)
+        self.cyclic = [each for each in self.by_name.values() if each.task.period is not None]
         self.stays = {name: min(map(self.least, each.versions)) for name, each in self.by_name.items()}
 
     def growths(self) -> Iterator[Fraction]:
         """Yield a bound for each limit."""
         yield 1 + LARGEST_MARGIN
-        units = {name for active in self.by_name.values() for version in active.versions for name in version.units}
-        work = sum(each.jobs * min(self.least(v) * v.gang for v in each.versions) for each in self.cyclic)
+        every = self.by_name.values()
+        units = {name for active in every for version in active.versions for name in version.units}
+        work = sum(self.jobs[each.name] * min(self.least(v) * v.gang for v in each.versions) for each in every)
         if work:
             yield Fraction(len(units) * self.hyperperiod, work)
         for active in self.cyclic:  # round the hyperperiod, or in each period where all its jobs are on one unit
@@ -100,15 +104,17 @@ class _Bound:
     def of_units(self) -> Iterator[Fraction]:
         """Yield by what stays could grow before a unit had too much of what runs there alone, or two jobs met."""
         by_unit: dict[str, list[ActiveTask]] = {}
-        for active in self.cyclic:
+        for active in self.by_name.values():
             sets = {(frozenset(version.units), version.gang) for version in active.versions}
             if len(sets) == 1:
                 units, gang = sets.pop()
                 for unit in units if gang == len(units) else ():
                     by_unit.setdefault(unit, []).append(active)
         for own in by_unit.values():
-            yield Fraction(self.hyperperiod, sum(self.stay(each) * each.jobs for each in own))
-            whole = sorted((each for each in own if not _is_split(each)), key=self.stay, reverse=True)
+            if work := sum(self.stay(each) * self.jobs[each.name] for each in own):
+                yield Fraction(self.hyperperiod, work)
+            cyclic = (each for each in own if each.task.period is not None)
+            whole = sorted((each for each in cyclic if not _is_split(each)), key=self.stay, reverse=True)
             strict = grouped((_period(each), each) for each in whole if not each.task.slack)
             tops = [(period, each) for period, alike in strict.items() for each in alike[:2]]
             for (period, each), (other, its) in combinations(tops, 2):
@@ -163,6 +169,17 @@ class _Bound:
             is_one = _is_split(active) or not all(_share_units(version, active) for version in active.versions)
             own, between = self.stay(before), 0 if is_one else (alike - 1) * self.stay(active)
             yield max(Fraction(1), Fraction(own + max(0, gap), own + between))
+
+
+def _least_jobs(expansion: Expansion) -> dict[str, int]:
+    """Return how many jobs each task has at least, whatever versions the jobs that demand them have."""
+    found = {each.name: each.jobs for each in expansion.tasks if each.task.period is not None}
+    asked = {each.name: {demand.task for demand in each.demands} for each in expansion.tasks if each.name not in found}
+    for name in TopologicalSorter(asked).static_order():
+        if name not in found:
+            ranges = {other: demand_ranges(expansion.by_name[other].versions) for other in asked[name]}
+            found[name] = sum(found[other] * ranges[other][name][0] for other in asked[name])
+    return found
 
 
 def _share_units(version: Version, other: ActiveTask) -> bool:
