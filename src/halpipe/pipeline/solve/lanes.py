@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -206,12 +207,9 @@ class Lanes:
         return self._known_choices[key]
 
     def _listed_choices(self, active: ActiveTask, version: Version) -> list[Choice]:
-        available: dict[int, int] = {}
-        pinned = self._pinned.get(active.name)
-        for name in dict.fromkeys(version.units):
-            if pinned is None or name in pinned.get(version.gang, ()):
-                group = self._group_of[name]
-                available[group] = available.get(group, 0) + 1
+        names, pinned = dict.fromkeys(version.units), self._pinned.get(active.name)
+        allowed = names if pinned is None else [name for name in names if name in pinned.get(version.gang, ())]
+        available = Counter(self._group_of[name] for name in allowed)
         picks = itertools.combinations_with_replacement(sorted(available), version.gang)
         counted = (tuple((g, pick.count(g)) for g in dict.fromkeys(pick)) for pick in picks)
         fitting = (choice for choice in counted if all(count <= available[g] for g, count in choice))

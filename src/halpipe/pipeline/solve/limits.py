@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -109,13 +110,11 @@ def too_large(expansion: Expansion, tick: Duration) -> Diagnostic:
 
 def cut_options(problem: Problem) -> list[Diagnostic]:
     """Say which gangs have more unit sets than are tried."""
-    counts: dict[tuple[str, str], int] = {}
+    counts = Counter[tuple[str, str]]()
     for number, active in enumerate(problem.expansion.tasks):
         first, last = problem.arrays.task_option[number], problem.arrays.task_option[number + 1]
-        for option in problem.options[first:last]:
-            if option.version is not None:
-                key = (active.name, option.version.name)
-                counts[key] = counts.get(key, 0) + 1
+        versions = [option.version for option in problem.options[first:last]]
+        counts.update((active.name, version.name) for version in versions if version is not None)
     return [
         OPTIONS_CUT(f"only {count} of its unit sets are tried", path=about(task=task, version=version))
         for (task, version), count in counts.items()

@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.pipeline.validate import codes
@@ -171,12 +172,9 @@ def _find_cause(mode: ActiveMode) -> _Cause:
 
 def _longest_polls(mode: ActiveMode) -> dict[Duration, Duration]:
     """Return, for every period with which tasks poll for arrivals, the least distance of those."""
-    most: dict[Duration, Duration] = {}
-    for active in mode.tasks.values():
-        period, distance = active.task.period, active.task.distance
-        if period is not None and distance is not None:
-            most[period] = min(distance, most.get(period, distance))
-    return most
+    tasks = [active.task for active in mode.tasks.values()]
+    polls = grouped((t.period, t.distance) for t in tasks if t.period is not None and t.distance is not None)
+    return {period: min(distances) for period, distances in polls.items()}
 
 
 def _extended(base: Duration, jobs: int, period: Duration, weight: int) -> tuple[Duration, int]:

@@ -116,10 +116,9 @@ def _resolve(table: ModeTable, demands: dict[str, dict[str, int]]) -> dict[str, 
 
 def _demands(active: ActiveTask) -> dict[str, int]:
     """Return, for every task the versions name, the largest number of constraints on it in one version."""
-    most: dict[str, int] = {}
+    most = Counter[str]()
     for version in active.versions.values():
-        for target, count in Counter(p.task for p in version.precedences).items():
-            most[target] = max(most.get(target, count), count)
+        most |= Counter(precedence.task for precedence in version.precedences)
     return most
 
 

@@ -80,12 +80,11 @@ def known_first(construction: Ints, hint: Ints) -> Ints:
 
 def rename_units(problem: Problem, units: dict[int, tuple[str, ...]], earlier: Earlier) -> dict[int, tuple[str, ...]]:
     """Exchange the names of units within every group so that as many jobs as possible are where they were."""
-    votes: dict[tuple[str, str], int] = {}
+    votes = Counter[tuple[str, str]]()
     for job, names in units.items():
         number = problem.arrays.job_task[job]
         key = (problem.expansion.tasks[number].name, job - problem.arrays.task_job[number])
-        for now, before in zip(names, earlier.units.get(key, ()), strict=False):
-            votes[now, before] = votes.get((now, before), 0) + 1
+        votes.update(zip(names, earlier.units.get(key, ()), strict=False))
     group_of = {name: group for group, names in enumerate(problem.groups) for name in names}
     name_for: dict[str, str] = {}
     taken: set[str] = set()
