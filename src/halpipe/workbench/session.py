@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, about, error, sort_diagnostics
 from halpipe.core.files import CANNOT_WRITE, is_ended, read_own, sha256, write_outputs
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
@@ -257,12 +258,9 @@ class Session:
         """Return for each task by how much of it the WCET can grow before the schedule breaks, the least of all."""
         from halpipe.pipeline.whatif.sensitivity import sensitivities
 
-        least: dict[str, float] = {}
-        for row in sensitivities(self._as_read(self.state.model), self._proven(), frozenset()):
-            if row.growth is not None:
-                share = float(row.growth / row.wcet)
-                least[row.task] = min(share, least.get(row.task, share))
-        return least
+        rows = sensitivities(self._as_read(self.state.model), self._proven(), frozenset())
+        shares = grouped((row.task, float(row.growth / row.wcet)) for row in rows if row.growth is not None)
+        return {task: min(found) for task, found in shares.items()}
 
     def exported(self, format: str, options: ExportOptions) -> dict[str, bytes]:
         """Return the files of an export of what is shown."""

@@ -8,6 +8,7 @@ from math import ceil
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Diagnostic, Location, about
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.core.records import record
 from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
@@ -55,11 +56,8 @@ def segments(frame: Frame) -> list[Segment]:
 
 def peaks(frame: Frame) -> dict[Row, Fraction]:
     """Return the largest bound of every row that has any, over the whole table."""
-    highest: dict[Row, Fraction] = {}
-    for segment in segments(frame):
-        for row, bound in segment.bounds.items():
-            highest[row] = max(bound, highest.get(row, Fraction(0)))
-    return dict(sorted(highest.items()))
+    bounds = grouped(bound for segment in segments(frame) for bound in segment.bounds.items())
+    return {row: max(bounds[row]) for row in sorted(bounds)}
 
 
 def limit_of(tables: Tables) -> Fraction:

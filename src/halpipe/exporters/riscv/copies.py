@@ -201,11 +201,8 @@ def turns_of(
 
 
 def _sizes(version: Version, kind: AccessKind) -> dict[str, int]:
-    sizes: dict[str, int] = {}
-    for moved, transfer in transfers_of(version):
-        if moved is kind:
-            sizes[transfer.buffer] = max(sizes.get(transfer.buffer, 0), transfer.size)
-    return sizes
+    sizes = grouped((transfer.buffer, transfer.size) for moved, transfer in transfers_of(version) if moved is kind)
+    return {buffer: max(found) for buffer, found in sizes.items()}
 
 
 def copies_of(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Findings, about, version_of
 from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.grouping import grouped
 from halpipe.core.quantities import format_size
 from halpipe.core.records import record
 from halpipe.exporters.common.codes import NEEDS_HOLD
@@ -112,12 +113,9 @@ def buffer_sizes(versions: Iterable[tuple[str, Version]], findings: Findings) ->
     found = [
         (path, access.kind, t) for path, version in versions for access in version.accesses for t in access.transfers
     ]
-    written: dict[str, int] = {}
-    read: dict[str, int] = {}
-    for _, kind, transfer in found:
-        sizes = written if kind is AccessKind.WRITE else read
-        sizes[transfer.buffer] = max(sizes.get(transfer.buffer, transfer.size), transfer.size)
-    reserved = read | written
+    sizes = grouped(((kind is AccessKind.WRITE, transfer.buffer), transfer.size) for _, kind, transfer in found)
+    # Those of a buffer that is written come last, and count.
+    reserved = {buffer: max(sizes[is_written, buffer]) for is_written, buffer in sorted(sizes)}
     for path, _, transfer in found:
         if transfer.size > reserved[transfer.buffer]:
             most = format_size(reserved[transfer.buffer])

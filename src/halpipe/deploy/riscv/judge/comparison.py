@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Code, Findings, about, named
+from halpipe.core.grouping import grouped
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.board.devices import TRANSACTION, UNKNOWN, Transfer
 from halpipe.deploy.riscv.run.observation import Execution, Outcome
@@ -190,13 +191,10 @@ class Comparison:
 
     def _judge_phases(self, seen: Seen) -> None:
         """Hold the first transfer of every phase to the phase's beginning; the others follow as they can."""
-        firsts: dict[tuple[int, str], int] = {}
-        for planned, transfer in zip(seen.planned.transfers, seen.transfers, strict=True):
-            if transfer is not None:
-                key = (planned.begin, planned.kind)
-                firsts[key] = min(firsts.get(key, transfer.begin), transfer.begin)
-        for (tick, kind), first in firsts.items():
-            begin = self._at(tick)
+        pairs = zip(seen.planned.transfers, seen.transfers, strict=True)
+        begins = grouped(((planned.begin, planned.kind), moved.begin) for planned, moved in pairs if moved is not None)
+        for (tick, kind), found in begins.items():
+            first, begin = min(found), self._at(tick)
             if first > begin + self._tolerance:
                 message = f"its {kind} phase begins at {self._run.since(first)}, scheduled is {self._run.since(begin)}"
                 self._report(codes.WRONG_INSTANT, seen.planned, message, FROM_EXPORT)
