@@ -130,7 +130,10 @@ ROOMS = {
     "deploy/regulator": ("deploy/regulator", "unit/deploy/regulator/*"),
     "deploy/riscv": ("deploy/riscv", "unit/deploy/riscv/*"),
     "deploy/linux": ("deploy/linux", "linux/test_linux_*"),
-    "validate": ("pipeline/validate", "unit/pipeline/test_validate_[!s]* unit/pipeline/test_validate_s[tp][!e]*"),
+    "validate": (
+        "pipeline/validate",
+        "unit/pipeline/test_validate_[!s]* unit/pipeline/test_validate_s[tp][!e]* properties/test_validate_answers*",
+    ),
     "compare": (
         "pipeline/compare",
         (

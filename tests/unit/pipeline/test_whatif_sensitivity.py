@@ -13,6 +13,7 @@ from halpipe.models import Anchor, Interrupt, Part, Split
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif import sensitivity
+from halpipe.pipeline.whatif.excerpt import _ahead
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
 from halpipe.pipeline.whatif.trial import Search, proofs
 from support import after, chain, job, mode, model, ms, schedule, task, version
@@ -326,3 +327,12 @@ def test_growth_with_interrupts_ends_where_a_window_is_lost_that_more_would_find
     plan = schedule(system, 16, *(job(system, "p", n, 4 * n, "u2") for n in range(4)), slower)
     assert not [found for found in verify(system, plan) if found.is_error]
     assert growth(system, plan)[0] == ms(0)
+
+
+@pytest.mark.parametrize("every", [0, 1, 4, 5, 9])
+@pytest.mark.parametrize("most", [0, 1, 7, 20])
+def test_edges_ahead_are_all_that_a_growing_end_meets(every, most):
+    edges, end = [3, 11, 16], 9
+    turns = range(-20, 20) if every else (0,)
+    met = {edge + turn * every - end for edge in edges for turn in turns}
+    assert list(_ahead(edges, end, every, most)) == sorted(met & set(range(most)))
