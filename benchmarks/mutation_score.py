@@ -155,7 +155,7 @@ ROOMS = {
             "unit/pipeline/test_cost* unit/pipeline/test_latency* unit/pipeline/test_metrics* "
             "unit/pipeline/test_circle* unit/pipeline/test_splitting* unit/pipeline/test_margin* "
             "unit/pipeline/test_objectives* properties/test_cost_verify* properties/test_cost_refined* "
-            "properties/test_margin_bounds*"
+            "properties/test_margin_bounds* properties/test_measure_answers*"
         ),
     ),
     "transitions": (

@@ -201,6 +201,7 @@ def test_answers_are_hundredths_where_nothing_else_is_asked_for():
     system = model(task("a", 10, version("v", 3, "c1", access("mem", 0, 3, "0.5"))), units="c1", resources="mem")
     for asked in (SizeOptions(wcet_factor=True), SizeOptions(bandwidth="mem")):
         assert question_of(system, asked).step == Fraction(1, 100)
+    assert largest_factor(system).step == lowest_bandwidth(system, "mem").step == Fraction(1, 100)
     assert question_of(system, SizeOptions(wcet_factor=True, step=Fraction(1, 8))).step == Fraction(1, 8)
 
 
