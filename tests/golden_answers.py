@@ -116,7 +116,7 @@ class Work:
         reports = self._reports.setdefault(mode, [])
         if cost != CONSTRUCTING and (moves, allowed, cost) not in reports[-1:]:
             reports.append((moves, allowed, cost))
-        return sum(map(len, self._reports.values())) != self._stop
+        return not self._stop or sum(map(len, self._reports.values())) != self._stop
 
     def lines(self) -> Iterator[str]:
         """Yield a line for each mode, in the order of their names."""
