@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.durations import ZERO
 from halpipe.core.extent import Extent
+from halpipe.core.grouping import grouped
 from halpipe.exporters.common.base import Exporter, ExportOptions
 
 if TYPE_CHECKING:
@@ -101,9 +102,7 @@ def _cycle(mode: ModeSchedule) -> dict[str, Any]:
     """Return the cycle of a mode; activities are numbered by their starts."""
     jobs = sorted(mode.jobs, key=lambda job: (job.start, job.end, job.task))
     number = {job.task: index for index, job in enumerate(jobs, start=1)}
-    on_unit: dict[str, list[int]] = {}
-    for job in jobs:
-        on_unit.setdefault(job.units[0], []).append(number[job.task])
+    on_unit = grouped((job.units[0], number[job.task]) for job in jobs)
     workers = {WORKERS + index: unit for index, unit in enumerate(sorted(on_unit), start=1)}
     return {
         "signalling": "DirectMpsc",

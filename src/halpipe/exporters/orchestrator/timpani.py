@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Findings, about
 from halpipe.core.extent import Extent
+from halpipe.core.grouping import grouped
 from halpipe.core.options import CPUS, Form, cpu_number, option, specific
 from halpipe.core.records import record
 from halpipe.exporters.common.base import Exporter, ExportOptions
@@ -139,10 +140,8 @@ def _tasks(model: TaskModel, mode: ModeSchedule, cpus: Mapping[str, int], node: 
 
 def _by_task(mode: ModeSchedule) -> dict[str, list[Job]]:
     """Return the jobs of each task in the order of their starts."""
-    found: dict[str, list[Job]] = {}
-    for job in sorted(mode.jobs, key=lambda job: (job.start, job.task)):
-        found.setdefault(job.task, []).append(job)
-    return found
+    jobs = sorted(mode.jobs, key=lambda job: (job.start, job.task))
+    return grouped((job.task, job) for job in jobs)
 
 
 def _entries(jobs: list[Job], hyperperiod: Duration) -> list[tuple[str, Job, Duration]]:

@@ -269,9 +269,7 @@ class Comparison:
 
     def _exclusion(self) -> None:
         recorder = self._run.recorder
-        by_channel: dict[int, list[Transfer]] = defaultdict(list)
-        for transfer in recorder.transfers:
-            by_channel[transfer.channel].append(transfer)
+        by_channel = grouped((transfer.channel, transfer) for transfer in recorder.transfers)
         for channel, transfers in sorted(by_channel.items()):
             ordered = sorted(transfers, key=lambda t: (t.begin, t.end))
             for earlier, later in pairwise(ordered):
