@@ -177,7 +177,7 @@ ROOMS = {
             "unit/pipeline/test_s[!c]* unit/pipeline/test_turns* unit/pipeline/test_workers* "
             "properties/test_kernel_cost* properties/test_search_* properties/test_exact_* "
             "properties/test_improving* properties/test_split_search* properties/test_edf_reference* "
-            "properties/test_refined_search* properties/test_freeze_split*"
+            "properties/test_refined_search* properties/test_freeze_split* cli/test_cli_resume*"
         ),
     ),
     "pipeline": (

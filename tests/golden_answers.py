@@ -73,6 +73,7 @@ def searched(model: TaskModel, stop: int = 0, **options: object) -> list[str]:
     chosen = SearchOptions(on_better=lambda mode, text: better.update([f"better: {mode}, {text}"]), **options)
     found = schedule_model(model, chosen, work.on_progress)
     ended = "complete" if found.is_complete else "stopped" if found.stopped else "not found"
+    ended += " and improved no further" if found.unimproved else ""
     lines = [f"{ended}, {found.moves} moves, {found.schedule.solver}, tick {found.schedule.tick}"]
     lines += plan_lines(found.schedule)
     lines += [f"reached: {row.mode}, {row}" for row in found.reached]
@@ -116,13 +117,13 @@ class Work:
         reports = self._reports.setdefault(mode, [])
         if cost != CONSTRUCTING and (moves, allowed, cost) not in reports[-1:]:
             reports.append((moves, allowed, cost))
-        return not self._stop or sum(map(len, self._reports.values())) != self._stop
+        return not self._stop or sum(map(len, self._reports.values())) < self._stop
 
     def lines(self) -> Iterator[str]:
         """Yield a line for each mode, in the order of their names."""
         for mode, reports in sorted(each for each in self._reports.items() if each[1]):
             moves, allowed, cost = reports[-1]
-            yield f"work: {mode}, {len(reports)} reports, last {moves} of {allowed}, cost {cost}, all {_sign(reports)}"
+            yield f"work: {mode}, {len(reports)} reports, last {moves} of {allowed}, cost {cost}, all {sign(reports)}"
 
 
 def plan_lines(plan: Schedule) -> Iterator[str]:
@@ -179,7 +180,7 @@ def switched(model: TaskModel, plan: Schedule) -> Iterator[str]:
     def possible(search: object) -> list[int]:
         lengths = plain_possible(search)
         some = " ".join(map(str, lengths[:12]))
-        tries.append(f"pair: {len(lengths)} lengths, {some}, all {_sign(lengths)}")
+        tries.append(f"pair: {len(lengths)} lengths, {some}, all {sign(lengths)}")
         return lengths
 
     plain_fill, plain_possible = Table.fill, tables._Search.possible
@@ -189,7 +190,7 @@ def switched(model: TaskModel, plan: Schedule) -> Iterator[str]:
         yield from table_lines(table)
     yield from tries[:SHOWN]
     if len(tries) > SHOWN:
-        yield f"and {len(tries) - SHOWN} more, all {_sign(tries)}; at last {tries[-1]}"
+        yield f"and {len(tries) - SHOWN} more, all {sign(tries)}; at last {tries[-1]}"
     yield from findings(found.diagnostics)
 
 
@@ -209,7 +210,7 @@ def solved(model: TaskModel, **options: object) -> list[str]:
         lines = program_lines(program)
         kinds = Counter(line.split()[0] for line in lines)
         sizes = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-        asked.append(f"program: {sizes}; work {effort.work:.4g}, seed {effort.seed}, all {_sign(lines)}")
+        asked.append(f"program: {sizes}; work {effort.work:.4g}, seed {effort.seed}, all {sign(lines)}")
         return plain(program, effort)
 
     plain = exact.run
@@ -258,6 +259,6 @@ def _flat(body: str) -> str:
     return " ".join(filter(None, words))
 
 
-def _sign(value: object) -> str:
+def sign(value: object) -> str:
     """Return a short word that stands for a value."""
     return hashlib.sha256(repr(value).encode()).hexdigest()[:8]

@@ -204,7 +204,7 @@ def _covers(earlier: Schedule, free: frozenset[str], conflicts: Iterable[list[_J
     """Return sets of tasks that leave no conflict when they are free, those with the fewest jobs first."""
     jobs = Counter(job.task for mode in earlier.modes for job in mode.jobs)
     choices = {frozenset(task for task, _ in each) for sets in conflicts for each in sets}
-    open_choices = sorted((sorted(each) for each in choices if not each & free), key=len)
+    open_choices = sorted((sorted(each) for each in choices if not each & free), key=lambda each: (len(each), each))
     most = COVERS if jobs.total() <= MANY_JOBS else 1
     if len(open_choices) > MOST_CHOICES:  # most of what has changed moves
         return []

@@ -62,3 +62,31 @@ def test_a_stated_budget_bounds_the_improvement_too(monkeypatch, budget, asked):
     assert schedule_model(system, options, lambda *_: True).is_complete
     assert len(calls) == asked
     assert [polish.budget for polish in budgets] == [budget or POLISH_BUDGET]
+
+
+@pytest.mark.parametrize(
+    ("transitions", "options", "work"),
+    [
+        ((), {}, 18 + 2 * 2 * 18 // 4),
+        ((("m0", "m1", None),), {}, 18 + 7 // 4),
+        ((), {"switches": False}, 18),
+        ((), {"modes": ("m1", "m2")}, 16 + 2 * 16 // 4),
+        ((("m0", "m1", None),), {"modes": ("m1", "m2")}, 16),
+        ((), {"switches": False, "searches": 3}, 54),
+        ((("m0", "m1", None), ("m1", "m0", None)), {"searches": 2}, 2 * (18 + 14 // 4)),
+    ],
+)
+def test_a_search_without_a_stated_end_counts_the_jobs_of_modes_and_of_pairs(monkeypatch, transitions, options, work):
+    """Modes of 2, 5 and 11 jobs: four jobs of a pair take as long as one of a mode."""
+    from halpipe.core.diagnostics import HalpipeError
+    from halpipe.pipeline.solve import limits
+    from halpipe.pipeline.solve.limits import refuse_endless
+    from support import mode, model, task, version
+
+    tasks = [task(f"t{n}", period, version("v", "0.1ms")) for n, period in enumerate((20, 20, 5, 2))]
+    modes = [mode(f"m{n}", [tasks[0], tasks[n + 1]]) for n in range(3)]
+    system = model(*tasks, modes=modes, transitions=transitions)
+    monkeypatch.setattr(limits, "MOST_UNLIMITED", 1)
+    with pytest.raises(HalpipeError) as refused:
+        refuse_endless(system, **options)
+    assert f"take as long as {work} jobs" in refused.value.diagnostics[0].message

@@ -1,9 +1,12 @@
 """Searches in slices: the outcome depends on the moves alone, not on threads, slices or a stop on the way."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel import slices
+from halpipe.pipeline.solve.kernel import kernel, slices
 from halpipe.pipeline.solve.kernel.kernel import BEST, MOVES, new_state
 from halpipe.pipeline.solve.kernel.slices import run
 from halpipe.pipeline.solve.problem import build_problem
@@ -110,3 +113,9 @@ def test_a_mode_starts_as_if_all_before_it_had_been_searched_in_order():
     assert modes._start(1, {}) is None, "waits for the first mode"
     assert modes._start(2, {}) is not None, "shares no task with the modes before"
     assert modes._start(3, {2: found[2]}) is None
+
+
+def test_the_library_knows_the_parts_of_the_search_by_the_same_bits():
+    header = Path(kernel.__file__).with_name("native") / "arrays.h"
+    bits = {name: 1 << int(bit) for name, bit in re.findall(r"([A-Z_]+) = 1 << ([0-9]+)", header.read_text())}
+    assert {part.name: part.value for part in kernel.Part} == bits

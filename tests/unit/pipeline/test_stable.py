@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from zlib import crc32
 
 import pytest
 
@@ -171,6 +172,25 @@ def test_sets_of_tasks_to_free_are_few_however_many_conflicts_there_are():
     covers = _covers(before, frozenset(), [pairs[:50]])
     assert len(covers) == COVERS
     assert all(len(cover) == 50 for cover in covers)
+
+
+def test_sets_of_tasks_to_free_do_not_depend_on_hashes():
+    """Same bytes in every process: names hash in another way in each."""
+
+    def found(salt):
+        class Name(str):
+            __slots__ = ()
+
+            def __hash__(self):
+                return crc32(f"{salt}{self}".encode())
+
+        pairs = [(Name(f"t{n}"), Name(f"t{n * n * 5 % 23}")) for n in range(2, 22)]
+        sets = [frozenset([(one, 0), (two, 0)]) for one, two in pairs if one != two]
+        return _covers(schedule(model(), 1), frozenset(), [sets])
+
+    expected = [sorted(cover) for cover in found(0)]
+    assert len(expected) == COVERS
+    assert all([sorted(cover) for cover in found(salt)] == expected for salt in range(1, 5))
 
 
 def test_the_searches_of_near_are_not_saved(tmp_path):
