@@ -123,10 +123,7 @@ def _mode(name: str, structure: Structure, system: YamlMap | None, at: Location,
     catalogue = structure.catalogue
     parameters = _parameters(catalogue, system)
     variables = _values(catalogue, system, "variables") if system is not None else {}
-    nodes: list[Node] = []
-    callbacks: list[Callback] = []
-    publications: list[Publication] = []
-    subscriptions: list[Subscription] = []
+    readers: list[NodeProcesses] = []
     taken: dict[str, Location] = {}
     for instance in structure.instances:
         if instance.path in taken:
@@ -139,16 +136,14 @@ def _mode(name: str, structure: Structure, system: YamlMap | None, at: Location,
         values = {**variables, **own, **parameters.get(instance.path, {})}
         reader = NodeProcesses(instance, structure, catalogue, values)
         reader.read(coverage)
-        nodes.append(Node(name=instance.path, at=instance.at))
-        callbacks += reader.callbacks
-        publications += reader.publications
-        subscriptions += reader.subscriptions
+        readers.append(reader)
+    callbacks = [callback for reader in readers for callback in reader.callbacks]
     graph = RosGraph(
         file=at.file,
-        nodes=tuple(nodes),
+        nodes=tuple(Node(name=reader.instance.path, at=reader.instance.at) for reader in readers),
         callbacks=tuple(callbacks),
-        publications=tuple(publications),
-        subscriptions=tuple(dict.fromkeys(subscriptions)),
+        publications=tuple(publication for reader in readers for publication in reader.publications),
+        subscriptions=tuple(dict.fromkeys(each for reader in readers for each in reader.subscriptions)),
         groups=() if system is None else tuple(_containers(catalogue, system, callbacks)),
     )
     for number in range(structure.services):
