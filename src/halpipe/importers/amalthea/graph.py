@@ -11,6 +11,7 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.modes import Conditions, SystemMode
@@ -204,19 +205,15 @@ def _repeated(amount: Amount, count: Fraction) -> Amount:
 
 def _joined(join: Callable[[Iterable[Any]], Any], amounts: Sequence[Amount]) -> Amount:
     """Return what steps come to one after another, by `sum`, or several branches at most, by `max`."""
-    reads: dict[Item, Fraction] = {}
-    writes: dict[Item, Fraction] = {}
-    for amount in amounts:
-        for into, found in ((reads, amount.reads), (writes, amount.writes)):
-            for label, count in found.items():
-                into[label] = join((into[label], count)) if label in into else count
+    reads = grouped(read for amount in amounts for read in amount.reads.items())
+    writes = grouped(written for amount in amounts for written in amount.writes.items())
     return Amount(
         join((Fraction(0), *(amount.cycles for amount in amounts))),
         any(amount.is_timed for amount in amounts),
         all(amount.is_known for amount in amounts),
         all(amount.is_possible for amount in amounts),
-        reads,
-        writes,
+        {label: join(counts) for label, counts in reads.items()},
+        {label: join(counts) for label, counts in writes.items()},
     )
 
 

@@ -231,16 +231,12 @@ def _deadline(forest: Forest, item: Item, task: Item, timing: Timing) -> bool:
     """Take a limit of a process; return whether there is something for it."""
     limit = item.one("limit")
     assert limit is not None
+    limits = {"ResponseTime": timing.deadlines, "StartToStart": timing.most_between_starts}.get(limit.get("metric"))
     time = forest.time(limit.one("limitValue"))
-    if time is None or limit.get("limitType") not in ("UpperLimit", ""):
+    if time is None or limits is None or limit.get("limitType") not in ("UpperLimit", ""):
         return False
-    if limit.get("metric") == "ResponseTime":
-        _least(timing.deadlines, task, time)
-        return True
-    if limit.get("metric") == "StartToStart":
-        _least(timing.most_between_starts, task, time)
-        return True
-    return False
+    _least(limits, task, time)
+    return True
 
 
 def _least(limits: dict[Item, Duration], task: Item, time: Duration) -> None:
