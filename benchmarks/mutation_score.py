@@ -148,7 +148,7 @@ ROOMS = {
             "properties/test_blocking* properties/test_split_exhaustive*"
         ),
     ),
-    "generate": ("pipeline/generate", "unit/pipeline/test_generate* properties/test_generate_witness*"),
+    "generate": ("pipeline/generate", "unit/pipeline/test_generate* properties/test_generate_[aw]*"),
     "measure": (
         "pipeline/measure",
         (

@@ -12,7 +12,8 @@ from test_search_golden import FAMILIES
 
 from golden_answers import assert_answers, findings
 from halpipe.pipeline.verify import verify
-from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, sensitivities, with_searches
+from halpipe.pipeline.whatif.excerpt import Sections
+from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, common_tick, sensitivities, with_searches
 from halpipe.pipeline.whatif.size import SizeOptions, answer_of, complaint, question_of
 
 MOST_QUESTIONS = 80
@@ -150,3 +151,30 @@ def test_sizes_are_what_they_were_before(verb):
     """Numbers, words and the count of the work, to the last one."""
     names = [f"{family} {seed}" for family, seeds in ANSWERS[verb].items() for seed in seeds]
     assert_answers(f"whatif-{verb}", {name: lambda name=name: VERBS[verb](name) for name in names})
+
+
+def edges(name):
+    """Return how far each version can grow before it meets others on its units, and to which edges of windows."""
+    system, plan = planned(name)
+    sections = Sections(system, plan, common_tick(system, plan))
+    versions = [(task.name, version.name) for task in system.tasks for version in task.versions]
+    lines = []
+    for section in (*sections.modes(), *sections.switches()):
+        for task, version in filter(section.__contains__, versions):
+            room = section.room(task, version)
+            turns = " ".join(map(str, section.turns(task, version, 40)))
+            lines.append(f"{task} {version}: {room.units}, free {room.free}; {turns}")
+    return lines
+
+
+EDGES = {
+    "refined-split": (0, 16, 19, 27, 38, 41, 51, 65, 72, 74, 78, 79, 88, 101, 105, 114, 118),
+    "refined": (21, 38, 43, 50, 58, 61, 75, 76, 102, 109, 115),
+    "switching-split": (0, 9, 11, 16, 19, 28, 33, 37, 38, 39, 41, 43),
+    "switching": (3, 5, 10, 11, 13, 17, 20, 21, 26),
+}
+
+
+def test_rooms_to_grow_are_what_they_were_before():
+    names = [f"{family} {seed}" for family, seeds in EDGES.items() for seed in seeds]
+    assert_answers("whatif-edges", {name: lambda name=name: edges(name) for name in names})

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.durations import Duration
 from halpipe.models import Interrupt, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -365,3 +366,9 @@ def test_no_bound_is_drawn_from_interrupts_of_units_that_may_be_left_out():
     system = replace(system, units=(replace(first, interrupts=served), second))
     question = fewest_units(system, "core")
     assert not proofs(question.relaxed(question.value(1)), question.ignored)
+
+
+@pytest.mark.parametrize(("budget", "seconds", "is_open"), [(None, None, True), (5, None, False), (None, 1, False)])
+def test_searches_are_open_where_no_end_of_them_is_stated(budget, seconds, is_open):
+    limit = None if seconds is None else Duration(seconds * 10**9)
+    assert SizeOptions(wcet_factor=True, budget=budget, time_limit=limit).is_open == is_open
