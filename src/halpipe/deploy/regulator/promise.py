@@ -6,6 +6,7 @@ bounds of its access phases in force, each shared equally by the units of a gang
 
 from __future__ import annotations
 
+from collections import defaultdict
 from fractions import Fraction
 from itertools import pairwise
 from math import ceil, floor, lcm
@@ -171,23 +172,19 @@ def promised_bursts(
     """
     width = platform.window_ns
     per_window = platform.promise_bytes / platform.burst_bytes
-    steps: dict[int, Fraction] = {}  # change of the volume of a whole window
-    parts: dict[int, Fraction] = {}  # volume beside that, in windows that a phase touches in part
-
-    def note(volumes: dict[int, Fraction], window: int, volume: Fraction) -> None:
-        volumes[window] = volumes.get(window, ZERO) + volume
-
+    steps: dict[int, Fraction] = defaultdict(Fraction)  # change of the volume of a whole window
+    parts: dict[int, Fraction] = defaultdict(Fraction)  # volume beside that, in windows that a phase touches in part
     for begin, end, share in _inside(timeline, phases):
         volume = share * per_window
         first, last = begin / width, end / width
         whole_from, whole_to = ceil(first), floor(last)
         if whole_from > whole_to:  # inside one window
-            note(parts, whole_to, (last - first) * volume)
+            parts[whole_to] += (last - first) * volume
             continue
-        note(parts, whole_from - 1, (whole_from - first) * volume)
-        note(parts, whole_to, (last - whole_to) * volume)
-        note(steps, whole_from, volume)
-        note(steps, whole_to, -volume)
+        parts[whole_from - 1] += (whole_from - first) * volume
+        parts[whole_to] += (last - whole_to) * volume
+        steps[whole_from] += volume
+        steps[whole_to] -= volume
     scale = lcm(*(value.denominator for value in (*steps.values(), *parts.values())))
     level, total, volumes = 0, 0, [0]
     for window in range(windows):

@@ -144,9 +144,7 @@ def _blocks(case: Case, owners: dict[str, str], name: str, steps: Sequence[Write
 def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) -> None:
     """Execute every table after each that may come before it, and compare every setting with the promise."""
     step = Fraction(case.platform.burst_bytes * parse_frequency(case.platform.settings["qos400"]["clock"]), STEPS)
-    final: dict[int, dict[str, int]] = {}
-    for index, blocks in played.items():
-        final[index] = {owner: value for _, orders in blocks for owner, value in orders}
+    final = {index: dict(order for _, orders in blocks for order in orders) for index, blocks in played.items()}
     for plan in case.planned:
         table = plan.table
         if table.index not in played:
