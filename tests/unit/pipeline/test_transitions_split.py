@@ -180,3 +180,29 @@ def test_arrivals_are_served_across_the_switch():
     assert length(None) == (ms(0), 0)
     assert length(11) == (ms(0), 0)  # 10 from start to start, and 1 to the end
     assert length("10.9ms") != (ms(0), 0)
+
+
+def test_a_table_has_jobs_with_gaps_where_no_whole_one_fits():
+    """`brief` leaves 2 ms in every 5, and begins 2 ms later in the other mode: a table of 8 ms."""
+    long = replace(version("v", 4), split=Split(points=(ms(2),)))
+    tasks = [task("long", 20, long), task("brief", 5, version("v", 3))]
+    system = model(*tasks, modes=[mode("one", tasks), mode("two", tasks)], transitions=[("one", "two", None)])
+    spans = {"one": ((3, 0, 2), (8, 2, 4)), "two": ((5, 0, 2), (10, 2, 4))}
+    modes = [
+        ModeSchedule(
+            name=name,
+            hyperperiod=ms(20),
+            status=Status.VALID,
+            jobs=(
+                job_of("long", 0, long, ("u1",), [tuple(map(ms, span)) for span in spans[name]], ()),
+                *(job(system, "brief", n, first + 5 * n, "u1") for n in range(4)),
+            ),
+        )
+        for name, first in (("one", 0), ("two", 2))
+    ]
+    plan = Schedule(model=system.name, model_sha256="", modes=tuple(modes))
+    [table] = switch_tables(system, plan, lambda *_: True).tables
+    assert table.length == ms(8)
+    placed = {each.task: each for each in table.jobs if each.task == "long"}
+    assert [(part.start, part.end) for part in placed["long"].parts] == [(ms(3), ms(5)), (ms(8), ms(10))]
+    assert [each.start for each in table.jobs if each.task == "brief"] == [ms(0), ms(5)]
