@@ -151,14 +151,42 @@ def test_without_jobs_nothing_is_late_and_all_units_are_empty():
     assert terms(model(replace(task("a", 10, version()), let=ms(10)))).precedence == 0
 
 
-@pytest.mark.parametrize(("slack", "beyond"), [(1, 0), ("3/10", 1), ("1/5", 2)])
-def test_the_phase_of_a_task_of_a_cycle_lies_in_its_first_period(slack, beyond):
-    """Jobs of a start 12 and 13 ms after the cycles' starts: with 4 ms of slack their releases may be at 9 ms."""
+@pytest.mark.parametrize(
+    ("slack", "deadline", "beyond"),
+    [(1, None, 0), ("3/10", None, 1), ("1/5", None, 2), (1, 5, 0), (1, 4, 1), (1, 3, 2), ("3/10", 3, 2), ("1/5", 4, 2)],
+)
+def test_the_phase_of_a_task_of_a_cycle_lies_in_its_first_period(slack, deadline, beyond):
+    """Jobs of a start 12 and 13 ms after the cycles' starts: with 4 ms of slack their releases may be at 9 ms.
+
+    Of a deadline, the millisecond that a job takes is no room for its start.
+    """
     row = replace(after("a", 0, 19), match=Match.CYCLE)
-    tasks = task("a", 10, version("v", 1), slack=slack), task("b", 20, version("v", 1, "u2", row), slack=1)
+    tasks = (
+        task("a", 10, version("v", 1), slack=slack, deadline=deadline),
+        task("b", 20, version("v", 1, "u2", row), slack=1),
+    )
     system = model(*tasks, units="u1 u2")
     jobs = [job(system, "a", 0, 12, "u1"), job(system, "a", 1, 3, "u1"), job(system, "b", 0, 15, "u2")]
     assert terms(system, *jobs).precedence == beyond
+
+
+@pytest.mark.parametrize(
+    ("offset", "index", "start", "is_before"),
+    [
+        (None, 0, 0, False),
+        (None, 1, 9, True),
+        (None, 1, 10, False),
+        (3, 0, 2, True),
+        (3, 1, 13, False),
+        (13, 1, 12, True),
+    ],
+)
+def test_a_job_before_its_release_belongs_to_the_cycle_before(offset, index, start, is_before):
+    system = model(
+        task("a", 10, version("v", 1), slack=1, offset=offset), task("b", 20, version("v", 1, "u2")), units="u1 u2"
+    )
+    placed = place(system, job(system, "a", index, start, "u1"))
+    assert placed.tick * placed.lap(placed.jobs[0]) == (ms(20) if is_before else ms(0))
 
 
 def test_points_of_execution_are_reached_at_worst_pace():

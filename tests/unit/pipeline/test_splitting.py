@@ -256,3 +256,14 @@ def test_one_job_in_parts_makes_the_deadlines_of_all_jobs_of_its_task_count():
 def test_a_preemption_outside_the_execution_costs_its_distance_from_the_inside():
     boundaries = _Boundaries.of(split(version("v", 10), Split(anywhere=True)), ms(1))
     assert [boundaries.distance(bound) for bound in (-3, 0, 1, 9, 10, 12)] == [4, 1, 0, 0, 1, 3]
+
+
+@pytest.mark.parametrize("bound", range(-2, 16))
+def test_a_boundary_is_as_far_off_as_the_nearest_one_that_is_allowed(bound):
+    """Anywhere outside the phases from 2 to 7 and from 9 to 11 of 13 ticks, or at one of three points."""
+    phases = (access("r", 2, 5), access("r", 4, 7), access("r", 9, 11))
+    free = _Boundaries.of(split(version("v", 13, "u1", *phases), Split(anywhere=True)), ms(1))
+    allowed = [n for n in range(1, 13) if not (2 < n < 7 or 9 < n < 11)]
+    assert free.distance(bound) == min(abs(bound - n) for n in allowed)
+    cut = _Boundaries.of(split(version("v", 13), points(3, 8, 12)), ms(1))
+    assert cut.distance(bound) == min(abs(bound - n) for n in (3, 8, 12))
