@@ -16,6 +16,7 @@ REPLACED = "replaced by a function of ours, unless the class has its own"
 GUESS = "a first guess below the least length is reached from below all the same"
 
 EQUIVALENT = {
+    ("meetings.py", "useful = [part for part in parts if part.length >= 0]"): "what is left for no time meets nothing",
     ("meetings.py", "text = f'{few(names, 21)} need {needed} units at the same time, whatever their phases, and have {len(units)}: '"): "no group has so many: it is complete with one task more than there are units, of which 16 are looked at",
     ("explanation.py", "BUDGET = 5001"): BUDGET,
     ("explanation.py", "WORK = 2000001"): BUDGET,

@@ -83,7 +83,7 @@ def phased(rng):
 def held(rng):
     """A chain with limits over tasks that need a unit which another task holds in long pieces."""
     period = rng.choice((10, 20))
-    see = [version("gpu", rng.randint(1, 4), "gpu")]
+    see = [version("gpu", rng.choice((1, 2, 3, 4, 7)), "gpu")]
     see += [version("cpu", rng.randint(5, 2 * period // 2), "cpu")] if rng.random() < 0.6 else []
     tasks = [
         task("grab", period, version("v", 1, "cpu"), slack=rng.choice((0, 1))),
@@ -91,6 +91,8 @@ def held(rng):
         task("act", rng.choice((period, 40)), version("v", 1, "dsp"), slack=rng.choice((0, "1/8", 1))),
         task("detect", 40, version("v", rng.randint(6, 30), "gpu"), slack=1),
     ]
+    if rng.random() < 0.3:  # another one that holds it as long
+        tasks.append(replace(tasks[-1], name="also"))
     limits = {kind: rng.randint(8, 32) for kind in rng.choice((("reaction",), ("age",), ("reaction", "age")))}
     return model(*tasks, units="cpu gpu dsp", chains=[chain("picture", "grab see act", **limits)])
 

@@ -98,6 +98,18 @@ def test_a_unit_may_be_held_for_as_long_as_the_reaction_leaves():
     assert explain(held_for_a_reaction(21)).exit == 0
 
 
+@pytest.mark.parametrize(("see", "within"), [(11, "1ms"), ("11.5ms", "0ms"), (12, "0ms")])
+def test_of_tasks_that_hold_a_unit_as_long_the_first_is_named(see, within):
+    """The reaction leaves 24 ms less that of grab and twice what see takes; less than nothing is nothing."""
+    rows = (("grab", 40, 1, "cpu"), ("see", 40, see, "gpu"), ("detect", 40, 13, "gpu"), ("again", 40, 13, "gpu"))
+    tasks = [task(name, period, version("v", wcet, unit), slack=1) for name, period, wcet, unit in rows]
+    (hopeless,) = find_witnesses(model(*tasks, units="cpu gpu", chains=[chain("picture", "grab see", reaction=24)]))
+    (found,) = (proof.message for proof in hopeless.diagnostics if proof.code == UNIT_HELD.id)
+    assert found.startswith('"detect" holds "gpu" for 13ms at a time')
+    assert f"must start within {within} after one has ended" in found
+    assert ("whatever holds the unit in between is too long" in found) == (within == "0ms")
+
+
 def test_a_task_that_may_pause_is_not_kept_waiting_by_what_holds_its_unit():
     """Its job may begin before what holds the unit, and go on afterwards."""
     system = held_for_a_reaction()
