@@ -77,7 +77,7 @@ ROOMS = {
         "unit/test_models* unit/importers/test_native_* unit/pipeline/test_expand* unit/exporters/test_native_*",
     ),
     "schemas": ("schemas", "unit/test_schemas* unit/importers/test_native_*"),
-    "selftest": ("selftest", "unit/selftest/* cli/test_cli_selftest*"),
+    "selftest": ("selftest", "unit/selftest/test_[bs]* cli/test_cli_selftest*"),
     "workbench": ("workbench", "unit/workbench/* cli/test_cli_serve*"),
     "importers/native": ("importers/native", "unit/importers/test_native_* unit/exporters/test_native_*"),
     "importers/overlay": ("importers/overlay", "unit/importers/test_overlay_*"),
