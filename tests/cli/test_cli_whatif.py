@@ -76,7 +76,7 @@ def test_sensitivity_in_text_and_json(halpipe, schedule):
     assert (row["task"], row["wcet"]) == ("act", "2ms")
     assert row["growth"].endswith("ms")
     assert row["limit"]
-    assert set(row["found"]) == {"wcet", "proven-at-most", "failed"}
+    assert set(row["found"]) == {"wcet", "proven-at-most", "failed", "cut-short"}
     assert halpipe("sensitivity", "model.xml", "schedule.xml", "--task", "acts").returncode == 2
 
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.whatif.size import Answer
 
 
+MORE_TIME = "raise --time-limit"
+
+
 @takes("halpipe.pipeline.whatif.size:SizeOptions", answers=True)
 def size(model: ModelFile, options: Values) -> int:
     """Find how small the platform can be, or how slow: the smallest size with a schedule, and what is proven.
@@ -30,6 +33,7 @@ def size(model: ModelFile, options: Values) -> int:
     """
     from halpipe.cli.searching import Watch
     from halpipe.importers.native import read_model
+    from halpipe.pipeline.explain.codes import CUT_SHORT
     from halpipe.pipeline.solve.limits import refuse_endless
     from halpipe.pipeline.whatif.size import SizeOptions, answer_of, complaint, question_of
     from halpipe.pipeline.whatif.trial import TRIES
@@ -41,17 +45,19 @@ def size(model: ModelFile, options: Values) -> int:
     question = question_of(system, chosen)
     output.report(question.warnings)
     if chosen.is_open:
-        refuse_endless(question.at(question.now).model, switches=chosen.switches, searches=TRIES)
+        now = question.at(question.now).model
+        refuse_endless(now, switches=chosen.switches, searches=TRIES, is_checked=True)
     with Watch(chosen.time_limit) as watch:
         answer = answer_of(question, chosen, watch.on_progress, watch.go_on)
-    wrong = complaint(answer)
-    if wrong is not None:
+    if (wrong := complaint(answer)) is not None:
         output.report([wrong, *answer.witness])
+    if answer.is_cut:
+        output.report([CUT_SHORT("a longer search may find more", path=question.what, help=MORE_TIME)])
     if output.is_text():
         _show_size(answer, system, chosen.bandwidth)
     else:
         print_json(_size_json(answer))
-    if answer.found is None:
+    if wrong is not None:
         return Exit.INFEASIBLE if answer.bound is None else Exit.NOT_FOUND
     return Exit.OK
 
@@ -113,7 +119,6 @@ def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> in
     from halpipe.pipeline.explain.codes import CUT_SHORT
     from halpipe.pipeline.solve.limits import refuse_endless
     from halpipe.pipeline.whatif.sensitivity import SensitivityOptions, sensitivities, with_searches
-    from halpipe.pipeline.whatif.trial import TRIES
 
     chosen = SensitivityOptions(**options)
     refuse_unused(chosen, "sensitivity without --search")
@@ -125,11 +130,12 @@ def sensitivity(model: ModelFile, schedule: ScheduleFile, options: Values) -> in
     rows = list(sensitivities(system, tables, frozenset(chosen.tasks)))
     if chosen.search:
         if chosen.is_open:
-            refuse_endless(system, switches=False, searches=TRIES * len(rows))
+            refuse_endless(system, switches=False, searches=len(rows), is_checked=True)
         with Watch(chosen.time_limit) as watch:
             rows = with_searches(system, rows, chosen, watch.on_progress, watch.go_on)
         if cut := [row for row in rows if row.searched is not None and row.searched.is_cut]:
-            output.report([CUT_SHORT(f"of {len(cut)} of {len(rows)} versions", path="search")])
+            text = f"time was over before {len(cut)} of {len(rows)} versions were looked at in full"
+            output.report([CUT_SHORT(text, path="sensitivity", help=MORE_TIME)])
     if output.is_text():
         _show_growth(rows, search=chosen.search)
     else:
@@ -148,6 +154,7 @@ def _sensitivity_json(row: Sensitivity) -> dict[str, Any]:
     if row.searched is not None:
         found = row.searched
         result["found"] = {"wcet": found.found, "proven-at-most": found.bound, "failed": found.failed}
+        result["found"]["cut-short"] = found.is_cut
     return result
 
 
@@ -169,7 +176,8 @@ def _show_growth(rows: Sequence[Sensitivity], *, search: bool) -> None:
 def _found(searched: Searched | None) -> list[str]:
     if searched is None:
         return []
-    return [str(wcet) if wcet is not None else "any" for wcet in (searched.found, searched.bound)]
+    none = "not known" if searched.is_cut else "any"
+    return [none if wcet is None else str(wcet) for wcet in (searched.found, searched.bound)]
 
 
 def _percent(share: Fraction) -> str:

@@ -38,6 +38,7 @@ class Outcome(StrEnum):
     NOT_FOUND = "not found"
     INFEASIBLE = "infeasible"
     INVALID = "invalid"
+    REFUSED = "not begun: large"
     INTERRUPTED = "interrupted"
     FAILED = "internal error"
 
@@ -46,6 +47,7 @@ EXITS = {
     Outcome.FAILED: Exit.INTERNAL,
     Outcome.INTERRUPTED: Exit.INTERRUPTED,
     Outcome.INVALID: Exit.FINDINGS,
+    Outcome.REFUSED: Exit.FINDINGS,
     Outcome.INCOMPLETE: Exit.FINDINGS,
     Outcome.INFEASIBLE: Exit.INFEASIBLE,
     Outcome.NOT_FOUND: Exit.NOT_FOUND,
@@ -96,6 +98,7 @@ def solve(variant: Variant, go_on: Callable[..., bool], is_interrupted: Callable
     from halpipe.exporters.native import format_schedule
     from halpipe.importers.native import parse_model
     from halpipe.pipeline.checked import explain_failure, schedule_model
+    from halpipe.pipeline.solve.codes import ENDLESS
     from halpipe.pipeline.solve.limits import refuse_endless
     from halpipe.pipeline.solve.schedule import SearchOptions
 
@@ -111,6 +114,8 @@ def solve(variant: Variant, go_on: Callable[..., bool], is_interrupted: Callable
         content = format_schedule(scheduled.schedule)
     except HalpipeError as failure:
         outcome = next((known for known, code in EXITS.items() if code is failure.exit), Outcome.INVALID)
+        if any(found.code == ENDLESS.id for found in failure.diagnostics):
+            outcome = Outcome.REFUSED
         return Solved(outcome, diagnostics=tuple(failure.diagnostics))
     lacks = any(found.is_error for found in scheduled.diagnostics)
     return Solved(

@@ -154,6 +154,8 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         plain, _ = _with_switches(model, replace(options, optimise=(), keeper=None), on_progress)
         if len(plain.schedule.transitions) > len(found.schedule.transitions):
             found = _improved_where_switched(model, plain, found, options, on_progress)
+        elif plain.stopped:  # whether it has more switches is not known
+            found = replace(found, stopped=True)
     return replace(found, schedule=with_reactions(model, found.schedule))
 
 

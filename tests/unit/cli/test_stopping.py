@@ -98,6 +98,22 @@ def test_a_large_search_begins_where_its_end_is_stated(words, scheduled, monkeyp
         assert invoke([*words.split(), "--budget", "50"]) == 0
 
 
+def test_a_fleet_says_that_a_large_model_was_not_begun(scheduled, monkeypatch, capsys):
+    monkeypatch.setattr("halpipe.pipeline.solve.limits.MOST_UNLIMITED", 5)
+    assert invoke(["schedule", "first/model.xml", "-o", "made/"]) == 1
+    assert "not begun: large" in capsys.readouterr().out
+
+
+def test_what_is_too_much_for_its_units_has_a_large_question_of_size_too(scheduled, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("halpipe.pipeline.solve.limits.MOST_UNLIMITED", 5)
+    model = tmp_path / "first" / "model.xml"
+    model.write_text(model.read_text().replace('wcet="', 'wcet="9', 1))
+    assert invoke(["validate", "first/model.xml"]) == 1
+    capsys.readouterr()
+    assert invoke(["size", "first/model.xml", "--wcet-factor"]) == 1
+    assert "HAL0417" in "".join(capsys.readouterr())
+
+
 def test_a_large_pipeline_states_its_end_too(scheduled, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("halpipe.pipeline.solve.limits.MOST_UNLIMITED", 5)
     steps = "halpipe-pipeline: 1\nmodel: first/model.xml\nschedule: {output: made.xml}\n"
@@ -122,4 +138,4 @@ def test_an_answer_that_time_cuts_short_says_so(words, scheduled, monkeypatch, c
     monkeypatch.setattr(Stop, "clock", lambda stop: lambda *_: False)
     code = invoke(words.split())
     assert code == (0 if words.startswith("sens") else 3)
-    assert ("HAL0443" if words.startswith("size") else "HAL0447") in "".join(capsys.readouterr())
+    assert "HAL0447" in "".join(capsys.readouterr())

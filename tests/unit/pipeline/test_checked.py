@@ -94,6 +94,19 @@ def test_placements_are_tried_for_switches_as_long_as_they_cost_little(monkeypat
     assert attempts(monkeypatch, plain, unimproved=True)[0] == [0]
 
 
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_a_switch_whose_search_was_stopped_is_not_said_to_have_no_table(monkeypatch, is_stopped):
+    """The first placements of the modes might have one: the search of these did not end by itself."""
+
+    def search(_model, options, _on_progress):
+        return Scheduled(PLAN, diagnostics=(), moves=0, stopped=is_stopped and options.optimise == ())
+
+    monkeypatch.setattr("halpipe.pipeline.solve.schedule.schedule_model", search)
+    found = Switched((), (), (("m", "n"),), stopped=False)
+    monkeypatch.setattr("halpipe.pipeline.transitions.tables.switch_tables", lambda *_: found)
+    assert checked.schedule_model(PAIR, DEFAULT, lambda *_: True).is_complete is not is_stopped
+
+
 def test_placements_for_switches_end_with_the_budget_of_moves(monkeypatch):
     limited = SearchOptions(optimise=(), budget=10)  # for two tasks, 20 moves
     assert attempts(monkeypatch, limited, moves=10)[0] == [0, 1, 2]

@@ -14,7 +14,7 @@ from halpipe.models import Anchor, Binding, Interrupt, Split, Status, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
-from halpipe.pipeline.solve import codes
+from halpipe.pipeline.solve import codes, one_mode
 from halpipe.pipeline.solve import schedule as solve
 from halpipe.pipeline.solve.edf.fixed import Claim
 from halpipe.pipeline.solve.edf.works import works_of
@@ -410,6 +410,23 @@ def test_what_splitting_makes_hard_to_find_is_found_in_one_piece(limits):
     jobs = {job.task: job for job in found.schedule.modes[0].jobs}
     assert jobs["second"].end == jobs["first"].start
     assert found.schedule.modes[0].margin_bound is not None
+
+
+def test_of_two_searches_the_better_placement_is_kept(monkeypatch):
+    """Both without a valid one: what is saved is the one with less excess."""
+    owner = ends_where_it_begins(1, 2)
+    first, second = owner.tasks
+    late = replace(owner, tasks=(replace(first, offset=ms(0), slack=0), replace(second, offset=ms(15), slack=0)))
+    plain, made = one_mode._SplitJobs._searched, []
+
+    def searched(*given):
+        made.append(replace(plain(*given), excess=len(made) + 1))
+        return made[-1]
+
+    monkeypatch.setattr(one_mode._SplitJobs, "_searched", searched)
+    found = solve.schedule_model(late, SearchOptions(optimise=(), budget=100), lambda *_: True)
+    assert found.schedule.modes[0].jobs == made[0].jobs
+    assert found.moves == made[1].placed
 
 
 def test_what_one_piece_does_not_find_is_searched_on():

@@ -46,10 +46,12 @@ LARGEST = 2**62
 """Costs and times stay below this."""
 
 
-def refuse_endless(model: TaskModel, modes: Collection[str] = (), *, switches: bool = True, searches: int = 1) -> None:
+def refuse_endless(
+    model: TaskModel, modes: Collection[str] = (), *, switches: bool = True, searches: int = 1, is_checked: bool = False
+) -> None:
     """Refuse to schedule so many jobs that it can take long; `searches` times, the modes that are named, or all.
 
-    Models that are not valid pass: what is wrong with them is found before any search.
+    Models that are not valid pass, unless that is checked: what is wrong with them is found before any search.
     """
     active = (mode for mode in Context(model).active if not modes or mode.mode.name in modes)
     jobs = {mode.mode.name: sum(mode.most_jobs.values()) for mode in active}
@@ -60,11 +62,11 @@ def refuse_endless(model: TaskModel, modes: Collection[str] = (), *, switches: b
     else:
         paired = 2 * (len(jobs) - 1) * sum(jobs.values())
     work = searches * (sum(jobs.values()) + paired // PAIRED)
-    if work > MOST_UNLIMITED and not any(found.is_error for found in validate(model)):
+    if work > MOST_UNLIMITED and (is_checked or not any(found.is_error for found in validate(model))):
         text = f"{counted(sum(jobs.values()), 'job')} in {counted(len(jobs), 'mode')}"
         asked = (" with switches" if paired else "") + (f", in {searches} searches" if searches > 1 else "")
         text += f"{asked}, take as long as {work} jobs to place; more than {MOST_UNLIMITED} need a stated end"
-        help = "say when to give up, such as --time-limit 300s"
+        help = "say when to give up, such as --time-limit 300s (or, of all but `explain`, with --budget)"
         raise HalpipeError(ENDLESS(text, at=model.at, path=about(model=model.name), help=help))
 
 

@@ -330,7 +330,9 @@ class _SplitJobs(_Search):
             whole = None if fixed.jobs else self._in_one_piece(notes, found.placed)
             if whole is not None:
                 return whole
-            found = self._searched(mode, polish, self.kept and self.kept.stage("later"), self.budget)
+            later = self._searched(mode, polish, self.kept and self.kept.stage("later"), self.budget)
+            is_worse = later.excess > found.excess
+            found = replace(found, placed=later.placed, stopped=later.stopped) if is_worse else later
         self.on_progress(self.name, found.placed, self.budget, found.excess)
         if found.excess:
             return Found(self.report(found.jobs, Status.NOT_FOUND), notes, found.placed, found.stopped)

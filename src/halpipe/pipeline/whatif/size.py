@@ -11,7 +11,6 @@ from halpipe.core.options import Form, option, positive_duration, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.models.modes import require_mode, require_names
-from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.optimise import lower_bound
@@ -135,7 +134,7 @@ def ask(question: Question, search: Search) -> Answer:
 
 
 def complaint(answer: Answer) -> Diagnostic | None:
-    """Return what there is to say when no value was found, or time was over; None otherwise."""
+    """Return what there is to say when no value was found; None when one was."""
     question = answer.question
     if answer.bound is None:
         help = "see what the witness says is necessary; `halpipe explain` says more"
@@ -144,7 +143,7 @@ def complaint(answer: Answer) -> Diagnostic | None:
         limit = "--time-limit" if answer.is_cut else "--budget"
         help = f"raise {limit}, try another --seed, or ask `halpipe explain`"
         return codes.NONE_FOUND(f"{len(answer.failed)} values tried without success", path=question.what, help=help)
-    return explain_codes.CUT_SHORT("a longer search may find more", path=question.what) if answer.is_cut else None
+    return None
 
 
 # ------------------------------------------------------------------------------------------------ questions

@@ -54,8 +54,8 @@ WINDOWS = frozenset((explain_codes.WINDOW_TOO_NARROW.id, explain_codes.WINDOWS_C
 BUDGET = 2_000
 """Moves per task: a tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
 
-TRIES = 20
-"""Searches that one answer takes, roughly."""
+TRIES = 5
+"""Searches of `size` that fail, roughly: they take the longest."""
 
 
 def _step(text: str) -> Fraction:
