@@ -305,6 +305,26 @@ def test_what_time_leaves_of_an_answer_is_true(tries):
     assert bool(found.witness) == (found.possible > 0)
 
 
+@pytest.mark.parametrize("tries", [0, 1, 100])
+def test_what_the_model_has_is_an_answer_before_time_is_over(tries):
+    """The first try is the model as it is; with enough of them, the answer is that without a limit."""
+    system = parallel(3, 6)
+    left = iter(range(tries))
+
+    class Timed(Search):
+        def finds(self, changed):
+            if next(left, None) is None:
+                raise TimeUpError
+            return super().finds(changed)
+
+    timed = Timed(SearchOptions(budget=200), lambda *_: True, lambda: True)
+    answer = ask(largest_factor(system), timed, is_timed=True)
+    whole = ask(largest_factor(system), search())
+    assert answer.is_cut == (tries < 100)
+    assert answer.found == (None if tries == 0 else whole.found if tries == 100 else 1)
+    assert answer.bound == whole.bound
+
+
 def test_what_is_known_needs_no_time():
     def over(_):
         raise TimeUpError

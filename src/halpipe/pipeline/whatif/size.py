@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ from halpipe.pipeline.whatif.trial import (
     WINDOWS,
     Changed,
     Search,
+    TimeUpError,
     TrialOptions,
     bracket,
     check_otherwise,
@@ -114,13 +116,21 @@ class Answer:
     """Whether time ended it: more of the values may be impossible, and others have a schedule."""
 
 
-def ask(question: Question, search: Search) -> Answer:
-    """Find the best value with a schedule that verifies, and the bound that is proven."""
-    last = abs(question.easiest - question.hardest)
+def ask(question: Question, search: Search, *, is_timed: bool = False) -> Answer:
+    """Find the best value with a schedule that verifies, and the bound that is proven.
+
+    What the model has now is tried first if time may end the search.
+    """
+    last, known = abs(question.easiest - question.hardest), None
+    now = question.now / question.step
+    with suppress(TimeUpError):
+        if is_timed and now.denominator == 1 and search.finds(question.at(question.now)):
+            known = abs(now.numerator - question.hardest)
     result: Bracket = bracket(
         last,
         lambda steps: search.proves(question.relaxed(question.value(steps)), question.ignored),
         lambda steps: search.finds(question.at(question.value(steps))),
+        known=known,
         likely=question.likely,
     )
     return Answer(
@@ -266,4 +276,5 @@ def answer_of(
 ) -> Answer:
     """Answer a question by searches with these options, with what is known when `on_progress` and `go_on` end them."""
     chosen = SearchOptions(seed=options.seed, budget=options.budget or BUDGET, tick=options.tick, optimise=())
-    return ask(question, Search(chosen, on_progress, go_on, options.switches))
+    search = Search(chosen, on_progress, go_on, options.switches)
+    return ask(question, search, is_timed=options.time_limit is not None)
