@@ -14,6 +14,7 @@ QUICK = "what the quick way leaves is computed in the general one, with the same
 TYPES = "read by checkers of types alone"
 REPLACED = "replaced by a function of ours, unless the class has its own"
 GUESS = "a first guess below the least length is reached from below all the same"
+FILLED = "interrupts that fill a unit leave nothing, however little is asked for"
 
 EQUIVALENT = {
     ("meetings.py", "useful = [part for part in parts if part.length >= 0]"): "what is left for no time meets nothing",
@@ -181,6 +182,8 @@ EQUIVALENT = {
     ("judging.py", "order = np.full(len(seen.task), -2, dtype=np.int32)"): "what is below 0 is left out",
     ("matching.py", "if not (places := [part.at for part in parts_of(order, 1)]):"): "which executions are known does not depend on the zero",
     ("chains.py", "kept = np.arange(len(spans[1]))"): "both are of one length",
+    ("load.py", "if unit.interrupts and _length(unit, Duration(2)) is None:"): FILLED,
+    ("load.py", "return _reserved(Duration(2), service) is None"): FILLED,
     ("load.py", "if any((smaller < units for smaller in overloaded)):"): "each set is looked at once",
     ("load.py", "if all((name not in units or not units[name].interrupts for name in version.units)):"): "a unit without interrupts has that length, too",
     ("hyperperiod.py", "while hyperperiod // (unit / 11) < MAX_TICKS // 1000:"): CHOICE,

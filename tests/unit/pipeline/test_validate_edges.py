@@ -3,10 +3,13 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import pytest
+from validate_cases import found
+
 from golden_answers import assert_answers, findings
 from halpipe.core.durations import Duration
-from halpipe.models import HealthAction, HealthRule, Interrupt, Split
-from halpipe.pipeline.validate import validate
+from halpipe.models import Anchor, HealthAction, HealthRule, Interrupt, Match, Split
+from halpipe.pipeline.validate import codes, load, validate
 from halpipe.pipeline.validate.codes import UNUSED_RESOURCE, UNUSED_UNIT
 from support import access, after, chain, mode, model, ms, task, version
 
@@ -52,6 +55,39 @@ def demanding(wcet):
 def chained(reaction=None, age=None):
     tasks = task("a", 20, version("v", 4)), task("b", 20, version("v", 3, "u1", after("a", 0, 40)))
     return model(*tasks, chains=[chain("c", "a b", reaction, age)])
+
+
+def same_cycle(low, high, *others, slack=0, anchor=Anchor.START, periods=(20, 20), offsets=(5, 2)):
+    """A task "a" in a window after the job of "b" of the same cycle, 3 ms after its release, or as periods differ."""
+    rows = [replace(after("b", *pair), match=Match.CYCLE, anchor=anchor) for pair in ((low, high), *others)]
+    first = task("a", periods[0], version("v", 1, "u1", *rows), offset=offsets[0], slack=slack)
+    return model(first, task("b", periods[1], version("v", 1), offset=offsets[1], slack=slack))
+
+
+def asking(anchor, **changes):
+    row = replace(after("b", 0, 60), anchor=anchor, **changes)
+    return model(task("a", 20, version("v", 1, "u1", row)), task("b", 20, version("v", 4), version("w", 5)))
+
+
+def timed(limit, let=None, tasks="a b", **of_chain):
+    """A limit of latency over tasks of 4 ms and 3 ms."""
+    first = replace(task("a", 20, version("v", 4)), let=ms(let))
+    second = task("b", 20, version("v", 3))
+    return model(first, second, chains=[replace(chain("c", tasks), max_latency=limit, **of_chain)])
+
+
+def ring(count, times=1):
+    """Some rings of tasks, of which each needs the one before it."""
+    names = [[f"t{turn}x{n}" for n in range(count)] for turn in range(times)]
+    rings = [(name, turn[n - 1]) for turn in names for n, name in enumerate(turn)]
+    return model(*(task(name, 20, version("v", "1us", "u1", after(needed, 0, 60))) for name, needed in rings))
+
+
+def shared(bounds, end):
+    """A task whose versions need different shares of 20 ms, and another one that needs the rest."""
+    versions = [version(f"v{n}", 15, "u1", access("r", 0, length, "1/2")) for n, length in enumerate(bounds)]
+    other = task("b", 20, version("v", 20, "u2", access("r", 0, end)))
+    return model(task("a", 20, *versions), other, units="u1 u2", resources="r")
 
 
 EDGES = {
@@ -125,6 +161,49 @@ EDGES = {
         replace(system, tasks=(replace(system.tasks[0], versions=(*system.tasks[0].versions, version("w", 9))),))
         for system in (one(4, distance=t, slack=Fraction(1)) for t in near(24))
     ],
+    "shares of versions": [shared(bounds, t) for bounds in ((10, 15), (15, 10)) for t in near(15)],
+    "shares of versions one after the other": [
+        shared(bounds, t) for bounds in ((10, 10), (4, 2, 6)) for t in near(15) + near(19)
+    ],
+    "shares of unlike bounds": [
+        model(
+            task("a", 20, version("v", 8, "u1", access("r", 0, 3, "1/3"), access("r", 3, 8, "2/5"))),
+            task("b", 20, version("v", 20, "u2", access("r", 0, t))),
+            units="u1 u2",
+            resources="r",
+        )
+        for t in near(17)
+    ],
+    "full beside interrupts": [serving(one(t, 20), (10_000_000, 1_000_000)) for t in near(20) + near(18)],
+    "least of the window of a cycle": [same_cycle(t, 40) for t in near(3)],
+    "most of the window of a cycle": [same_cycle(0, t) for t in near(3)],
+    "window of a cycle and slack": [same_cycle(t, 40, slack="1/10") for t in near(5)]
+    + [same_cycle(0, t, slack="1/10") for t in near(1)],
+    "window of a cycle from the release": [same_cycle(0, t, slack="1/10", anchor=Anchor.RELEASE) for t in near(3)],
+    "window of a cycle and offsets beyond the period": [same_cycle(0, t, offsets=(25, 42)) for t in near(3)],
+    "window of a cycle and unlike periods": [same_cycle(0, t, periods=(20, 30)) for t in near(23)]
+    + [same_cycle(0, t, periods=(30, 20)) for t in near(13)]
+    + [same_cycle(t, 40, periods=(20, 30)) for t in near(3)],
+    "windows of a cycle": [same_cycle(0, 3, (t, 40)) for t in near(3)] + [same_cycle(3, 40, (0, t)) for t in near(3)],
+    "point": [asking(Anchor.POINT, point=t) for t in near(4) + near(5)],
+    "instants": [
+        asking(Anchor.POINT),
+        asking(Anchor.START, point=ms(1)),
+        *(asking(Anchor.START, to=to) for to in (Anchor.END, Anchor.RELEASE, Anchor.POINT)),
+    ],
+    "latency": [timed(t) for t in near(7)],
+    "latency with a LET": [timed(t, let=9) for t in near(12)],
+    "latency from the end": [timed(t, anchor=Anchor.END) for t in near(3)],
+    "latency to a start": [timed(t, to=Anchor.START) for t in near(4)],
+    "latency from the start with a LET": [timed(t, let=9, anchor=Anchor.START) for t in near(7)],
+    "latency to the end with a LET": [timed(t, let=9, tasks="b a", to=Anchor.END) for t in near(7)],
+    "latency of one task": [timed(ms(9), tasks="a", anchor=Anchor.END, to=to) for to in (Anchor.START, Anchor.END)],
+    "latency from a point or to one": [
+        timed(ms(9), anchor=Anchor.POINT),
+        timed(ms(9), to=Anchor.POINT),
+        timed(ms(9), to=Anchor.RELEASE),
+    ],
+    "ring": [ring(n) for n in (2, 11, 12, 13)],
     "many split points": [
         one(4, split=split_of(5, 6, 7, 8, 9)),
         one(4, split=split_of(3, 2, 2, 1, 1)),
@@ -135,7 +214,21 @@ EDGES = {
 
 def told(system):
     left_out = {UNUSED_RESOURCE.id, UNUSED_UNIT.id}
-    return findings(found for found in validate(system) if found.code not in left_out) or ["nothing"]
+    return findings(each for each in validate(system) if each.code not in left_out) or ["nothing"]
+
+
+@pytest.mark.parametrize(("rings", "most"), [(19, 19), (20, 20), (21, 20)])
+def test_of_the_rings_of_a_mode_twenty_are_reported(rings, most):
+    assert len(found(ring(2, rings), codes.PRECEDENCE_CYCLE)) == most
+
+
+@pytest.mark.parametrize(("last", "count"), [(15, 0), (16, 1)])
+def test_all_units_are_added_up_however_many_sets_of_units_there_are(monkeypatch, last, count):
+    monkeypatch.setattr(load, "_MAX_CLASSES", 2)
+    wcets = {"u1 u2": 15, "u2 u3": 15, "u3 u1": 14, "u1": 1, "u3": last}
+    system = model(*(task(f"t{n}", 20, version("v", t, units)) for n, (units, t) in enumerate(wcets.items())))
+    system = replace(system, units=model(units="u1 u2 u3").units)
+    assert len(found(system, codes.UNITS_OVERLOADED)) == count
 
 
 def test_findings_at_the_edges_of_the_limits():
