@@ -126,6 +126,18 @@ EDGES = {
     "phases met beside interrupts": [
         serving(one(6, parts=[access("r", 0, 1), access("r", t, 5)]), (10_000_000, 1_000_000)) for t in near(2)
     ],
+    "phases that overlap beside interrupts as well": [
+        serving(one(6, parts=[access("r", 0, 2), access("r", 1, 3)]), (10_000_000, 1_000_000))
+    ],
+    "phases met beside unlike interrupts": [
+        serving(one(6, units="u1 u2", parts=[access("r", 0, 1), access("r", t, 5)]), *served)
+        for served in (((10_000_000, 1_000_000), (10_000_000, 1000)), ((10_000_000, 1000), (10_000_000, 1_000_000)))
+        for t in near("1.001ms") + near(2)
+    ],
+    "bounds out of range that overlap": [
+        one(4, parts=[access("r", 0, 2, Fraction(n, 10)), access("r", 1, 3, "1/2")]) for n in (-1, 0, 11)
+    ],
+    "empty phases that overlap": [one(4, parts=[access("r", 1, t), access("r", 0, 3)]) for t in near(1)],
     "interrupt": [serving(one(1), (1000, 1000 + n)) for n in (-1000, -1, 0, 1)],
     "interrupt without a distance": [serving(one(1), (0, 1)), serving(one(1), (-1, 1))],
     "interrupts of a gang": [serving(one(1, units="u1 u2", gang=2), (1000, 500), (1000, 500 + n)) for n in (-1, 0, 1)],
