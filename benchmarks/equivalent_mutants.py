@@ -317,6 +317,8 @@ EQUIVALENT = {
     ("matching.py", "of, place = (np.where(place == _NO_JOB, -2, line[at]), np.where(is_exact, place, near))"): "only whether it is negative counts",
     ("matching.py", "most = min(max(1, len(known) // 101), _MOST_STRAYS) if len(known) >= _FEW else 0"): CHOICE,
     ("session.py", "self.revision += 2"): "whether it is that of the order is all that counts",
+    ("structure.py", "if len(task.versions) >= 1:"): "one version is not repeated",
+    ("structure.py", "if len(unit.interrupts) >= 1:"): "one interrupt is not repeated",
     ("structure.py", "for name in repeated(run.versions) if len(run.versions) >= 1 else ():"): "one version is not repeated",
     ("accesses.py", "is_served = bool(version.units) or serving.issuperset(version.units)"): "by the longer way, with the same result",
     ("images.py", "shop.write(script, render.image_script(part, part.cores[0], 1))"): "an image has the same size wherever it is stored",

@@ -11,6 +11,7 @@ from halpipe.core.durations import Duration
 from halpipe.models import Anchor, HealthAction, HealthRule, Interrupt, Match, Split
 from halpipe.pipeline.validate import codes, load, validate
 from halpipe.pipeline.validate.codes import UNUSED_RESOURCE, UNUSED_UNIT
+from halpipe.pipeline.validate.hyperperiod import MAX_JOBS
 from support import access, after, chain, mode, model, ms, task, version
 
 NS = Duration(1)
@@ -88,6 +89,32 @@ def shared(bounds, end):
     versions = [version(f"v{n}", 15, "u1", access("r", 0, length, "1/2")) for n, length in enumerate(bounds)]
     other = task("b", 20, version("v", 20, "u2", access("r", 0, end)))
     return model(task("a", 20, *versions), other, units="u1 u2", resources="r")
+
+
+def multiplied(times):
+    """1001 jobs of which each asks for so many of another task: 16 are allowed."""
+    rows = [after("d", 0, n) for n in range(times)]
+    tasks = [task(name, period, version("v", "1ns", "u1", *rows)) for name, period in (("a", "1us"), ("b", "1ms"))]
+    return model(*tasks, task("d", None, version("v", "1ns")))
+
+
+def in_parts(*millions):
+    """Tasks that may each have so many million parts."""
+    splits = [Split(anywhere=True, max_gaps=n * 10**6 - 1) for n in millions]
+    return model(*(task(f"t{n}", 20, replace(version("v", 1), split=split)) for n, split in enumerate(splits)))
+
+
+def renamed(name):
+    system = one()
+    return replace(system, tasks=(replace(system.tasks[0], name=name),), modes=())
+
+
+def switching(*allowed):
+    """A rule of a task of two modes that leads to mode "n", in which its task runs as well."""
+    tasks = task("a", 20, version("v", 2)), task("b", 20, version("v", 2))
+    modes = [mode("m", tasks), mode("n", tasks), mode("o", tasks)]
+    system = model(*tasks, modes=modes, transitions=[(*pair, None) for pair in allowed])
+    return replace(system, health=(HealthRule(task="a", action=HealthAction.SWITCH, mode="n"),))
 
 
 EDGES = {
@@ -215,6 +242,12 @@ EDGES = {
         timed(ms(9), to=Anchor.POINT),
         timed(ms(9), to=Anchor.RELEASE),
     ],
+    "demands": [multiplied(n) for n in (15, 16, 17)],
+    "gaps and parts": [one(10, split=Split(anywhere=True, max_gaps=MAX_JOBS + n)) for n in (-2, -1, 0)],
+    "least parts": [one(t, split=Split(anywhere=True, max_gaps=10**9, min_part=NS)) for t in near(10)],
+    "parts of some tasks": [in_parts(7, 9, 8, 7, 9), in_parts(1), in_parts(9, 1, 1)],
+    "long names": [renamed(sign * n) for sign in "x!" for n in (0, 1, 60, 61, 1000, 1001)],
+    "health switches": [switching(*switches) for switches in ((), ("mn",), ("nm",), ("mn", "on"), ("mn", "nm", "on"))],
     "ring": [ring(n) for n in (2, 11, 12, 13)],
     "many split points": [
         one(4, split=split_of(5, 6, 7, 8, 9)),
