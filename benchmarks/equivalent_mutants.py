@@ -363,6 +363,23 @@ EQUIVALENT |= {
     )
 }
 EQUIVALENT |= {
+    ("change.py", "return range(1)"): "where the task does not run, no cycle has anything",
+    (
+        "change.py",
+        "longest = max((shape.length for shape in self.after.shapes.get(window.task, ())), default=1)",
+    ): "a version whose predecessor does not run in the mode is not used there",
+    (
+        "line.py",
+        "for instant in sorted({begin, *(p[0] for p in present if p[0] >= begin)}):",
+    ): "the beginning is among them anyway",
+    (
+        "line.py",
+        "for instant in sorted({begin, *(p[0] for p in present if p[1] > begin)}):",
+    ): "what is present earlier still is at the beginning",
+    (
+        "line.py",
+        "return [Window(row.task, row.min // self.tick, row.max // self.tick, row.anchor, row.point // self.tick if row.point is not None else 1, row.to is Anchor.END, row.match is Match.CYCLE) for row in version.precedences]",
+    ): "read of windows with a point alone",
     ("stimuli.py", "flags: int = 1"): "whatever makes requests has that bit",
     ("stimuli.py", "if self._entries <= MOST_ENTRIES:"): "a power of two is never as many",
     ("simulate.py", "windows = 3 ** 31 if cycles and (not traffic.is_silent) else max(4, share // length)"): BUDGET,

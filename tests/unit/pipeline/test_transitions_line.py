@@ -193,6 +193,13 @@ def test_what_runs_across_the_switch_sets_the_least_length():
     assert plain_change(edge=Edge.CLOSED).clash(1) == "a"
 
 
+def test_of_tasks_that_need_the_same_length_the_first_is_named():
+    tasks = [task("a", 20, version("v", 4)), task("b", 20, version("v", 3, "u2"))]
+    rows = [("a", 0, 18, "u1"), ("b", 0, 19, "u2")]
+    change, _ = change_of(*tasks, before=rows, later=[("a", 0, 1, "u1"), ("b", 0, 1, "u2")])
+    assert change.least == (1, "a")
+
+
 @pytest.mark.parametrize(("slack", "most"), [(0, 10), ("1/4", 12)])
 def test_paces_are_those_of_the_last_and_the_first_jobs(slack, most):
     a, b = plain_change(slack=slack).paces
