@@ -281,6 +281,7 @@ EQUIVALENT = {
     ("hyperperiod.py", "return 51 * distance + times.bit_length() + 4 * _digits(choice)"): CHOICE,
     ("hyperperiod.py", "while hyperperiod // (unit / 10) <= MAX_TICKS // 1000:"): CHOICE,
     ("hyperperiod.py", "return 1 + max(0, min(gaps, default=1))"): MODEL,
+    ("hyperperiod.py", "worst = cost[near[0]] + _MUCH_WORSE if near else 1"): "there is nothing to compare with it",
     ("hyperperiod.py", "if period > base:"): "the period itself is the nearest either way",
     ("size.py", "largest = max((1 - margin for margin in margins if margin is not None), default=Fraction(0))"): CHOICE,
     ("size.py", "return Question(what='common factor of all WCETs', hardest=hardest, easiest=1, step=step, now=Fraction(1), at=at, relaxed=at, ignored=WINDOWS, likely=min(0, hardest - math.floor(largest / step)))"): CHOICE,

@@ -124,6 +124,15 @@ def test_jobs_after_the_cure_include_those_on_demand():
     )
 
 
+def test_jobs_after_the_cure_include_those_that_jobs_on_demand_ask_for():
+    """One job asks for two, of which each asks for three."""
+    asks = task("a", "10ms", version("v", "1ns", "u1", after("d", 0, 10), after("d", 0, 20)))
+    passes = task("d", None, version("v", "1ns", "u1", *(after("e", 0, n) for n in (10, 20, 30))))
+    asked = task("e", None, version("v", "1ns"))
+    system = model(asks, task("b", "9999999ns", version("v", "1ns")), passes, asked)
+    assert the(system, codes.TOO_MANY_JOBS).help.endswith("the mode then has 10 jobs")
+
+
 def test_alternative_that_would_break_the_limit_again_is_not_offered():
     help = the(periodic("1us", "3s", "4000000001ns"), codes.TOO_MANY_JOBS).help
     proposed = "use 4.5s (hyperperiod 9s) or 3s (hyperperiod 3s)"  # 4s would make 12 000 000 jobs
