@@ -138,6 +138,10 @@ EDGES = {
     "units filled": [
         model(task("a", 20, version("v", 12)), task("b", 20, version("v", t)), units="u1") for t in near(8)
     ],
+    "units filled by some tasks": [
+        model(*(task(f"t{n}", 20, version("v", wcet)) for n, wcet in enumerate(wcets)))
+        for wcets in ((20, 1), (6, 7, 8), (8, 7, 6, 5), (20, 0, None), (21, 0, None))
+    ],
     "units filled beside interrupts": [serving(one(t), (10_000_000, 2_000_000)) for t in near(16)],
     "resource filled": [one(10, 10, parts=[access("r", 0, 5), access("r", 5, t)]) for t in near(10)],
     "phase ends": [one(4, parts=[access("r", 1, t)]) for t in near(4)],
