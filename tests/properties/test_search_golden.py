@@ -225,7 +225,8 @@ SEARCHES = {
     "settled": "many 12 37, refined-split 6, switching-split 4, random 34, modes 4",
     "switches": (
         "every 157 164, many 1 6 10 28 38 41 59, whole 15, split 15, crowded 35, "
-        "refined-split 43 51, switching 11 13 45 58 117, random 46, modes 0 1 2 3 4 5 6 7 8 10 12 21 27 28 30 162"
+        "refined-split 43 51, switching 11 13 45 58 117, switching-split 173, "
+        "random 46, modes 0 1 2 3 4 5 6 7 8 10 12 21 27 28 30 162"
     ),
     "open": (
         "every 81 119 262 270, many 30, whole 26, split 13, refined-split 2 33, switching-split 20 33, random 9 18"

@@ -276,6 +276,16 @@ def test_the_search_for_a_shorter_table_ends_with_the_work_of_a_pair(monkeypatch
     assert str(table.length) in note.message
 
 
+@pytest.mark.parametrize("count", [17, 20])
+def test_a_search_that_ends_before_the_shortest_table_says_so(monkeypatch, count):
+    system, plan = later_in_mode_b(*((f"t{n}", "u0", "u0", n, 1) for n in range(count)))
+    (shortest,) = tables_of(system, plan).tables
+    for limit in range(0, 200, 10):
+        monkeypatch.setattr(tables_module, "MOST_WORK", limit)
+        found = tables_of(system, plan)
+        assert found.diagnostics or found.tables[0].length == shortest.length
+
+
 @pytest.mark.parametrize("count", [3, 8, 15, 20])
 def test_the_table_found_by_halves_is_as_short_as_the_first_of_all_lengths(monkeypatch, count):
     system, plan = later_in_mode_b(*((f"t{n}", "u0", "u0", 3 * n, 1 + n % 3) for n in range(count)))
