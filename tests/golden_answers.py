@@ -50,6 +50,14 @@ def assert_answers(name: str, verbs: Mapping[str, Callable[[], Iterable[str]]], 
     assert_golden(f"{name}.txt", "\n".join(lines) + "\n", folder)
 
 
+def assert_seeds(name: str, texts: Iterable[tuple[int, Sequence[str]]], none: str, folder: str = FOLDER) -> None:
+    """Compare what comes of each seed; those of which nothing comes are listed as `none`."""
+    made = list(texts)
+    answers = {f"seed {seed}": (lambda text=text: text) for seed, text in made if text}
+    empty = ", ".join(str(seed) for seed, text in made if not text)
+    assert_answers(name, answers | {none: lambda: [empty]}, folder)
+
+
 def answered(answer: Callable[[], Iterable[str]]) -> list[str]:
     """Return the lines of an answer, or what was raised in its place."""
     try:

@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 from explain_systems import random_system
 
-from golden_answers import assert_answers, findings
+from golden_answers import assert_answers, assert_seeds, findings
 from halpipe.models import Binding, Interrupt, Match
 from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet_in_groups
 from halpipe.pipeline.explain.switches import least_length
@@ -116,18 +116,9 @@ def proofs(system):
 def test_proofs_are_what_they_were_before(family):
     """A system that no proof is found for is named as well; those that are invalid are left out."""
     drawn, count = FAMILIES[family]
-    none, answers = [], {}
-    for seed in range(count):
-        system = drawn(random.Random(seed))
-        if any(found.is_error for found in validate(system)):
-            continue
-        text = proofs(system)
-        if text:
-            answers[f"seed {seed}"] = lambda text=text: text
-        else:
-            none.append(seed)
-    answers["no proof"] = lambda: [", ".join(map(str, none))]
-    assert_answers(f"proofs-{family}", answers)
+    systems = ((seed, drawn(random.Random(seed))) for seed in range(count))
+    valid = ((seed, each) for seed, each in systems if not any(found.is_error for found in validate(each)))
+    assert_seeds(f"proofs-{family}", ((seed, proofs(each)) for seed, each in valid), "no proof")
 
 
 def test_parts_that_meet_are_what_they_were_before():

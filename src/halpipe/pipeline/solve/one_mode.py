@@ -325,7 +325,7 @@ class _SplitJobs(_Search):
         refuse_stuck(self.expansion, [work.name for work in mode.works if not work.ways])
         notes = self.changed(changed, "number of jobs, version, units or parts")
         polish = None if self.widens else self.polish
-        found = self._searched(mode, polish, self.kept, min(self.budget, self.least) // SOON)
+        found = self._searched(mode, polish, self.kept, self.soon)
         if found.excess and not found.stopped:
             whole = None if fixed.jobs else self._in_one_piece(notes, found.placed)
             if whole is not None:
@@ -348,11 +348,10 @@ class _SplitJobs(_Search):
         return self.options.placements(max(1, len(self.expansion.tasks)), self.expansion.job_count)
 
     @cached_property
-    def least(self) -> int:
-        """Jobs that may be placed where no budget is stated."""
-        return replace(self.options, budget=None).placements(
-            max(1, len(self.expansion.tasks)), self.expansion.job_count
-        )
+    def soon(self) -> int:
+        """Jobs that may be placed before a table that splits no job is looked for, whatever time there is."""
+        usual = replace(self, options=replace(self.options, budget=None))
+        return min(self.budget, usual.budget) // SOON
 
     @cached_property
     def whole(self) -> _WholeJobs:
