@@ -388,6 +388,42 @@ event { name = "e"; id = 0; stream_id = 0; fields := struct { integer { size = 8
     assert damage == Damage()
 
 
+@pytest.mark.parametrize(
+    "before",
+    [
+        "typealias integer { size = 8; byte_order = le; } := little;",
+        "/* byte_order = le */ // byte_order = le\n",
+        'env { hostname = "byte_order = le; trace {"; };',
+        "stream { event.header := struct { integer { size = 8; byte_order = le; } id; }; };",
+    ],
+)
+def test_the_order_of_bytes_is_that_of_the_trace(tmp_path, before):
+    """It holds for the types before the trace, too, and no other statement of an order, or quoted text, does."""
+    own = "packet.header := struct { integer { size = 32; byte_order = le; } magic; };"
+    text = f"/* CTF 1.8 */ typealias integer {{ size = 16; }} := short; {before}"
+    text += f" trace {{ major = 1; minor = 8; {own} byte_order = be; }};"
+    text += ' event { name = "e"; fields := struct { short n; }; };'
+    (tmp_path / "metadata").write_text(text)
+    (tmp_path / "s").write_bytes(b"\xc1\x1f\xfc\xc1" + b"\0" * ("event.header" in before) + b"\1\2")
+    found, damage = all_events(tmp_path)
+    assert ([event.fields["n"] for event in found], damage) == ([0x102], Damage())
+
+
+def test_a_reference_of_several_names_is_no_field_beside_it(tmp_path):
+    """The length would be that of another field of the same last name."""
+    text = (
+        HEAD
+        + """ typealias integer { size = 8; } := u8;
+stream { packet.context := struct { u8 n; }; };
+event { name = "e"; fields := struct { u8 n; u8 s[stream.packet.context.n]; }; };"""
+    )
+    (tmp_path / "metadata").write_text(text)
+    (tmp_path / "s").write_bytes(b"\1\2abc")
+    found, damage = all_events(tmp_path)
+    assert found == []
+    assert 'the length "stream.packet.context.n" of a sequence is not stated' in damage.broken[0]
+
+
 def test_events_without_bytes_end_the_stream(tmp_path):
     text = HEAD + " stream { id = 0; }; event { name = e; id = 0; stream_id = 0; };"
     (tmp_path / "metadata").write_text(text)

@@ -70,7 +70,9 @@ def fragments_of(trace):
             "id": 0,
             "default-clock-class-id": "monotonic",
             "packet-context-field-class": of_packet,
-            "event-record-header-field-class": structure(8, id=number(bits, 8 if bits == 16 else 1), v=choice),
+            "event-record-header-field-class": structure(
+                8, id=number(bits, 8 if bits == 16 else 1, "event-record-class-id"), v=choice
+            ),
             "event-record-common-context-field-class": structure(vpid=number(32), vtid=number(32)),
         },
         *(
@@ -130,6 +132,12 @@ NUMBER = {"type": "fixed-length-signed-integer", "length": 16, "byte-order": "bi
 LENGTH = {"origin": "event-record-payload", "path": ["n"]}
 
 
+def around(*stated):
+    """A structure of `stated`, called a, b and so on."""
+    members = [{"name": name, "field-class": inner} for name, inner in zip("abc", stated, strict=False)]
+    return {"type": "structure", "member-classes": members}
+
+
 @pytest.mark.parametrize(
     ("stated", "type"),
     [
@@ -151,6 +159,10 @@ LENGTH = {"origin": "event-record-payload", "path": ["n"]}
             {"type": "dynamic-length-array", "length-field-location": LENGTH, "element-field-class": NUMBER},
             Array(Int(16, 1, True, ">"), "n"),
         ),
+        (
+            {"type": "static-length-array", "length": 2, "element-field-class": NUMBER, "minimum-alignment": 32},
+            Array(Int(16, 1, True, ">"), 2, 32),
+        ),
         ({"type": "structure", "minimum-alignment": 32}, Struct((), 32)),
         ({"type": "structure"}, Struct((), 1)),
         ({"type": "static-length-array", "length": 0, "element-field-class": NUMBER}, Array(Int(16, 1, True, ">"), 0)),
@@ -170,7 +182,8 @@ def test_classes_of_fields(stated, type):
         ({"type": "optional", "field-class": NUMBER}, "optional"),
         ("unknown", "malformed"),
         ({"type": "static-length-array", "length": 2**40, "element-field-class": NUMBER}, "elements"),
-        ({"type": "variant", "selector-field-location": {"path": ["zz"]}, "options": []}, "selector"),
+        ({"type": "variant", "selector-field-location": {"path": ["zz"]}, "options": []}, "none of a structure"),
+        (around({"type": "variant", "selector-field-location": LENGTH, "options": []}), "selector"),
         (NUMBER | {"alignment": 3}, "alignment"),
         (NUMBER | {"byte-order": "middle"}, "malformed"),
         (NUMBER | {"bit-order": "first-to-last"}, "bits first-to-last in bytes big-endian"),
@@ -303,3 +316,90 @@ def test_classes_nest_40_levels_deep(levels, is_read):
         return
     with pytest.raises(CtfError, match="nests deeper than 40"):
         field({"name": "f", "field-class": stated})
+
+
+def text_at(*path, **origin):
+    return {"type": "dynamic-length-string", "length-field-location": {"path": list(path), **origin}}
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        text_at("n"),  # as the tracer of LTTng in the kernel states it
+        text_at("n", origin="event-record-payload"),  # and the one for programs
+        around(text_at(None, "n")),
+        around(around(text_at(None, None, "n"))),
+        around(text_at("n", origin="event-record-payload")),
+        around(NUMBER, around(text_at("f", "b", None, None, "n", origin="event-record-payload"))),
+    ],
+)
+def test_a_location_leads_to_a_field_around(stated):
+    *_, last = _inner(field({"name": "f", "field-class": stated}))
+    assert last == Array(Int(8, 8, False, "<", text=True), "n")
+
+
+def _inner(type):
+    yield type
+    while isinstance(type, Struct):
+        type = type.fields[-1][1]
+        yield type
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (text_at("n", origin="event-record-header"), "none of a structure around"),
+        (text_at(None, "n"), "malformed"),
+        (around(text_at("n")), "none of a structure around"),
+        (around(around({**NUMBER}), text_at("a", "a")), "none of a structure around"),
+        (around(text_at("f", "n", origin="event-record-payload")), "none of a structure around"),
+        (text_at("f"), "none of a structure around"),
+        (text_at(), "malformed"),
+        (
+            {
+                "type": "structure",
+                "member-classes": [
+                    {"name": "n", "field-class": NUMBER},
+                    {"name": "a", "field-class": text_at("n", origin="event-record-payload")},
+                ],
+            },
+            "hidden by another one",
+        ),
+    ],
+)
+def test_a_location_elsewhere_is_refused(stated, said):
+    """Another field of that name would be taken for the length: the text, and all after it, would be misread."""
+    with pytest.raises(CtfError, match=said):
+        field({"name": "f", "field-class": stated})
+
+
+BYTE = {"type": "fixed-length-unsigned-integer", "length": 8, "byte-order": "little-endian", "alignment": 8}
+
+
+def events_with_header(tmp_path, header, data):
+    stated = [
+        {"type": "preamble", "version": 2},
+        {"type": "trace-class"},
+        {"type": "data-stream-class", "event-record-header-field-class": header},
+        {"type": "event-record-class", "name": "zero"},
+        {"type": "event-record-class", "name": "one", "id": 1},
+    ]
+    (tmp_path / "metadata").write_text(written(stated))
+    (tmp_path / "s").write_bytes(data)
+    return [event.name for event in all_events(tmp_path)[0]]
+
+
+def test_a_field_has_the_meaning_of_its_role_and_none_of_its_name(tmp_path):
+    members = [
+        {"name": "id", "field-class": BYTE},
+        {"name": "class", "field-class": BYTE | {"roles": ["event-record-class-id"]}},
+    ]
+    header = {"type": "structure", "member-classes": members}
+    assert events_with_header(tmp_path, header, b"\0\1\1\0") == ["one", "zero"]
+
+
+def test_roles_deeper_in_a_header_are_refused(tmp_path):
+    """The last field with a role would count, and the one above it would be taken."""
+    header = around(BYTE, around(BYTE | {"roles": ["event-record-class-id"]}))
+    with pytest.raises(CtfError, match='"b" has members with roles'):
+        events_with_header(tmp_path, header, b"\0\1")

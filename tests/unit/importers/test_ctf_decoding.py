@@ -1,7 +1,8 @@
 """Values of CTF by its rules of layout: CTF 1.8, section 4, and CTF 2, "Data stream decoding procedure".
 
 Every value begins at the next multiple of its alignment, counted from the begin of the packet. That of a structure or
-an array is the largest of what it holds; `put` below writes by that rule alone, one value after the other.
+an array is the largest of what it holds, and of the least that is stated; `put` below writes by that rule alone, one
+value after the other.
 """
 
 import struct
@@ -22,7 +23,7 @@ def aligned(type):
     if isinstance(type, Struct):
         return max([1, type.align // 8, *(aligned(field) for _, field in type.fields)])
     if isinstance(type, Array):
-        return aligned(type.element)
+        return max(type.align // 8, aligned(type.element))
     if isinstance(type, Enum):
         return aligned(type.base)
     return max(1, getattr(type, "align", 8) // 8)
@@ -85,7 +86,7 @@ def structures(inner):
 
 TYPES = st.recursive(
     NUMBERS | st.just(String()),
-    lambda inner: structures(inner) | st.builds(Array, filled(inner), st.integers(0, 3)),
+    lambda inner: structures(inner) | st.builds(Array, filled(inner), st.integers(0, 3), ALIGNS),
     max_leaves=8,
 )
 
@@ -134,6 +135,53 @@ def test_values_are_where_the_rules_of_alignment_put_them(typed, at):
     type, value = typed
     data = put(bytearray(at), type, value)
     assert decoder(type)(bytes(data), at, {}) == (shown(value), len(data))
+
+
+PARTS = st.lists(
+    st.tuples(st.integers(1, 64), st.sampled_from([1, 1, 1, 2, 4, 8]), st.booleans()), min_size=1, max_size=8
+)
+
+
+@examples(100)
+@given(PARTS, ORDERS, st.integers(0, 2**600 - 1), st.integers(0, 9))
+def test_parts_of_bytes_follow_each_other(parts, order, drawn, at):
+    """By bits alone: they begin at the lowest of a byte, and low bits come first; with the other order, the highest."""
+    bits, value = [0] * 8 * at, {}
+    fields = [(f"f{number}", Int(size, align, signed, order)) for number, (size, align, signed) in enumerate(parts)]
+    for name, field in fields:
+        bits += [0] * (-len(bits) % field.align)
+        own = [drawn >> len(bits) + place & 1 for place in range(field.size)]  # the lowest first
+        whole = sum(bit << place for place, bit in enumerate(own))
+        value[name] = whole - (own[-1] << field.size if field.signed else 0)
+        bits += own if order == "<" else own[::-1]
+    if rest := -len(bits) % 8:
+        fields.append(("rest", Int(rest, 1, False, order)))
+        value["rest"] = 0
+        bits += [0] * rest
+    bytes_of_bits = [bits[first : first + 8] for first in range(0, len(bits), 8)]
+    data = bytes(
+        sum(bit << (place if order == "<" else 7 - place) for place, bit in enumerate(b)) for b in bytes_of_bits
+    )
+    assert decoder(Struct(tuple(fields)))(data, at, {}) == (value, len(data))
+    if len(bits) > 8 * at + 8 or rest:
+        with pytest.raises((CtfError, struct.error)):
+            decoder(Struct(tuple(fields)))(data[:-1], at, {})
+
+
+def test_a_field_that_is_aligned_follows_parts_of_a_byte_and_another_one_does_not():
+    part, byte = Int(3, 1, False, "<"), Int(8, 8, False, "<")
+    for following, data in (
+        (byte, b"\7\5"),
+        (String(), b"\7\0"),
+        (Array(byte, 1), b"\7\5"),
+        (Float(32, 8, ">"), bytes(5)),
+    ):
+        assert decoder(Struct((("a", part), ("b", following))))(data, 0, {})[1] == len(data)
+    for following in (Struct((("c", Int(5, 1, False, "<")),)), Int(5, 1, False, ">"), Float(32, 1, "<")):
+        with pytest.raises(CtfError, match="cannot be read"):
+            decoder(Struct((("a", part), ("b", following))))
+    with pytest.raises(CtfError, match="fields of 3 bits, which end within a byte"):
+        decoder(Struct((("a", part),)))
 
 
 @pytest.mark.parametrize("name", ["_n", "n"])

@@ -69,10 +69,11 @@ class Variant:
 
 @record
 class Array:
-    """Elements of one type; `length` is a number, or the name of the field that holds it."""
+    """Elements of one type; `length` is a number, or the name of the field that holds it; `align` is the least."""
 
     element: Type
     length: int | str
+    align: int = 1
 
 
 Type = Int | Float | String | Enum | Struct | Variant | Array
@@ -85,7 +86,7 @@ def alignment(type: Type) -> int:
     if isinstance(type, Enum):
         return type.base.align
     if isinstance(type, Array):
-        return alignment(type.element)
+        return max(type.align, alignment(type.element))
     if isinstance(type, String):
         return 8
     return 1 if isinstance(type, Variant) else type.align
@@ -99,7 +100,7 @@ _FLOATS = {32: "f", 64: "d"}
 
 
 def decoder(type: Type) -> Decoder:
-    """Return what reads `type`; raise `CtfError` for bit fields that are no whole bytes."""
+    """Return what reads `type`; raise `CtfError` for parts of bytes that are no fields in a row of whole bytes."""
     if isinstance(type, Enum):
         return decoder(type.base)
     if isinstance(type, Int | Float):
@@ -148,23 +149,22 @@ def _structure(type: Struct) -> Decoder:
     steps: list[tuple[Any, Any, Any]] = []
     run: list[Int | Float] = []
 
-    def flush() -> None:
+    def flush(following: int = 1) -> None:
         if run:
-            layout, size, align = _layout(run)
-            steps.append((struct.Struct(layout).unpack_from, size, align - 1))
+            steps.append(_bits(run, following) if any(map(_is_part, run)) else _layout(run))
             run.clear()
 
     for _, field in type.fields:
         flat = field.base if isinstance(field, Enum) else field
         if not isinstance(flat, Int | Float):
-            flush()
+            flush(alignment(flat))
             is_plain = isinstance(field, String)
             if isinstance(field, Array) and isinstance(field.element, Int | Float):
                 is_plain = isinstance(field.length, int)
             steps.append((None, _variant(field, type) if isinstance(field, Variant) else decoder(field), is_plain))
             continue
         if run and (run[0].order != flat.order or max(8, flat.align) > max(8, run[0].align)):
-            flush()
+            flush(flat.align)
         run.append(flat)
     flush()
 
@@ -193,14 +193,46 @@ def _structure(type: Struct) -> Decoder:
     return read
 
 
-def _layout(fields: list[Int | Float]) -> tuple[str, int, int]:
-    """Return the format, size and alignment in bytes of fields in a row, of which the first is aligned most."""
+Step = tuple[Callable[[bytes, int], tuple[Any, ...]], int, int]
+"""What unpacks fields in a row, their bytes, and the mask of the alignment of the first, which is aligned most."""
+
+
+def _layout(fields: list[Int | Float]) -> Step:
     layout, size = fields[0].order, 0
     for field in fields:
         pad = -size % (max(8, field.align) // 8)
         layout += "x" * pad + _code(field)
         size += pad + field.size // 8
-    return layout, size, max(8, fields[0].align) // 8
+    return struct.Struct(layout).unpack_from, size, max(8, fields[0].align) // 8 - 1
+
+
+def _is_part(field: Int | Float) -> bool:
+    """Whether a number has, or begins within, parts of bytes."""
+    return isinstance(field, Int) and (field.size not in _CODES or field.align in (2, 4))
+
+
+def _bits(fields: list[Int | Float], following: int) -> Step:
+    """Fields with parts of bytes among them: the first bit is the lowest of the first byte, or with ">" the highest."""
+    places, bits = list[tuple[int, int, int]](), 0
+    for field in fields:
+        if not isinstance(field, Int):
+            raise CtfError("a number with a point among parts of bytes cannot be read")
+        bits = -(-bits // field.align) * field.align
+        places.append((bits, (1 << field.size) - 1, field.signed and 1 << field.size - 1))
+        bits += field.size
+    if bits % 8 and following < 8:
+        raise CtfError(f"fields of {bits} bits, which end within a byte, cannot be read")
+    size, is_little = -(-bits // 8), fields[0].order == "<"
+    shifts = [at if is_little else 8 * size - at - mask.bit_length() for at, mask, _ in places]
+    rules = [(shift, mask, sign) for shift, (_, mask, sign) in zip(shifts, places, strict=True)]
+
+    def unpack(data: bytes, at: int) -> tuple[int, ...]:
+        if at + size > len(data):
+            raise CtfError("a packet ends within a field")
+        whole = int.from_bytes(data[at : at + size], "little" if is_little else "big")
+        return tuple(((whole >> shift & mask) ^ sign) - sign for shift, mask, sign in rules)
+
+    return unpack, size, max(8, fields[0].align) // 8 - 1
 
 
 def _array(type: Array) -> Decoder:
@@ -216,7 +248,7 @@ def _array(type: Array) -> Decoder:
         return found
 
     if isinstance(element, Int | Float) and element.align <= element.size:  # so that there are no gaps between them
-        code, size, mask = _code(element), element.size // 8, max(8, element.align) // 8 - 1
+        code, size, mask = _code(element), element.size // 8, max(8, alignment(type)) // 8 - 1
         is_text = isinstance(element, Int) and element.text and element.size == 8
 
         def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
@@ -229,7 +261,7 @@ def _array(type: Array) -> Decoder:
             return list(struct.unpack_from(f"{element.order}{number}{code}", data, at)), at + number * size
 
         return read
-    inner, align = decoder(element), max(8, alignment(element)) // 8
+    inner, align = decoder(element), max(8, alignment(type)) // 8
 
     def read_each(data: bytes, at: int, scope: Scope) -> tuple[list[Any], int]:
         number, found, at = count(scope), [], -(-at // align) * align  # that of no elements counts, too

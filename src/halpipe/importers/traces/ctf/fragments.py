@@ -29,7 +29,19 @@ _NAMES = {
     "event-record-class-id": "id",
 }
 """Names in CTF 1.8 of the fields that have a role."""
+_WITH_MEANING = {*_NAMES.values(), "timestamp", "timestamp_begin"}
+_ROOTS = {
+    "packet.header": "packet-header",
+    "packet.context": "packet-context",
+    "event.header": "event-record-header",
+    "event.context": "event-record-common-context",
+    "context": "event-record-specific-context",
+    "fields": "event-record-payload",
+}
+"""Origins of the locations of fields, by the structures where they begin."""
+_WITH_ROLES = ("packet-header", "packet-context", "event-record-header")
 _BYTE = Int(8, 8, False, "<")
+_Fields = dict[str, tuple[str, Type]]
 
 
 def parse_fragments(text: str) -> Metadata:
@@ -80,11 +92,14 @@ class _Classes:
     def __init__(self, aliases: dict[str, Any]) -> None:
         self.aliases = aliases
         self._level = self._made_so_far = 0
-        self._clock = ""
+        self._root = self._clock = ""
+        self._open: list[_Fields] = []
+        self._names: list[str] = []
+        """The structures around a field with their fields so far, from the root on, and the members that lead to it."""
 
     def put(self, into: dict[str, Any], key: str, stated: Any, clock: str = "") -> None:
         """Declare the type `key` if a class is stated; `clock` names the field that holds the time."""
-        self._clock = clock
+        self._root, self._clock = _ROOTS[key], clock
         if stated is not None:
             into[key] = self._type(stated)
 
@@ -121,35 +136,65 @@ class _Classes:
         if kind == "null-terminated-string":
             return String()
         if kind == "structure":
-            fields: dict[str, tuple[str, Type]] = {}
+            self._open.append({})
             for member in stated.get("member-classes", ()):
-                self._member(fields, member["name"], self._resolved(member["field-class"]))
-            return Struct(tuple(fields.values()), power_of_two(stated.get("minimum-alignment", 1)))
+                self._names.append(member["name"])
+                self._member(member["name"], self._resolved(member["field-class"]))
+                self._names.pop()
+            return Struct(tuple(self._open.pop().values()), power_of_two(stated.get("minimum-alignment", 1)))
         if kind.startswith(("static-length-", "dynamic-length-")):
-            length = stated["length"] if kind.startswith("static") else stated["length-field-location"]["path"][-1]
+            if kind.startswith("static"):
+                length = stated["length"]
+            else:
+                around, name = self._located(stated["length-field-location"])
+                length = around[name][0]
             if isinstance(length, int) and not 0 <= length <= LONGEST_ARRAY:
                 raise CtfError(f"an array has {length} elements")
             if kind.endswith("array"):
-                return Array(self._type(stated["element-field-class"]), length)
+                align = power_of_two(stated.get("minimum-alignment", 1))
+                return Array(self._type(stated["element-field-class"]), length, align)
             return Array(replace(_BYTE, text=kind.endswith("string")), length)
         raise CtfError(f'fields of the class "{kind[:60]}" are not read')
 
-    def _member(self, fields: dict[str, tuple[str, Type]], name: str, stated: Any) -> None:
+    def _located(self, stated: dict[str, Any]) -> tuple[_Fields, str]:
+        """Return the fields among which a location leads, and the name there; refuse what no nearest name finds."""
+        origin = stated.get("origin", self._root)
+        path = [] if "origin" in stated else self._names[: len(self._open) - 1]
+        for step in stated["path"]:
+            if step is None:
+                path.pop()
+            else:
+                path.append(step)
+        *structures, name = path
+        around = self._open[len(structures) :]
+        if origin != self._root or structures != self._names[: len(structures)] or not around or name not in around[0]:
+            raise CtfError(f"the field at {path!r:.60} is none of a structure around it")
+        if any(name in nearer for nearer in around[1:]):
+            raise CtfError(f"the field at {path!r:.60} is hidden by another one of its name")
+        return around[0], name
+
+    def _member(self, name: str, stated: Any) -> None:
+        fields, has_meaning = self._open[-1], self._root in _WITH_ROLES
         if stated["type"] == "variant":
             self._variant(fields, name, stated)
             return
+        inner = stated.get("member-classes", ()) if has_meaning else ()
+        if any(self._resolved(member["field-class"]).get("roles") for member in inner):
+            raise CtfError(f'"{name[:40]}" has members with roles, which are not read there')
         type = self._type(stated)
         roles = stated.get("roles", ())
         known = next((_NAMES[role] for role in roles if role in _NAMES), None)
         if self._clock and "default-clock-timestamp" in roles:
             known = self._clock
+        if known is None and has_meaning and name in _WITH_MEANING:
+            known = f"{name} without a role"
         fields[name] = known or name, type
 
-    def _variant(self, fields: dict[str, tuple[str, Type]], name: str, stated: dict[str, Any]) -> None:
+    def _variant(self, fields: _Fields, name: str, stated: dict[str, Any]) -> None:
         """Append a variant, and make its selector the enumeration by which CTF 1.8 selects."""
-        selecting = stated["selector-field-location"]["path"][-1]
-        tag, selector = fields.get(selecting, ("", None))
-        if not isinstance(selector, Int):
+        around, selecting = self._located(stated["selector-field-location"])
+        tag, selector = around[selecting]
+        if around is not fields or not isinstance(selector, Int):
             raise CtfError("the selector of a variant is no integer beside it")
         choices, ranges = [], []
         for number, option in enumerate(stated["options"]):

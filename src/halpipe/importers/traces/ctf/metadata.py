@@ -101,10 +101,7 @@ class Metadata:
 
 def parse(text: str) -> Metadata:
     """Read the declarations; raise `CtfError` where the text does not follow the grammar."""
-    stated = re.search(r"\bbyte_order\s*=\s*(\w+)", text)
-    if stated is None or stated[1] not in _ORDERS:
-        raise CtfError("the metadata states no byte order")
-    parser = _Parser(text, _ORDERS[stated[1]])
+    parser = _Parser(text)
     try:
         parser.run()
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as failure:
@@ -115,8 +112,8 @@ def parse(text: str) -> Metadata:
 
 
 class _Parser:
-    def __init__(self, text: str, order: str) -> None:
-        self.found = Metadata(order)
+    def __init__(self, text: str) -> None:
+        self.found = Metadata()
         self._types: dict[str, Type] = {}
         self._tokens: list[tuple[str, str | int, int]] = []
         self._weights: dict[int, int] = {}
@@ -137,11 +134,25 @@ class _Parser:
             line += match[0].count("\n")
             position = match.end()
         self._tokens.append(("end", "", line))
+        self.found.order = self._byte_order()
 
     @property
     def line(self) -> int:
         """The line of the next token."""
         return self._tokens[self._at][2]
+
+    def _byte_order(self) -> str:
+        """Return what the trace states: it also holds for the types before that."""
+        depth, inside = 0, False
+        for at in range(len(self._tokens)):
+            word, following = self._peek(at), self._peek(at + 1)
+            depth += (word == "{") - (word == "}")
+            if depth == 0:
+                inside = (word, following) == ("trace", "{")
+            order = str(self._peek(at + 2))
+            if inside and depth == 1 and (word, following) == ("byte_order", "=") and order in _ORDERS:
+                return _ORDERS[order]
+        raise CtfError("the metadata states no byte order")
 
     def run(self) -> None:
         """Read all declarations."""
@@ -157,6 +168,7 @@ class _Parser:
             raise CtfError(f'the metadata declares no clock "{min(unknown)[:40]}"')
         if self._mapped:
             self.found.clocks = [clock for clock in self.found.clocks if str(clock["name"]) in self._mapped]
+        self.found.streams = self.found.streams or {0: {}}
 
     def _keep(self, kind: str, body: dict[str, Any]) -> None:
         for key, known in _HEADERS.items():  # where a name is damaged, ids or times would be misread
@@ -359,12 +371,12 @@ class _Parser:
         self._weighed.append(type)  # so that no other type gets its id
 
     def _reference(self, start: str, end: str) -> str:
-        """Return the last name of a reference such as ``<stream.event.header.id>``."""
+        """Return the whole of a reference: one of more than a name, ``<stream.event.header.id>``, is found nowhere."""
         self._want(start)
         name = self._word()
         while self._peek() == ".":
             self._next()
-            name = self._word()
+            name += f".{self._word()}"
         self._want(end)
         return name
 
