@@ -100,6 +100,12 @@ def test_a_job_that_began_before_the_recording_is_left_out(form, monkeypatch):
     assert notes_of(recording) == ["1 job without a start"]
 
 
+def test_other_events_of_ftrace_in_perfetto_are_counted():
+    other = forms.message((1, forms.message((1, 0), (2, forms.message((1, 5), (2, 7), (3, b"")))))) * 2
+    (found,) = parse_traces(WRITERS["perfetto"]() + forms.trace(other), "t").diagnostics
+    assert (found.code, found.message) == (codes.LEFT_OUT.id, "events not used: 2 of other kinds of ftrace")
+
+
 @pytest.mark.parametrize("form", [form for form in WRITERS if form not in ("btf", "events", "signals")])
 def test_threads_of_a_computer_run_on_its_cpus(form):
     (found,) = parse_traces(WRITERS[form](), "t").traces

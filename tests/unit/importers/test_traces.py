@@ -422,6 +422,16 @@ def test_the_same_slices_by_writers_with_other_habits():
         assert found == [("a", ("cpu0",), 1000, 3000), ("b", ("cpu0",), 3000, 5000), ("c", ("cpu0",), 5000, 7000)]
 
 
+@pytest.mark.parametrize(("end", "is_odd"), [("a", False), ("", False), ("b", True)])
+def test_an_end_of_a_name_that_none_has_is_reported(end, is_odd):
+    """Chrome takes it for the end of the last slice, Perfetto for none."""
+    events = [{"ph": phase, "tid": 1, "ts": at, "name": name} for phase, at, name in (("B", 1, "a"), ("E", 3, end))]
+    recording = parse_traces(json.dumps(events).encode(), "t")
+    assert [(e.task, e.start.ns, e.end.ns) for e in recording.traces[0].executions] == [("a", 1000, 3000)]
+    found = [d.message for d in recording.diagnostics]
+    assert found == (["a slice ends by another name than the one that runs"] if is_odd else [])
+
+
 @pytest.mark.parametrize("value", ['"1 us"', "true", "null", "1e99999999", "NaN", "[1]"])
 def test_times_that_are_no_numbers(value):
     found = refusal(f'[{{"ph":"X","name":"a","ts":{value},"dur":1}}]')

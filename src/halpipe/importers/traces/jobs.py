@@ -153,9 +153,11 @@ class Marks:
                 continue
             # A slice that ends by its name may have another one above it, which begins at this instant.
             of_name = (at for at in reversed(range(len(begun))) if self.task[row] == self.task[begun[at]])
-            place = next(of_name, len(begun) - 1)
-            if place < 0:
-                odd.add("a slice ends that did not begin", self.line[row], names[self.task[row]])
+            place, name = next(of_name, -1), names[self.task[row]]
+            if place < 0 and begun and name:
+                odd.add("a slice ends by another name than the one that runs", self.line[row], name)
+            if not begun:
+                odd.add("a slice ends that did not begin", self.line[row], name)
             else:
                 first.append(begun.pop(place))
                 last.append(row)

@@ -316,6 +316,8 @@ class _Reader:
         cpu = _one(bundle, 1, 0)
         self.has_lost = self.has_lost or bool(_one(bundle, 3, 0))
         for event in _messages(bundle, 2):
+            if 4 not in event:
+                self.others["other kinds of ftrace"] += 1
             for switch in _messages(event, 4):
                 goes_on = is_runnable(_one(switch, 4, 0))
                 left, entered = _one(switch, 2, 0), _one(switch, 6, 0)
