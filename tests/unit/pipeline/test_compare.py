@@ -19,7 +19,7 @@ from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Executions, Trace, column
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.compare.codes import Kind
-from halpipe.pipeline.compare.judging import Scope
+from halpipe.pipeline.compare.judging import Scope, _after_larger
 from halpipe.pipeline.compare.tables import MOST_SILENT, Due, Starts
 from support import access, model, ms, task, version
 
@@ -595,6 +595,75 @@ def test_the_first_characters_of_two_names_are_the_name_of_neither():
     plan = Schedule(model="m", model_sha256="", generator="t", modes=(table("run", ms(10), *jobs),))
     seen = [Execution(task=names[0][:15], units=("cpu0",), start=ms(0), end=ms(1))]
     assert {row.task: row.seen for row in shared(seen, plan).rows} == dict.fromkeys(names, 0)
+
+
+@pytest.mark.parametrize("silent", [30_000, 10**12])
+def test_a_pause_in_which_the_mode_was_switched_is_one_pause(silent):
+    """The jobs of the mode are too many to count, and so is that of the switch behind them."""
+    first, last = play([("race", RACE)]), play([("slow", SLOW)])
+    by = ms(20) * (silent - 1) + ms(25)
+    last = [replace(e, cycle=silent + 1, start=e.start + by, end=e.end + by) for e in last]
+    answer = compared([*first, *last], origin=ZERO)
+    assert answer.counts[Kind.PAUSE] == 1
+    [pause] = [d.message for d in answer.diagnostics if d.code == codes.PAUSE.id]
+    assert pause == f"nothing ran in the {silent} cycles after cycle 0, whose jobs are not counted as missing"
+
+
+@pytest.mark.parametrize("first_read", [0, 4])
+def test_a_pause_is_reported_where_the_first_execution_after_it_stands(first_read):
+    """Line 5 of the file has the start of the second race, whichever race a reader adds first."""
+    seen = sorted(after_a_gap(25_001), key=lambda e: e.start.ns)
+    rows = [replace(e, at=Location("t.csv", line)) for line, e in enumerate(seen, 1)]
+    trace = Trace(name="", executions=Executions.of(rows[first_read:] + rows[:first_read]))
+    [pause] = [d for d in compare(PLAN, trace, CompareOptions(mode="race")).diagnostics if d.is_error]
+    assert (pause.code, pause.at) == (codes.PAUSE.id, Location("t.csv", 5))
+
+
+def test_lateness_of_all_starts_has_its_median_its_99_per_cent_and_its_worst():
+    """Of 200 starts, two are more than 3 us late, and one of them is the worst."""
+    late = [*[1000] * 197, 3000, 4000, 5000]
+    seen = [
+        replace(e, start=e.start + Duration(by)) for e, by in zip(play([("race", RACE)] * 50), late[::-1], strict=True)
+    ]
+    assert compared(seen, origin=ZERO).starts == (Duration(1000), Duration(3000), Duration(5000))
+    assert compare(PLAN, Trace(name="", executions=()), CompareOptions(mode="race")).starts == ()
+
+
+def test_a_job_runs_in_a_gap_of_the_job_of_which_it_is_scheduled_in_the_gap():
+    """Job b of cycle 0 runs in the gap that a has in cycle 2 for the b of cycle 2, which did not run."""
+    parts = parted("a", 0, "c1", (0, 3, 0, 3), (5, 9, 3, 7))
+    plan = Schedule(model="m", model_sha256="", modes=(table("t", 20, parts, job("b", 0, 3, 5)),))
+    ran = [replace(e, busy=ms(7)) if e.task == "a" else e for e in play([("t", plan.modes[0])] * 3)]
+    seen = {(e.task, e.cycle): e for e in ran}
+    assert compare(plan, Trace(name="", executions=tuple(ran)), CompareOptions(origin=ZERO)).diagnostics == ()
+    seen["b", 0] = replace(seen.pop(("b", 2)), cycle=0)
+    late = sorted(seen.values(), key=lambda e: e.start.ns)
+    answer = compare(plan, Trace(name="", executions=tuple(late)), CompareOptions(origin=ZERO))
+    assert (answer.counts[Kind.OVERLAP], answer.counts[Kind.ORDER]) == (1, 1)
+    [worst] = [d.message for d in answer.diagnostics if d.code == codes.WRONG_ORDER.id]
+    assert worst.startswith('task "a" ran at the same time on a unit, at 40ms (cycle 0)')
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_each_place_below_one_before_it_the_last_of_the_largest_is_found(seed):
+    rng = Random(seed)
+    values, limits = ([rng.randint(0, 6) for _ in range(seed)] for _ in range(2))
+    expected = []
+    for at in range(1, seed):
+        largest = max(values[:at])
+        if limits[at] < largest:
+            expected.append((max(n for n in range(at) if values[n] == largest), at))
+    before, places = _after_larger(column(values), column(limits))
+    assert [*zip(before.tolist(), places.tolist(), strict=True)] == expected
+
+
+@pytest.mark.parametrize(("starts", "is_left_out"), [(9, False), (10, True)])
+def test_a_recording_of_fewer_than_ten_executions_has_no_strays(starts, is_left_out):
+    one = Schedule(model="m", model_sha256="", modes=(table("t", 10, job("a", 0, 0, 1), job("b", 0, 5, 6)),))
+    seen = play([("t", one.modes[0])] * 5, ms(7))[:starts]
+    seen[3] = replace(seen[3], start=seen[3].start - ms(1))
+    answer = compare(one, Trace(name="", executions=tuple(seen)), CompareOptions())
+    assert answer.origin == (ms(7) if is_left_out else ms(6))
 
 
 def test_a_job_of_a_long_recording_takes_little_memory():

@@ -171,12 +171,12 @@ class Judge:
 
     def _pauses(self, matching: Matching) -> None:
         lines = matching.lines
-        first_of = {cycle: line for line, cycle in reversed([*enumerate(lines.cycle)])}
-        for before, after in lines.pauses:
-            line, silent = first_of[after], after - before - 1
+        line_of = {cycle: line for line, cycle in enumerate(lines.cycle)}
+        for before, after in lines.pauses.items():
+            line, silent = line_of[after], after - before - 1
             table = lines.table[line]
             rows = matching.slots[lines.slot[line] : lines.slot[line + 1]]
-            at = next((matching.executions.row(row).at for row in rows[rows >= 0][:1].tolist()), NOWHERE)
+            at = next((matching.executions.row(row).at for row in rows.tolist() if row >= 0), NOWHERE)
             pause = f"nothing ran in the {counted(silent, 'cycle')} after cycle {before}"
             message = f"{pause}, whose jobs are not counted as missing"
             self.add(Kind.PAUSE, about(mode=table.name), table.length * silent, message, at)

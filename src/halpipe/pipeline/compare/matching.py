@@ -367,9 +367,8 @@ def _origin(executions: Executions, parts_of: Callable[[Column, Instant], list[_
     most = min(max(1, len(known) // 100), _MOST_STRAYS) if len(known) >= _FEW else 0
     known = np.sort(known)
     every = distances(known, origin)
-    limit = np.partition(every, most)[most]
-    nearest = [*np.flatnonzero(every < limit), *np.flatnonzero(every == limit)[: most + 1]]
-    nearest = sorted(nearest, key=lambda at: (every[at], at))[: most + 1]
+    nearest = np.argpartition(every, most)[: most + 1]  # of equal distances any: there is no gap between them
+    nearest = nearest[np.argsort(every[nearest])]
     first: list[Instant] = every[nearest].tolist()
     gap, place = max(((first[at] - first[at - 1], at) for at in range(1, len(first))), default=(0, 0))
     task = np.asarray(executions.task)[known]

@@ -97,14 +97,14 @@ class Table:
 class Lines:
     """Tables that were played, as columns by row: each with its cycle, its start after the origin, and its first slot.
 
-    A pause is the last cycle in which something ran, and the next one, where too many lie between them.
+    `pauses` has the next cycle in which something ran by the last one before it, where too many lie between them.
     """
 
     table: list[Table] = field(default_factory=list)
     cycle: list[int] = field(default_factory=list)
     start: list[Instant] = field(default_factory=list)
     slot: list[int] = field(default_factory=lambda: [0])
-    pauses: list[tuple[int, int]] = field(default_factory=list)
+    pauses: dict[int, int] = field(default_factory=dict)
 
     def play(self, table: Table, cycle: int, start: Instant) -> None:
         """Append a table."""
@@ -182,7 +182,7 @@ def played_tables(executions: Executions, tables: Mapping[str, Table], judge: Ju
             jobs = times * len(between.due)
             left -= jobs
             if jobs and left < 0:
-                lines.pauses.append((before, cycle))
+                lines.pauses[before] = cycle
             else:
                 number = lines.cycle[-1] + 1 if lines.cycle else 0
                 for i in range(times):
@@ -209,7 +209,7 @@ def repeated_table(table: Table, cycles: Column) -> Lines:
     edges = sorted([*cycles[:1].tolist(), *itertools.chain(*pauses), *cycles[-1:].tolist()])
     played = [each for a, b in zip(edges[::2], edges[1::2], strict=True) for each in range(a, b + 1)]
     slots = [number * jobs for number in range(len(played) + 1)]
-    return Lines([table] * len(played), played, [cycle * table.length for cycle in played], slots, sorted(pauses))
+    return Lines([table] * len(played), played, [cycle * table.length for cycle in played], slots, dict(sorted(pauses)))
 
 
 def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table]) -> list[tuple[Table, int]] | None:
