@@ -6,9 +6,9 @@ import pytest
 from compare_cases import PIECES, PLAN, RACE, moved, play
 
 from golden_file import assert_golden
-from halpipe.core.diagnostics import render_text
+from halpipe.core.diagnostics import Location, render_text
 from halpipe.core.durations import Duration
-from halpipe.models.trace import Execution, Trace
+from halpipe.models.trace import Execution, Executions, Trace
 from halpipe.pipeline.compare import CompareOptions, compare
 from support import access, mode, model, ms, task, version
 
@@ -91,3 +91,18 @@ def test_a_report_is_that_of_the_golden_file(name):
     for what, run in disturbed(seen):
         lines += [f"--- {what}", *report(run, **options)]
     assert_golden(f"compare-{name}.txt", "\n".join(lines) + "\n", "pipeline")
+
+
+@pytest.mark.parametrize("name", ["labels-unnumbered", "mode"])
+def test_rows_of_a_file_may_have_any_order(name):
+    """Where two start at once, the order of the lines decides, not that in which a reader adds them."""
+    seen, options = PLANS[name]
+    for what, run in disturbed(seen):
+        placed = [replace(e, at=Location("t.csv", n)) for n, e in enumerate(sorted(run, key=lambda e: e.start.ns), 1)]
+        first, second = (
+            compare(PLAN, Trace(name="", executions=Executions.of(rows)), CompareOptions(**options), MODEL)
+            for rows in (placed, placed[::-1])
+        )
+        assert first.rows == second.rows, what
+        assert first.diagnostics == second.diagnostics, what
+        assert (first.by_line == second.by_line).all(), what

@@ -37,7 +37,7 @@ def run(*lengths, others=(), late=0):
 
 
 def learned(seen, system=SYSTEM, **options):
-    chosen = LearnOptions(origin=ZERO, mode="run", **options)
+    chosen = LearnOptions(mode="run", **{"origin": ZERO, **options})
     found = compare(PLAN, Trace(name="", executions=seen), chosen, None)
     return learn([found], chosen, system)
 
@@ -82,14 +82,41 @@ def test_what_is_stated_already_is_not_raised():
     assert wcets(learned(run(2, 2, 2, 2), margin=Fraction(0)))["a"] == (ms(2), False)
 
 
+@pytest.mark.parametrize("late", [0, 1])
 @pytest.mark.parametrize(("jitter", "is_stated"), [(2_400_000, True), (2_500_000, True), (2_500_001, False)])
-def test_starts_may_vary_by_a_quarter_of_the_period_that_is_stated(jitter, is_stated):
-    starts = [ms(10 * number) + Duration(jitter * (number % 2)) for number in range(10)]
+def test_starts_may_vary_by_a_quarter_of_the_period_that_is_stated(jitter, is_stated, late):
+    """Every second one is late, from the first or from the second on."""
+    starts = [ms(10 * number) + Duration(jitter * (number % 2 != late)) for number in range(1, 11)]
     seen = tuple(Execution(task="a", start=start, end=start + ms(1)) for start in starts)
     found = {each.task: each for each in learned(seen).periods}
     assert (("a" in found) and not found["a"].differs) == is_stated
     if is_stated:
         assert (found["a"].period, found["a"].offset, found["a"].jitter) == (ms(10), ZERO, Duration(jitter))
+
+
+def test_the_period_that_is_stated_is_kept_though_the_clock_of_the_recorder_drifts():
+    """A per cent fast, ten starts lie 900 us apart at last, which is less than a quarter of 10 ms."""
+    seen = tuple(Execution(task="a", start=ms("10.1ms") * n, end=ms("10.1ms") * n + ms(1)) for n in range(10))
+    [found] = learned(seen).periods
+    assert (found.period, found.jitter, found.differs) == (ms(10), ms("900us"), False)
+
+
+@pytest.mark.parametrize("origin", [0, 3])
+def test_an_offset_is_that_of_the_earliest_start_in_its_period(origin):
+    starts = [ms("31ms"), *(ms(30 + 10 * n) for n in range(1, 10))]
+    seen = tuple(Execution(task="a", start=at, end=at + ms(1)) for at in starts)
+    [found] = learned(seen, origin=ms(origin)).periods
+    assert (found.period, found.offset, found.jitter) == (ms(10), ms(-origin % 10), ms(1))
+
+
+@pytest.mark.parametrize(("jobs", "is_few"), [(29, True), (30, False)])
+def test_a_wcet_of_fewer_than_thirty_jobs_has_a_warning(jobs, is_few):
+    seen = tuple(Execution(task="a", start=ms(10 * n), end=ms(10 * n + 1)) for n in range(jobs))
+    assert ("; few jobs" in learned(seen).overlay("t")) is is_few
+
+
+def test_two_starts_have_a_distance():
+    assert learned(run(2, 2, 2, 2, others=[("x", 1), ("x", 8)])).distances == {"x": ms(7)}
 
 
 def test_a_job_without_an_end_teaches_no_time():
