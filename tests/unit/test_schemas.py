@@ -1,6 +1,7 @@
 """The schemas themselves: both validators agree on values at the edges, and lines are exact."""
 
 from functools import cache
+from random import Random
 
 import pytest
 import xmlschema
@@ -29,6 +30,14 @@ def document(kind, attribute, value):
     etree.SubElement(root[1], f"{{{ns}}}task", {"name": "t"} | {attribute: value})
     return root
 
+
+def in_tasks(lines):
+    text = f'<task-model xmlns="{namespace(TASK_MODEL)}" name="m">\n<platform><unit name="u"/></platform>\n<tasks>\n'
+    reader = etree.XMLParser(remove_comments=True)  # as that of halpipe is
+    return etree.fromstring(f"{text}{lines}</tasks>\n<modes/></task-model>".encode(), reader)
+
+
+BAD = '<task name="a" period="soon"/>\n'
 
 DIGITS = "1" * 30
 
@@ -93,6 +102,8 @@ def test_two_validators_agree_on_the_edges(kind, attribute, value, accepted):
         "<b\nx='1'\ny='2'/>\n\n\n<b/>\n",
         "<!--\n\n-->\n<b/>\n<?p\n?>\n<b/>\n",
         "<b>\n<!-- x\n -->\n<b/> <b/>\n</b>\n",
+        "<b><b/>\n</b>\n",
+        "<b><b><b/>\n<b/>\n\n</b>\n</b>\n<b/>",
     ],
 )
 def test_lines_are_exact_in_indented_files_of_any_length(blank, body):
@@ -102,6 +113,70 @@ def test_lines_are_exact_in_indented_files_of_any_length(blank, body):
         expected.append(text.count("\n", 0, text.index(">", at)) + 1)
     root = etree.fromstring(text)
     assert [line_of(element) for element in root.iter("b")] == expected
+
+
+def test_an_element_that_was_not_read_has_no_line():
+    assert line_of(etree.Element("a")) == 0
+
+
+@pytest.mark.parametrize("blank", [65_528, 65_531])
+def test_violations_have_their_lines_where_libxml2_stops_to_count(blank):
+    """It says 65535 of all lines from that one on."""
+    root = in_tasks("\n" * blank + BAD * 6)
+    assert [d.at.line for d in check(root, TASK_MODEL, "m.xml")] == [blank + 4 + n for n in range(6)]
+
+
+@pytest.mark.parametrize("blank", [0, 65_525, 70_000])
+@pytest.mark.parametrize(
+    "body",
+    [
+        BAD * 3,
+        '<task\nname="a"\nperiod="soon"\n/>\n' * 3,
+        '<task name="a"\nslack="1"/>\n' * 4 + BAD + '<task\nname="a"/>\n' + BAD * 2,
+        '<task name="a"/><task name="b" period="soon"/>\n' * 3,
+        '<task name="b" period="soon"/> <task name="a"/>\n<!-- a\nb -->\n' * 3,
+        '<task\nname="a"><version name="v" wcet="1ms">\n\n</version></task>\n<task\nname="a"/>\n' + BAD,
+    ],
+)
+def test_violations_of_large_documents_have_the_lines_of_others(blank, body, monkeypatch):
+    """Large ones are checked while they are parsed, as a text in which the attributes of an element are in one line."""
+    root = in_tasks("\n" * blank + body)
+    small = check(root, TASK_MODEL, "m.xml")
+    lines = [n for n, line in enumerate(body.splitlines(), blank + 4) if "soon" in line]
+    if "\n/>" not in body:
+        assert [d.at.line for d in small if "soon" in d.message] == lines
+    monkeypatch.setattr(schemas, "MAX_STEPS", 0)
+    assert [(d.at.line, d.message) for d in check(root, TASK_MODEL, "m.xml")] == [(d.at.line, d.message) for d in small]
+
+
+@pytest.mark.parametrize(("wrong", "is_all"), [(1000, True), (1001, False)])
+def test_of_more_than_a_thousand_violations_a_remark_says_that_there_are_more(wrong, is_all):
+    found = check(in_tasks('<task name="a" nam="1"/>\n' * wrong), TASK_MODEL, "m.xml")
+    assert [d.at.line for d in found[:MAX_REPORTED]] == list(range(4, 1004))
+    assert ["in part" in d.message for d in found[MAX_REPORTED:]] == ([] if is_all else [True])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_document_is_slow_where_places_take_more_steps_than_the_limit(seed, monkeypatch):
+    """The place of an element is found by passing by the siblings before it, and before each element around it."""
+    rng = Random(seed)
+    elements = [etree.Element("a")]
+    for _ in range(rng.randint(1, 30)):
+        elements.append(etree.SubElement(rng.choice(elements), "a"))
+    before = {e: 1 + len([*e.itersiblings(preceding=True)]) for e in elements[1:]}
+    steps = sum(before[around] for e in elements[1:] for around in [e, *e.iterancestors()] if around in before)
+    for most in range(steps + 1):
+        monkeypatch.setattr(schemas, "MAX_STEPS", most)
+        assert schemas._could_be_slow(elements[0]) is (most < steps)
+
+
+@pytest.mark.parametrize("steps", [2, 3, 8, 9])
+@pytest.mark.parametrize("elements", [2, 3])
+def test_a_document_of_more_elements_than_are_remembered_is_slow(elements, steps, monkeypatch):
+    """Three elements, of which the places take three steps; they are counted where the square of three is too much."""
+    monkeypatch.setattr(schemas, "MAX_ELEMENTS", elements)
+    monkeypatch.setattr(schemas, "MAX_STEPS", steps)
+    assert schemas._could_be_slow(etree.fromstring("<a><b><c/></b></a>")) is (elements < 3 or steps < 3)
 
 
 def test_what_a_large_document_lacks_is_reported_at_the_start_tag(monkeypatch):
@@ -119,12 +194,6 @@ def test_what_a_large_document_lacks_is_reported_at_the_start_tag(monkeypatch):
 # ------------------------------------------------------------------------------------------------ cost
 
 
-def in_tasks(lines):
-    text = f'<task-model xmlns="{namespace(TASK_MODEL)}" name="m">\n<platform><unit name="u"/></platform>\n<tasks>\n'
-    return etree.fromstring(f"{text}{lines}</tasks>\n<modes/></task-model>".encode())
-
-
-BAD = '<task name="a" period="soon"/>\n'
 WORST = {
     "attributes": lambda n: in_tasks("<task " + " ".join(f'a{i}="1"' for i in range(n)) + "/>"),
     "elements": lambda n: in_tasks("<zz/>" * n),

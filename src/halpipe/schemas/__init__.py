@@ -85,7 +85,7 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
     listed = entries[: MAX_REPORTED * 2]  # a bad value is reported twice
     violations = {_subject(e): (line_of_entry(e), _plain(e.message, kind)) for e in reversed(listed)}
     found = _reported(list(reversed(violations.values()))[:MAX_REPORTED], root, kind, name)
-    if not is_whole or len(entries) > len(listed):
+    if not is_whole or len(entries) > len(listed) or len(violations) > MAX_REPORTED:
         remark = "there may be more of them further down; correct these first"
         found.append(SCHEMA_VIOLATION("was looked at in part", at=Location(name), help=remark))
     return found
@@ -257,7 +257,7 @@ def line_of(element: etree._Element) -> int:
 
 def _line(root: etree._Element, entry: Any) -> int:
     """Return the line of a violation; libxml2 does not know lines beyond 65534 exactly."""
-    if 0 < entry.line < _LAST_EXACT_LINE or not entry.path:
+    if entry.line < _LAST_EXACT_LINE or not entry.path:
         return int(entry.line)
     from lxml import etree
 
@@ -280,7 +280,7 @@ def _grammar(kind: str) -> etree._Element:
     from lxml import etree
 
     schema = etree.fromstring(_schema_bytes(kind))
-    etree.strip_elements(schema, *(_XSD + constraint for constraint in _IDENTITY_CONSTRAINTS), with_tail=False)
+    etree.strip_elements(schema, *(_XSD + constraint for constraint in _IDENTITY_CONSTRAINTS))
     return schema
 
 
