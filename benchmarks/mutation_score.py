@@ -129,7 +129,7 @@ ROOMS = {
     ),
     "deploy/regulator": ("deploy/regulator", "unit/deploy/regulator/*"),
     "deploy/riscv": ("deploy/riscv", "unit/deploy/riscv/*"),
-    "deploy/linux": ("deploy/linux", "linux/test_linux_*"),
+    "deploy/linux": ("deploy/linux", "linux/test_linux_check* linux/test_linux_recordings*"),
     "validate": (
         "pipeline/validate",
         "unit/pipeline/test_validate_[!s]* unit/pipeline/test_validate_s[tp][!e]* properties/test_validate_answers*",
