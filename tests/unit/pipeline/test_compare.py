@@ -156,7 +156,9 @@ def test_preemption_is_no_overrun():
     assert found(moved(play(), 2, end=1_000_000, busy=ms(2)), origin=ZERO) == {codes.LATE_END.id}
 
 
-@pytest.mark.parametrize(("start", "end", "outside"), [(0, 3, None), (5, 8, None), (3, 6, ms(2)), (1, 4, ms(1))])
+@pytest.mark.parametrize(
+    ("start", "end", "outside"), [(0, 3, None), (5, 8, None), (3, 6, "2ms"), (1, 4, "1ms"), (8, 11, "2ms")]
+)
 def test_a_job_with_gaps_that_runs_in_one_piece_fits_one_of_its_parts(start, end, outside):
     """Its parts are 0 to 3 ms and 5 to 9 ms; of the part that it fits best, the amount outside counts."""
     plan = replace(PLAN, modes=(table("t", 20, parted("a", 0, "c1", (0, 3, 0, 3), (5, 9, 3, 7))),), transitions=())
@@ -164,7 +166,8 @@ def test_a_job_with_gaps_that_runs_in_one_piece_fits_one_of_its_parts(start, end
     found = compare(plan, Trace(name="", executions=(seen,)), CompareOptions(origin=ZERO, tolerance=ms(0)))
     told = [each.message for each in found.diagnostics if each.code == codes.OUTSIDE_PARTS.id]
     assert len(told) == (outside is not None)
-    assert all(str(outside) in message for message in told)
+    near = start if start == 3 else end  # before the second part, or after one of them
+    assert all(f"runs {outside} outside its parts, near {ms(near)}" in message for message in told)
 
 
 @pytest.mark.parametrize("origin", [0, 7])
@@ -287,6 +290,18 @@ def test_a_pause_of_many_cycles_is_told_as_a_whole(cycles):
     assert f"nothing ran in the {cycles} cycles after cycle 0" in pause.message
 
 
+def of_race(*cycles):
+    """The race in some cycles, without labels."""
+    return [e for n in cycles for e in play([("race", RACE)], RACE.hyperperiod * n, stated=False)]
+
+
+@pytest.mark.parametrize(("most", "missing"), [(8, 8), (7, 4), (4, 4), (3, 0)])
+def test_single_silent_cycles_are_counted_up_to_the_limit_together(most, missing, monkeypatch):
+    monkeypatch.setattr("halpipe.pipeline.compare.tables.MOST_SILENT", most)
+    answer = compared(of_race(0, 2, 4), mode="race", origin=ZERO)
+    assert (answer.counts[Kind.MISSING], answer.counts[Kind.PAUSE]) == (missing, 2 - missing // 4)
+
+
 @pytest.mark.parametrize(("gaps", "after"), [([3, 10**12, 2, 10**9], 4), ([3, 10**9, 2, 10**12], 10**9 + 8)])
 def test_of_several_gaps_the_longest_are_pauses(gaps, after):
     race = [("race", RACE)]
@@ -399,6 +414,10 @@ def test_a_table_that_is_not_scheduled():
         named = [replace(e, table="t" * length) if e.table == "slow" else e for e in play()]
         told = [d for d in deviations(named, origin=ZERO) if d.code == codes.UNKNOWN_TABLE.id]
         assert {d.message for d in told} == {f'the schedule has no table "{"t" * 60}"'}
+    two = [replace(e, table="pit" if n % 2 else "pot") if e.table == "slow" else e for n, e in enumerate(play())]
+    [first] = [d for d in deviations(two, origin=ZERO) if d.code == codes.UNKNOWN_TABLE.id]
+    name = next(e.table for e in two if e.table[0] == "p")
+    assert first.message == f'the schedule has no table "{name}"; 2 times, this is the worst'
 
 
 @pytest.mark.parametrize(
@@ -572,7 +591,10 @@ def test_other_programs_of_a_computer_are_no_deviation():
     assert [each.message for each in shared([*play(), *many]).diagnostics] == [
         "not in the schedule: 7 programs: p0, p1, p2, p3, p4 and 2 more"
     ]
+    assert [*shared([*play(), *others]).others] == []  # they teach nothing of tasks
+    assert len(compared([*play([("race", RACE)], stated=False), *others], mode="race").others) == 1
     foreign = compare(PLAN, Trace(name="", executions=tuple(others), is_shared=True), CompareOptions(mode="race"))
+    assert [*foreign.others] == []
     assert codes.UNKNOWN_TASK.id in {d.code for d in foreign.diagnostics}
 
 
@@ -655,6 +677,16 @@ def test_of_each_place_below_one_before_it_the_last_of_the_largest_is_found(seed
             expected.append((max(n for n in range(at) if values[n] == largest), at))
     before, places = _after_larger(column(values), column(limits))
     assert [*zip(before.tolist(), places.tolist(), strict=True)] == expected
+
+
+@pytest.mark.parametrize(("gap", "is_left_out"), [(10_000, False), (10_001, True)])
+def test_a_stray_lies_further_before_the_others_than_the_first_of_these_before_the_median(gap, is_left_out):
+    one = Schedule(model="m", model_sha256="", modes=(table("t", 10, job("a", 0, 0, 1), job("b", 0, 5, 6)),))
+    seen = play([("t", one.modes[0])] * 10, ms(7))
+    late = [0, *[10_000] * 6, -gap, *[10_000] * 12]
+    seen = [replace(e, start=e.start + Duration(by)) for e, by in zip(seen, late, strict=True)]
+    answer = compare(one, Trace(name="", executions=tuple(seen)), CompareOptions())
+    assert answer.origin == ms(7) - Duration(0 if is_left_out else gap)
 
 
 @pytest.mark.parametrize(("starts", "is_left_out"), [(9, False), (10, True)])

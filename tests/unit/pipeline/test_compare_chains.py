@@ -136,6 +136,16 @@ def test_no_path_leads_through_a_mode_without_the_chain(length):
     assert [rows[name].count for name in FIGURES] == [10, 8, 6]
 
 
+@pytest.mark.parametrize("cycle", [0, 3, 99])
+def test_a_job_of_a_table_that_the_schedule_does_not_have_writes_data_too(cycle):
+    """Whatever cycle it states, also one behind all that were played."""
+    seen = [replace(e, table="all", cycle=n // 3) for n, e in enumerate(ran(4))]
+    late = {"a": 81, "b": 84}
+    seen += [Execution(task=t, start=ms(at), end=ms(at + 1), table="pit", cycle=cycle) for t, at in late.items()]
+    rows = figures(compared(seen))
+    assert (rows["age"].count, rows["age"].least, rows["age"].worst) == (5, ms(4), ms(8))
+
+
 def with_let(lets=("10ms", "20ms"), **changes):
     lets = dict(zip("ab", map(ms, lets), strict=True))
     tasks = tuple(replace(t, let=lets[t.name], offset=ZERO, slack=Fraction(1, 2)) for t in SYSTEM.tasks)
@@ -271,6 +281,19 @@ def test_a_task_that_was_not_due_is_listed():
     ],
 )
 def test_another_model_is_refused(other):
+    refuse(other, PLAN)
+
+
+@pytest.mark.parametrize(("model", "schedule", "is_other"), [("x", "y", True), ("x", "x", False), ("", "y", False)])
+def test_a_model_of_other_content_is_refused_where_both_are_known(model, schedule, is_other):
+    owner, plan = SYSTEM.read_from(model), replace(PLAN, model_sha256=schedule)
+    if is_other:
+        refuse(owner, plan)
+    else:
+        assert compared(ran(1), owner, plan).diagnostics == ()
+
+
+def refuse(other, plan):
     with pytest.raises(HalpipeError) as refused:
-        compared(ran(1), other)
+        compared(ran(1), other, plan)
     assert [d.code for d in refused.value.diagnostics] == [codes.OTHER_MODEL.id]

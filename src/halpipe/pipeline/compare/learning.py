@@ -114,7 +114,7 @@ class Learned:
         known = [name for name in {**versions, **periods} if name in versions or periods[name].is_known]
         for name in sorted(known):
             lines += _entry(name, versions[name], periods.get(name))
-        if not any(not line.lstrip().startswith("#") for line in lines[3:]):
+        if all(line.lstrip().startswith("#") for line in lines[3:]):
             lines[2] = "tasks: {}"
         others = sorted((seen for seen in self.periods if not seen.is_known), key=lambda seen: seen.task)
         if others:
@@ -206,7 +206,7 @@ def _period(
     candidates = [] if stated is None else [stated.fraction]
     candidates += [Fraction(round(typical / 10**digits) * 10**digits) for digits in range(10, -1, -1)]
     for period in candidates:
-        if period <= 0:
+        if not period:
             continue
         counts = [round((start - at[0]) / period) for start in at]
         spare = [start - at[0] - count * period for start, count in zip(at, counts, strict=True)]

@@ -321,10 +321,8 @@ def _stated(executions: Executions, lines: Lines, rows: Column, origin: Instant)
 
 
 def covered(executions: Executions) -> tuple[Instant, Instant]:
-    """Return the first and the last instant that a trace tells of."""
+    """Return the first and the last instant of which a trace with executions tells."""
     rows = executions.order
-    if not len(rows):
-        return 0, 0
     start, end = (column(times)[rows] for times in (executions.start, executions.end))
     return plain(start[0]), plain(np.where(end == NONE, start, end).max())
 
