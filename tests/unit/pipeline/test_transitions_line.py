@@ -2,16 +2,18 @@
 
 import random
 from dataclasses import replace
+from fractions import Fraction
 from itertools import count
 
 import pytest
 
 from halpipe.core.durations import milliseconds
-from halpipe.models import Anchor, Edge, Match
+from halpipe.models import WHOLE, Anchor, Edge, Match, ModeSchedule, Split, Status
 from halpipe.pipeline.measure.placement import PlacedPart
-from halpipe.pipeline.transitions.change import Change, Pace
+from halpipe.pipeline.parts import job_of
+from halpipe.pipeline.transitions.change import MOST_CYCLES, Change, Pace
 from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape, Window, on_common_grid
-from support import after, job, mode, model, ms, schedule, task, version
+from support import access, after, job, mode, model, ms, schedule, task, version
 
 CAPACITY = 5
 UNITS = ("u1", "u2", "u3")
@@ -49,7 +51,7 @@ def crosses(one, other):
     return meet and not in_gap(one, other) and not in_gap(other, one)
 
 
-def fits(jobs, new):
+def fits(jobs, new, capacity=CAPACITY):
     """Decide by every tick whether a job fits beside others."""
     for one in jobs:
         if set(one.units) & set(new.units):
@@ -62,7 +64,7 @@ def fits(jobs, new):
     for phase in new.shape.phases:
         for tick in range(new.start + phase.start, new.start + phase.end):
             held = [p for one in jobs for p in one.shape.phases if one.start + p.start <= tick < one.start + p.end]
-            if sum(p.bound for p in held) + phase.bound > CAPACITY:
+            if sum(p.bound for p in held) + phase.bound > capacity:
                 return False
     return True
 
@@ -200,6 +202,44 @@ def test_of_tasks_that_need_the_same_length_the_first_is_named():
     assert change.least == (1, "a")
 
 
+def drawn_change(rng):
+    """The switch between a mode of 40 ms and one of 10 ms: each task has a unit of its mode, some a gap."""
+    tasks, tables = [], []
+    for name, period, longest in (("m", 40, 38), ("n", 10, 9)):
+        jobs = []
+        for unit in rng.sample(UNITS, rng.randint(1, 3)):
+            wcet = rng.randint(1, longest)
+            point, gap, start = rng.randint(1, wcet), rng.randint(1, 10), rng.randrange(period)
+            is_cut = point < wcet and wcet + gap < period and rng.random() < 0.4
+            begin = rng.randrange(wcet)
+            bus = access("mem", begin, rng.randint(begin + 1, wcet), Fraction(1, rng.choice((3, 5))))
+            made = replace(
+                version("v", wcet, unit, *[bus][: not is_cut]), split=Split(points=(ms(point),)) if is_cut else WHOLE
+            )
+            tasks.append(task(f"{name}{unit}", period, made))
+            spans = [(start, 0, point), (start + point + gap, point, wcet)] if is_cut else [(start, 0, wcet)]
+            jobs.append(job_of(tasks[-1].name, 0, made, (unit,), [tuple(map(ms, span)) for span in spans], ()))
+        tables.append(ModeSchedule(name=name, hyperperiod=ms(period), status=Status.VALID, jobs=tuple(jobs)))
+    modes = [mode(name, [each for each in tasks if each.name[0] == name]) for name in "mn"]
+    return Change(*on_common_grid(model(*tasks, units=" ".join(UNITS), resources="mem", modes=modes), *tables))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_length_clashes_where_what_still_runs_is_in_the_way(seed):
+    change = drawn_change(random.Random(seed))
+    ms_, quanta = ms(1) // change.after.tick, change.after.quanta
+    tail = [j.moved(-40 * ms_) for j in change.before.jobs if j.end > 40 * ms_]
+    for length in range(0, 45 * ms_, ms_):
+        line = list(tail)
+        for later in (j.moved(length + 10 * ms_ * cycle) for cycle in range(5) for j in change.after.jobs):
+            if not fits(line, later, quanta):
+                break
+            line.append(later)
+        is_free = len(line) == len(tail) + 5 * len(change.after.jobs)
+        assert (change.clash(length) is None) == is_free
+        assert change.least[0] <= length or not is_free
+
+
 @pytest.mark.parametrize(("slack", "most"), [(0, 10), ("1/4", 12)])
 def test_paces_are_those_of_the_last_and_the_first_jobs(slack, most):
     a, b = plain_change(slack=slack).paces
@@ -256,8 +296,51 @@ def test_a_window_of_the_same_cycle_is_open_for_jobs_of_the_cycle_before_only():
     assert plain_change(row).open_windows == []
 
 
+@pytest.mark.parametrize(("start", "is_open"), [(12, False), (2, True)])
+def test_a_job_of_the_cycle_before_has_its_predecessor_there(start, is_open):
+    """b follows a, which starts at 5 of 20 ms; where b starts at 2, it does so in the next cycle."""
+    row = replace(after("a", 0, 19), match=Match.CYCLE)
+    tasks = [task("a", 20, version("v", 4), slack=1), task("b", 20, version("v", 3, "u2", row), slack=1, offset=3)]
+    rows = [("a", 0, 5, "u1"), ("b", 0, start, "u2")]
+    change, _ = change_of(*tasks, before=rows, later=rows)
+    assert [(job.task, job.start) for job, _ in change.open_windows] == [("b", 2)] * is_open
+
+
+def test_no_more_cycles_than_a_limit_are_looked_at_for_one_window():
+    """The predecessor of b lies 3000 cycles back, so that in 3000 cycles it would be one of the mode before."""
+    change = plain_change(after("a", 20 * 3000 + 5, 20 * 3000 + 5))
+    assert [job.start for job, _ in change.open_windows] == [16 + 20 * n for n in range(MOST_CYCLES)]
+
+
 def test_predecessors_lie_deeper():
     assert plain_change(after("a", 0, 9)).depth == {"a": 0, "b": 1}
+
+
+def test_the_depth_of_a_task_is_that_of_its_longest_chain_of_predecessors():
+    rows = {"a": "", "b": "a", "c": "b a", "d": "a"}
+    tasks = [task(n, 20, version("v", 1, "u1", *[after(p, 0, 20) for p in rows[n].split()])) for n in rows]
+    jobs = [(name, 0, start, "u1") for start, name in enumerate(rows)]
+    assert change_of(*tasks, before=jobs, later=jobs)[0].depth == {"a": 0, "b": 1, "c": 2, "d": 1}
+
+
+@pytest.mark.parametrize(("wcets", "distance", "deadline", "most"), [
+    ([1], None, None, 8),  # the period and its slack
+    ([1], 6, None, 5),  # the job takes 1 ms of the time between two arrivals
+    ([1, 3], 6, None, 3),  # as long as the longest version
+    ([1], 6, 4, 3),
+    ([1], 6, 20, 6),
+    ([1], 12, 20, 8),
+    ([1], 2, None, 1),
+    ([1, 4], 6, 4, 1),  # a version that is never over in time
+])  # fmt: skip
+def test_starts_of_a_task_that_serves_arrivals_are_as_far_apart_as_all_are_served_in_time(
+    wcets, distance, deadline, most
+):
+    versions = [version(f"v{n}", wcet) for n, wcet in enumerate(wcets)]
+    poll = replace(task("a", 4, *versions, slack=1, deadline=deadline), distance=ms(distance) if distance else None)
+    change, _ = change_of(poll, before=[("a", 0, 0, "u1")], later=[("a", 0, 1, "u1")])
+    [pace] = change.paces
+    assert pace.most == change.most["a"] == most
 
 
 def test_versions_that_end_after_the_logical_execution_time_are_not_used():

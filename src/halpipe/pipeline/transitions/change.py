@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
-from halpipe.models import Anchor, Task
 from halpipe.pipeline.solve.groups import linked_tasks
 from halpipe.pipeline.transitions.line import GridMode, Layer, Line, LineJob, Window
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from halpipe.models import Anchor, Task
 
 
 MOST_CYCLES = 1000
@@ -57,9 +58,9 @@ class Change:
         self.tail = [job.moved(-n * cycle) for job in before.jobs for n in range(1, -(-job.end // cycle))]
         """The jobs of the mode before that still run after the switch, with all their parts."""
         self.tail_layer = Layer(self.tail)
-        reach = max((shape.length for shapes in after.shapes.values() for shape in shapes), default=0)
-        reach = max(reach, max((job.end for job in self.tail), default=0))
-        self._early = list(_jobs_before(reach, after))
+        self._over = max((job.end for job in self.tail), default=0)
+        lengths = (shape.length for shapes in after.shapes.values() for shape in shapes)
+        self._early = list(_jobs_before(max([self._over, *lengths]), after))
         self.future_layer = Layer(self._early)
         self._has_gaps = any(job.shape.parts for job in (*self.tail, *self._early))
         self.most_wanted = 4 * len(after.expansion.tasks) + 16
@@ -94,11 +95,10 @@ class Change:
         least, task = self.least
         if length < least:
             return task
-        last = max((job.end for job in self.tail), default=0)
         line = Line(self.after.quanta, (self.tail_layer, 0))
         for job in self._early:
             moved = job.moved(length)
-            if moved.start >= last:
+            if moved.start >= self._over:
                 break
             if line.overloads(moved) or (self._has_gaps and line.clashes(moved)):
                 return job.task
@@ -168,14 +168,10 @@ class Change:
     def _cycles_before_steady(self, window: Window, job: LineJob) -> int:
         """Return in how many cycles a job may need a predecessor from before the mode after.
 
-        The nearest lies at most a cycle further back than the window asks, and an end up to a job's length after its
-        start.
+        Once the last one of the first cycle is far enough back, the nearest is that of the steady state.
         """
-        if window.same_cycle:
-            return int(job.is_lapped)
-        longest = max((shape.length for shape in self.after.shapes.get(window.task, ())), default=0)
-        longest += self.after.hyperperiod if window.origin is Anchor.RELEASE else 0
-        return min(MOST_CYCLES, 2 - (-(window.low + longest) // self.after.hyperperiod))
+        last = self._future.of(window)[-1]
+        return min(MOST_CYCLES, -((job.start - window.low - last) // self.after.hyperperiod))
 
     def has_past(self, window: Window, low: int, high: int) -> bool:
         """Return whether a predecessor of the mode before lies in [low, high]."""
@@ -187,7 +183,8 @@ class Change:
 
     def newest_before(self, window: Window) -> int | None:
         """Return the last instant of a window's predecessor in the mode before."""
-        return self._past.newest(window)
+        instants = self._past.of(window)
+        return instants[-1] - self.before.hyperperiod if instants else None
 
     def instants(self, window: Window, low: int, high: int, length: int) -> list[int]:
         """Return all instants in [low, high] of a window's predecessor in both modes, for a table of some length."""
@@ -208,10 +205,10 @@ class Change:
 
 def _jobs_before(reach: int, mode: GridMode) -> Iterator[LineJob]:
     """Yield the jobs of a mode, from its first cycle on, that start before `reach`, by start."""
-    for cycle in range(max(1, -(-reach // mode.hyperperiod)) if mode.hyperperiod else 1):
+    for begin in range(0, reach, mode.hyperperiod or 1):
         for job in mode.jobs:
-            if job.start + cycle * mode.hyperperiod < reach:
-                yield job.moved(cycle * mode.hyperperiod)
+            if job.start + begin < reach:
+                yield job.moved(begin)
 
 
 class _Instants:
@@ -231,7 +228,7 @@ class _Instants:
 
     def within(self, window: Window, low: int, high: int) -> list[int]:
         """Return those of the window's task, starts or ends as the window says, that lie in [low, high]."""
-        instants = self._of(window)
+        instants = self.of(window)
         return [
             instant + cycle * self._cycle
             for cycle in self._cycles(instants, low, high)
@@ -239,11 +236,6 @@ class _Instants:
                 bisect_left(instants, low - cycle * self._cycle) : bisect_right(instants, high - cycle * self._cycle)
             ]
         ]
-
-    def newest(self, window: Window) -> int | None:
-        """Return the last of them; None where the task does not run, or runs for ever."""
-        instants = self._of(window)
-        return instants[-1] + self._last * self._cycle if instants and self._last is not None else None
 
     def _cycles(self, instants: list[int], low: int, high: int) -> range:
         """Return the cycles, no more than the last `MOST_CYCLES`, that have instants in [low, high]."""
@@ -254,8 +246,8 @@ class _Instants:
         last = last if self._last is None else min(last, self._last)
         return range(max(first, last - MOST_CYCLES + 1), last + 1)
 
-    def _of(self, window: Window) -> list[int]:
-        """Return the sorted instants of cycle 0."""
+    def of(self, window: Window) -> list[int]:
+        """Return those of the window's task in cycle 0, sorted."""
         key = (window.task, window.origin, window.point)
         if key not in self._made:
             self._made[key] = sorted(window.instant(job) for job in self.of_task(window.task))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import Duration, greatest_common_divisor
 from halpipe.core.grouping import grouped
 from halpipe.core.records import record
-from halpipe.models import Anchor, Binding, Edge, Match, ModeSchedule, TaskModel, Unit, Version
+from halpipe.models import Anchor, Binding, Edge, ModeSchedule, TaskModel, Unit, Version
 from halpipe.pipeline.jobs import ActiveTask, Expansion, expand
 from halpipe.pipeline.measure.placement import PlacedJob, PlacedPart, PlacedPhase, Placement, Placing, grid_of
 
@@ -74,8 +74,6 @@ class LineJob:
     units: tuple[str, ...] = field(compare=False)
     delay: int = field(default=0, compare=False)
     """Since its release, where a window counts from there; a job of a table is released when it starts."""
-    is_lapped: bool = field(default=False, compare=False)
-    """Whether it belongs to the cycle before that in which it starts."""
 
     @property
     def end(self) -> int:
@@ -84,8 +82,7 @@ class LineJob:
 
     def moved(self, by: int) -> LineJob:
         """Return the job `by` ticks later."""
-        same = self.shape, self.units, self.delay, self.is_lapped
-        return LineJob(self.start + by, self.task, self.index, *same)
+        return LineJob(self.start + by, self.task, self.index, self.shape, self.units, self.delay)
 
     def crosses(self, other: LineJob) -> bool:
         """Return whether the spans of two jobs meet, and neither lies in a gap of the other (MODEL 8.2, nested)."""
@@ -285,7 +282,7 @@ GANG_SETS = 16
 class Window:
     """A precedence constraint in ticks: an instant of a job of `task` lies between `low` and `high` before a start.
 
-    Or before an end, if it leads `to_end`. That of the `same_cycle` reads as a window where a cycle is not whole.
+    Or before an end, if it leads `to_end`.
     """
 
     task: str
@@ -294,7 +291,6 @@ class Window:
     origin: Anchor = Anchor.START
     point: int = 0
     to_end: bool = False
-    same_cycle: bool = False
 
     def lag(self, shape: Shape) -> int:
         """Return how long after its start a predecessor job of a table reaches the instant."""
@@ -350,25 +346,10 @@ class GridMode:
     def jobs(self) -> tuple[LineJob, ...]:
         """One cycle, its start at 0; jobs may end beyond it."""
         placed = self._placement
-        rows = [row for active in self.expansion.tasks for version in active.versions for row in version.precedences]
-        released = {row.task for row in rows if row.anchor is Anchor.RELEASE}
-        ringed = (
-            {active.name for active in self.expansion.tasks} if any(r.match is Match.CYCLE for r in rows) else set()
+        jobs = (
+            LineJob(j.start, j.active.name, j.index, self._shape_of(j), j.units, placed.delay(j)) for j in placed.jobs
         )
-        return tuple(
-            sorted(
-                LineJob(
-                    j.start,
-                    j.active.name,
-                    j.index,
-                    self._shape_of(j),
-                    j.units,
-                    placed.delay(j) if j.active.name in released else 0,
-                    j.active.name in ringed and placed.lap(j) > 0,
-                )
-                for j in placed.jobs
-            )
-        )
+        return tuple(sorted(jobs))
 
     @property
     def is_closed(self) -> bool:
@@ -429,7 +410,6 @@ class GridMode:
                 row.anchor,
                 row.point // self.tick if row.point is not None else 0,
                 row.to is Anchor.END,
-                row.match is Match.CYCLE,
             )
             for row in version.precedences
         ]

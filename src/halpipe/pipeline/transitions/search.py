@@ -70,16 +70,17 @@ class Table:
         if hopeless is not None:
             return hopeless
         patience = PATIENCE + len(self.change.paces) // MORE_PATIENCE
-        unfit, fewest, stale = self._place(self._wanted), self._count + 1, 0
+        unfit = self._place(self._wanted)
+        fewest, stale = len(unfit), 0
         while unfit:
             blocked = Blocked(unfit[0].task, unfit[0].rule, progress=1)
-            fewest, stale = (len(unfit), 0) if len(unfit) < fewest else (fewest, stale + 1)
             for want in unfit:
                 want.order -= 1
                 self._want_predecessors_of(want)
             if stale >= patience:
                 return blocked
             unfit = self._place(want.task for want in unfit)
+            fewest, stale = (len(unfit), 0) if len(unfit) < fewest else (fewest, stale + 1)
         return tuple(_numbered([job for jobs in self._placed.values() for job in jobs]))
 
     # ---- what is wanted
