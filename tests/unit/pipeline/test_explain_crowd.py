@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet_in_groups
+from halpipe.pipeline.explain.facts import mode_facts
+from halpipe.pipeline.explain.meetings import Budget, Part, _parts, _without, find_meeting, meet_in_groups
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.exact import Answer, solve_exact
+from halpipe.pipeline.validate.context import Context
 from profiles import examples
 from support import model, task, version
 
@@ -96,3 +98,16 @@ def test_slack_counts_for_what_it_takes_from_the_parts():
     tasks = [task(name, 5, *choice, slack="0.1") for name in "ab"]
     system = model(*tasks, task("holder", 20, version("v", 15, "g")), units="c g")
     assert not find_witnesses(system)
+
+
+@pytest.mark.parametrize(("others", "left", "elsewhere"), [("c d", 12, ()), ("c g", 9, ("a", "b", "e"))])
+def test_of_a_holder_counts_what_others_cannot_spend_elsewhere(others, left, elsewhere):
+    """Three tasks of up to 3 ms on two units, while a third unit is held for 12 ms."""
+    tasks = [task(name, 5, version("v", wcet, others)) for name, wcet in (("a", 3), ("b", 3), ("e", 2))]
+    context = Context(model(*tasks, task("holder", 20, version("v", 12, "g")), units="c d g"))
+    facts = mode_facts(context.active[0])
+    own = list(facts.tasks.values())
+    held, parts = _parts(own, frozenset("cdg"), facts.tasks["holder"])
+    assert (held.elsewhere, facts.text(parts[0].length)) == (elsewhere, f"{left}ms")
+    assert _without(facts, held).startswith('while "holder" has "g", "a", "b", "e" cannot') == bool(elsewhere)
+    assert bool(_without(facts, held)) == bool(elsewhere)

@@ -187,6 +187,22 @@ def test_slacks_are_tried_on_their_grid_where_it_is_not_too_fine(monkeypatch, jo
     assert tried(monkeypatch, system, jobs).tick == tick
 
 
+def test_only_tasks_without_a_gap_that_are_in_one_piece_are_split():
+    """Beside 2 ms in every 6, no version of 5 ms has a place in one piece; two other tasks have no schedule at all."""
+    hopeless = [task(name, 10, version("v", 6, "u2")) for name in "xy"]
+    short, long = task("short", 6, version("v", 2)), task("long", 12, version("v", 5), version("w", 5))
+    anywhere = replace(long.versions[1], split=Split(anywhere=True, max_gaps=2))
+
+    def split_tasks(*tasks):
+        system = model(*tasks, *hopeless, units="u1 u2")
+        found = remedies._relaxations(system, [*tasks], {*"xy", "short", "long"}, Trials("all", 9, lambda: True))
+        return [each.text(1) for each in found if "cut" in each.text(1)]
+
+    assert split_tasks(short, long) == ['"long" cut into pieces of at most 2.5ms (split)']
+    assert split_tasks(short, replace(long, versions=(long.versions[0], anywhere))) == []
+    assert split_tasks(short, replace(long, versions=(version("v", 4),))) == []
+
+
 def test_as_many_searches_are_made_as_are_left():
     trials = Trials("all", 1, lambda: True, left=1)
     easy = model(task("a", 10, version("v", 3)))

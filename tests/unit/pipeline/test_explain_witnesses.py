@@ -15,10 +15,13 @@ from halpipe.importers.native import read_model
 from halpipe.models import Binding, Interrupt, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
+from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet
+from halpipe.pipeline.explain.sharing import packings
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
+from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
 from support import after, model, ms, task, version
 
@@ -240,3 +243,26 @@ def test_no_task_is_named_without_which_the_others_do_not_fit_either():
     system = model(bound("a", 20, "9ms"), bound("b", 20, "12ms"), bound("c", 20, "12ms"), spare, units="u1 u2")
     (hopeless,) = find_witnesses(system)
     assert set(hopeless.tasks) == {"a", "b", "c"}
+
+
+def test_tasks_on_demand_have_no_rate_with_which_they_would_meet():
+    rows = (after("a", 0, 10), after("b", 0, 10))
+    demanded = [task(name, None, version("v", 2)) for name in "ab"]
+    system = model(task("caller", 10, version("v", 2, "u2", *rows)), *demanded, units="u1 u2")
+    assert not find_witnesses(system)
+    assert schedule_model(system, SearchOptions(optimise=()), lambda *_: True).is_complete
+
+
+@pytest.mark.parametrize("certain", [0, 1])
+def test_a_nanosecond_that_slack_does_not_move_meets_what_fills_the_unit(certain):
+    full, late = task("a", 10, version("v", 10)), task("b", 10, version("v", f"{3_000_000 + certain}ns"), slack="3/10")
+    named = {d.code for each in find_witnesses(model(full, late)) for d in each.diagnostics}
+    assert (codes.TASKS_MEET.id in named) == bool(certain)
+
+
+def test_equal_units_are_no_effort_for_an_assignment():
+    """Nine tasks for eight units: more than 40 000 assignments, all but one of which only name the units otherwise."""
+    units = " ".join(f"u{n}" for n in range(8))
+    context = Context(model(*(bound(f"t{n}", 10, 6, units) for n in range(9)), units=units))
+    [witness] = packings(mode_facts(context.active[0]))
+    assert len(witness.tasks) == 9
