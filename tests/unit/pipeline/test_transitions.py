@@ -12,6 +12,7 @@ from halpipe.pipeline.checked import KEPT_FOR_SWITCHES, _is_sound_switch, schedu
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
+from halpipe.pipeline.transitions import search
 from halpipe.pipeline.transitions import tables as tables_module
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape
@@ -243,6 +244,23 @@ def test_processes_find_the_same_tables(monkeypatch):
     assert switched(system, workers=Workers(2)) == switched(system)
 
 
+def test_pairs_that_are_handed_over_have_the_tables_that_are_found_here(monkeypatch):
+    handed = []
+
+    def spread(_, function, pairs, _go_on):
+        handed.extend(pairs)
+        return map(function, pairs)
+
+    system = large_modes(6)
+    expected = switched(system)
+    monkeypatch.setattr(tables_module, "SPREAD", 1)
+    monkeypatch.setattr(Workers, "spread", spread)
+    assert switched(system, workers=Workers(1)) == expected
+    assert handed == []
+    assert switched(system, workers=Workers(2)) == expected
+    assert len(handed) == 6
+
+
 def test_two_pairs_stay_in_this_process(monkeypatch):
     system, plan = two_modes(0, 0, 3)
     system = replace(system, transitions=())
@@ -303,6 +321,32 @@ def test_only_the_jobs_of_a_group_that_does_not_fit_are_placed_anew():
     assert table.change.group["t0"] == ["t0", "t1", "t2", "t3"]
     assert (table.work - 1) % 4 == 0
     assert table.work > 5
+
+
+def test_a_length_is_given_up_later_where_tasks_are_many(monkeypatch):
+    """One order more for so many tasks, of which there are five."""
+    crowd = [(f"t{n}", "u0 u1", f"u{n % 2}", n // 2 * 4, 4) for n in range(4)]
+    system, plan = later_in_mode_b(*crowd, ("alone", "u2", "u2", 0, 1))
+    orders = []
+    for share in (300, 6, 5, 2, 1):
+        monkeypatch.setattr(search, "MORE_PATIENCE", share)
+        table = Table(Change(*on_common_grid(system, *plan.modes)), 1)
+        assert isinstance(table.fill(), Blocked)
+        orders.append((table.work - 1) // 4)
+    assert [each - orders[0] for each in orders] == [0, 0, 1, 2, 5]
+
+
+@pytest.mark.parametrize(("latest", "is_crowded"), [(13, True), (14, False)])
+def test_starts_of_one_unit_are_as_far_apart_as_all_jobs_but_the_longest_last(latest, is_crowded):
+    """Jobs of 1, 2, 4 and 5 ms that start from 7 ms on: the last of them at 14 ms; those with a choice do not count."""
+    rows = [(f"t{n}", "u0", "u0", 10 * n, wcet) for n, wcet in enumerate((1, 2, 4, 5))]
+    system, plan = later_in_mode_b(*rows, ("free", "u0 u1", "u1", 0, 9))
+    tasks = [replace(each, versions=(*each.versions, version("long", 9, "u0"))) for each in system.tasks]
+    system = replace(system, tasks=tuple(tasks), modes=(mode("a", tasks), mode("b", tasks)))
+    table = Table(Change(*on_common_grid(system, *plan.modes)), 30)
+    table._want(*(search._Wanted(f"t{n}", 7 + n % 2, latest - n % 2, "rule") for n in range(4)))
+    table._want(search._Wanted("free", 7, latest, "rule"))
+    assert (table._crowded() is not None) == is_crowded
 
 
 @pytest.mark.parametrize(("length", "rounds"), [(3, 0), (4, 1)])

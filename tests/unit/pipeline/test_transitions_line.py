@@ -3,7 +3,7 @@
 import random
 from dataclasses import replace
 from fractions import Fraction
-from itertools import count
+from itertools import count, product
 
 import pytest
 
@@ -13,6 +13,7 @@ from halpipe.pipeline.measure.placement import PlacedPart
 from halpipe.pipeline.parts import job_of
 from halpipe.pipeline.transitions.change import MOST_CYCLES, Change, Pace
 from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape, Window, on_common_grid
+from halpipe.pipeline.transitions.search import Table, _Wanted
 from support import access, after, job, mode, model, ms, schedule, task, version
 
 CAPACITY = 5
@@ -347,3 +348,68 @@ def test_versions_that_end_after_the_logical_execution_time_are_not_used():
     let = replace(task("a", 10, version("v", 4), version("w", 8)), let=ms(6))
     found, _ = change_of(let, before=[("a", 0, 0, "u1")], later=[("a", 0, 2, "u1")])
     assert [shape.version for shape in found.after.shapes["a"]] == ["v"]
+
+
+def test_a_start_in_pace_is_apart_from_its_neighbours_and_not_too_far():
+    """a starts at most 12 ms after the one before, and lasts 4."""
+    change = plain_change(slack="1/4")
+    table, [shape] = Table(change, 60), change.after.shapes["a"]
+    for before, after_ in product((None, 0, 5), (None, 9, 20, 40)):
+        pairs = ((number, start) for number, start in ((1, before), (3, after_)) if start is not None)
+        table._paced = {("a", number): LineJob(start, "a", 0, shape, ("u1",)) for number, start in pairs}
+        low, high = table._in_pace(_Wanted("a", 2, 30, "", number=2), shape)
+        expected = [
+            start
+            for start in range(2, 31)
+            if (before is None or before + 4 <= start <= before + 12)
+            and (after_ is None or start + 4 <= after_ <= start + 12)
+        ]
+        assert [*range(low, high + 1)] == expected
+        assert table._in_pace(_Wanted("a", 2, 30, ""), shape) == (2, 30)
+
+
+LAG = {"start": 0, "end": 4, "release": 0}
+"""How long after its start a job of a reaches what a window counts from."""
+
+
+@pytest.mark.parametrize("anchor", LAG)
+@pytest.mark.parametrize("least", [6, 9])
+def test_a_job_of_a_table_without_a_predecessor_wants_one(anchor, least):
+    """b follows a by up to 9 ms; before the switch a starts at 8 and 18 of 20 ms, after it at 1 and 11."""
+    change = plain_change(after("a", least, 9, anchor))
+    for length, earliest in product((3, 10, 25, 40), range(0, 40, 3)):
+        instants = [start + LAG[anchor] for start in (-12, -2, *(length + 1 + 10 * n for n in range(6)))]
+        latest = earliest + (0 if least == 9 else 2)
+        low, high = earliest - 9, latest - least
+        starts = [start for start in range(length) if low <= start + LAG[anchor] <= high]
+        is_met = any(low <= instant <= high for instant in instants)
+        expected = [] if is_met or not starts else [(starts[0], starts[-1], -2)]
+        table, want = Table(change, length), _Wanted("b", earliest, latest, "", -2)
+        for _ in range(2):
+            table._want_predecessors_of(want)
+            assert [(each.earliest, each.latest, each.order) for each in table._wanted.get("a", ())] == expected
+        table._wanted["a"] = [_Wanted("a", 0, length, "")]
+        table._want_predecessors_of(want)
+        assert len(table._wanted["a"]) == 1 + len(expected)
+
+
+@pytest.mark.parametrize("anchor", LAG)
+@pytest.mark.parametrize("to", [Anchor.START, Anchor.END])
+def test_a_job_of_a_table_may_start_where_all_its_windows_are_met(anchor, to):
+    """b takes 3 ms; its last window counts from the job of a that starts with the table."""
+    row = replace(after("a", 1, 5, anchor), to=to)
+    change = plain_change(row)
+    shape, reached = change.after.shapes["b"][0], 3 if to is Anchor.END else 0
+    for length, latest, own in product((3, 25), (2, 20), (0, 6)):
+        table = Table(change, length)
+        table._placed["a"] = [LineJob(own, "a", 0, change.after.shapes["a"][0], ("u1",))]
+        starts = [-12, -2, own, *(length + 1 + 10 * n for n in range(5))]
+        expected = [
+            start
+            for start in range(latest + 1)
+            if any(1 <= start + reached - other - LAG[anchor] <= 5 for other in starts)
+        ]
+        spans = table._allowed(_Wanted("b", 0, latest, ""), shape)
+        assert sorted({start for low, high in spans for start in range(low, high + 1)}) == expected
+        held = table._allowed(_Wanted("b", 0, latest, "", instants=[(3, 7, Window("c", 0, 0))]), shape)
+        assert sorted({s for low, high in held for s in range(low, high + 1)}) == [s for s in expected if 3 <= s <= 7]
