@@ -1,6 +1,9 @@
 """The DOT language: what the tokenizer and the parser make of a file."""
 
+import shutil
 import string
+import subprocess
+from collections import Counter
 
 import pytest
 from hypothesis import given
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import TOO_MUCH
 from halpipe.importers.ros import codes, dot
+from profiles import examples
 
 
 def edges(text):
@@ -152,3 +156,71 @@ def test_quoted_edges_come_back(pairs):
     quoted = [tuple('"' + name.replace('"', '\\"') + '"' for name in pair) for pair in pairs]
     graph = dot.parse("digraph {" + "".join(f"{a} -> {b};" for a, b in quoted) + "}", "g.dot")
     assert [(dot.unescape(e.tail), dot.unescape(e.head)) for e in graph.edges] == pairs
+
+
+def test_a_named_block_that_is_opened_again_goes_on():
+    assert edges("digraph { subgraph s {a} subgraph s {b} -> c }") == [("a", "c"), ("b", "c")]
+    assert edges("digraph { subgraph s {} -> subgraph s {a} }") == [("a", "a")]
+    assert edges("digraph { {subgraph s {a}} subgraph s {b} -> c }") == [("b", "c")]  # that of another block
+    graph = dot.parse("digraph { subgraph s {node [x=1]} node [x=2; y=3] subgraph s {a} b }", "g.dot")
+    assert [v.attributes for v in graph.vertices.values()] == [{"x": "1", "y": "3"}, {"x": "2", "y": "3"}]
+
+
+def test_attributes_behind_a_block_are_those_of_no_vertex():
+    graph = dot.parse("digraph { {a} [x=1] a [y=2] }", "g.dot")
+    assert graph.vertices["a"].attributes == {"y": "2"}
+
+
+def test_a_name_is_the_same_over_two_lines():
+    assert edges('digraph { "a\\\nb" -> ab -> "c\\"d" }') == [("ab", "ab"), ("ab", 'c"d')]
+
+
+NAMES = st.sampled_from(
+    ["a", "b", "c", '"a"', '"x y"', '"q\\"t"', "_u", "12", "-1.5", '"a\\\nb"', "ab", '"a" + "b"', "é"]
+)
+STATED = [
+    "label=x",
+    "shape=box",
+    "color = red",
+    "dir=back",
+    "dir=both",
+    "dir=forward",
+    'label="x\\ny"',
+    "label=<<b>h</b>>",
+]
+LISTS = st.lists(st.sampled_from(STATED), min_size=1, max_size=3).map(lambda stated: f" [{', '.join(stated)}]")
+ENDS = st.sampled_from([" ", "; ", "\n", "\n# line\n", " /* c */ ", "// d\n"])
+
+
+def _statements(inner):
+    blocks = st.builds("{}{{{}}}".format, st.sampled_from(["", "subgraph ", "subgraph s ", "subgraph t "]), inner)
+    ports = st.sampled_from(["", "", "", ":p", ":p:n", ':"p q":_'])
+    chains = st.lists(st.builds(str.__add__, NAMES, ports) | blocks, min_size=1, max_size=3).map(" -> ".join)
+    others = st.builds(str.__add__, st.sampled_from(["node", "edge", "graph"]), LISTS) | st.just("rankdir = LR")
+    stated = st.builds(str.__add__, chains, st.just("") | LISTS) | others
+    return st.lists(st.builds(str.__add__, stated, ENDS), max_size=5).map("".join)
+
+
+BODIES = st.recursive(_statements(st.just("")), _statements, max_leaves=12)
+SHOWN = r"""N{printf("%s\001%s\002", $.name, aget($, "label"))}
+E{printf("%s\001%s\001%s\002", $.tail.name, $.head.name, aget($, "dir"))}"""
+
+
+@pytest.mark.skipif(not shutil.which("gvpr"), reason="graphviz is not installed")
+@examples(60)
+@given(BODIES)
+def test_graphs_are_those_that_graphviz_reads(body):
+    text = f"digraph {{{body}}}"
+    shown = subprocess.run(["gvpr", SHOWN], input=text.encode(), capture_output=True, check=True).stdout.decode()
+    rows = [row.split("\1") for row in shown.split("\2")[:-1]]
+    labels = {row[0]: row[1] for row in rows if len(row) == 2}
+    pairs = Counter()
+    for tail, head, way in (row for row in rows if len(row) == 3):
+        pairs[tail, head] += way in ("", "forward", "both")
+        pairs[head, tail] += way in ("back", "both")
+    graph = dot.parse(text, "g.dot")
+    own = {id: vertex.attributes.get("label", "") for id, vertex in graph.vertices.items()}
+    assert {id: label or labels[id].replace("\\N", "") for id, label in own.items()} == {
+        id: label.replace("\\N", "") for id, label in labels.items()
+    }
+    assert Counter((edge.tail, edge.head) for edge in graph.edges) == +pairs

@@ -12,6 +12,7 @@ edges are bounded.
 from __future__ import annotations
 
 import re
+from collections import ChainMap
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise, product
@@ -26,7 +27,7 @@ from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, MutableMapping
 
 
 _BOXES = ("box", "box3d", "rect", "rectangle")
@@ -196,7 +197,7 @@ class Edge:
     tail: str
     head: str
     line: int
-    attributes: dict[str, str]
+    attributes: Mapping[str, str]
 
 
 @dataclass(slots=True)
@@ -209,11 +210,13 @@ class Digraph:
 
 @dataclass(slots=True)
 class _Scope:
-    """Default attributes in force, and the vertices named inside a block."""
+    """Default attributes in force, those of the blocks around included, and the vertices named inside a block."""
 
-    node: dict[str, str]
-    edge: dict[str, str]
+    node: ChainMap[str, str] = field(default_factory=ChainMap)
+    edge: ChainMap[str, str] = field(default_factory=ChainMap)
     members: dict[str, None] = field(default_factory=dict)
+    blocks: dict[str, _Scope] = field(default_factory=dict)
+    """The named blocks inside: one that is opened again goes on where it was left."""
 
 
 def parse(text: str, file: str) -> Digraph:
@@ -228,13 +231,18 @@ def unescape(text: str, id: str = "") -> str:
         character = match[1]
         if character in ("n", "l", "r"):
             return "\n"
-        return id if character == "N" else "" if character.endswith("\n") else character
+        return id if character == "N" else character
 
     return _ESCAPE.sub(replace, text)
 
 
+def _joined(escape: re.Match[str]) -> str:
+    """Return a quote for one with a backslash, and nothing for a line end with one."""
+    return '"' if escape[1] == '"' else "" if escape[1].endswith("\n") else escape[0]
+
+
 def tokenize(text: str, file: str) -> list[Token]:
-    """Split into tokens; the text of a quoted string is without its quotes, its escapes kept."""
+    """Split into tokens; the text of a quoted string is without its quotes, other escapes are kept."""
     tokens: list[Token] = []
     position, line = 0, 1
     while position < len(text):
@@ -247,7 +255,7 @@ def tokenize(text: str, file: str) -> list[Token]:
             raw = _html(text, position, file, line)
             tokens.append(Token("html", raw[1:-1], line))
         elif kind == "quoted":
-            tokens.append(Token("quoted", raw[1:-1], line))
+            tokens.append(Token("quoted", _ESCAPE.sub(_joined, raw[1:-1]), line))
         elif kind != "space":
             tokens.append(Token(kind, raw, line))
         refuse_more_than(MAX_TOKENS, len(tokens), "words and signs", Location(file, line))
@@ -286,7 +294,7 @@ class _Parser:
             self._fail("digraph")
         if self._is_name():
             self._take()
-        self._block(_Scope({}, {}), 0)
+        self._block(_Scope(), 0)
         if self._peek().kind != "end":
             raise _malformed(
                 self._file, self._peek().line, "holds more than one graph", "save each in a file of its own"
@@ -319,7 +327,7 @@ class _Parser:
 
     def _chain(self, scope: _Scope, depth: int) -> None:
         """Read a vertex statement, a block, or a chain of edges between vertices and blocks."""
-        line = self._peek().line
+        line, is_vertex = self._peek().line, self._is_name()
         operands = [self._operand(scope, depth)]
         while self._peek().kind == "arrow":
             if self._take().text == "--":
@@ -327,8 +335,8 @@ class _Parser:
             operands.append(self._operand(scope, depth))
         if len(operands) == 1:
             stated = self._attributes({})
-            if len(operands[0]) == 1:
-                self._graph.vertices[operands[0][0]].attributes.update(stated)
+            if is_vertex:
+                self._graph.vertices[next(iter(operands[0]))].attributes.update(stated)
             return
         attributes = self._attributes(dict(scope.edge))
         for tails, heads in pairwise(operands):
@@ -346,16 +354,15 @@ class _Parser:
         what = f"an edge with {shown}: it does not say which way data flows"
         raise _malformed(self._file, line, what, "write dir=forward, dir=back or dir=both")
 
-    def _operand(self, scope: _Scope, depth: int) -> list[str]:
-        """Read a vertex or a block and return the ids it stands for."""
-        named = self._keyword("subgraph")
-        if named and self._is_name():
-            self._take()
-        if named or self._peek().is_sign("{"):
-            inner = _Scope(dict(scope.node), dict(scope.edge))
+    def _operand(self, scope: _Scope, depth: int) -> dict[str, None]:
+        """Read a vertex or a block and return the ids it stands for; a block that is opened again gets more."""
+        if self._keyword("subgraph") or self._peek().is_sign("{"):
+            inner = _Scope(scope.node.new_child(), scope.edge.new_child())
+            if self._is_name():
+                inner = scope.blocks.setdefault(self._name(), inner)
             self._block(inner, depth + 1)
             scope.members.update(inner.members)
-            return list(inner.members)
+            return inner.members
         token = self._peek()
         id = self._name()
         while self._sign(":"):
@@ -364,9 +371,9 @@ class _Parser:
             self._bound(len(self._graph.vertices) + len(self._graph.edges) + 1, token.line)
             self._graph.vertices[id] = Vertex(id, token.line, dict(scope.node))
         scope.members[id] = None
-        return [id]
+        return {id: None}
 
-    def _attributes(self, into: dict[str, str]) -> dict[str, str]:
+    def _attributes(self, into: MutableMapping[str, str]) -> MutableMapping[str, str]:
         while self._sign("["):
             while not self._sign("]"):
                 key = self._name()
