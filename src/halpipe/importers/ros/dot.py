@@ -216,7 +216,7 @@ class _Scope:
     edge: ChainMap[str, str] = field(default_factory=ChainMap)
     members: dict[str, None] = field(default_factory=dict)
     blocks: dict[str, _Scope] = field(default_factory=dict)
-    """The named blocks inside: one that is opened again goes on where it was left."""
+    """The named blocks inside: one that is opened again continues."""
 
 
 def parse(text: str, file: str) -> Digraph:
