@@ -227,6 +227,15 @@ def test_a_coarser_grid_is_to_the_safe_side(tick):
     assert scheduled(owner, tick=Duration.parse(tick)).is_complete
 
 
+def test_a_task_on_demand_that_nothing_demands_needs_no_option():
+    """Its window has no whole tick in it, which would be refused of a task that runs."""
+    asked = task("h", None, version("v", 1, "u1", after("short", "1.2ms", "1.8ms")))
+    owner = short_beside_long(3, 6)
+    found = scheduled(model(asked, *owner.tasks), tick=ms(1))
+    assert found.is_complete
+    assert {job.task for job in found.schedule.modes[0].jobs} == {"short", "long"}
+
+
 # ------------------------------------------------------------------------------------------------- what it refuses
 
 

@@ -376,6 +376,7 @@ class _SplitJobs(_Search):
         from halpipe.pipeline.solve.edf.works import finer, lenient, works_of
 
         tick = natural_tick(expansion)
+        expansion = replace(expansion, tasks=tuple(active for active in expansion.tasks if active.jobs))
         mode = works_of(self.model, expansion, self.options.tick or (finer(tick) if is_fine else tick), growth)
         return lenient(mode) if is_fine else mode
 

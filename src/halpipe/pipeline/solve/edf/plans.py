@@ -200,7 +200,7 @@ def _spread(mode: Mode, allowed: Sequence[tuple[Way, ...]]) -> tuple[Way, ...]:
             loads[unit] += time / distance
     chosen: dict[int, Way] = {}
     weight = [
-        max((load_of(work, way, mode.hyperperiod) for way in ways), default=Fraction(0))
+        max(load_of(work, way, mode.hyperperiod) for way in ways)
         for work, ways in zip(mode.works, allowed, strict=True)
     ]
     for task in sorted(range(len(mode.works)), key=lambda task: (len(allowed[task]) > 1, -weight[task], task)):
@@ -227,7 +227,7 @@ def fixed_phase(mode: Mode, task: int) -> int | None:
 
 def fits(mode: Mode, plan: Plan) -> bool:
     """Return whether no unit has more work than time."""
-    return max(_loads(mode, plan), default=0) <= 1
+    return max(_loads(mode, plan)) <= 1
 
 
 def _loads(mode: Mode, plan: Plan) -> list[Fraction]:
