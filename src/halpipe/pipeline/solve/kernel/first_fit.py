@@ -142,8 +142,7 @@ class _Table:
 
     def _note(self, task: int, jobs: range, found: int) -> None:
         arrays, state = self.arrays, self.state
-        is_free = arrays.task_cyclic[task] and arrays.entry_offset[arrays.job_entry[jobs[0]]] < 0
-        turns = found - found % arrays.task_period[task] if is_free else 0
+        turns = found - found % arrays.task_period[task]  # a fixed phase has none
         self.begins[task] = found
         self.ends[task] = turns + max(state.phase[job] + arrays.option_wcet[state.option[job]] for job in jobs)
 
