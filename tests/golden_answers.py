@@ -218,7 +218,7 @@ def solved(model: TaskModel, **options: object) -> list[str]:
         lines = program_lines(program)
         kinds = Counter(line.split()[0] for line in lines)
         sizes = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-        asked.append(f"program: {sizes}; work {effort.work:.4g}, seed {effort.seed}, all {sign(lines)}")
+        asked.append(f"program: {sizes}; work {effort.work:.4g}, seed {effort.seed % 2**31}, all {sign(lines)}")
         return plain(program, effort)
 
     plain = exact.run

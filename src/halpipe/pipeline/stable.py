@@ -233,7 +233,7 @@ def _fewest(
         answer = Fewest()
         if moved:
             expansion = expand(model, model.mode(mode.name))
-            effort = Effort(work=MOVED_WORK, seed=options.seed % 2**31)
+            effort = Effort(work=MOVED_WORK, seed=options.seed)
             before, held = _jobs_of(earlier, mode.name), _jobs_of(options.shipped, mode.name)
             answer = fewest_moved(model, expansion, before, held, mode.jobs, fewest.get(mode.name, 0), effort)
         least[mode.name] = answer.bound

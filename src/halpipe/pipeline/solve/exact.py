@@ -134,7 +134,7 @@ def solve_expansion(
         if not entrants and turn:
             raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
         share = min(FIRST_TURN * GROWTH**turn, left / max(1, len(entrants)))
-        run = _Turn(replace(effort, work=share, seed=(effort.seed + turn) % 2**31))
+        run = _Turn(replace(effort, work=share, seed=effort.seed + turn))
         answers = workers.each(run.solve, list(enumerate(entrants)), lambda found: found.is_last)
         if answers and answers[-1].is_last:
             return answers[-1]
@@ -180,7 +180,7 @@ def run(program: Program, effort: Effort) -> tuple[Any, str, bool]:
     solver = solver_library().CpSolver()
     parameters = solver.parameters
     parameters.num_workers = 1
-    parameters.random_seed = effort.seed
+    parameters.random_seed = effort.seed % 2**31
     parameters.max_deterministic_time = effort.work
     parameters.catch_sigint_signal = False  # Ctrl-C belongs to the caller of `go_on`
     parameters.symmetry_level = 0  # programs have their own, and the detection of OR-Tools 9.15 fails on some of them

@@ -159,9 +159,8 @@ def _solve(
     if status not in (*FOUND, UNDECIDED):
         return Shortest(Fraction(0), stopped=is_stopped)
     bound = unit * max(0, math.floor(solver.best_objective_bound))  # a whole number, well below 2^53
-    found = program.jobs(solver) if status != UNDECIDED else None
-    is_better = found is not None and now is not None and unit * int(solver.objective_value) < now
-    return Shortest(bound, tuple(found) if found is not None and is_better else (), is_stopped)
+    is_better = status != UNDECIDED and now is not None and unit * int(solver.objective_value) < now
+    return Shortest(bound, tuple(program.jobs(solver) or ()) if is_better else (), is_stopped)
 
 
 MOVED_WORK = 3

@@ -305,7 +305,7 @@ class _Exact(_Search):
         effort = Effort(
             work=self.options.effort,
             workers=self.options.workers.count,
-            seed=self.seed % 2**31,
+            seed=self.seed,
             go_on=lambda: self.on_progress(self.name, 0, 1, CONSTRUCTING),
         )
         jobs = solve_alone(self.model, self.expansion, self.options.tick, effort)
@@ -424,7 +424,7 @@ class _SplitJobs(_Search):
         """Return the search for a margin: from a plan, if there is one, or on a finer tick."""
         from halpipe.pipeline.solve.edf.search import Search
         from halpipe.pipeline.solve.edf.trials import Effort
-        from halpipe.pipeline.solve.kernel.search import Outcome
+        from halpipe.pipeline.solve.kernel.search import NOT_BEGUN, Outcome
 
         plans = [plan]
 
@@ -433,12 +433,12 @@ class _SplitJobs(_Search):
                 try:
                     mode = self._mode(expansion, 1 + margin, is_fine=is_fine)
                     if not all(work.ways for work in mode.works):
-                        return Outcome((), 1, 0, stopped=False)
+                        return NOT_BEGUN
                     effort = Effort(placed, 0, tell)
                     seed, before = self.seed + number, plans[-1]
                     found = Search(mode, self.model, seed, self.pinned, effort, kept=kept, before=before).run()
                 except HalpipeError:  # too many ticks, or parts
-                    return Outcome((), 1, 0, stopped=False)
+                    return NOT_BEGUN
                 if not found.excess:
                     plans.append(found.plan)
                 return Outcome(found.jobs, found.excess, found.placed, stopped=found.stopped)
@@ -611,7 +611,7 @@ class _WholeJobs(_Search):
         from halpipe.pipeline.solve.relay import solve_after
 
         workers, go_on = self.options.workers.count, self._go_on(outcome)
-        seed = (self.seed + turn.number * TURN_SEED) % 2**31
+        seed = self.seed + turn.number * TURN_SEED
         effort = Effort(work=turn.work, seed=seed, go_on=go_on, workers=workers)
         return solve_after(self.model, self.expansion, effort)
 

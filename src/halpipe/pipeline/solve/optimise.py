@@ -174,7 +174,7 @@ def finish(polish: Polish, jobs: tuple[Job, ...], seed: int, go_on: Callable[[],
         from halpipe.pipeline.solve.exact_goals import shortest_chains
 
         least = {chain: sum(times, Fraction(0)) for chain, times in chain_bounds(judge.model, judge.expansion)}
-        effort = replace(Effort(), seed=seed % 2**31, go_on=go_on)
+        effort = replace(Effort(), seed=seed, go_on=go_on)
         shortest = shortest_chains(judge.model, judge.expansion, jobs, worth.values[0], least, effort)
         bounds[0], is_stopped = shortest.bound, shortest.stopped
         if shortest.jobs:

@@ -187,8 +187,6 @@ def _is_allowed(mode: Mode, version: Version, job: Job) -> bool:
     service = service_of(units, job.units)
     parts = parts_of(job, version)
     spans = [(part.start, part.executed_from, part.executed_to) for part in parts]
-    if any(begun >= done for _, begun, done in spans) or (job.parts and len(job.parts) < 2):
-        return False
     if job_of(job.task, job.index, version, job.units, spans, service) != job:
         return False
     try:

@@ -48,8 +48,8 @@ def rows_at(counts: Iterable[int]) -> Ints:
 
 
 def flat(rows: Iterable[Iterable[int]]) -> Ints:
-    """Return rows one after the other; of none, one word that is never read, since there are no empty arrays in C."""
-    return ints(chain.from_iterable(rows)) or ints([0])
+    """Return rows one after the other."""
+    return ints(chain.from_iterable(rows))
 
 
 class System:
@@ -77,12 +77,12 @@ class System:
             "by_begin": flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: p.begin)),
             "by_end": flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: -p.end)),
             "windows": flat((w.task, w.least, min(w.most, LARGEST), w.from_end) for way in every for w in way.windows),
-            "capacity": ints(mode.capacity) or ints([0]),
+            "capacity": ints(mode.capacity),
             "fixed": flat(self._fixed_rows()),
             "fixed_units": flat(each.units for each in fixed.jobs),
             "standing": flat(claim for claims in standing for claim in claims),
             "standing_at": rows_at(map(len, standing)),
-            "longest": ints(max((c.end - c.begin for c in claims), default=0) for claims in standing) or ints([0]),
+            "longest": ints(max((c.end - c.begin for c in claims), default=0) for claims in standing),
             "places": flat(row for wall in walls if wall is not None for row in wall.rows()),
             "places_at": rows_at(0 if wall is None else len(wall.rows()) for wall in walls),
             "walls": flat(wall.begins for wall in walls if wall is not None),
@@ -153,7 +153,7 @@ class Told:
             "way": ints(system.number[id(way)] for way in plan.ways),
             "holds": ints(plan.holds),
             "urgency": ints(plan.urgency),
-            "releases": self.releases or ints([0]),
+            "releases": self.releases,
             "releases_at": self.places,
             "on_unit": flat(on_unit),
             "on_unit_at": self.on_unit_at,
@@ -183,11 +183,11 @@ class Memory:
     def __init__(self, system: System, told: Told, room: Mapping[str, int]) -> None:
         """Make room, and some that grows with the system."""
         tasks, units, resources = len(system.mode.works), len(system.mode.units), len(system.mode.capacity)
-        jobs = max(1, told.places[tasks])
+        jobs = told.places[tasks]
         events = room["events"] + 4 * tasks + 4 * len(system.mode.fixed.jobs)
         history, parts, claims = room["history"], room["parts"] + 2 * jobs, room["claims"]
         signature = room["signature"] + 16 * tasks
-        seats = max(1, told.on_unit_at[units])
+        seats = told.on_unit_at[units]
         self.late = filled(tasks)
         self.firsts, self.counts, self.releases, self.starts, self.ends = (filled(jobs) for _ in range(5))
         self.parts = filled(PART_WORDS * parts)
@@ -204,13 +204,13 @@ class Memory:
             "running": filled(units, -1),
             "is_touched": filled(units),
             "candidates": filled(tasks),
-            "past": filled(max(1, 2 * told.histories * history)),
-            "past_count": filled(max(1, 2 * told.histories)),
+            "past": filled(2 * told.histories * history),
+            "past_count": filled(2 * told.histories),
             "claims": links,
-            "claims_of": filled(max(1, resources), -1),
-            "claim_count": filled(max(1, resources)),
-            "claim_most": filled(max(1, resources), 64),
-            "asked": filled(CLAIM_WORDS * max(1, system.most_phases)),
+            "claims_of": filled(resources, -1),
+            "claim_count": filled(resources),
+            "claim_most": filled(resources, 64),
+            "asked": filled(CLAIM_WORDS * system.most_phases),
             "near": filled(CLAIM_WORDS * claims),
             "signatures": filled(2 * signature),
             "first": self.firsts,

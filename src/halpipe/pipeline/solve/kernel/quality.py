@@ -110,16 +110,17 @@ class Improvement:
 
     def _take(self, found: _Step, arrays: Arrays, leading: int) -> bool:
         """Make what was found the best placement, unless it is worse in what counts."""
-        if found.state is None or found.units is None:
+        if found.placed is None:
             return False
+        state, units = found.placed
         problem = replace(self.best.problem, arrays=arrays)
-        jobs = self.named(problem, found.state, found.units)
+        jobs = self.named(problem, state, units)
         worth = self.polish.judge.worth(jobs)
         is_worse = worth.values[:leading] > self.best.worth.values[:leading]
         if is_worse or not self.polish.judge.keeps(self.first, worth):
             return False
         best = self.best
-        best.problem, best.state, best.units, best.jobs, best.worth = problem, found.state, found.units, jobs, worth
+        best.problem, best.state, best.units, best.jobs, best.worth = problem, state, units, jobs, worth
         self.polish.on_better(worth)
         return True
 
@@ -138,7 +139,7 @@ class Improvement:
         if kept is not None and not stopped:
             placed = {} if units is None else {name: getattr(state, name) for name in PLACED}
             kept.note({"moves": state.register[MOVES : MOVES + 1], **placed})
-        return _Step(None if units is None else state, units, state.register[MOVES], stopped)
+        return _Step(None if units is None else (state, units), state.register[MOVES], stopped)
 
     def _fresh(self, problem: Problem) -> State:
         """Return an empty state in which what was frozen still is."""
@@ -153,7 +154,7 @@ class Improvement:
         if not facts:
             return None
         if PLACED[0] not in facts:
-            return _Step(None, None, facts["moves"][0], stopped=False)
+            return _Step(None, facts["moves"][0], stopped=False)
         problem = replace(self.best.problem, arrays=arrays)
         state = self._fresh(problem)
         for name in PLACED:
@@ -161,15 +162,14 @@ class Improvement:
         state.register[BEST] = 0
         units = deal(problem, state.best_start, state.best_option)
         assert units is not None, "units were assigned before"
-        return _Step(state, units, facts["moves"][0], stopped=False)
+        return _Step((state, units), facts["moves"][0], stopped=False)
 
 
 @record
 class _Step:
-    """Result of one search, if any."""
+    """Result of one search: the placement, if any."""
 
-    state: State | None
-    units: Units | None
+    placed: tuple[State, Units] | None
     moves: int
     stopped: bool
 

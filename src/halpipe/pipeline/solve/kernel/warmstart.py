@@ -68,7 +68,7 @@ def hints(problem: Problem, earlier: Earlier) -> Ints:
     hint = filled(len(arrays.entry_offset), -1)
     for number, active in enumerate(problem.expansion.tasks):
         phase = earlier.phases.get(active.name)
-        if phase is not None and active.task.period is not None and phase < active.task.period:
+        if phase is not None:
             hint[arrays.job_entry[arrays.task_job[number]]] = phase // problem.tick
     return hint
 
