@@ -3,7 +3,17 @@
 import pytest
 
 from halpipe.cli import searching
-from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, LEAST_MOVES, UNBOUNDED, SearchOptions
+from halpipe.pipeline.solve.checkpoint import Checkpoint
+from halpipe.pipeline.solve.schedule import (
+    DEFAULT_BUDGET,
+    LEAST_MOVES,
+    LEAST_TABLES,
+    MOST_TABLED,
+    UNBOUNDED,
+    SearchOptions,
+)
+from halpipe.pipeline.solve.workers import Workers
+from support import ms
 
 
 @pytest.mark.parametrize(
@@ -90,3 +100,32 @@ def test_a_search_without_a_stated_end_counts_the_jobs_of_modes_and_of_pairs(mon
     with pytest.raises(HalpipeError) as refused:
         refuse_endless(system, **options)
     assert f"take as long as {work} jobs" in refused.value.diagnostics[0].message
+
+
+@pytest.mark.parametrize(
+    ("budget", "tasks", "jobs", "placed"),
+    [
+        (None, 1, 1000, LEAST_TABLES * 1000),
+        (None, 3, 10**9, MOST_TABLED),
+        (None, 10**6, 10, DEFAULT_BUDGET * 10**6),
+        (7, 3, 10, 21),
+    ],
+)
+def test_preemptive_jobs_are_placed_for_so_many_tables_at_least_unless_a_budget_is_stated(budget, tasks, jobs, placed):
+    assert SearchOptions(budget=budget).placements(tasks, jobs) == placed
+
+
+def test_what_only_watches_a_search_or_serves_it_is_no_part_of_what_it_looks_for():
+    """Plans are the same where the time that they may take, the workers and who is told differ; else they are not."""
+    plain = SearchOptions(seed=3)
+    watched = {
+        "time_limit": ms(5),
+        "keeper": Checkpoint("x", "y", lambda: 0),
+        "on_better": print,
+        "workers": Workers(3),
+    }
+    for name, value in watched.items():
+        assert SearchOptions(seed=3, **{name: value}) == plain, name
+        assert hash(SearchOptions(seed=3, **{name: value})) == hash(plain), name
+    assert SearchOptions(seed=4) != plain
+    assert SearchOptions(seed=3, budget=5) != plain

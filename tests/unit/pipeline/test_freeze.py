@@ -13,6 +13,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.shipped import check_shipped, overlaps, staying
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.schedule import schedule_model as search
 from support import access, after, job, mode, model, ms, schedule, task, version
 
 UNITS = "u1 u2"
@@ -201,3 +202,17 @@ def test_a_shipped_job_beyond_those_of_its_task_says_how_many_there_are():
     [finding] = refused.value.diagnostics
     assert "the task has 2 jobs in this mode" in finding.message
     check_shipped(system, schedule(system, 20, jobs[0], replace(jobs[1], index=1)))
+
+
+@pytest.mark.parametrize(("start", "stays"), [(9, True), (10, False)])
+def test_a_task_whose_jobs_lie_outside_the_hyperperiod_may_take_any_units(start, stays):
+    """u1 is full from 0 to 9 ms: a job of another version that starts at its end has room on u2 alone."""
+    fills, moves = task("fills", 10, version("v", 9, "u1")), task("moves", 10, version("v", 1 if stays else 2, UNITS))
+    system = model(fills, moves, units=UNITS)
+    there = job(system, "moves", 0, 9, "u1")
+    there = replace(there, start=there.start + ms(start) - ms(9), end=there.end + ms(start) - ms(9))
+    shipped = schedule(system, 10, job(system, "fills", 0, 0, "u1"), there)
+    again = search(system, SearchOptions(budget=500, shipped=shipped), lambda *_: True)
+    assert again.is_complete
+    assert placed(again)["moves", 0][1] == (("u1",) if stays else ("u2",))
+    assert [d.code for d in again.diagnostics] == ([] if stays else [CANNOT_STAY.id])

@@ -9,8 +9,8 @@ from split_helpers import parted, points, split
 
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import MEASURES, Judge, Objective, Worth, whole_weights
-from halpipe.pipeline.solve.optimise import Reached
-from support import chain, job, model, ms, task, version
+from halpipe.pipeline.solve.optimise import Reached, chain_bounds
+from support import after, chain, job, model, ms, task, version
 
 JITTER, PREEMPTIONS, CHAINS, COST = Objective.JITTER, Objective.PREEMPTIONS, Objective.CHAINS, Objective.COST
 
@@ -90,3 +90,32 @@ def test_what_is_reached_is_said_with_what_is_possible_rounded_up_to_a_tenth(val
     most = None if bound is None else Fraction(bound)
     reached = Reached("m", CHAINS, Fraction(20_000_000), Fraction(value), most)
     assert str(reached).endswith(text)
+
+
+@pytest.mark.parametrize(
+    ("rows", "reaction", "age"),
+    [
+        ([(10, 1, 0), (15, 2, 0)], 3 + 10 + 10, 3 + 5),  # 15 ms less the common 5 ms; 10 ms less them
+        ([(10, 1, 0), (10, 2, 0)], 3 + 10, 3),
+        ([(10, 1, 0), (10, 2, 0), (15, 4, 0)], 7 + 10 + 10, 7 + 5),
+        ([(15, 4, 0), (10, 1, 0), (10, 2, 0)], 7 + 15 + 5, 7 + 10),
+        ([(10, 1, 0), (15, 2, "1/5")], 3 + 10 + 10 - 3, 3 + 5 - 3),  # less what the slack of either gives
+        ([(10, 1, "1/5"), (15, 2, 0)], 3 + 10 + 10 - 2 - 2, 3 + 5 - 2),
+        ([(10, 1, 1), (15, 2, 1)], 3 + 10, 3),
+        ([(30, 1, 1), (10, 2, 0)], 3 + 30, 3 + 20),  # one job has no slack to give
+        ([(None, 1, 0), (30, 2, 0)], 3, 3),
+        ([(30, 2, 0), (None, 1, 0)], 3 + 30, 3),
+    ],
+)
+def test_no_chain_is_quicker_than_its_work_and_what_its_periods_leave_apart(rows, reaction, age):
+    names = "abc"[: len(rows)]
+    needs = after("a" if rows[0][0] is None else "b", 0, 9)
+    tasks = [
+        task(name, period, version("longer", wcet + 1), version("v", wcet), slack=slack)
+        for name, (period, wcet, slack) in zip(names, rows, strict=True)
+    ]
+    owner = model(*tasks, task("z", 30, version("v", 1, "u1", *([needs] if None in {row[0] for row in rows} else []))))
+    owner = replace(owner, chains=(chain("c", " ".join(names)), chain("d", "a gone")))
+    [(found, bounds)] = chain_bounds(owner, expand(owner, owner.modes[0]))
+    assert found.name == "c"
+    assert bounds == (ms(reaction).ns, ms(age).ns)

@@ -4,12 +4,14 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from split_helpers import interrupts
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
+from halpipe.models import Anchor, Match
 from halpipe.pipeline.jobs import expand, natural_tick
-from halpipe.pipeline.solve import codes, lanes
-from halpipe.pipeline.solve.problem import NO_TICK, build_problem
+from halpipe.pipeline.solve import codes, lanes, limits
+from halpipe.pipeline.solve.problem import END, NO_TICK, POINT, RELEASE, START, build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, ms, task, version
 
@@ -29,6 +31,10 @@ def column(built, table, number=0):
     """Return the rows of a table that option `number` owns."""
     first, last = getattr(built.arrays, f"{table}_first")[number : number + 2].tolist()
     return list(getattr(built.arrays, table).rows(first, last))
+
+
+def after_point(name, low, high, point):
+    return replace(after(name, low, high), anchor=Anchor.POINT, point=ms(point))
 
 
 def refusal(system, **options):
@@ -263,3 +269,106 @@ def test_a_polling_task_may_run_for_longer_than_arrivals_are_apart():
     assert options_of(build(system))
     assert schedule_model(system, SearchOptions(budget=100), lambda *_: True).is_complete
     assert not options_of(build(model(replace(polled, deadline=ms(8)), other, units="u1 u2")))
+
+
+# ------------------------------------------------------------------------------------------------ windows
+
+
+def windows_of(row, tick):
+    """Return the one row of `b` as the kernel has it, after `a` of 1.5 ms or `c` of 2 ms."""
+    system = model(
+        task("a", 10, version("v", "1.5ms")),
+        task("b", 20, version("v", 2, "u1", row)),
+        task("c", 20, version("v", 2)),
+    )
+    return column(build(system, tick=tick), "row", 1)
+
+
+@pytest.mark.parametrize(
+    ("row", "coarse", "exact"),
+    [
+        (after("a", 2, 5), (0, 2, 3, START, 0, 0, 0), (0, 4, 6, START, 0, 0, 0)),
+        (after("a", 2, 5, "end"), (0, 2, 2, END, 0, 0, 0), (0, 4, 6, END, 0, 0, 0)),
+        (after("c", 2, 5, "end"), (2, 2, 3, END, 0, 0, 0), (2, 4, 6, END, 0, 0, 0)),
+        (replace(after("c", 2, 5), to=Anchor.END), (2, 3, 2, START, 1, 0, 0), (2, 4, 6, START, 1, 0, 0)),
+        (replace(after("a", 2, 5), anchor=Anchor.RELEASE), (0, 2, 3, RELEASE, 0, 0, 0), (0, 4, 6, RELEASE, 0, 0, 0)),
+        (after_point("c", 2, 5, "1ms"), (2, 2, 3, POINT, 0, 0, 0), (2, 4, 6, POINT, 0, 0, 0)),
+        (after_point("c", 2, 5, "0.5ms"), (2, 2, 2, POINT, 0, 0, 0), (2, 4, 6, POINT, 0, 0, 0)),
+        (replace(after("a", 2, 70), match=Match.CYCLE), (0, 2, 68, START, 0, 1, 0), (0, 4, 136, START, 0, 1, 0)),
+        (after("a", 2, 70), (0, 2, 19, START, 0, 0, 0), (0, 4, 39, START, 0, 0, 0)),
+    ],
+)
+def test_windows_are_narrower_by_what_ends_and_points_lack_of_the_grid(row, coarse, exact):
+    """Ends that are rounded come up to a tick earlier, and points between ticks do; what is exact is as stated."""
+    assert windows_of(row, 1) == [coarse]
+    assert windows_of(row, None) == [exact]
+
+
+def test_points_lie_where_each_option_of_their_task_has_them():
+    """Interrupts of 1 ms each 2 ms make a point at 2 ms one at 4 ms; a task of two units has two options and room."""
+    rows = after_point("a", 0, 9, "2ms"), after_point("a", 0, 9, "1ms"), after_point("c", 0, 9, "1ms")
+    system = model(
+        task("a", 10, version("v", 3, "u1 u2")),
+        task("b", 20, version("v", 1, "u2", *rows)),
+        task("c", 20, version("v", 2, "u2")),
+        units="u1 u2",
+    )
+    built = build(interrupts(system, "u2", (2, 1)), tick=1)
+    assert [row[-1] for row in column(built, "row", 2)] == [0, 3, 6]
+    assert built.arrays.event_at.tolist() == [2, 4, 0, 1, 2, 0, 2, 0]
+
+
+def test_places_to_aim_at_are_windows_seen_from_both_sides_and_steps_of_chains():
+    """From their ends by what the job takes, from points by where they lie; what is closed has no width."""
+    narrow = after("a", "1.2ms", "1.8ms")
+    rows = after("a", 3, 7), after("a", 2, 2, "end"), after_point("a", 2, 5, "1ms")
+    system = model(
+        task("a", 64, version("v", 2)),
+        task("b", 64, version("v", 2, "u1", *rows), version("w", 1, "u1", narrow)),
+        task("c", 128, version("v", 4, "u1", replace(after("b", 5, 300), to=Anchor.END))),
+        chains=[chain("x", "a c c", 500)],
+    )
+    built = build(system, tick=1)
+    assert column(built, "partner", 0) == [
+        (1, 3, 4, -1, 0),
+        (1, 2, 0, -1, 1),
+        (1, 3, 3, -1, 0),
+        (1, 2, 0, -1, 0),
+        (2, 0, 2, -1, 1),
+    ]
+    assert [(other, sign) for other, _, _, sign, _ in column(built, "partner", 1)] == [(0, 1)] * 4 + [(2, -1)]
+    assert column(built, "partner", 2) == [(1, 1, 127, 1, 0), (0, 0, 2, 1, 1)]
+    assert built.arrays.consumer.tolist() == [1, 2]
+
+
+# ------------------------------------------------------------------------------------------------ the range of numbers
+
+
+def ranged(period, wcet, low=1):
+    """Two tasks on a unit and a resource, a window between them, and a chain with a limit."""
+    row = after("a", low, low + 5)
+    system = model(
+        task("a", period, version("v", wcet, "u1", access("r", 0, 1, "1/2"))),
+        task("b", period, version("v", wcet, "u1", row)),
+        resources="r",
+        chains=[chain("c", "a b", 50)],
+    )
+    return build(system, tick=1)
+
+
+@pytest.mark.parametrize(
+    ("built", "largest"),
+    [
+        # overlaps: rectangles of 4 at most, 3 for each of 2 jobs; misses: 24 a tick for 1 row, 1 limit, 1 more; 2 jobs
+        (ranged(10**6, 1), 10**6 * 4 * 2 * 3 + 10**6 * 24 * 2 * (1 + 1 + 1)),
+        (ranged(1000, 3), 512 * 10_000 * 3 * 24),  # what the temperature multiplies
+        (ranged(1000, 1, low=10**12), 10**12),  # a window
+    ],
+)
+def test_the_largest_number_of_a_mode_stays_below_the_limit(monkeypatch, built, largest):
+    monkeypatch.setattr(limits, "LARGEST", largest + 1)
+    limits.check_range(built)
+    monkeypatch.setattr(limits, "LARGEST", largest)
+    with pytest.raises(HalpipeError) as caught:
+        limits.check_range(built)
+    assert [found.code for found in caught.value.diagnostics] == [codes.TOO_LARGE.id]

@@ -1,0 +1,115 @@
+"""What a checkpoint keeps of a search, and when: by a clock that the test turns."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.pipeline.solve import checkpoint
+from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, SAVED, SECONDS, Checkpoint
+from halpipe.pipeline.solve.integers import ints
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def whole(tmp_path, clock):
+    return Checkpoint(str(tmp_path / "search"), "identity", clock)
+
+
+def state(value=7, length=3):
+    return SimpleNamespace(**{name: ints([value] * length) for name in SAVED})
+
+
+def written(whole, tmp_path):
+    """What another run would find in the file."""
+    later = Checkpoint(str(tmp_path / "search"), "identity", lambda: 0)
+    later.load()
+    return later.arrays
+
+
+def test_a_state_is_kept_and_written_once_it_is_so_old(whole, clock, tmp_path):
+    kept = whole.stage("0")
+    clock.now += SECONDS - 1
+    kept.keep(state(), now=False)
+    assert (whole.arrays, whole.is_written) == ({}, False)
+    clock.now += 1
+    kept.keep(state(1), now=False)
+    assert whole.is_written
+    assert {name: values.tolist() for name, values in written(whole, tmp_path).items()} == {
+        f"0/{name}": [1, 1, 1] for name in SAVED
+    }
+
+
+def test_each_stage_is_kept_as_often_and_the_file_written_no_oftener(whole, clock, tmp_path):
+    clock.now += SECONDS
+    whole.stage("a").keep(state(1), now=False)
+    clock.now += 1
+    whole.stage("b").keep(state(2), now=False)  # it is due by itself, but the file is new
+    assert sorted({name[0] for name in whole.arrays}) == ["a", "b"]
+    assert {name[0] for name in written(whole, tmp_path)} == {"a"}
+    clock.now += SECONDS - 2
+    whole.stage("a").keep(state(3), now=False)
+    assert whole.arrays["a/start"].tolist() == [1, 1, 1]
+    clock.now += 1
+    whole.stage("a").keep(state(4), now=False)
+    assert written(whole, tmp_path)["a/start"].tolist() == [4, 4, 4]
+    assert written(whole, tmp_path)["b/start"].tolist() == [2, 2, 2]
+
+
+def test_what_is_kept_at_once_is_kept_only_where_there_is_a_file(whole, clock):
+    kept = whole.stage("0")
+    kept.keep(state(1), now=True)
+    assert whole.arrays == {}
+    whole.write()
+    kept.keep(state(2), now=True)
+    assert whole.arrays["0/start"].tolist() == [2, 2, 2]
+
+
+def test_the_outcome_of_a_stage_takes_the_place_of_its_state(whole, clock):
+    clock.now += SECONDS
+    kept = whole.stage("0").stage("step")
+    kept.keep(state(), now=False)
+    assert kept.noted() is None
+    kept.note({"moves": ints([5])})
+    assert {name: values.tolist() for name, values in kept.noted().items()} == {"moves": [5]}
+    assert list(whole.arrays) == [f"0/step/{checkpoint.NOTED}/moves"]
+    assert whole.stage("0").noted() is None
+
+
+def test_a_state_is_restored_unless_it_has_another_size(whole, clock):
+    clock.now += SECONDS
+    whole.stage("0").keep(state(5), now=False)
+    fresh = state(0)
+    whole.stage("0").restore(fresh)
+    assert {name: getattr(fresh, name).tolist() for name in SAVED} == {name: [5, 5, 5] for name in SAVED}
+    untouched = state(0)
+    whole.stage("1").restore(untouched)
+    assert untouched.start.tolist() == [0, 0, 0]
+    with pytest.raises(HalpipeError) as refused:
+        whole.stage("0").restore(state(0, length=4))
+    assert [found.code for found in refused.value.diagnostics] == [NO_CHECKPOINT.id]
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_words_are_the_same_on_every_machine(whole, monkeypatch, order):
+    """The least byte comes first, whatever the order of the machine is."""
+    monkeypatch.setattr(checkpoint.sys, "byteorder", order)
+    values = ints([1, -2])
+    packed = checkpoint._packed("identity", {"0/start": values})
+    in_file = values[:]
+    if order == "big":
+        in_file.byteswap()
+    assert in_file.tobytes() in packed
+    assert checkpoint._unpacked(packed) == ("identity", {"0/start": values})
