@@ -112,6 +112,25 @@ def test_the_events_are_those_of_ctf_1_8(tmp_path, order, header, extended):
     assert all_events(folder) == (before, lost)
 
 
+@pytest.mark.parametrize("header", ["large", "small"])
+def test_the_same_as_the_tracer_in_the_kernel_states_it(tmp_path, header):
+    """lttng-modules 2.15 states headers as aliases, and locations from the structure that has them."""
+    trace = Trace("le", header)
+    trace.declare("a:one", number="u64", text="str")
+    trace.add("a:one", 5, number=7, text="b")
+    folder = trace.write(tmp_path)
+    before = all_events(folder)
+    stated = fragments_of(trace)
+    for fragment in [fragment for fragment in stated if fragment["type"] in ("trace-class", "data-stream-class")]:
+        for key in [key for key in fragment if key.endswith("-field-class")]:
+            stated.insert(1, {"type": "field-class-alias", "name": key, "field-class": fragment[key]})
+            fragment[key] = key
+    text = written(stated)
+    assert '"origin": "event-record-header", ' in text
+    (folder / "metadata").write_text(text.replace('"origin": "event-record-header", ', ""))
+    assert all_events(folder) == before
+
+
 def test_a_ros_trace_in_ctf_2(tmp_path):
     trace = ros_trace(switches=True)
     folder = trace.write(tmp_path)
