@@ -166,6 +166,12 @@ def test_a_named_block_that_is_opened_again_goes_on():
     assert [v.attributes for v in graph.vertices.values()] == [{"x": "1", "y": "3"}, {"x": "2", "y": "3"}]
 
 
+def test_vertices_may_be_listed():
+    assert edges("digraph { a, b:p -> c, d }") == [("a", "c"), ("a", "d"), ("b", "c"), ("b", "d")]
+    graph = dot.parse("digraph { a, b [x=1] }", "g.dot")
+    assert [v.attributes for v in graph.vertices.values()] == [{"x": "1"}, {"x": "1"}]
+
+
 def test_attributes_behind_a_block_are_those_of_no_vertex():
     graph = dot.parse("digraph { {a} [x=1] a [y=2] }", "g.dot")
     assert graph.vertices["a"].attributes == {"y": "2"}
@@ -195,7 +201,8 @@ ENDS = st.sampled_from([" ", "; ", "\n", "\n# line\n", " /* c */ ", "// d\n"])
 def _statements(inner):
     blocks = st.builds("{}{{{}}}".format, st.sampled_from(["", "subgraph ", "subgraph s ", "subgraph t "]), inner)
     ports = st.sampled_from(["", "", "", ":p", ":p:n", ':"p q":_'])
-    chains = st.lists(st.builds(str.__add__, NAMES, ports) | blocks, min_size=1, max_size=3).map(" -> ".join)
+    lists = st.lists(st.builds(str.__add__, NAMES, ports), min_size=1, max_size=2).map(", ".join)
+    chains = st.lists(lists | blocks, min_size=1, max_size=3).map(" -> ".join)
     others = st.builds(str.__add__, st.sampled_from(["node", "edge", "graph"]), LISTS) | st.just("rankdir = LR")
     stated = st.builds(str.__add__, chains, st.just("") | LISTS) | others
     return st.lists(st.builds(str.__add__, stated, ENDS), max_size=5).map("".join)

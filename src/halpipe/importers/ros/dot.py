@@ -27,7 +27,7 @@ from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, MutableMapping
+    from collections.abc import Collection, Iterable, Mapping, MutableMapping
 
 
 _BOXES = ("box", "box3d", "rect", "rectangle")
@@ -326,8 +326,8 @@ class _Parser:
             self._chain(scope, depth)
 
     def _chain(self, scope: _Scope, depth: int) -> None:
-        """Read a vertex statement, a block, or a chain of edges between vertices and blocks."""
-        line, is_vertex = self._peek().line, self._is_name()
+        """Read vertices, a block, or a chain of edges between vertices and blocks."""
+        line, are_vertices = self._peek().line, self._is_name()
         operands = [self._operand(scope, depth)]
         while self._peek().kind == "arrow":
             if self._take().text == "--":
@@ -335,8 +335,8 @@ class _Parser:
             operands.append(self._operand(scope, depth))
         if len(operands) == 1:
             stated = self._attributes({})
-            if is_vertex:
-                self._graph.vertices[next(iter(operands[0]))].attributes.update(stated)
+            for id in operands[0] if are_vertices else ():
+                self._graph.vertices[id].attributes.update(stated)
             return
         attributes = self._attributes(dict(scope.edge))
         for tails, heads in pairwise(operands):
@@ -354,8 +354,8 @@ class _Parser:
         what = f"an edge with {shown}: it does not say which way data flows"
         raise _malformed(self._file, line, what, "write dir=forward, dir=back or dir=both")
 
-    def _operand(self, scope: _Scope, depth: int) -> dict[str, None]:
-        """Read a vertex or a block and return the ids it stands for; a block that is opened again gets more."""
+    def _operand(self, scope: _Scope, depth: int) -> Collection[str]:
+        """Read vertices or a block and return the ids it stands for; a block that is opened again gets more."""
         if self._keyword("subgraph") or self._peek().is_sign("{"):
             inner = _Scope(scope.node.new_child(), scope.edge.new_child())
             if self._is_name():
@@ -363,15 +363,18 @@ class _Parser:
             self._block(inner, depth + 1)
             scope.members.update(inner.members)
             return inner.members
-        token = self._peek()
-        id = self._name()
-        while self._sign(":"):
-            self._name()
-        if id not in self._graph.vertices:
-            self._bound(len(self._graph.vertices) + len(self._graph.edges) + 1, token.line)
-            self._graph.vertices[id] = Vertex(id, token.line, dict(scope.node))
-        scope.members[id] = None
-        return {id: None}
+        found = list[str]()
+        while not found or self._sign(","):
+            token = self._peek()
+            id = self._name()
+            while self._sign(":"):
+                self._name()
+            if id not in self._graph.vertices:
+                self._bound(len(self._graph.vertices) + len(self._graph.edges) + 1, token.line)
+                self._graph.vertices[id] = Vertex(id, token.line, dict(scope.node))
+            scope.members[id] = None
+            found.append(id)
+        return found
 
     def _attributes(self, into: MutableMapping[str, str]) -> MutableMapping[str, str]:
         while self._sign("["):
