@@ -36,7 +36,7 @@ Setting = tuple[int, dict[str, Fraction]]
 
 def execute(case: Case) -> None:
     """Execute the set-up and the scripts of all tables."""
-    case.caveat = "on a model that was held against nothing real"
+    case.caveat = "if rates mean what the manual says, held against nothing real"
     owners = _owners(case)
     named, numbered = scripts_of(case, ".txt", SETUP, LOADER)
     check_loader(case, named, "0x0")

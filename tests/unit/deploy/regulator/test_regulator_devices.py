@@ -20,7 +20,7 @@ from halpipe.deploy.regulator.loading import Case
 from halpipe.deploy.regulator.memguard import Module
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.resctrl import FileSystem
-from halpipe.devices.registers import RegisterFile
+from halpipe.devices.registers import RegisterFile, port_registers
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator import codes as export_codes
 from halpipe.exporters.regulator.report import findings_of
@@ -816,3 +816,21 @@ def test_all_budgets_and_a_burst_of_each_are_within_the_capacity(capacity, windo
     total = {0: 278, 2: 438}.get(window)
     text = f"{total} B may pass in window {window}, the capacity is {capacity} B"
     assert noted == ([(codes.DEVICE_OVER_CAPACITY, text)] if window is not None else [])
+
+
+JAILHOUSE = {  # pages of the network of the ZCU102 from 0xfd700000 on, those of the low-power domain from 0xa00000 on
+    "smmutbu3": 0x43, "smmutbu4": 0x44, "afifm0": 0x45, "afifm1": 0x46, "afifm2": 0x47, "smmutbu5": 0x48, "dp": 0x49,
+    "afifm3": 0x4A, "afifm4": 0x4B, "afifm5": 0x4C, "gpu": 0x4D, "pcie": 0x4E, "gdma": 0x4F, "sata": 0x50,
+    "rpu0": 0xA42, "rpu1": 0xA43, "adma": 0xA44, "afifm6": 0xA45,
+}  # fmt: skip
+
+
+def test_registers_of_qos400_are_those_of_jailhouse():
+    """Facts of its driver for QoS-400, by Boston University and TU Munich, which ran on the ZCU102."""
+    ports, registers = port_registers("qos400")
+    assert ports == {port: 0xFD700000 + 0x1000 * page + 0x100 for port, page in JAILHOUSE.items()}
+    cntl, aw_b, aw_r, ar_b, ar_r = (0x0C, 0x1C, 0x20, 0x28, 0x2C)
+    names = ("control", "write_burstiness", "write_rate", "read_burstiness", "read_rate")
+    assert [registers[name].offset for name in names] == [cntl, aw_b, aw_r, ar_b, ar_r]
+    assert [registers[name].mask for name in names[1:]] == [0xFFFF, 0xFFF << 20] * 2
+    assert registers["control"].mask == 1 << 0 | 1 << 1  # EN_AW_RATE, EN_AR_RATE
