@@ -15,6 +15,8 @@ from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.hyperperiod import (
     MAX_JOBS,
     MAX_TICKS,
+    _by_fit,
+    _round_periods,
     nearest_harmonic,
     periods_instead,
 )
@@ -226,6 +228,45 @@ def test_nearest_harmonic_divides_or_is_divided_and_none_is_nearer(period, base)
     assert not (base % near and near % base)
     others = [base * k for k in range(1, 4)] + [base / k for k in range(1, 50)]
     assert all(abs(period.ns - near.ns) <= abs(period.ns - other.ns) for other in others)
+
+
+def test_of_short_times_too_none_is_nearer_and_none_shorter_and_as_near():
+    for base in map(Duration, range(1, 21)):
+        others = [base * k for k in range(1, 32)] + [base / k for k in range(1, 21)]
+        for period in map(Duration, range(1, 31)):
+            expected = min(others, key=lambda other, p=period: (abs(p.ns - other.ns), other))
+            assert nearest_harmonic(period, base) == expected
+
+
+@pytest.mark.parametrize(
+    ("period", "decades", "thirds"),
+    [
+        (100, range(70, 140, 10), [100]),
+        (99, range(66, 133), []),
+        (101, range(70, 140, 10), [100]),
+        (15, range(10, 21), [15]),
+        (10, range(7, 14), [10]),
+        (5, [Fraction(n, 10) for n in range(34, 67)], [5]),
+        (33, range(22, 45), [33]),
+        (334, range(230, 450, 10), [Fraction(1000, 3)]),
+    ],
+)
+def test_round_periods_have_the_digits_of_the_decade_of_a_period_or_of_three(period, decades, thirds):
+    """Up to a third more or less in steps of its second digit; of three periods, one per cent."""
+    assert [time.ns for time in _round_periods(Duration(period))] == [*decades, *thirds]
+
+
+@pytest.mark.parametrize(("compared", "first"), [(1, 10), (2, 10), (3, 7), (4, 7)])
+def test_periods_are_compared_with_those_of_most_tasks_alone(compared, first, monkeypatch):
+    """Of 7, 14 and 28 ms each fits the others, which counts where they are among those that are compared with."""
+    counts = {ms(28): 2, ms(10): 3, ms(14): 2, ms(7): 2}
+    order = [ms(10), ms(7), ms(14), ms(28)] if first == 10 else [ms(7), ms(14), ms(28), ms(10)]
+    monkeypatch.setattr("halpipe.pipeline.validate.hyperperiod._MAX_COMPARED", compared)
+    assert _by_fit(counts) == order
+    monkeypatch.undo()
+    for most in (4 * compared, 4 * compared + 3):
+        monkeypatch.setattr("halpipe.pipeline.validate.hyperperiod._MAX_COMPARISONS", most)
+        assert _by_fit(counts) == order
 
 
 @given(PERIODS, PERIODS, PERIODS)

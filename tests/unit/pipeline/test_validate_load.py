@@ -7,8 +7,10 @@ import pytest
 from validate_cases import alone, codes_of, found, the
 
 from halpipe.core.diagnostics import Severity
-from halpipe.models import Mode, Run
+from halpipe.core.durations import Duration
+from halpipe.models import Interrupt, Mode, Run, Unit
 from halpipe.pipeline.validate import codes, validate
+from halpipe.pipeline.validate.load import Need, _access, _largest
 from support import access, after, mode, model, ms, task, version
 
 
@@ -133,8 +135,68 @@ def test_job_longer_than_the_hyperperiod_in_one_version_only():
     assert finding.severity is Severity.WARNING
 
 
-def test_wcet_beyond_deadline_is_not_reported_a_second_time():
-    assert codes.WCET_BEYOND_HYPERPERIOD.id not in codes_of(alone("26ms"))
+@pytest.mark.parametrize("changes", [{}, {"let": ms(20)}, {"distance": ms(25)}])
+def test_wcet_beyond_deadline_is_not_reported_a_second_time(changes):
+    """Also where interrupts make it longer; a version within the hyperperiod has other findings."""
+    system = alone("26ms")
+    task = replace(system.tasks[0], **changes)
+    assert codes_of(replace(system, tasks=(task,))) >= {codes.WCET_BEYOND_DEADLINE.id}
+    assert codes.WCET_BEYOND_HYPERPERIOD.id not in codes_of(replace(system, tasks=(task,)))
+    busy = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(10), wcet=ms(2)),))
+    short = replace(task, versions=tuple(replace(v, wcet=ms(21)) for v in task.versions))
+    stretched = replace(system, tasks=(short,), units=(busy,))
+    assert "needs 27ms" in the(stretched, codes.WCET_BEYOND_DEADLINE).message
+    assert codes.WCET_BEYOND_HYPERPERIOD.id not in codes_of(stretched)
+
+
+@pytest.mark.parametrize(("shorter", "is_error"), [("20.000001ms", True), ("20ms", False)])
+def test_a_task_is_beyond_the_hyperperiod_where_all_its_versions_are_in_some_way(shorter, is_error):
+    """Of 30 ms the deadline excludes one, of 20 ms the hyperperiod the other."""
+    both = task("a", 20, version("v", 31, "u1 u2"), version("w", shorter, "u1 u2"), deadline=30)
+    findings = found(model(both, units="u1 u2"), codes.WCET_BEYOND_HYPERPERIOD)
+    assert [("w" in finding.message, finding.is_error) for finding in findings] == [(True, True)] * is_error
+
+
+@pytest.mark.parametrize("excess", [0, 1])
+def test_a_version_is_late_where_it_is_longer_than_its_deadline(excess):
+    """Of two versions, one as long as the deadline: the other is never tried, and that is a warning."""
+    versions = version("v", "20ms"), version("w", 22)
+    exact = replace(versions[0], wcet=versions[0].wcet + Duration(excess))
+    findings = found(model(task("a", 40, exact, versions[1], deadline=20)), codes.WCET_BEYOND_DEADLINE)
+    assert [finding.is_error for finding in findings] == [True, True] * excess + [False] * (1 - excess)
+
+
+@pytest.mark.parametrize(
+    ("gang", "wcets", "is_full"),
+    [
+        (1, (4, 9), False),
+        (2, (4, 5), False),
+        (2, (4, 6), True),
+        (2, (5, 6), True),
+        (2, (4, 6, 5), False),
+        (3, (2, 3, 5), True),
+    ],
+)
+def test_members_of_a_gang_need_a_share_beside_the_interrupts_of_all_its_units(gang, wcets, is_full):
+    """The least loaded units count; every 10 ms."""
+    units = tuple(
+        Unit(name=f"u{n}", interrupts=(Interrupt(name="i", distance=ms(10), wcet=ms(wcet)),))
+        for n, wcet in enumerate(wcets)
+    )
+    names = " ".join(unit.name for unit in units)
+    system = replace(model(task("a", 1000, version("v", "1us", names, gang=gang)), units=names), units=units)
+    assert (codes.INTERRUPTS_FILL.id in codes_of(system)) is is_full
+
+
+def test_phases_of_a_nanosecond_are_needs_and_phases_of_none_are_not():
+    phases = access("bus", 0, "1ns"), access("bus", "1ns", "2ns", "1/2"), access("bus", 1, 1), access("cpu", 0, 1, 0)
+    assert _access(version("v", 2, "u1", *phases)) == {"bus": (3, 2)}
+
+
+def test_the_largest_needs_are_three_and_none_is_zero():
+    needs = [Need(name, amount, 1) for name, amount in (("a", 0), ("b", 1), ("d", 5), ("c", 5), ("e", 7))]
+    assert _largest(needs) == '"e" 7ns, "c" 5ns, "d" 5ns'
+    assert _largest(needs[:2]) == '"b" 1ns'
 
 
 @pytest.mark.parametrize(("wcet", "is_found"), [(12, False), (15, True)])

@@ -180,7 +180,7 @@ def _longest_polls(mode: ActiveMode) -> dict[Duration, Duration]:
 def _extended(base: Duration, jobs: int, period: Duration, weight: int) -> tuple[Duration, int]:
     """Return hyperperiod and number of jobs once tasks of `period` are added."""
     longer = least_common_multiple((base, period)) if base else period
-    return longer, jobs * (longer // base if base else 1) + weight * (longer // period)
+    return longer, jobs * (longer // (base or longer)) + weight * (longer // period)
 
 
 def _jobs_caused(mode: ActiveMode) -> dict[str, int]:
@@ -201,7 +201,7 @@ def _by_fit(counts: dict[Duration, int]) -> list[Duration]:
 
     Of equals, the one that is shorter to write is the rounder, and comes first.
     """
-    compared = min(_MAX_COMPARED, max(1, _MAX_COMPARISONS // max(1, len(counts))))
+    compared = min(_MAX_COMPARED, _MAX_COMPARISONS // len(counts))
     popular = sorted(counts, key=lambda period: (-counts[period], period))[:compared]
     fit = {
         period: sum(counts[other] for other in popular if not (period % other and other % period)) for period in counts

@@ -6,7 +6,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.core.diagnostics import Diagnostic, Severity, about
+from halpipe.core.diagnostics import Diagnostic, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
 from halpipe.core.suggest import few
@@ -179,37 +179,6 @@ def _resource_overloaded(
     return codes.RESOURCE_OVERLOADED(text, at=place(mode.mode), path=mode.path, help=help)
 
 
-# ------------------------------------------------------------------------------------------------ single jobs
-
-
-@check("job-length", codes.WCET_BEYOND_HYPERPERIOD)
-def check_length(context: Context) -> Iterator[Diagnostic]:
-    """In every mode each task has a version whose WCET is within the hyperperiod; versions that are longer are pointed
-    out.
-    """
-    for mode in context.active:
-        hyperperiod = mode.hyperperiod
-        if hyperperiod is None:
-            continue
-        for active in mode.tasks.values():
-            lengths = {v.name: least_length(context.units, v) for v in active.versions}
-            long = [v for v in active.versions if (lengths[v.name] or ZERO) > hyperperiod and not _is_late(active, v)]
-            severity = None if len(long) == len(active.versions) else Severity.WARNING
-            for version in long:
-                text = f'version "{version.name}" needs {lengths[version.name]}, longer than the hyperperiod of '
-                text += str(hyperperiod)
-                at = place(version, active.task)
-                path = about(mode.path, task=active.task.name)
-                help = "shorten the WCET, or lengthen a period of the mode"
-                yield codes.WCET_BEYOND_HYPERPERIOD(text, at=at, path=path, help=help, severity=severity)
-
-
-def _is_late(active: ActiveTask, version: Version) -> bool:
-    """Return whether the version is beyond its task's deadline, which is reported as such; arrivals may wait longer."""
-    deadline = None if active.task.distance is not None else active.task.deadline or active.task.period
-    return deadline is not None and version.wcet is not None and version.wcet > deadline
-
-
 # ------------------------------------------------------------------------------------------------ interrupts
 
 
@@ -228,13 +197,12 @@ def least_length(units: Mapping[str, Unit], version: Version) -> Duration | None
         return None
     if any(name not in units or not units[name].interrupts for name in version.units):
         return version.wcet  # no unit is quicker
-    lengths = [length for name in version.units if (length := _length(units.get(name), version.wcet)) is not None]
+    lengths = [length for name in version.units if (length := _length(units[name], version.wcet)) is not None]
     return min(lengths, default=version.wcet)
 
 
-def _length(unit: Unit | None, work: Duration) -> Duration | None:
-    if unit is None or not unit.interrupts:
-        return work
+def _length(unit: Unit, work: Duration) -> Duration | None:
+    """Return how long some work takes beside the interrupts of a unit; None where they leave nothing."""
     service = tuple((i.distance, i.wcet) for i in unit.interrupts if i.distance > ZERO and i.wcet > ZERO)
     return None if _is_full(service) else _reserved(work, service)
 

@@ -116,6 +116,29 @@ def _too_long(context: Context, task: Task, version: Version, wcet: Duration) ->
         yield codes.WCET_BEYOND_PERIOD(text, at=place(version, task), path=task_path(task), help=help)
 
 
+@check("job-length", codes.WCET_BEYOND_HYPERPERIOD)
+def check_length(context: Context) -> Iterator[Diagnostic]:
+    """In every mode each task has a version whose WCET is within the hyperperiod; versions that are longer are pointed
+    out.
+    """
+    for mode in context.active:
+        hyperperiod = mode.hyperperiod
+        if hyperperiod is None:
+            continue
+        for active in mode.tasks.values():
+            task, lengths = active.task, {v.name: least_length(context.units, v) for v in active.versions}
+            long = [v for v in active.versions if (lengths[v.name] or ZERO) > hyperperiod]
+            severity = None if len(long) == len(active.versions) else Severity.WARNING
+            for version in long:
+                if _is_late(context, task, version):
+                    continue  # reported as such
+                text = f'version "{version.name}" needs {lengths[version.name]}, longer than the hyperperiod of '
+                text += str(hyperperiod)
+                at, path = place(version, task), about(mode.path, task=task.name)
+                help = "shorten the WCET, or lengthen a period of the mode"
+                yield codes.WCET_BEYOND_HYPERPERIOD(text, at=at, path=path, help=help, severity=severity)
+
+
 @check("gang", codes.BAD_GANG)
 def check_gang(context: Context) -> Iterator[Diagnostic]:
     """The gang size of every version is at least 1 and at most the number of its units."""
