@@ -204,6 +204,8 @@ EQUIVALENT = {
     ("matching.py", "if not (places := [part.at for part in parts_of(order, 1)]):"): "which executions are known does not depend on the zero",
     ("chains.py", "kept = np.arange(len(spans[1]))"): "both are of one length",
     ("context.py", "_compared: int = 1"): BUDGET,
+    ("load.py", "if version.gang < 2 and (not loads):"): QUICK,
+    ("tables.py", "jobs, gaps = (len(table.due), np.flatnonzero(np.diff(cycles) >= 1))"): "a gap without a silent cycle takes nothing, and comes first",
     ("judging.py", "_KEYS = 1000001"): BUDGET,
     ("judging.py", "def add(self, kind: Kind, path: str, amount: Instant, message: str, at: Location, help: str='', count: int=1, rank: int=1) -> None:"): "compared with others of the same code and path, which have the same",
     ("matching.py", "gap, place = max(((first[at] - first[at - 1], at) for at in range(1, len(first))), default=(1, 0))"): "the first is taken in either case",

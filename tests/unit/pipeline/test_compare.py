@@ -171,14 +171,15 @@ def test_a_job_with_gaps_that_runs_in_one_piece_fits_one_of_its_parts(start, end
 
 
 @pytest.mark.parametrize("origin", [0, 7])
-def test_stretches_are_judged_from_the_zero_of_the_schedule(origin):
+@pytest.mark.parametrize(("start", "near"), [(6, 10), (4, 4)])
+def test_stretches_are_judged_from_the_zero_of_the_schedule(origin, start, near):
     plan = replace(PLAN, modes=(table("t", 20, parted("a", 0, "c1", (0, 3, 0, 3), (5, 9, 3, 7))),), transitions=())
-    spans = ((ms(origin), ms(origin + 3)), (ms(origin + 6), ms(origin + 10)))
+    spans = ((ms(origin), ms(origin + 3)), (ms(origin + start), ms(origin + start + 4)))
     begin, end = spans[0][0], spans[1][1]
     seen = Execution(task="a", units=("c1",), start=begin, end=end, busy=ms(7), table="t", cycle=0, stretches=spans)
     found = compare(plan, Trace(name="", executions=(seen,)), CompareOptions(origin=ms(origin)))
     [message] = [each.message for each in found.diagnostics if each.code == codes.OUTSIDE_PARTS.id]
-    assert "1ms" in message
+    assert message.startswith(f"runs 1ms outside its parts, near {ms(near)}")
 
 
 def test_starts_of_a_task_are_the_nearest_ones_in_any_cycle():
@@ -346,7 +347,10 @@ def test_the_instant_that_a_recorder_planned_is_that_of_the_schedule(origin, by)
     seen = play(origin=origin)
     trace = Trace(name="", executions=tuple(sorted(moved(seen, 1, planned=seen[1].start + by), key=lambda e: e.start)))
     scope = Scope(codes={Kind.PLAN: codes.WRONG_START})
-    assert compare(PLAN, trace, CompareOptions(origin=origin), scope=scope).counts == ({Kind.PLAN: 1} if by else {})
+    answer = compare(PLAN, trace, CompareOptions(origin=origin), scope=scope)
+    assert answer.counts == ({Kind.PLAN: 1} if by else {})
+    text = f"was due at {seen[1].start + by} by its recorder, and is at {seen[1].start} by the schedule"
+    assert [d.message.startswith(text) for d in answer.diagnostics] == [True] * bool(by)
 
 
 def test_jobs_of_one_unit_in_another_order_and_at_once():
@@ -687,6 +691,31 @@ def test_a_stray_lies_further_before_the_others_than_the_first_of_these_before_t
     seen = [replace(e, start=e.start + Duration(by)) for e, by in zip(seen, late, strict=True)]
     answer = compare(one, Trace(name="", executions=tuple(seen)), CompareOptions())
     assert answer.origin == ms(7) - Duration(0 if is_left_out else gap)
+
+
+@pytest.mark.parametrize(
+    ("cycles", "of_rare", "is_left_out"), [(3, 0, True), (3, 1, False), (4, 1, True), (6, 2, False), (7, 2, True)]
+)
+def test_strays_are_of_tasks_that_ran_more_than_three_times_as_often(cycles, of_rare, is_left_out):
+    """Of 204 starts and more two may be strays; r ran once in each cycle."""
+    often = (job("a", n, n, f"{n}.5ms") for n in range(67))
+    one = Schedule(model="m", model_sha256="", modes=(table("t", 100, *often, job("r", 0, 80, 81)),))
+    seen = play([("t", one.modes[0])] * cycles, ms(7))
+    rare = [n for n, e in enumerate(seen) if e.task == "r" and e.cycle > 0]
+    for place, early in zip((*rare[:of_rare], 100, 101), (500_000, 499_000), strict=False):
+        seen = moved(seen, place, start=-early, end=-early)
+    ordered = tuple(sorted(seen, key=lambda e: e.start.ns))
+    answer = compare(one, Trace(name="", executions=ordered), CompareOptions())
+    assert answer.origin == (ms(7) if is_left_out else ms("6.5ms"))
+
+
+@pytest.mark.parametrize(("most", "missing"), [(3, 3), (2, 0)])
+def test_silent_cycles_of_one_job_are_counted_up_to_the_limit(most, missing, monkeypatch):
+    monkeypatch.setattr("halpipe.pipeline.compare.tables.MOST_SILENT", most)
+    one = Schedule(model="m", model_sha256="", modes=(SLOW,))
+    seen = [e for e in play([("slow", SLOW)] * 5, stated=False) if not ms(10) <= e.start < ms(40)]
+    answer = compare(one, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
+    assert (answer.counts[Kind.MISSING], answer.counts[Kind.PAUSE]) == (missing, not missing)
 
 
 @pytest.mark.parametrize(("starts", "is_left_out"), [(9, False), (10, True)])

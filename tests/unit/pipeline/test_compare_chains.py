@@ -146,6 +146,17 @@ def test_a_job_of_a_table_that_the_schedule_does_not_have_writes_data_too(cycle)
     assert (rows["age"].count, rows["age"].least, rows["age"].worst) == (5, ms(4), ms(8))
 
 
+def test_a_job_without_a_message_has_no_part_in_a_chain():
+    """Data of 0 and 10 ms wait for the next b, and an actuator does not see those of b."""
+    seen = ran(4)
+    first = next(n for n, e in enumerate(seen) if e.task == "b")
+    for has_data, counts, latency in ((None, [7, 6, 4], 18), (True, [7, 6, 4], 18), (False, [7, 6, 3], 28)):
+        seen[first] = replace(seen[first], has_data=has_data)
+        rows = figures(compared(seen))
+        assert [rows[name].count for name in FIGURES] == counts
+        assert rows["latency"].worst == ms(latency)
+
+
 def with_let(lets=("10ms", "20ms"), **changes):
     lets = dict(zip("ab", map(ms, lets), strict=True))
     tasks = tuple(replace(t, let=lets[t.name], offset=ZERO, slack=Fraction(1, 2)) for t in SYSTEM.tasks)

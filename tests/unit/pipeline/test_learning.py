@@ -146,6 +146,13 @@ def test_a_period_that_contradicts_the_model_is_learned():
     assert "period: 20ms  # starts vary by 0ms; the model states 10ms" in found.overlay("t")
 
 
+@pytest.mark.parametrize(("seen", "lost", "is_found"), [(10, 1, True), (10, 2, False), (19, 1, True), (20, 2, True)])
+def test_of_a_period_a_job_in_ten_may_be_missing(seen, lost, is_found):
+    starts = [ms(10 * n) for n in range(seen + lost) if not 3 <= n < 3 + lost]
+    found = learned(tuple(Execution(task="z", start=at, end=at + ms(1)) for at in starts)).periods
+    assert [each.period for each in found] == [ms(10)] * is_found
+
+
 def test_starts_without_a_pattern_have_no_period():
     seen = tuple(Execution(task="z", start=ms(at), end=ms(at + 1)) for at in (0, 3, 19, 22, 60, 61, 95))
     assert learned(seen).periods == ()

@@ -175,21 +175,26 @@ def test_a_version_is_late_where_it_is_longer_than_its_deadline(excess):
         (2, (5, 6), True),
         (2, (4, 6, 5), False),
         (3, (2, 3, 5), True),
+        (2, (None, 4, 6), False),
+        (2, (None, 9), False),
+        (2, (3, 10), False),
     ],
 )
 def test_members_of_a_gang_need_a_share_beside_the_interrupts_of_all_its_units(gang, wcets, is_full):
-    """The least loaded units count; every 10 ms."""
+    """The least loaded units count, interrupts come every 10 ms; a unit that they fill has a finding of its own."""
     units = tuple(
-        Unit(name=f"u{n}", interrupts=(Interrupt(name="i", distance=ms(10), wcet=ms(wcet)),))
+        Unit(name=f"u{n}", interrupts=(Interrupt(name="i", distance=ms(10), wcet=ms(wcet)),) if wcet else ())
         for n, wcet in enumerate(wcets)
     )
     names = " ".join(unit.name for unit in units)
     system = replace(model(task("a", 1000, version("v", "1us", names, gang=gang)), units=names), units=units)
-    assert (codes.INTERRUPTS_FILL.id in codes_of(system)) is is_full
+    assert ["occupies" in finding.message for finding in found(system, codes.INTERRUPTS_FILL)] == (
+        [True] if is_full else [False] * (10 in wcets)
+    )
 
 
 def test_phases_of_a_nanosecond_are_needs_and_phases_of_none_are_not():
-    phases = access("bus", 0, "1ns"), access("bus", "1ns", "2ns", "1/2"), access("bus", 1, 1), access("cpu", 0, 1, 0)
+    phases = access("bus", 0, "1ns"), access("bus", "1ns", "2ns", "1/2"), access("ram", 1, 1), access("cpu", 0, 1, 0)
     assert _access(version("v", 2, "u1", *phases)) == {"bus": (3, 2)}
 
 
