@@ -204,6 +204,7 @@ EQUIVALENT = {
     ("matching.py", "if not (places := [part.at for part in parts_of(order, 1)]):"): "which executions are known does not depend on the zero",
     ("chains.py", "kept = np.arange(len(spans[1]))"): "both are of one length",
     ("context.py", "_compared: int = 1"): BUDGET,
+    ("margins.py", "if then - start - own <= own * least:"): "the same share again",
     ("load.py", "if version.gang < 2 and (not loads):"): QUICK,
     ("tables.py", "jobs, gaps = (len(table.due), np.flatnonzero(np.diff(cycles) >= 1))"): "a gap without a silent cycle takes nothing, and comes first",
     ("judging.py", "_KEYS = 1000001"): BUDGET,

@@ -10,7 +10,7 @@ import pytest
 from halpipe.models import Anchor, Binding, Interrupt, Split
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.margins import LARGEST_MARGIN, least_margin
+from halpipe.pipeline.measure.margins import LARGEST_MARGIN, least_margin, least_wcet
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.kernel.widen import FINEST, following, halves
@@ -74,10 +74,28 @@ def test_the_bound_knows_how_many_jobs_follow_soon(units, most):
     assert bound(system) == most
 
 
+@pytest.mark.parametrize(
+    ("narrow", "most"), [((), Fraction(1, 7)), ((version("w", 3, "u1 u2", after("a", 0, 4, "end")),), 1)]
+)
+def test_the_bound_knows_that_jobs_of_one_version_of_two_may_run_at_once(narrow, most):
+    """As above with a gang of both units; in the other version, the two jobs of b run beside each other."""
+    wide = version("v", 3, "u1 u2", after("a", 0, 4, "end"), gang=2)
+    first = task("a", 20, version("v", 4, "u1 u2", gang=2), slack=1)
+    assert bound(model(first, task("b", 10, wide, *narrow, slack=1), units="u1 u2")) == most
+
+
+@pytest.mark.parametrize(("wcets", "least"), [((5, 3, 4), 3), ((None, 4), 4), ((None,), 0)])
+def test_the_least_wcet_is_that_of_the_versions_that_state_one(wcets, least):
+    versions = (version(f"v{n}", wcet) for n, wcet in enumerate(wcets))
+    system = model(task("a", 20, *versions), task("b", 20, version("v", 1)))
+    assert least_wcet(expand(system, system.modes[0]).by_name["a"]) == ms(least)
+
+
 def test_the_bound_knows_nothing_of_jobs_that_may_be_cut():
     late = version("v", 3, "u1", after("a", 0, 1, "end"))
     cut = replace(version("v", 4), split=Split(points=(ms(2),)))
     assert bound(model(task("a", 20, cut), task("b", 20, late))) == Fraction(13, 7)
+    assert bound(model(task("a", 20, cut, version("w", 4)), task("b", 20, late))) == Fraction(13, 7)
     at_once = replace(late, precedences=(after("a", 0, 0, "end"),))
     assert bound(model(task("a", 20, cut), task("b", 20, at_once))) == 0
 
