@@ -179,6 +179,13 @@ def test_a_document_of_more_elements_than_are_remembered_is_slow(elements, steps
     assert schemas._could_be_slow(etree.fromstring("<a><b><c/></b></a>")) is (elements < 3 or steps < 3)
 
 
+def test_a_violation_in_a_document_with_prefixes_has_a_line_near_it_where_libxml2_stops_to_count():
+    head = f'<h:task-model xmlns:h="{namespace(TASK_MODEL)}" name="m"><h:platform><h:unit name="u"/></h:platform>'
+    text = f'{head}<h:tasks>%s<h:task name="a" period="soon"/>\n</h:tasks><h:modes/></h:task-model>'
+    [found] = check(etree.fromstring(text % ("\n" * 70_000)), TASK_MODEL, "m.xml")
+    assert 70_001 <= found.at.line <= 70_002
+
+
 def test_what_a_large_document_lacks_is_reported_at_the_start_tag(monkeypatch):
     """A large document is checked while it is parsed, where what an element lacks is found at its end tag only."""
     monkeypatch.setattr(schemas, "MAX_ELEMENTS", 3)
@@ -333,17 +340,60 @@ def test_values_of_other_habits_are_written_as_they_must_be():
     assert said("a,b;c", names) == f'{hint}"a b c"'
     assert said("a->b", names) == f'{hint}"a b"'
     assert said(",", names) == f'{hint}"a b"'
+    assert said("1,5ms", "a duration") == "write 1.5ms, with a decimal point"
+    assert said("1,5,2ms", "a duration") == said("1,5 m", "a duration") == ""
     assert (said("", names), said("a,b!c", names), said("a!", names)) == ("", "", "")
+
+
+@pytest.mark.parametrize(
+    ("namespace", "tag", "kind", "help"),
+    [
+        (
+            "http://autosar.org/schema/r4.0",
+            "AUTOSAR",
+            TASK_MODEL,
+            "make a model of it first: halpipe import arxml FILE -o model.xml",
+        ),
+        (
+            "http://app4mc.eclipse.org/amalthea/3.0",
+            "Amalthea",
+            SCHEDULE,
+            "make a model of it first: halpipe import amalthea FILE -o model.xml",
+        ),
+        (
+            namespace(SCHEDULE),
+            SCHEDULE,
+            TASK_MODEL,
+            "this is a schedule, where a model is expected; commands take MODEL first, then SCHEDULE",
+        ),
+        (
+            namespace(TASK_MODEL),
+            TASK_MODEL,
+            SCHEDULE,
+            "this is a model, where a schedule is expected; commands take MODEL first, then SCHEDULE",
+        ),
+        ("", TASK_MODEL, TASK_MODEL, 'expected <task-model xmlns="urn:halpipe:task-model:1">'),
+        ("urn:x", "y", SCHEDULE, 'expected <schedule xmlns="urn:halpipe:schedule:1">'),
+    ],
+)
+def test_a_document_of_another_kind_has_a_remedy(namespace, tag, kind, help):
+    root = etree.Element(f"{{{namespace}}}{tag}" if namespace else tag)
+    [found] = check(root, kind, "m.xml")
+    where = f'the namespace "{namespace}"' if namespace else "no namespace"
+    assert (found.code, found.help) == (schemas.WRONG_ROOT.id, help)
+    assert found.message == f'has the root element "{tag}" in {where}'
 
 
 @pytest.mark.parametrize(
     ("attribute", "help"),
     [
+        ("binding", '"binding" belongs to <task> or <tasks>'),
         ("perriod", 'did you mean "period"?'),
         ("wcet", '"wcet" belongs to <interrupt> or <version>'),
         ("qqqqqq", "remove it"),
     ],
 )
 def test_an_attribute_that_is_not_allowed_has_a_remedy(attribute, help):
-    (found,) = check(document(TASK_MODEL, attribute, "1ms"), TASK_MODEL, "m.xml")
-    assert found.help == help
+    root = document(TASK_MODEL, "name", "t")
+    root[2].set(attribute, "1ms")
+    assert [d.help for d in check(root, TASK_MODEL, "m.xml") if "not allowed" in d.message] == [help]

@@ -19,7 +19,7 @@ from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Executions, Trace, column
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from halpipe.pipeline.compare.codes import Kind
-from halpipe.pipeline.compare.judging import Scope, _after_larger
+from halpipe.pipeline.compare.judging import Judge, Scope, _after_larger
 from halpipe.pipeline.compare.tables import MOST_SILENT, Due, Starts
 from support import access, model, ms, task, version
 
@@ -251,6 +251,30 @@ def test_of_a_run_that_was_whole_every_job_is_due():
     assert lost == {False: 1, True: 5}
 
 
+def test_what_the_scope_has_no_code_for_is_not_reported():
+    seen = play([("race", RACE)] * 3)
+    late = [*moved(seen[:1], 0, start=1, end=1), *seen[1:5], *seen[6:], replace(seen[0], start=ms(7), end=ms(8))]
+    trace = Trace(name="", executions=tuple(sorted(late, key=lambda e: e.start.ns)))
+    for kind in (Kind.MISSING, Kind.EXTRA, Kind.LATE):
+        scope = Scope(codes={kind: codes.NO_DATA})
+        answer = compare(PLAN, trace, CompareOptions(origin=ZERO), scope=scope)
+        assert (answer.counts, [d.code for d in answer.diagnostics]) == ({kind: 1}, [codes.NO_DATA.id])
+
+
+def test_deviations_of_some_executions_are_marked_with_their_amounts():
+    seen = sorted(moved(moved(play(), 2, start=500_000, end=2_000_000), 1, units=("c9",)), key=lambda e: e.start.ns)
+    matching = compared(seen, origin=ZERO).matching
+    row = next(n for n, e in enumerate(seen) if e.task == "b")
+    judge = Judge(ZERO, "", Scope())
+    assert {kind: (amount, text) for kind, amount, text in judge.mark(matching, [row])[row]} == {
+        Kind.LATE: (500_000, "starts 500us late: at 4.5ms instead of 4ms"),
+        Kind.OVERRUN: (1_500_000, "runs for 3.5ms, 1.5ms more than the 2ms of its version v"),
+        Kind.LATE_END: (2_000_000, "ends 2ms late: at 8ms instead of 6ms"),
+    }
+    assert {*judge.mark(matching, range(len(seen)))} == {row, next(n for n, e in enumerate(seen) if e.units == ("c9",))}
+    assert judge.mark(matching, []) == {}
+
+
 def test_another_unit():
     assert found(moved(play(), 2, units=("c9",)), origin=ZERO) == {codes.WRONG_UNIT.id}
     assert found(moved(play(), 2, units=()), origin=ZERO) == set()
@@ -367,6 +391,13 @@ def test_a_gang_may_be_recorded_unit_by_unit():
     parts = [replace(e, units=(unit,)) for e in seen for unit in e.units]
     assert len(parts) > len(seen)
     assert compared(parts, origin=ZERO).diagnostics == ()
+    spans = [replace(e, stretches=((e.start, e.end),)) for e in parts]
+    assert compared(spans, origin=ZERO).diagnostics == ()
+    cut = [replace(e, stretches=((e.start, e.start + ms(1)),)) if e.units == ("c3",) else e for e in spans]
+    row = next(n for n, e in enumerate(sorted(cut, key=lambda e: e.start.ns)) if e.task == "c")
+    for ran, kept in ((spans, 1), (cut, 0)):  # only what all its units did is what the gang did
+        gang = compared(ran, origin=ZERO).matching.match(row).execution
+        assert (len(gang.stretches), gang.units) == (kept, ("c2", "c3"))
     late = [replace(e, start=e.start + Duration(1)) if e.units == ("c3",) else e for e in parts]
     assert found(late, origin=ZERO) == {codes.WRONG_START.id}
     alone = [e for e in parts if e.units != ("c3",)]
