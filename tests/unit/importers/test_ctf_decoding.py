@@ -168,6 +168,26 @@ def test_parts_of_bytes_follow_each_other(parts, order, drawn, at):
             decoder(Struct(tuple(fields)))(data[:-1], at, {})
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("length", "size"), [(3, 5), ("n", 1), ("n", 4), (0, 3)])
+def test_elements_that_are_parts_of_bytes_follow_each_other(order, length, size):
+    """As the tracer in the kernel writes fields of flags, behind a field that aligns them."""
+    number = 8 if length == "n" else length
+    data = bytes([number, 0b10110001, 0x5A, 7, 9])
+    bits = [data[1 + at // 8] >> (at % 8 if order == "<" else 7 - at % 8) & 1 for at in range(number * size)]
+    parts = [bits[first : first + size] for first in range(0, len(bits), size)]
+    values = [sum(bit << place for place, bit in enumerate(part if order == "<" else part[::-1])) for part in parts]
+    read = decoder(Struct((("n", LENGTH), ("s", Array(Int(size, 1, False, order), length)))))
+    if len(bits) % 8:
+        with pytest.raises(CtfError, match=f"fields of {len(bits)} bits, which end within a byte"):
+            read(data, 0, {})
+        return
+    assert read(data, 0, {}) == ({"n": number, "s": values}, 1 + len(bits) // 8)
+    if length == "n":
+        with pytest.raises(CtfError, match="longer than its packet"):
+            read(bytes([255, *data[1:]]), 0, {})
+
+
 def test_a_field_that_is_aligned_follows_parts_of_a_byte_and_another_one_does_not():
     part, byte = Int(3, 1, False, "<"), Int(8, 8, False, "<")
     for following, data in (

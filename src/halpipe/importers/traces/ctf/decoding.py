@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 from halpipe.core.records import record
 
@@ -213,31 +213,37 @@ def _is_part(field: Int | Float) -> bool:
 
 def _bits(fields: list[Int | Float], following: int) -> Step:
     """Fields with parts of bytes among them: the first bit is the lowest of the first byte, or with ">" the highest."""
-    places, bits = list[tuple[int, int, int]](), 0
+    order: Literal["little", "big"] = "little" if fields[0].order == "<" else "big"
+    rules, bits = list[tuple[int, int, int, int, int]](), 0
     for field in fields:
         if not isinstance(field, Int):
             raise CtfError("a number with a point among parts of bytes cannot be read")
         bits = -(-bits // field.align) * field.align
-        places.append((bits, (1 << field.size) - 1, field.signed and 1 << field.size - 1))
+        first, skipped = divmod(bits, 8)
+        size = -(-(skipped + field.size) // 8)
+        shift = skipped if order == "little" else 8 * size - skipped - field.size
+        rules.append((first, size, shift, (1 << field.size) - 1, field.signed and 1 << field.size - 1))
         bits += field.size
     if bits % 8 and following < 8:
         raise CtfError(f"fields of {bits} bits, which end within a byte, cannot be read")
-    size, is_little = -(-bits // 8), fields[0].order == "<"
-    shifts = [at if is_little else 8 * size - at - mask.bit_length() for at, mask, _ in places]
-    rules = [(shift, mask, sign) for shift, (_, mask, sign) in zip(shifts, places, strict=True)]
+    whole = -(-bits // 8)
 
     def unpack(data: bytes, at: int) -> tuple[int, ...]:
-        if at + size > len(data):
+        if at + whole > len(data):
             raise CtfError("a packet ends within a field")
-        whole = int.from_bytes(data[at : at + size], "little" if is_little else "big")
-        return tuple(((whole >> shift & mask) ^ sign) - sign for shift, mask, sign in rules)
+        found = (
+            (int.from_bytes(data[at + o : at + o + n], order) >> shift & mask, sign)
+            for o, n, shift, mask, sign in rules
+        )
+        return tuple((value ^ sign) - sign for value, sign in found)
 
-    return unpack, size, max(8, fields[0].align) // 8 - 1
+    return unpack, whole, max(8, fields[0].align) // 8 - 1
 
 
 def _array(type: Array) -> Decoder:
     length, element = type.length, type.element
     plain = field_name(length) if isinstance(length, str) else ""
+    mask = max(8, alignment(type)) // 8 - 1
 
     def count(scope: Scope) -> int:
         if isinstance(length, int):
@@ -247,8 +253,20 @@ def _array(type: Array) -> Decoder:
             raise CtfError(f'the length "{plain}" of a sequence is not stated before it')
         return found
 
+    if isinstance(element, Int) and _is_part(element):
+
+        def read_parts(data: bytes, at: int, scope: Scope) -> tuple[list[int], int]:
+            number, at = count(scope), (at + mask) & ~mask
+            if number * element.size > 8 * (len(data) - at):
+                raise CtfError("a sequence is longer than its packet")
+            if not number:
+                return [], at
+            unpack, size, _ = _bits([element] * number, 1)
+            return list(unpack(data, at)), at + size
+
+        return read_parts
     if isinstance(element, Int | Float) and element.align <= element.size:  # so that there are no gaps between them
-        code, size, mask = _code(element), element.size // 8, max(8, alignment(type)) // 8 - 1
+        code, size = _code(element), element.size // 8
         is_text = isinstance(element, Int) and element.text and element.size == 8
 
         def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
@@ -261,10 +279,10 @@ def _array(type: Array) -> Decoder:
             return list(struct.unpack_from(f"{element.order}{number}{code}", data, at)), at + number * size
 
         return read
-    inner, align = decoder(element), max(8, alignment(type)) // 8
+    inner = decoder(element)
 
     def read_each(data: bytes, at: int, scope: Scope) -> tuple[list[Any], int]:
-        number, found, at = count(scope), [], -(-at // align) * align  # that of no elements counts, too
+        number, found, at = count(scope), [], (at + mask) & ~mask  # that of no elements counts, too
         if number > len(data) - at:
             raise CtfError("a sequence is longer than its packet")
         for _ in range(number):

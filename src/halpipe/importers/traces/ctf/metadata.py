@@ -1,7 +1,7 @@
 """Declarations of CTF 1.8: the text in TSDL, in packets or plain.
 
-The grammar is read strictly, as babeltrace2 does: an attribute that is unknown or stated twice is a fault, since it may
-decide sizes or times.
+The grammar is read strictly: an attribute that is stated twice or unknown is a fault, since it may decide sizes or
+times; babeltrace2 warns of unknown ones.
 """
 
 from __future__ import annotations
