@@ -416,7 +416,6 @@ EQUIVALENT |= {
         "line.py",
         "return [Window(row.task, row.min // self.tick, row.max // self.tick, row.anchor, row.point // self.tick if row.point is not None else 1, row.to is Anchor.END, row.match is Match.CYCLE) for row in version.precedences]",
     ): "read of windows with a point alone",
-    ("line.py", "if part.begun < point <= part.done:"): "where a part begins, the one before it is done, or nothing is",
     ("stimuli.py", "flags: int = 1"): "whatever makes requests has that bit",
     ("stimuli.py", "if self._entries <= MOST_ENTRIES:"): "a power of two is never as many",
     ("simulate.py", "windows = 3 ** 31 if cycles and (not traffic.is_silent) else max(4, share // length)"): BUDGET,

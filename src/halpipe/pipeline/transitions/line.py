@@ -53,7 +53,7 @@ class Shape:
     def reached(self, point: int) -> int:
         """Return how long after its start a job has executed for `point`, without interrupts."""
         for part in self.parts:
-            if part.begun <= point <= part.done:
+            if point <= part.done:
                 return part.start + point - part.begun
         return point
 
