@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 
@@ -442,6 +443,58 @@ def test_the_effort_for_one_pair_is_bounded(monkeypatch):
     system, plan = two_modes(0, 0, 3)
     assert tables_of(system, plan).tables == ()
     assert len(tried) == tables_module.LEAST_TRIES
+
+
+@pytest.mark.parametrize(
+    ("lengths", "jobs", "step"),
+    [
+        (64, 10**9, 1),  # few lengths are all tried
+        (65, 0, 16),
+        (800, 1000, 54),  # 15 lengths, in each of which a thousand jobs are placed four times
+        (800, 10**6, 100),  # eight are tried however large the modes are
+        (240_000, 1, 16),
+        (240_001, 1, 17),
+    ],
+)
+def test_of_many_lengths_as_many_are_tried_as_can_be_afforded(lengths, jobs, step):
+    assert tables_module._step(lengths, jobs) == step
+
+
+@pytest.mark.parametrize(
+    ("count", "works", "tried", "between"),
+    [
+        (64, {50}, [*range(51)], None),
+        (100, {0}, [0], (0, 0)),
+        (100, {*range(40, 100)}, [0, 16, 32, 48], (32, 48)),
+        (100, {5, 60}, [*range(0, 97, 16), 1, 2, 3, 4, 5], (0, 5)),
+        (100, {}, [*range(0, 97, 16), *(n for n in range(100) if n % 16)], None),
+    ],
+)
+def test_lengths_are_tried_from_short_to_long_then_those_below_the_first_that_works(
+    monkeypatch, count, works, tried, between
+):
+    seen, halved = [], []
+
+    class Search:
+        table, is_stopped, blocked = None, False, "blocked"
+
+        def possible(self):
+            return [*range(count)]
+
+        def tries(self, length):
+            seen.append(length)
+            self.table = f"table of {length}" if length in works else None
+            return self.table is not None
+
+        def shorten(self, lengths):
+            halved.append((lengths[0], lengths[-1]))
+            return True
+
+    monkeypatch.setattr(tables_module, "_Search", lambda *_: Search())
+    found = tables_module._shortest(SimpleNamespace(jobs=1))
+    assert found == (f"table of {seen[-1]}" if works else "blocked")
+    assert seen == tried
+    assert halved == ([between] if between else [])
 
 
 def test_a_layer_finds_what_is_near_an_instant():

@@ -8,12 +8,13 @@ from itertools import count, product
 import pytest
 
 from halpipe.core.durations import milliseconds
-from halpipe.models import WHOLE, Anchor, Edge, Match, ModeSchedule, Split, Status
+from halpipe.models import WHOLE, Anchor, Edge, Match, ModeSchedule, Split, Status, Transition
 from halpipe.pipeline.measure.placement import PlacedPart
 from halpipe.pipeline.parts import job_of
 from halpipe.pipeline.transitions.change import MOST_CYCLES, Change, Pace
 from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape, Window, on_common_grid
 from halpipe.pipeline.transitions.search import Table, _Wanted
+from halpipe.pipeline.transitions.tables import _lengths
 from support import access, after, job, mode, model, ms, schedule, task, version
 
 CAPACITY = 5
@@ -413,3 +414,21 @@ def test_a_job_of_a_table_may_start_where_all_its_windows_are_met(anchor, to):
         assert sorted({start for low, high in spans for start in range(low, high + 1)}) == expected
         held = table._allowed(_Wanted("b", 0, latest, "", instants=[(3, 7, Window("c", 0, 0))]), shape)
         assert sorted({s for low, high in held for s in range(low, high + 1)}) == [s for s in expected if 3 <= s <= 7]
+
+
+def test_lengths_to_try_are_those_at_which_something_changes_and_an_even_grid():
+    """b follows a by 30 to 36 ms: the job of a 2 ms before the switch, where the table has 12 to 18 ms."""
+    change, least, last = plain_change(after("a", 30, 36)), 1, 4000
+    lengths = range(least, last + 1)
+    expected = {*range(least, last + 1, 9), 12, 18}  # of the range, a part in 400
+    for pace in change.paces:
+        expected.update([n for n in lengths if (pace.first + n - pace.last) % pace.most == 0][:2])
+        expected.update(n for n in lengths if pace.first + n in (pace.shortest * k for k in (1, 2, 3)))
+    assert change.tail[0].end - change.after.jobs[0].start in expected
+
+    def found(limit):
+        return _lengths(Transition(source="m", target="n", max_length=limit), change)
+
+    assert found(ms(last)) == sorted(expected)
+    assert found(ms(0)) == [0]
+    assert found(None) == [*range(1, 20 + 20 + 4 + 1)]
