@@ -203,6 +203,28 @@ def test_only_tasks_without_a_gap_that_are_in_one_piece_are_split():
     assert split_tasks(short, replace(long, versions=(version("v", 4),))) == []
 
 
+def test_parameters_are_relaxed_up_to_where_they_no_longer_matter():
+    first = task("a", 10, version("v", 4), version("w", "2.5ms"), slack="1/5", deadline=5)
+    cut = task("b", 20, split(version("v", 6, "u1", after("a", 3, 7)), Split(anywhere=True, max_gaps=2)), slack=1)
+    rows = [first, replace(cut, deadline=ms(9)), task("c", 20, version("v", 1))]
+    found = [*remedies._relaxations(model(*rows), rows, {*"abc"}, Trials("all", 4, lambda: True, ms(1)))]
+    assert [(each.most, each.text(1), each.text(each.most)) for each in found if each.most] == [
+        (1, *['deadline of "a" of 6ms instead of 5ms'] * 2),  # the longest version, as late as slack allows
+        (31, 'deadline of "b" of 10ms instead of 9ms', 'deadline of "b" of 40ms instead of 9ms'),  # a period and slack
+        (100, 'slack of "a", "c" >= 0.01', 'slack of "a", "c" >= 1'),
+        (100, 'slack of "a" >= 0.01', 'slack of "a" >= 1'),
+        (100, 'slack of "c" >= 0.01', 'slack of "c" >= 1'),
+        (16, 'max-gaps of "b" of 3 instead of 2', 'max-gaps of "b" of 18 instead of 2'),
+        (10, 'window of "b" on "a" up to 8ms instead of 7ms', 'window of "b" on "a" up to 17ms instead of 7ms'),
+        (3, 'window of "b" on "a" from 2ms instead of 3ms', 'window of "b" on "a" from 0ms instead of 3ms'),
+        (3, 'WCET of "a" at most 3ms instead of 4ms, 1ms instead of 2.5ms',
+         'WCET of "a" at most 1ms instead of 4ms, 625us instead of 2.5ms'),
+        (5, 'WCET of "b" at most 5ms instead of 6ms', 'WCET of "b" at most 1ms instead of 6ms'),
+    ]  # fmt: skip
+    finer = found[-1].finer
+    assert (found[-1].most, finer.most, finer.text(9)) == (0, 9, 'WCET of "c" at most 100us instead of 1ms')
+
+
 def test_as_many_searches_are_made_as_are_left():
     trials = Trials("all", 1, lambda: True, left=1)
     easy = model(task("a", 10, version("v", 3)))

@@ -18,12 +18,12 @@ from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explai
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet
 from halpipe.pipeline.explain.sharing import packings
-from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.explain.witnesses import _is_dead, find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
-from support import after, model, ms, task, version
+from support import access, after, model, ms, task, version
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "explain"
 
@@ -266,3 +266,25 @@ def test_equal_units_are_no_effort_for_an_assignment():
     context = Context(model(*(bound(f"t{n}", 10, 6, units) for n in range(9)), units=units))
     [witness] = packings(mode_facts(context.active[0]))
     assert len(witness.tasks) == 9
+
+
+HALVES = [access("mem", 0, 2, Fraction(1, 2)), access("mem", 1, 3, Fraction(1, 2))]
+
+
+@pytest.mark.parametrize(("limits", "works", "fails"), [
+    ({}, version("v", 10), version("v", "10000001ns")),
+    ({"period": None}, version("v", 99), None),
+    ({"deadline": ms(9)}, version("v", 9), version("v", "9000001ns")),
+    ({"let": ms(8)}, version("v", 8), version("v", "8000001ns")),
+    ({"distance": ms(16)}, version("v", 6), version("v", "6000001ns")),
+    ({"distance": ms(16), "deadline": ms(15)}, version("v", 5), version("v", "5000001ns")),
+    ({}, version("v", 1, "u1 u2", gang=2), version("v", 1, "u1 u2", gang=3)),
+    ({}, version("v", 1, "u1", after("b", 3, 3)), version("v", 1, "u1", after("b", 4, 3))),
+    ({}, version("v", 9, "u1", *HALVES), version("v", 9, "u1", *HALVES, access("mem", 1, 2, Fraction(1, 9)))),
+    ({}, version("v", 9, "u1", access("mem", 0, 2), access("mem", 2, 4), access("bus", 1, 3)),
+     version("v", 9, "u1", access("mem", 0, 2), access("mem", 1, 4))),
+])  # fmt: skip
+def test_no_job_can_run_in_a_version_beyond_its_own_limits(limits, works, fails):
+    own = replace(task("a", 10), **limits)
+    assert not _is_dead({}, own, works)
+    assert fails is None or _is_dead({}, own, fails)
