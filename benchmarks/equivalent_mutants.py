@@ -166,6 +166,8 @@ EQUIVALENT = {
     ("search.py", "if met or not change.after.shapes.get(window.task) or self._count >= change.most_wanted:"): BUDGET,
     ("search.py", "return LineJob(fit[0], want.task, 1, shape, fit[1])"): "numbered anew",
     ("tables.py", "FEW_PAIRS = 3"): BUDGET,
+    ("tables.py", "is_shortest = coarse.step == 2 or search.shorten(lengths[max(0, index - coarse.step):index + 1])"): "nothing lies between neighbours",
+    ("tables.py", "if least >= last:"): "both are the one length",
     ("windows.py", "return False"): "a bound does not contradict itself",
     ("tables.py", "index = next((index for index in (*coarse, *rest) if search.tries(lengths[index])), -2)"): "not read where no length works",
     ("excerpt.py", "for start in starts[bisect_left(starts, job.end):][:2]:"): MORE,

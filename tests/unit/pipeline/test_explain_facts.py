@@ -225,6 +225,13 @@ def test_parameters_are_relaxed_up_to_where_they_no_longer_matter():
     assert (found[-1].most, finer.most, finer.text(9)) == (0, 9, 'WCET of "c" at most 100us instead of 1ms')
 
 
+@pytest.mark.parametrize(("deadline", "most", "step"), [(60, 20, "2ms"), (100, 0, "1ms"), (199, -99, "1ms")])
+def test_a_deadline_is_moved_in_few_steps_where_jobs_are_many(deadline, most, step):
+    own = task("a", 200, version("v", 100), deadline=deadline)
+    found = remedies._deadline(model(own), own, Trials("all", FEW_JOBS + 1, lambda: True, ms(1)))
+    assert (found.most, found.steps) == (most, step)
+
+
 def test_as_many_searches_are_made_as_are_left():
     trials = Trials("all", 1, lambda: True, left=1)
     easy = model(task("a", 10, version("v", 3)))
