@@ -3,6 +3,7 @@
 from bisect import bisect_left
 from dataclasses import replace
 from fractions import Fraction
+from random import Random
 from types import SimpleNamespace
 
 import pytest
@@ -336,3 +337,21 @@ def test_edges_ahead_are_all_that_a_growing_end_meets(every, most):
     turns = range(-20, 20) if every else (0,)
     met = {edge + turn * every - end for edge in edges for turn in turns}
     assert list(_ahead(edges, end, every, most)) == sorted(met & set(range(most)))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_ends_may_move_until_for_a_moment_none_lies_in_the_window(seed):
+    """Against every half tick of two rounds; each end moves, and comes round again."""
+    draw, circle = Random(seed), 12
+    top, width = draw.randrange(circle), draw.randrange(4)
+    ends = sorted(draw.sample(range(circle), draw.randint(1, 5)))
+
+    def is_met(halves):
+        return any((2 * (top - end) - halves) % (2 * circle) <= 2 * width for end in ends)
+
+    distances = sorted((top - end) % circle for end in ends)
+    halves = next((n for n in range(4 * circle) if not is_met(n)), 4 * circle)
+    expected = distances[0] + circle if halves == 4 * circle else max(0, halves - 1) // 2
+    fixed = sensitivity.FixedStarts(SimpleNamespace(hyperperiod=circle), {})
+    assert [*fixed._before(ends, top)] == distances
+    assert fixed._reach(ends, top, width) == expected
