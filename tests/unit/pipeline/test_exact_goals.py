@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from math import inf
+from types import SimpleNamespace
 
 import pytest
 
@@ -28,9 +30,10 @@ def chained(*weights):
 
 def asked(monkeypatch, answers, *weights, now=10**9, go_on=lambda: True, least=5):
     """Return what comes of `answers` of the programs, and the names of the chains of each that was asked."""
-    owner, names = chained(*weights), []
+    owner, names, stated = chained(*weights), [], []
 
-    def solve(model, expansion, chains, *_):
+    def solve(model, expansion, chains, jobs, now, effort, floors=None):
+        stated.append(floors)
         names.append(" ".join(chain.name for chain in chains))
         return answers[len(names) - 1]
 
@@ -38,6 +41,8 @@ def asked(monkeypatch, answers, *weights, now=10**9, go_on=lambda: True, least=5
     known = dict.fromkeys(owner.chains, Fraction(least))
     effort = Effort(go_on=go_on)
     found = shortest_chains(owner, expand(owner, owner.modes[0]), (), Fraction(now), known, effort)
+    for floors in filter(None, stated):
+        names.append({" ".join(chain.name for chain in group): floor for group, floor in floors.items()})
     return found, names
 
 
@@ -47,7 +52,9 @@ def bounds(*values):
 
 def test_the_bound_is_that_of_chains_then_of_pairs_then_of_all(monkeypatch):
     """Weights of 2 and 1: alone 2 * 6 and 5, together 19, and all of them 23."""
-    assert asked(monkeypatch, bounds(12, 4, 19, 23), 2, 1) == (Shortest(Fraction(23)), ["c0", "c1", "c0 c1", "c0 c1"])
+    found, names = asked(monkeypatch, bounds(12, 4, 19, 23), 2, 1)
+    assert found == Shortest(Fraction(23))
+    assert names == ["c0", "c1", "c0 c1", "c0 c1", {"c0": 12, "c1": 5, "c0 c1": 19}]
     assert asked(monkeypatch, bounds(12, 4, 19, 18), 2, 1)[0].bound == 19
     assert asked(monkeypatch, bounds(12, 4, 16, 0), 2, 1)[0].bound == 2 * 6 + 5
 
@@ -58,7 +65,7 @@ def test_a_chain_that_weighs_nothing_bounds_nothing(monkeypatch):
 
 def test_pairs_without_a_task_in_common_are_not_asked_for_and_those_with_most_come_first(monkeypatch):
     _, names = asked(monkeypatch, bounds(*range(20)), 1, 1, 1, 1)
-    assert names == ["c0", "c1", "c2", "c3", "c0 c3", "c1 c3", "c0 c1", "c1 c2", "c2 c3", "c0 c1 c2 c3"]
+    assert names[:-1] == ["c0", "c1", "c2", "c3", "c0 c3", "c1 c3", "c0 c1", "c1 c2", "c2 c3", "c0 c1 c2 c3"]
 
 
 def test_pairs_that_gain_most_come_first_and_leave_no_chain_for_others():
@@ -70,7 +77,7 @@ def test_what_meets_its_bound_already_is_not_searched(monkeypatch):
     found, names = asked(monkeypatch, bounds(12, 4), 2, 1, now=17)
     assert (found, names) == (Shortest(Fraction(17)), ["c0", "c1"])
     found, names = asked(monkeypatch, bounds(12, 4, 17, 17), 2, 1, now=Fraction(35, 2))
-    assert (found.bound, len(names)) == (17, 4)
+    assert (found.bound, len(names)) == (17, 4 + 1)
 
 
 def test_chains_without_data_are_not_searched(monkeypatch):
@@ -96,8 +103,16 @@ def test_what_is_stopped_keeps_the_bound_that_it_has(monkeypatch, answers, calls
 def test_a_pair_that_is_stopped_is_the_last(monkeypatch):
     answers = [*bounds(6, 6, 6), Shortest(Fraction(99), stopped=True), Shortest(Fraction(20), stopped=True)]
     found, names = asked(monkeypatch, answers, 1, 1, 1)
-    assert names == ["c0", "c1", "c2", "c0 c1", "c0 c1 c2"]
+    assert names == ["c0", "c1", "c2", "c0 c1", "c0 c1 c2", {"c0": 6, "c1": 6, "c2": 6}]
     assert found == Shortest(Fraction(20), stopped=True)
+
+
+def test_a_part_has_the_tasks_named_and_windows_between_them():
+    rows = after("a", 0, 9), after("c", 1, 8)
+    owner = model(task("a", 20, version()), task("b", 20, version("v", 1, "u1", *rows)), task("c", 20, version()))
+    part = exact_goals._part(expand(owner, owner.modes[0]), {"a", "b"})
+    assert [active.name for active in part.tasks] == ["a", "b"]
+    assert [[row.task for row in active.versions[0].precedences] for active in part.tasks] == [[], ["a"]]
 
 
 # ------------------------------------------------------------------------------------------------ one program
@@ -155,6 +170,13 @@ def test_a_program_without_an_answer_bounds_nothing(monkeypatch):
     assert solved(two_in_a_row()) == (0, ())
 
 
+@pytest.mark.parametrize(("stated", "bound"), [(-3.0, 0), (0.0, 0), (4.9, 4)])
+def test_a_bound_is_a_whole_number_of_ticks_and_none_is_below_zero(monkeypatch, stated, bound):
+    solver = SimpleNamespace(best_objective_bound=stated)
+    monkeypatch.setattr(exact_goals, "run", lambda *_: (solver, "UNKNOWN", True))
+    assert solved(two_in_a_row()) == (bound, ())
+
+
 @pytest.mark.parametrize(("seed", "given"), [(7, 7), (2**31, 0), (2**31 + 5, 5), (2**64 + 3, 3), (-1, 2**31 - 1)])
 def test_seeds_are_those_of_the_library_whatever_their_size(monkeypatch, seed, given):
     seeds = []
@@ -191,11 +213,13 @@ def test_fewest_moves_are_found_and_proven():
     assert again == Fewest(2)
 
 
-def test_held_jobs_stay_where_they_are():
+@pytest.mark.parametrize("moves", ["a", "b", "c"])
+def test_held_jobs_stay_where_they_are(moves):
+    """Each of the three would make room, whichever is not held."""
     owner, expansion, earlier = moving()
-    held = {key: each for key, each in earlier.items() if key[0] != "c"}
+    held = {key: each for key, each in earlier.items() if key[0] != moves}
     found = fewest_moved(owner, expansion, earlier, held, known(owner, earlier, "abc"), 0, Effort(work=5))
-    assert {each.task for each in found.jobs if not is_same(each, earlier)} == {"c", "new"}
+    assert {each.task for each in found.jobs if not is_same(each, earlier)} == {moves, "new"}
 
 
 def test_what_the_exact_engine_cannot_hold_has_no_answer(monkeypatch):
@@ -207,7 +231,7 @@ def test_what_the_exact_engine_cannot_hold_has_no_answer(monkeypatch):
     assert ask().bound == 2
     with monkeypatch.context() as patch:
         patch.setattr(exact_goals, "is_installed", lambda: False)
-        assert ask() == Fewest()
+        assert (ask().bound, ask().jobs) == (0, ())
     with monkeypatch.context() as patch:
         patch.setattr(exactmodel, "MAX_PARTS", 3)
         assert ask() == Fewest(1)
@@ -220,6 +244,7 @@ def test_jobs_of_other_numbers_than_the_program_gives_them_are_not_asked_for():
     numbered = [exact_goals._is_numbered(expansion, job(owner, "a", 1, start, "u1")) for start in (9, 10, 19, 24, 25)]
     assert numbered == [False, True, True, True, False]
     assert exact_goals._is_numbered(expansion, job(owner, "b", 0, 19, "u1"))
+    assert exact_goals._is_numbered(expansion, replace(job(owner, "b", 0, 99, "u1"), task="gone"))
     swapped = job(owner, "a", 0, 16, "u1"), job(owner, "a", 1, 6, "u1")
     found = fewest_moved(owner, expansion, {}, {}, (*swapped, job(owner, "b", 0, 0, "u1")), 1, Effort(work=1))
     assert found == Fewest()
@@ -249,3 +274,63 @@ def test_a_search_for_fewer_moves_ends_where_it_is_stopped(monkeypatch):
     found = fewest_moved(owner, expansion, earlier, {}, known(owner, earlier, "abc"), 0, Effort(work=5))
     assert (efforts, found.bound) == ([5], 0)
     assert sum(not is_same(each, earlier) for each in found.jobs) <= 3
+
+
+def test_a_gang_with_a_unit_that_is_gone_has_moved():
+    owner = model(task("a", 20, version("v", 4, "u1 u2", gang=2)), task("b", 20, version("v", 4, "u1")), units="u1 u2")
+    earlier = {("a", 0): job(owner, "a", 0, 5, "u1 u2"), ("b", 0): job(owner, "b", 0, 0, "u1")}
+    gone = earlier | {("a", 0): replace(earlier["a", 0], units=("u1", "x"))}
+    jobs = [replace(each, start=each.start + ms(9), end=each.end + ms(9)) for each in earlier.values()]
+    expansion = expand(owner, owner.modes[0])
+    assert fewest_moved(owner, expansion, gone, {}, tuple(jobs), 0, Effort(work=5)).bound == 1
+    assert fewest_moved(owner, expansion, earlier, {}, tuple(jobs), 0, Effort(work=5)).jobs != ()
+
+
+class Limited:
+    """Programs with a limit, whose answers are chosen before: how many jobs move, or what CP-SAT says instead."""
+
+    def __init__(self, monkeypatch, *answers):
+        self.answers, self.asked = list(answers), []
+        monkeypatch.setattr(exact_goals, "_limited", self.limited)
+        monkeypatch.setattr(exact_goals, "run", self.run)
+
+    def limited(self, model, expansion, earlier, held, limit, hint):
+        self.asked.append([limit, len(hint)])
+        return SimpleNamespace(jobs=lambda solver: strangers(solver.moved))
+
+    def run(self, program, effort):
+        answer = self.answers.pop(0)
+        self.asked[-1].append(effort.work)
+        solver = SimpleNamespace(moved=answer, response_proto=SimpleNamespace(deterministic_time=1))
+        return solver, answer if isinstance(answer, str) else "FEASIBLE", False
+
+
+def strangers(count):
+    owner = model(task("a", 20, version()))
+    return tuple(replace(job(owner, "a", 0, 0, "u1"), task=f"t{number}") for number in range(count))
+
+
+def fewest(monkeypatch, known, least, work, *answers):
+    owner, expansion, earlier = moving()
+    limited = Limited(monkeypatch, *answers)
+    found = fewest_moved(owner, expansion, earlier, {}, strangers(known), least, Effort(work=work))
+    assert not limited.answers
+    return found.bound, len(found.jobs), limited.asked
+
+
+def test_limits_prove_from_below_then_halve_what_is_left_and_begin_above_where_few_are(monkeypatch):
+    """Half of the work that is left is for each but the greatest limit, where few are in question."""
+    assert fewest(monkeypatch, 20, 0, 64, "INFEASIBLE", "UNKNOWN", 9, "UNKNOWN", "INFEASIBLE") == (
+        1,
+        9,
+        [[0, 20, 32], [1, 20, 31.5], [11, 20, 31], [5, 9, 30.5], [8, 9, 60]],
+    )
+    assert fewest(monkeypatch, 4, 0, 10, 2, "INFEASIBLE") == (2, 2, [[3, 4, 10], [1, 2, 9]])
+    assert fewest(monkeypatch, 5, 0, 10, "UNKNOWN", "UNKNOWN") == (0, 0, [[0, 5, 5], [4, 5, 9]])
+
+
+def test_limits_end_where_the_known_moves_are_the_fewest_or_the_effort_is_spent(monkeypatch):
+    assert fewest(monkeypatch, 3, 3, 10) == (3, 0, [])
+    assert fewest(monkeypatch, 20, 0, 2, "UNKNOWN", "UNKNOWN") == (0, 0, [[0, 20, 1], [10, 20, 0.5]])
+    asked = [[0, 20, inf], [10, 20, inf], [1, 2, inf]]
+    assert fewest(monkeypatch, 20, 0, None, "UNKNOWN", 2, "UNKNOWN") == (0, 2, asked)
