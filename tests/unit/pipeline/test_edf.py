@@ -19,6 +19,7 @@ from halpipe.pipeline.solve import schedule as solve
 from halpipe.pipeline.solve.edf.fixed import Claim
 from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.integers import Draws
+from halpipe.pipeline.solve.kernel.widen import NO_WIDER
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, model, ms, task, version
@@ -452,3 +453,36 @@ def test_what_one_piece_does_not_find_is_searched_on():
     found = solve.schedule_model(late, SearchOptions(optimise=(), budget=solve.UNBOUNDED), go_on)
     assert (found.stopped, len(asked) >= 4000) == (True, True)
     assert found.schedule.modes[0].status is Status.NOT_FOUND
+
+
+def test_what_cannot_be_stated_in_one_piece_is_searched_on_with_splits(monkeypatch):
+    def found(_):
+        raise HalpipeError(codes.NO_OPTION("cannot run in one piece"))
+
+    monkeypatch.setattr(one_mode._WholeJobs, "found", found)
+    late = ends_where_it_begins(1, 2)
+    first, second = late.tasks
+    late = replace(late, tasks=(replace(first, offset=ms(0), slack=0), replace(second, offset=ms(15), slack=0)))
+    missed = solve.schedule_model(late, SearchOptions(optimise=(), budget=100), lambda *_: True)
+    assert missed.schedule.modes[0].status is Status.NOT_FOUND
+
+
+def test_a_margin_for_which_there_are_too_many_parts_is_not_granted(monkeypatch):
+    """Nor one for which a task has no option left; the valid table stays."""
+    owner, plain = short_beside_long(3, 6), one_mode._SplitJobs._mode
+    first = schedule_model(owner, SearchOptions(budget=50, optimise=()), lambda *_: True).schedule
+
+    def refused(search, expansion, growth, **fine):
+        if growth > 1:
+            raise HalpipeError(codes.TOO_MANY_PARTS("has too many parts"))
+        return plain(search, expansion, growth, **fine)
+
+    def stuck(search, expansion, growth, **fine):
+        mode = plain(search, expansion, growth, **fine)
+        return mode if growth == 1 else replace(mode, works=tuple(replace(work, ways=()) for work in mode.works))
+
+    for instead in (refused, stuck):
+        monkeypatch.setattr(one_mode._SplitJobs, "_mode", instead)
+        monkeypatch.setattr(one_mode._WholeJobs, "raised", lambda *_, **__: NO_WIDER)
+        found = schedule_model(owner, SearchOptions(budget=50), lambda *_: True)
+        assert found.schedule.modes[0].jobs == first.modes[0].jobs

@@ -4,9 +4,11 @@ from itertools import islice
 
 import pytest
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.models import Status
 from halpipe.pipeline.checked import schedule_model
-from halpipe.pipeline.solve import codes, relay, schedule
+from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve import codes, one_mode, relay, schedule
 from halpipe.pipeline.solve.exact import Answer, ExactResult
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -127,3 +129,28 @@ def test_the_exact_engine_gets_less_of_many_jobs():
     assert [turn.work for turn in few] == [0, 1, 4, 16]
     assert [turn.moves for turn in few] == [turn.moves for turn in many] == [25_000, 100_000, 400_000, 1_600_000]
     assert [turn.work for turn in many] == [work * 50**5 / 160**5 for work in (0, 1, 4, 16)]
+
+
+def refuse_to_state(monkeypatch, code):
+    """Let the annealer's problem be refused from its second statement on, which is that of an improvement."""
+    stated, plain = [], one_mode.stated_problem
+
+    def refused(*given, **form):
+        stated.append(form)
+        if form.get("every_chain"):
+            raise HalpipeError(code("cannot be held"))
+        return plain(*given, **form)
+
+    monkeypatch.setattr(one_mode, "stated_problem", refused)
+
+
+def test_an_answer_that_the_annealer_cannot_hold_is_not_improved_by_it(monkeypatch, few_moves):
+    """It lies on a grid of its own, which may be too fine; what else is refused is refused."""
+    options = SearchOptions(optimise=(Objective.COST,))
+    refuse_to_state(monkeypatch, codes.TOO_LARGE)
+    found = schedule_model(perfect_fit(), options, go_on)
+    assert (found.is_complete, found.schedule.solver) == (True, "exact")
+    refuse_to_state(monkeypatch, codes.NO_OPTION)
+    with pytest.raises(HalpipeError) as refused:
+        schedule_model(perfect_fit(), options, go_on)
+    assert [each.code for each in refused.value.diagnostics] == [codes.NO_OPTION.id]

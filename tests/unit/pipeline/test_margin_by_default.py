@@ -18,6 +18,8 @@ from halpipe.models import ModeSchedule, Schedule, Split, Status
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve import one_mode
+from halpipe.pipeline.solve.codes import TOO_LARGE
 from halpipe.pipeline.solve.optimise import Reached
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -293,3 +295,30 @@ def test_a_search_that_is_stopped_keeps_what_was_found(owner, granted):
     assert scheduled.unimproved
     assert scheduled.moves >= found(owner, optimise=()).moves
     assert [d for d in verify(owner, scheduled.schedule) if d.is_error] == []
+
+
+def test_a_margin_on_a_finer_grid_that_cannot_be_stated_is_left_out(monkeypatch):
+    """Both jobs fill the unit: there is no margin, so that a finer grid is tried; of the usual one it is refused."""
+    owner = model(task("a", 10, version("v", 5)), task("b", 10, version("v", 5)))
+    plain = one_mode._WholeJobs._stated
+
+    def refusing(is_refused):
+        def stated(search, tick, *given, **form):
+            if is_refused(tick):
+                raise HalpipeError(TOO_LARGE("has too many ticks"))
+            return plain(search, tick, *given, **form)
+
+        monkeypatch.setattr(one_mode._WholeJobs, "_stated", stated)
+        return found(owner, budget=50).schedule.modes[0]
+
+    assert refusing(lambda tick: tick is not None).margin == 0
+    with pytest.raises(HalpipeError):
+        refusing(lambda tick: tick is None)
+
+
+@pytest.mark.parametrize("aims", [(Objective.MARGIN,), (Objective.MARGIN, Objective.COST), (Objective.COST,), None, ()])
+def test_jobs_start_at_multiples_of_a_tick_whatever_is_optimised(aims):
+    """On the natural grid of 0.5 ms, the margin of these jobs is larger than on that of 2 ms."""
+    owner = model(task("a", 20, version("v", 3)), task("b", 20, version("v", 4)), task("c", 20, version("v", "4.5ms")))
+    mode = found(owner, budget=200, optimise=aims, tick=ms(2)).schedule.modes[0]
+    assert [str(job.start) for job in mode.jobs if job.start % ms(2)] == []

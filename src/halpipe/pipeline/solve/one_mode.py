@@ -205,7 +205,8 @@ class _Search:
         from halpipe.pipeline.solve.kernel.search import improved
 
         assert self.polish is not None
-        tick = greatest_common_divisor([natural_tick(self.expansion), *(job.start for job in jobs)])
+        starts = (job.start for job in jobs)
+        tick = self.options.tick or greatest_common_divisor([natural_tick(self.expansion), *starts])
         try:
             problem = stated_problem(self.model, self.expansion, tick, every_chain=True, pinned=self.pinned)
         except HalpipeError as failure:
