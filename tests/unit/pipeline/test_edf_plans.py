@@ -20,6 +20,7 @@ from halpipe.pipeline.solve.edf.plans import (
     releases_of,
     together,
 )
+from halpipe.pipeline.solve.edf.search import Memory, State
 from halpipe.pipeline.solve.edf.works import finer, lenient, works_of
 from halpipe.pipeline.solve.integers import ints
 from support import access, after, chain, job, model, ms, task, version
@@ -640,3 +641,67 @@ def test_deadlines_of_longer_jobs_are_those_of_the_jobs_that_they_stand_for():
     assert [(work.deadline, work.arrivals) for work in longer.works] == [(15, None), (10, (25, 30))]
     assert [(work.deadline, work.arrivals) for work in found.works] == [(15 + 4, None), (10 + 1, (25, 30 + 1))]
     assert (longer.is_lenient, found.is_lenient) == (False, True)
+
+
+# ------------------------------------------------------------------------------------------------ what is kept
+
+
+class Kept:
+    """What a checkpoint has of one search."""
+
+    def __init__(self, **facts):
+        self.facts = facts
+
+    def note(self, facts):
+        self.facts = facts
+
+    def noted(self):
+        return self.facts or None
+
+
+def stood():
+    """Where a search stands, with a plan for each kind, and the ways of its mode."""
+    _, allowed, plan = moving()
+    other = replace(plan, ways=(allowed[FREE][1], *plan.ways[1:]), phases=(7, 3, 8, 2, 0, 15), fresh=False)
+    first = replace(plan, holds=(1, 2, 3, 4, 5, 6), urgency=(6, 5, 4, 3, 2, 1))
+    return State(70, 5 << 32 | 9, other, plan, (first,), 60), allowed
+
+
+def test_a_search_goes_on_from_where_it_stood():
+    state, allowed = stood()
+    kept = Kept()
+    Memory(kept, allowed).keep(state)
+    assert Memory(kept, allowed).recalled() == state
+    without = replace(state, first=(), began=0, draws=2**64 - 1)
+    Memory(kept, allowed).keep(without)
+    assert Memory(kept, allowed).recalled() == without
+
+
+def test_without_a_checkpoint_nothing_is_kept():
+    state, allowed = stood()
+    Memory(None, allowed).keep(state)
+    assert Memory(None, allowed).recalled() is None
+    assert Memory(Kept(), allowed).recalled() is None
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("counts", lambda values: values[:-1]),
+        ("counts", None),
+        ("current", lambda values: values[:-1]),
+        ("current", lambda values: ints([values[0], 2, *values[2:]])),  # the first task has two ways
+        ("current", lambda values: ints([values[0], -1, *values[2:]])),
+        ("best", lambda values: values[:-1]),
+        ("best", None),
+    ],
+)
+def test_what_does_not_fit_the_mode_is_not_gone_on_from(name, change):
+    state, allowed = stood()
+    kept = Kept()
+    memory = Memory(kept, allowed)
+    memory.keep(state)
+    values = kept.facts.pop(name)
+    if change is not None:
+        kept.facts[name] = change(values)
+    assert memory.recalled() is None

@@ -9,7 +9,7 @@ import pytest
 
 from halpipe.models import Match, Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.first_fit import construct
+from halpipe.pipeline.solve.kernel.first_fit import _levels, _Orders, _Refused, construct
 from halpipe.pipeline.solve.kernel.kernel import (
     BEST,
     FROZEN,
@@ -167,3 +167,105 @@ def test_an_entry_fits_between_what_is_placed_and_comes_out_again():
     assert place(1, 11, 17) == NEVER
     assert place(1, 11, 39) == 18
     assert state.start[-1] == 18
+
+
+def test_what_finds_no_room_where_it_was_before_is_placed_elsewhere():
+    problem, state = state_of(model(task("a", 10, version("v", 4)), task("b", 10, version("v", 6))))
+    state.hint[:] = state.hint.__class__("q", [1, 1])
+    assert construct(problem, state, 10**6, lambda made: True)
+    assert state.register[MOVES] == 2
+    assert 1 in starts(problem, state).values()
+
+
+def test_jobs_on_demand_are_followed_where_they_end():
+    """`ask` starts at 9 ms of 10 at the earliest, so that `h`, which has to come after it, lies in the next 10 ms."""
+    system = model(
+        task("first", 10, version("v", 9, "u1"), offset=0),
+        task("ask", 10, version("v", 1, "u1", after("h", 0, 8))),
+        task("h", None, version("v", 2, "u2")),
+        units="u1 u2",
+        chains=[chain("c", "first h ask", reaction=30)],
+    )
+    is_valid, problem, state = constructed(system)
+    assert is_valid
+    assert (starts(problem, state)["ask"], starts(problem, state)["h"] in (1, 2, 3, 4, 5, 6, 7, 8, 9)) == (9, True)
+
+
+# ------------------------------------------------------------------------------------------------ orders
+
+
+def orders_of(system):
+    problem, _ = state_of(system)
+    return _Orders.of(problem.arrays), [active.name for active in problem.expansion.tasks]
+
+
+def in_order(orders, names):
+    return " ".join(names[number] for number in orders.tasks())
+
+
+def test_tasks_come_by_offsets_then_by_the_periods_that_divide_theirs_then_by_what_is_beside_them():
+    system = model(
+        task("slow", 24, version("v", 1)),
+        task("odd", 6, version("v", 1)),
+        task("four", 4, version("v", 1)),
+        task("short", 8, version("v", 1)),
+        task("long", 8, version("v", 2)),
+        task("beside", 8, version("v", 1)),
+        task("fixed", 24, version("v", 1), offset=3),
+        task("last", 24, version("v", 1)),
+        chains=[chain("c", "beside last", 99)],
+    )
+    assert in_order(*orders_of(system)) == "fixed odd four beside long short last slow"
+
+
+def test_a_task_comes_after_what_is_before_it_which_has_its_rank():
+    """`fast` waits for `mid` and that for `slow`, which come early for its sake; `alone` has a longer period."""
+    system = model(
+        task("alone", 10, version("v", 1)),
+        task("slow", 40, version("v", 1)),
+        task("mid", 20, version("v", 1, "u1", after("slow", 0, 39))),
+        task("fast", 5, version("v", 1, "u1", after("mid", 0, 19))),
+    )
+    assert in_order(*orders_of(system)) == "slow mid fast alone"
+
+
+def test_a_task_comes_before_those_on_demand_that_it_asks_for():
+    asks = task("asks", 10, version("v", 1, "u1", after("h", 0, 9)))
+    assert in_order(*orders_of(model(task("h", None, version()), asks))) == "asks h"
+
+
+def test_chains_that_meet_themselves_begin_with_the_best_rank():
+    system = model(
+        task("a", 20, version("v", 1)),
+        task("b", 10, version("v", 1)),
+        chains=[chain("c", "a b", 99), chain("d", "b a", 99)],
+    )
+    assert sorted(in_order(*orders_of(system)).split()) == ["a", "b"]
+
+
+def test_a_task_without_room_comes_halfway_to_the_front_with_all_that_is_before_it():
+    orders, names = orders_of(model(*(task(f"t{n}", 10, version("v", 1)) for n in range(8))))
+    orders.learn([_Refused(6, {})])
+    assert in_order(orders, names) == "t0 t1 t2 t6 t3 t4 t5 t7"
+    orders.learn([_Refused(7, {}), _Refused(6, {})])
+    assert in_order(orders, names) == "t0 t6 t1 t2 t7 t3 t4 t5"
+    rows = [task(f"t{n}", 10, version("v", 1, "u1", *([after("t6", 0, 9)] if n == 7 else []))) for n in range(8)]
+    orders, names = orders_of(model(*rows))
+    before = in_order(orders, names).split()
+    orders.learn([_Refused(5, {})])
+    orders.learn([_Refused(7, {})])
+    assert before.index("t6") < before.index("t7")
+    assert in_order(orders, names).split().index("t6") < in_order(orders, names).split().index("t7")
+
+
+def test_chains_that_took_too_long_begin_later_within_their_period():
+    orders, _ = orders_of(model(task("a", 10, version("v", 1)), task("b", 20, version("v", 1))))
+    orders.learn([_Refused(1, {0: 4})])
+    orders.learn([_Refused(1, {0: 3, 1: 25})])
+    assert orders.delay == {0: 7, 1: 5}
+    orders.learn([_Refused(1, {0: 4})])
+    assert orders.delay == {0: 1, 1: 5}
+
+
+def test_levels_count_the_periods_that_divide_each_other():
+    assert _levels([2, 3, 4, 6, 12, 25]) == {2: 1, 3: 1, 4: 2, 6: 2, 12: 3, 25: 1}
