@@ -203,6 +203,7 @@ EQUIVALENT = {
     ("widen.py", "LATER_ROUNDS = (3000, *(10001,) * 8)"): BUDGET,
     ("widen.py", "LATER_ROUNDS = (3000, *(10000,) * 9)"): BUDGET,
     ("workers.py", "with ThreadPoolExecutor(2) as pool:"): "it gets one piece of work",
+    ("warmstart.py", "if not arrays.task_cyclic[task] or is_numbered or arrays.entry_offset[arrays.job_entry[first]] > 0:"): "from zero on, no start is a whole period late",
     ("exact.py", "workers: int = 2"): "the answer is the same for any number of them",
     ("stable.py", "FOR_EACH_FREE = 31"): BUDGET,
     ("matching.py", "table = np.array([2 * table.first - bool(table.due) for table in lines.table], dtype=np.int64)"): "another number for each of them, too",
