@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.models import Binding, Interrupt
+from halpipe.models import Binding, Interrupt, Mode, Run
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
@@ -386,3 +386,23 @@ def test_jobs_of_a_bound_task_share_their_unit():
     bound = replace(loose, tasks=(replace(choice, binding=Binding.MODE), *long))
     result = solve_exact(bound, bound.modes[0])
     assert len({job.units for job in result.jobs if job.task == "c"}) == 1
+
+
+def test_a_version_whose_predecessor_does_not_run_is_never_taken():
+    """Nor one that is longer than the hyperperiod, of which no job would have an end."""
+    needs = version("needs", 1, "u1", after("gone", 0, 9))
+    tasks = task("a", 10, needs, version("long", 11), version("plain", 2), deadline=30), task("gone", 10, version())
+    runs = (Run(task="a", versions=("needs", "long", "plain")),)
+    system = model(*tasks, modes=[Mode(name="all", runs=runs)])
+    [job] = solve_exact(system, system.modes[0]).jobs
+    assert job.version == "plain"
+
+
+@pytest.mark.parametrize(
+    ("age", "offset", "expected"), [(7, 6, True), ("6.9ms", 6, False), ("25.9ms", 5, False), (26, 5, True)]
+)
+def test_a_let_writes_at_its_end_however_late_its_job_starts(age, offset, expected):
+    """a is released at 0 and starts at 3 ms, writes at 6 ms, and b reads that at its offset, or 20 ms later."""
+    busy, reads = task("busy", 20, version("v", 3), offset=0), task("b", 20, version("v", 1, "u2"), offset=offset)
+    writes = replace(task("a", 20, version("v", 2), offset=0, slack="1/2"), let=ms(6))
+    assert holds(model(busy, writes, reads, units="u1 u2", chains=[chain("c", "a b", age=age)])) is expected

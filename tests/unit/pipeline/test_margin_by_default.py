@@ -17,6 +17,7 @@ from halpipe.importers.native import parse_schedule
 from halpipe.models import ModeSchedule, Schedule, Split, Status
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import one_mode
 from halpipe.pipeline.solve.codes import TOO_LARGE
@@ -24,7 +25,7 @@ from halpipe.pipeline.solve.optimise import Reached
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
-from support import access, after, chain, model, ms, task, version
+from support import access, after, chain, job, model, ms, task, version
 
 
 def found(owner, **options):
@@ -322,3 +323,29 @@ def test_jobs_start_at_multiples_of_a_tick_whatever_is_optimised(aims):
     owner = model(task("a", 20, version("v", 3)), task("b", 20, version("v", 4)), task("c", 20, version("v", "4.5ms")))
     mode = found(owner, budget=200, optimise=aims, tick=ms(2)).schedule.modes[0]
     assert [str(job.start) for job in mode.jobs if job.start % ms(2)] == []
+
+
+def test_a_margin_keeps_the_versions_that_were_chosen():
+    """But for tasks that demand others, and those of which no job is there: their jobs depend on them."""
+    both = version("long", 4), version("short", 2)
+    owner = model(
+        task("a", 20, *both),
+        task("b", 10, *both),
+        task("asks", 20, version("v", 1, "u1", after("h", 0, 9)), version("w", 2, "u1", after("h", 0, 9))),
+        task("h", None, *both),
+    )
+    expansion = expand(owner, owner.modes[0])
+    chosen = {("a", 0): "long", ("b", 0): "short", ("b", 1): "long", ("asks", 0): "v", ("h", 0): "short"}
+    jobs = [job(owner, name, index, 0, "u1", made) for (name, index), made in chosen.items()]
+
+    def left(jobs):
+        kept = one_mode._with_versions_of(jobs, expansion)
+        return {active.name: [version.name for version in active.versions] for active in kept.tasks}
+
+    every = ["long", "short"]
+    assert left(jobs) == {"a": ["long"], "b": every, "asks": ["v", "w"], "h": ["short"]}
+    assert left(jobs[1:2]) == {"a": every, "b": ["short"], "asks": ["v", "w"], "h": every}
+    assert one_mode._with_versions_of(jobs[1:3], expansion) is expansion
+    alone = model(task("a", 20, *both))
+    alone_kept = one_mode._with_versions_of(jobs[:1], expand(alone, alone.modes[0]))
+    assert [version.name for active in alone_kept.tasks for version in active.versions] == ["long"]

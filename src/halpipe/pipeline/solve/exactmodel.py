@@ -233,8 +233,7 @@ class Program:
 
     def _fits(self, version: Version) -> bool:
         """Tell whether the version can run at all: within the hyperperiod, with its predecessors."""
-        by_name = self.expansion.by_name
-        has_all = all(row.task in by_name and by_name[row.task].jobs for row in version.precedences)
+        has_all = all(row.task in self.expansion.by_name for row in version.precedences)
         return has_all and version.wcet is not None and 0 < self.ticks(version.wcet) <= self.total
 
     def _theta(self, active: ActiveTask, index: int, delay: Any, most: int) -> tuple[Any, int]:
