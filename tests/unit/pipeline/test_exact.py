@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.models import Binding, Interrupt, Mode, Run
+from halpipe.models import Anchor, Binding, Interrupt, Mode, Run
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
@@ -406,3 +406,27 @@ def test_a_let_writes_at_its_end_however_late_its_job_starts(age, offset, expect
     busy, reads = task("busy", 20, version("v", 3), offset=0), task("b", 20, version("v", 1, "u2"), offset=offset)
     writes = replace(task("a", 20, version("v", 2), offset=0, slack="1/2"), let=ms(6))
     assert holds(model(busy, writes, reads, units="u1 u2", chains=[chain("c", "a b", age=age)])) is expected
+
+
+@pytest.mark.parametrize("slack", [0, "1/2"])
+@pytest.mark.parametrize(
+    ("anchor", "to", "age", "reaction"),
+    [
+        (None, None, 9, 29),  # from 0, where a reads, to the end of c; just missed, from there on for 20 ms more
+        (Anchor.START, Anchor.END, 9, 29),
+        (Anchor.END, None, 7, 27),
+        (Anchor.END, Anchor.START, 6, 26),
+        (Anchor.START, Anchor.START, 8, 28),
+    ],
+)
+def test_latencies_count_between_the_instants_that_a_chain_states(anchor, to, age, reaction, slack):
+    """a runs to 2 ms, since its unit is full from there on, b from 5 to 6 ms and c from 8 to 9 ms."""
+    full, first = task("full", 20, version("v", 18), offset=2), task("a", 20, version("v", 2), offset=0, slack=slack)
+    others = [task(name, 20, version("v", 1, "u2"), offset=at) for name, at in (("b", 5), ("c", 8))]
+    for limits, is_possible in (
+        ((reaction, age), True),
+        ((reaction, f"{age - 1}.9ms"), False),
+        ((f"{reaction - 1}.9ms", age), False),
+    ):
+        counted = replace(chain("c", "a b c", *limits), anchor=anchor, to=to)
+        assert holds(model(full, first, *others, units="u1 u2", chains=[counted])) is is_possible, limits
