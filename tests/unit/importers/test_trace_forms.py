@@ -100,6 +100,22 @@ def test_a_job_that_began_before_the_recording_is_left_out(form, monkeypatch):
     assert notes_of(recording) == ["1 job without a start"]
 
 
+def test_threads_of_perf_converted_to_ctf(tmp_path):
+    """``perf data convert --to-ctf`` has one stream, and CPUs in its events."""
+    written = ctf_writer.Trace()
+    numbers = dict.fromkeys(("perf_cpu", "prev_pid", "prev_state", "next_pid"), "u32")
+    written.declare("sched:sched_switch", **numbers, next_comm="str")
+    for at, cpu, left, goes_on, entered in sorted(forms.RUN):
+        pids = {"prev_pid": forms.PIDS[left], "next_pid": forms.PIDS[entered], "prev_state": 0 if goes_on else 1}
+        written.add("sched:sched_switch", at * 1000, cpu=0, perf_cpu=cpu, next_comm=forms.COMM[entered], **pids)
+    (trace,) = read_traces(str(written.write(tmp_path))).traces
+    begin = 1_000_000
+    assert [(task, start - begin, end - begin, busy) for task, start, end, busy, _ in seen(trace)] == [
+        job[:4] for job in forms.JOBS
+    ]
+    assert [e.units for e in trace.executions] == [("cpu0",), ("cpu0",), ("cpu0",), ("cpu1",)]
+
+
 def test_other_events_of_ftrace_in_perfetto_are_counted():
     other = forms.message((1, forms.message((1, 0), (2, forms.message((1, 5), (2, 7), (3, b"")))))) * 2
     (found,) = parse_traces(WRITERS["perfetto"]() + forms.trace(other), "t").diagnostics

@@ -41,12 +41,13 @@ def read_folder(root: str, findings: Findings) -> Trace:
 
 class _Threads(Switches):
     def take(self, event: Event) -> None:
-        """Take an event, if it is a switch."""
+        """Take an event, if it is a switch, as LTTng or perf names it."""
         at, name, cpu, _, fields = event
-        if name != "sched_switch":
+        if name not in ("sched_switch", "sched:sched_switch"):
             return
+        key = "pid" if name.startswith("sched:") else "tid"
         try:
-            left, entered, goes_on = fields["prev_tid"], fields["next_tid"], is_runnable(fields["prev_state"])
-            self.switch(cpu, at, left, goes_on, entered, str(fields["next_comm"]))
+            left, entered, goes_on = fields[f"prev_{key}"], fields[f"next_{key}"], is_runnable(fields["prev_state"])
+            self.switch(fields.get("perf_cpu", cpu), at, left, goes_on, entered, str(fields["next_comm"]))
         except (KeyError, TypeError):  # an event of the name, but not of the form
             return
