@@ -116,6 +116,17 @@ def test_threads_of_perf_converted_to_ctf(tmp_path):
     assert [e.units for e in trace.executions] == [("cpu0",), ("cpu0",), ("cpu0",), ("cpu1",)]
 
 
+def test_a_trace_of_neither_nodes_nor_threads_is_refused_with_what_to_trace(tmp_path):
+    written = ctf_writer.Trace()
+    written.declare("thread_switched_in", thread_id="u32")
+    written.add("thread_switched_in", 5, thread_id=7)
+    with pytest.raises(HalpipeError) as refused:
+        read_traces(str(written.write(tmp_path)))
+    unused, last = refused.value.diagnostics
+    assert "thread_switched_in" in unused.message
+    assert (last.code, "sched_switch" in last.help) == (codes.NO_EXECUTIONS.id, True)
+
+
 def test_other_events_of_ftrace_in_perfetto_are_counted():
     other = forms.message((1, forms.message((1, 0), (2, forms.message((1, 5), (2, 7), (3, b"")))))) * 2
     (found,) = parse_traces(WRITERS["perfetto"]() + forms.trace(other), "t").diagnostics

@@ -26,8 +26,13 @@ def read_folder(root: str, findings: Findings) -> Trace:
     try:
         trace = read_ros_trace(root, of_nodes, threads.take)
     except HalpipeError as refused:
-        if not (threads.running or threads.executions.task) or refused.diagnostics[-1].code != codes.NO_EXECUTIONS.id:
+        *others, last = refused.diagnostics
+        if last.code != codes.NO_EXECUTIONS.id:
             raise
+        if not (threads.running or threads.executions.task):
+            help = "trace the events ros2:* from before the nodes start, or sched_switch of the kernel"
+            text = "it has neither callbacks of nodes nor switches of threads"
+            raise HalpipeError(*others, codes.NO_EXECUTIONS(text, at=last.at, help=help)) from None
         findings.extend(found for found in of_nodes.items if found.code in _LOSSES)
         return threads.trace()
     findings.extend(of_nodes.items)
