@@ -206,6 +206,8 @@ EQUIVALENT = {
     ("warmstart.py", "if not arrays.task_cyclic[task] or is_numbered or arrays.entry_offset[arrays.job_entry[first]] > 0:"): "from zero on, no start is a whole period late",
     ("exactmodel.py", "held = taken[0][1] if len(taken) == 1 or isinstance(taken[1][1], int) else self.literal()"): "what says that a version is taken is of one kind for all jobs of a task",
     ("trials.py", "self._is_exact = not self.chains and (is_on_grid and (not mode.fixed.jobs))"): "by the longer way, with the same result",
+    ("exactchains.py", "late = min((job.most_late for job in jobs), default=0) if task in program.released else 0"): "the same for all jobs of a task",
+    ("exactchains.py", "scale = min((job.most_late for job in jobs)) + 1"): "the same for all jobs of a task",
     ("exact.py", "workers: int = 2"): "the answer is the same for any number of them",
     ("stable.py", "FOR_EACH_FREE = 31"): BUDGET,
     ("matching.py", "table = np.array([2 * table.first - bool(table.due) for table in lines.table], dtype=np.int64)"): "another number for each of them, too",

@@ -9,7 +9,7 @@ import pytest
 
 from halpipe.models import Match, Status
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.first_fit import _levels, _Orders, _Refused, construct
+from halpipe.pipeline.solve.kernel.first_fit import _levels, _Orders, _Refused, _Table, construct
 from halpipe.pipeline.solve.kernel.kernel import (
     BEST,
     FROZEN,
@@ -265,6 +265,27 @@ def test_chains_that_took_too_long_begin_later_within_their_period():
     assert orders.delay == {0: 7, 1: 5}
     orders.learn([_Refused(1, {0: 4})])
     assert orders.delay == {0: 1, 1: 5}
+
+
+@pytest.mark.parametrize(
+    ("begins", "limits", "late"),
+    [
+        ({0: 3}, (9, 15), {0: 20 + 4 - 3 - 15}),  # the larger limit; it has to begin so much later
+        ({0: 3}, (19, None), {0: 4}),  # at least by what the task takes
+        ({}, (9, None), {}),
+    ],
+)
+def test_a_chain_that_takes_too_long_begins_later_by_the_excess_or_the_length_of_the_task(begins, limits, late):
+    names = [task(name, 40, version("v", wcet)) for name, wcet in (("a", 1), ("b", 2), ("c", 4))]
+    fixed = task("fixed", 40, version("v", 1), offset=0)
+    reaction, age = limits
+    system = model(
+        *names, fixed, chains=[chain("c", "a b c", reaction, age), chain("d", "c b", 5), chain("e", "fixed c", 5)]
+    )
+    problem, state = state_of(system)
+    table = _Table(problem.arrays, state, _Orders.of(problem.arrays), None)
+    table.begins.update(begins | {3: 0})
+    assert table._lateness(2, 20) == late
 
 
 def test_levels_count_the_periods_that_divide_each_other():

@@ -338,3 +338,17 @@ def test_pipeline_files_name_the_platform(tmp_path):
     with pytest.raises(HalpipeError) as refused:
         read_plan(str(file))
     assert sorted(d.code for d in refused.value.diagnostics) == ["HAL0021", "HAL0023"]
+
+
+@pytest.mark.parametrize(("units", "bounds"), [("u1", [Fraction(3, 10)]), ("u1 u2", [Fraction(1, 3), Fraction(1, 9)])])
+def test_a_burst_is_kept_for_a_row_that_outlives_a_version_where_all_units_of_another_have_one(units, bounds):
+    """`ends` reads in its last window on u1: of 10 bursts one is kept for that. `reads` needs 2.7 bursts of 9, on units
+    of which each has such a burst, or one of three and, a window later, one that waits."""
+    grid = BurstGrid(
+        name="p", window=ms(1), cycle=ms("0.1ms"), resource="mem", promise=Fraction(9 * 64), capacity=10 * 64,
+        burst=64, reserve=0, carries=True,
+    )  # fmt: skip
+    ends = task("ends", 10, version("v", 1, "u1", access("mem", 0, 1, "1/10", "read")))
+    reads = task("reads", 10, version("v", 3, units, access("mem", 0, 1, "3/10", "read")))
+    found = quantise(model(ends, reads, units="u1 u2", resources="mem"), grid)
+    assert [each.bound for each in found.tasks[1].versions[0].accesses] == bounds
