@@ -129,3 +129,19 @@ def test_what_only_watches_a_search_or_serves_it_is_no_part_of_what_it_looks_for
         assert hash(SearchOptions(seed=3, **{name: value})) == hash(plain), name
     assert SearchOptions(seed=4) != plain
     assert SearchOptions(seed=3, budget=5) != plain
+
+
+def test_a_model_that_is_not_valid_is_not_refused_for_its_size_unless_it_was_checked(monkeypatch):
+    """What is wrong with it is found before any search."""
+    from halpipe.core.diagnostics import HalpipeError
+    from halpipe.pipeline.solve import limits
+    from halpipe.pipeline.solve.codes import ENDLESS
+    from support import model, task, version
+
+    monkeypatch.setattr(limits, "MOST_UNLIMITED", 1)
+    wrong, valid = (model(task("a", 20, version("v", wcet)), task("b", 1, version("v", "0.1ms"))) for wcet in (30, 1))
+    limits.refuse_endless(wrong)
+    for system, checked in ((wrong, {"is_checked": True}), (valid, {})):
+        with pytest.raises(HalpipeError) as refused:
+            limits.refuse_endless(system, **checked)
+        assert [found.code for found in refused.value.diagnostics] == [ENDLESS.id]
