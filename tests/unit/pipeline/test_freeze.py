@@ -12,6 +12,8 @@ from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.shipped import check_shipped, overlaps, staying
 from halpipe.pipeline.solve.codes import CANNOT_STAY
+from halpipe.pipeline.solve.kernel.warmstart import taken_over
+from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.schedule import schedule_model as search
 from support import access, after, job, mode, model, ms, schedule, task, version
@@ -216,3 +218,29 @@ def test_a_task_whose_jobs_lie_outside_the_hyperperiod_may_take_any_units(start,
     assert again.is_complete
     assert placed(again)["moves", 0][1] == (("u1",) if stays else ("u2",))
     assert [d.code for d in again.diagnostics] == ([] if stays else [CANNOT_STAY.id])
+
+
+def test_phases_of_jobs_that_stay_count_from_the_offset_or_from_the_first_job():
+    """A job of an offset is only ever later, even by more than half of the hyperperiod; others come earlier, too."""
+    system = model(
+        task("late", 20, version("v", 1, "u1"), offset=0, slack=1),
+        task("fixed", 5, version("v", 1, "u2"), offset=2, slack=1),
+        task("free", 5, version("v", 1, "u3"), slack=1),
+        task("asks", 20, version("v", 1, "u4", after("h", 0, 19)), slack=1),
+        task("zero", 5, version("v", 1, "u5"), offset=0, slack=1),
+        task("wide", 10, version("v", 1, "u6"), slack=1),
+        task("h", None, version("v", 1, "u4")),
+        units="u1 u2 u3 u4 u5 u6",
+    )
+    starts = {"late": [19], "fixed": [2, 11, 12, 18], "free": [3, 7, 14, 18], "asks": [13]}
+    starts |= {"zero": [3, 5, 10, 15], "wide": [8, 11], "h": [12]}
+    units = dict(zip(starts, ("u1", "u2", "u3", "u4", "u5", "u6", "u4"), strict=True))
+    jobs = [
+        job(system, name, index, start, units[name])
+        for name, found in starts.items()
+        for index, start in enumerate(found)
+    ]
+    problem = build_problem(expand(system, system.modes[0]), system.units, [], tick=ms(1), grouped=False)
+    state, _ = taken_over(problem, jobs, 1)
+    assert state.start.tolist() == [start for found in starts.values() for start in found]
+    assert state.phase.tolist() == [19, 2, 6, 2, 3, 3, 2, 4, 3, 13, 3, 0, 0, 0, 8, 1, 12]

@@ -297,7 +297,7 @@ class Profile:
 
     def __init__(self, hyperperiod: int) -> None:
         self._hyperperiod = hyperperiod
-        self._edges = [0]
+        self._edges = [0, hyperperiod]
         self._levels = [0]
         self.area = 0
 
@@ -306,8 +306,7 @@ class Profile:
         for low, high, base in self._spans(begin, length):
             for step in range(bisect_right(self._edges, low) - 1, bisect_left(self._edges, high)):
                 if self._levels[step] + room > CAPACITY:
-                    last = step + 1 == len(self._edges)
-                    end = high if last else min(high, self._edges[step + 1])
+                    end = min(high, self._edges[step + 1])
                     yield max(low, self._edges[step]) - low + base, end - low + base
 
     def add(self, begin: int, length: int, height: int) -> None:
@@ -328,7 +327,7 @@ class Profile:
     def _cut(self, instant: int) -> int:
         """Return the number of the step that begins at `instant`."""
         place = bisect_left(self._edges, instant)
-        if instant < self._hyperperiod and (place == len(self._edges) or self._edges[place] != instant):
+        if self._edges[place] != instant:
             self._edges.insert(place, instant)
             self._levels.insert(place, self._levels[place - 1])
         return place

@@ -104,7 +104,7 @@ class Figures:
         """Return the times from reading to writing and to an event (None: writing), of a task whose are all equal."""
         program, let = self._program, active.task.let
         wcet = program.uniform_wcet(active)
-        is_strict = active.jobs > 0 and program.is_strict(active) and wcet is not None
+        is_strict = program.is_strict(active) and wcet is not None
         if let is None and not is_strict:
             return None
         written = (wcet or 0) if let is None else program.ticks(let)
