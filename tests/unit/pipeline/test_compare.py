@@ -251,6 +251,15 @@ def test_of_a_run_that_was_whole_every_job_is_due():
     assert lost == {False: 1, True: 5}
 
 
+def test_deviations_are_counted_by_the_table_in_which_they_are():
+    """A late job in the first, one that did not run in the second, and one late for two reasons in the last."""
+    seen = play([("race", RACE)] * 3)
+    seen = moved(moved(seen, 2, start=1, end=0), 10, start=1, end=1)
+    answer = compared([e for n, e in enumerate(seen) if n != 5], origin=ZERO)
+    assert answer.counts == {Kind.LATE: 2, Kind.LATE_END: 1, Kind.MISSING: 1}
+    assert answer.by_line.tolist() == [1, 1, 2]
+
+
 def test_what_the_scope_has_no_code_for_is_not_reported():
     seen = play([("race", RACE)] * 3)
     late = [*moved(seen[:1], 0, start=1, end=1), *seen[1:5], *seen[6:], replace(seen[0], start=ms(7), end=ms(8))]

@@ -98,6 +98,15 @@ def test_more_than_the_limit_of_the_model_is_an_error(limit, severity):
     assert found is severity
 
 
+@pytest.mark.parametrize(("anchor", "to", "offset"), [(None, None, 2), (None, Anchor.START, 0), (Anchor.END, None, 0)])
+def test_a_chain_of_one_task_is_measured_between_the_instants_of_its_jobs(anchor, to, offset):
+    """Jobs of a take 2 ms, each 10 ms; a reaction begins with the job that just missed the stimulus."""
+    alone = replace(SYSTEM, chains=(replace(SYSTEM.chains[0], tasks=("a",), anchor=anchor, to=to),))
+    rows = figures(compared(ran(4), alone))
+    assert [rows[name].worst for name in FIGURES] == [ms(offset), ms(10 + offset), ms(offset)]
+    assert [rows[name].count for name in FIGURES] == [8, 7, 8]
+
+
 def test_events_of_a_chain_are_measured_where_they_are_recorded():
     ends = replace(SYSTEM, chains=(replace(SYSTEM.chains[0], anchor=Anchor.END, to=Anchor.START),))
     rows = figures(compared(ran(4), ends))
