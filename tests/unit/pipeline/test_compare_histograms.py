@@ -30,6 +30,21 @@ def test_each_figure_has_exact_counts():
     assert found["jitter"] == ("-13us", "15us", "3.5us", (1, 0, 0, 1, 1, 0, 0, 1))
 
 
+def test_a_response_is_counted_from_the_release_of_each_of_three_jobs():
+    """Scheduled 1, 2 and 4 ms after their releases, at 7, 17 and 27 ms; the last is over in the next table."""
+    system = model(task("a", 10, version("v", 3), offset=7), task("b", 30, version("v", 1)))
+    jobs = [job(system, "a", k, 8 + 11 * k + (k == 2), "u1") for k in range(3)]
+    planned = schedule(system, 30, *jobs, job(system, "b", 0, 0, "u1"))
+    seen = tuple(
+        Execution(task=j.task, units=("u1",), start=j.start + ms(30 * n), end=j.start + ms(30 * n) + ms(1))
+        for n in range(2)
+        for j in sorted(planned.modes[0].jobs, key=lambda j: j.start)
+    )
+    answer = compare(planned, Trace(name="", executions=seen), CompareOptions(origin=Duration(0)), system)
+    [found] = [h for h in histograms(answer, system) if (h.task, h.figure) == ("a", "response")]
+    assert (str(found.least), str(found.worst), found.counts) == ("2ms", "5ms", (2, 0, 2, 0, 0, 0, 0, 2))
+
+
 def test_a_response_needs_a_release():
     assert set(measured(None)) == {"start error", "execution", "jitter"}
 

@@ -26,6 +26,8 @@ SAMPLE = 2000
 _FEW = 10
 """Executions of which fewer have no strays."""
 _MOST_STRAYS = 100
+_NOTHING = -1
+"""Row, slot or line of what has none; no other is below 0."""
 
 
 @record
@@ -74,8 +76,8 @@ class Matching:
     is_joined: bool = False
 
     def __post_init__(self) -> None:
-        self.slots = np.full(self.lines.slot[-1], -1, dtype=np.int32)
-        self.slot = np.full(len(self.executions.task), -1, dtype=np.int32)
+        self.slots = np.full(self.lines.slot[-1], _NOTHING, dtype=np.int32)
+        self.slot = np.full(len(self.executions.task), _NOTHING, dtype=np.int32)
 
     @property
     def jobs(self) -> list[tuple[Table, Due]]:
@@ -120,7 +122,7 @@ class Matching:
         scheduled within the time that the executions cover, or at all (`is_whole`), and did not run is missing.
         """
         self, rows = cls(executions, lines, origin), executions.order
-        line, place = (np.full(len(rows), -1, dtype=np.int32) for _ in range(2))
+        line, place = (np.full(len(rows), _NOTHING, dtype=np.int32) for _ in range(2))
         is_exact = np.zeros(len(rows), dtype=bool)
         for part in parts:
             line[part.at], place[part.at], is_exact[part.at] = part.line, part.place, part.is_exact
@@ -136,7 +138,7 @@ class Matching:
         self.slots[slot[is_alone]] = rows[due[is_alone]]
         self.slot[rows[due[is_alone]]] = slot[is_alone]
         left = rows.copy()
-        left[due] = -1
+        left[due] = _NOTHING
         for at in due[~is_alone].tolist():
             own = int(place[at])
             places = (own,) if is_exact[at] else self.lines.table[line[at]].due[own].together
@@ -165,12 +167,12 @@ class Matching:
             # Recorders that know one core per job show a gang as an execution on each of its units.
             if units and more and not {*units} & {*more} and table.due[place].units.issuperset((*units, *more)):
                 self._join(former, row)
-                return -1
+                return _NOTHING
             due = self.lines.start[line] + table.due[place].start + self.origin
             late, before = (self.executions.start[at] - due for at in (row, former))
             if late * late >= before * before:
                 return row
-            self.slot[former] = -1
+            self.slot[former] = _NOTHING
         self.slots[first + place], self.slot[row] = row, first + place
         return former
 
@@ -314,7 +316,7 @@ def _stated(executions: Executions, lines: Lines, rows: Column, origin: Instant)
             place = np.array([places.get(job, _NO_JOB) for job in jobs.tolist()])[inverse]
             after, is_exact = start[at] - begins[line[at]], place >= 0
             near = starts.first[starts.nearest(after - column([origin]))]
-            of, place = np.where(place == _NO_JOB, -1, line[at]), np.where(is_exact, place, near)
+            of, place = np.where(place == _NO_JOB, _NOTHING, line[at]), np.where(is_exact, place, near)
             distance = after - column([origin]) - own.begins[place]
             found.append(_Part(at, starts, after, of, place, is_exact, distance))
     return found

@@ -219,7 +219,7 @@ def _between(last: Table, steps: int, table: Table, tables: Mapping[str, Table])
     """
     found: list[tuple[Table, int]] = []
     if last.name not in last.successors and steps > 1:  # a switch, after which comes its target
-        last, steps = tables[min(last.successors)], steps - 1
+        last, steps = tables[next(iter(last.successors))], steps - 1
         found.append((last, 1))
     # Not by way of a third mode, though one may follow at once by a switch of length zero.
     switches = (name for name in sorted(last.successors) if name not in tables[name].successors)
