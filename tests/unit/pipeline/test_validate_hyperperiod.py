@@ -16,6 +16,7 @@ from halpipe.pipeline.validate.hyperperiod import (
     MAX_JOBS,
     MAX_TICKS,
     _by_fit,
+    _digits,
     _round_periods,
     nearest_harmonic,
     periods_instead,
@@ -202,6 +203,8 @@ def test_limit_on_ticks_is_exact():
         ("33.333333ms", "100ms", None, ["100/3ms"]),
         ("1.234567s", "100ms", None, ["1.2s", "1.1s"]),
         ("14.93ms", "7ms", None, ["15ms", "14ms"]),
+        ("10.1ms", "100ms", "10ms", ["10ms"]),
+        ("10.1ms", "100ms", "9.999999ms", ["9ms", "8ms"]),
     ],
 )
 def test_periods_are_such_as_a_person_would_write(period, base, most, expected):
@@ -254,6 +257,25 @@ def test_of_short_times_too_none_is_nearer_and_none_shorter_and_as_near():
 def test_round_periods_have_the_digits_of_the_decade_of_a_period_or_of_three(period, decades, thirds):
     """Up to a third more or less in steps of its second digit; of three periods, one per cent."""
     assert [time.ns for time in _round_periods(Duration(period))] == [*decades, *thirds]
+
+
+@pytest.mark.parametrize(
+    ("time", "digits"),
+    [
+        *(
+            (1, 1),
+            (100, 1),
+            (120, 2),
+            (Fraction(1, 2), 1),
+            (Fraction(1, 4), 2),
+            (Fraction(1, 5), 1),
+            (Fraction(1, 50), 1),
+        ),
+        *((Fraction(100, 3), 2), (Fraction(20, 3), 2), (Fraction(1, 6), 2), (Fraction(1, 7), 6), (Fraction(1, 11), 8)),
+    ],
+)
+def test_digits_are_those_that_one_writes_and_thirds_count_one_more(time, digits):
+    assert _digits(Duration(time)) == digits
 
 
 @pytest.mark.parametrize(("compared", "first"), [(1, 10), (2, 10), (3, 7), (4, 7)])
