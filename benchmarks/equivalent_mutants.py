@@ -225,6 +225,8 @@ EQUIVALENT = {
     ("matching.py", "if not (places := [part.at for part in parts_of(order, 1)]):"): "which executions are known does not depend on the zero",
     ("chains.py", "kept = np.arange(len(spans[1]))"): "both are of one length",
     ("context.py", "_compared: int = 1"): BUDGET,
+    ("matching.py", "self.is_joined = False"): "copies once more what is its own",
+    ("learning.py", "candidates += [Fraction(round(typical / 10 ** digits) * 10 ** digits) for digits in range(10, -2, -1)]"): CHOICE,
     ("matching.py", "_NOTHING = -2"): "only whether it is negative counts",
     ("judging.py", "for key, resource in enumerate(held.get((due.job.task, due.job.version), ()), _KEYS // 3):"): "behind the units of a job, which are fewer",
     ("matching.py", "for _, among in groups(table[line[known]] * len(names) - task[known]):"): "another number for each of them, too",

@@ -14,10 +14,11 @@ from split_helpers import parted
 
 from halpipe.core.diagnostics import HalpipeError, Location, Severity
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.options import options_of
 from halpipe.models import Schedule
 from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Executions, Trace, column
-from halpipe.pipeline.compare import CompareOptions, codes, compare
+from halpipe.pipeline.compare import CompareOptions, codes, compare, is_stated
 from halpipe.pipeline.compare.codes import Kind
 from halpipe.pipeline.compare.judging import Judge, Scope, _after_larger
 from halpipe.pipeline.compare.tables import MOST_SILENT, Due, Starts
@@ -86,6 +87,23 @@ def test_jobs_of_a_task_that_start_at_once_are_matched_one_to_one(stated, has_un
     answer = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
     assert answer.diagnostics == ()
     assert [(row.seen, row.missing, row.extra) for row in answer.rows] == [(4, 0, 0), (2, 0, 0)]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("ran", [0, 1])
+def test_of_jobs_that_start_at_once_the_one_on_the_other_unit_is_missing(stated, ran):
+    """Units tell which of the two it was, though the trace has no numbers of jobs."""
+    twice = table("all", 20, job("a", 0, 1, 3), job("a", 1, 1, 3, "c2"), job("b", 0, 8, 9))
+    seen = [
+        replace(e, job=None)
+        for e in play([("all", twice)], stated=stated)
+        if (e.task, e.units[0]) != ("a", f"c{2 - ran}")
+    ]
+    plan = Schedule(model="m", model_sha256="", modes=(twice,))
+    answer = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions(origin=ZERO))
+    assert [(d.code, d.path) for d in answer.diagnostics] == [
+        (codes.MISSING_JOB.id, f'table "all", job {1 - ran} of task "a"')
+    ]
 
 
 @given(st.integers(0, 10**6), st.lists(st.integers(0, 400_000), min_size=12, max_size=12))
@@ -584,8 +602,22 @@ def test_a_mode_without_cycles_is_the_mode_that_ran_and_several_need_a_column():
     assert [d.code for d in compared(seen).diagnostics if d.is_error] == []
     mixed = [replace(e, cycle=None) for e in play()]
     with pytest.raises(HalpipeError) as refused:
-        compared(mixed)
-    assert "add a column cycle" in refused.value.diagnostics[0].help
+        compared([replace(e, at=Location("t.csv", n)) for n, e in enumerate(mixed, 1)])
+    [missing] = refused.value.diagnostics
+    assert ("add a column cycle" in missing.help, missing.at.line) == (True, 1)
+
+
+@pytest.mark.parametrize(("changes", "expected"), [({}, True), ({"table": ""}, False), ({"cycle": None}, False)])
+def test_tables_are_stated_where_each_execution_has_table_and_cycle(changes, expected):
+    seen = play([("race", RACE)])
+    for place in range(len(seen)):
+        assert is_stated(Executions.of(moved(seen, place, **changes))) is expected
+    assert is_stated(Executions.of(replace(e, cycle=0) for e in seen))
+
+
+def test_an_origin_is_an_instant_or_found():
+    [origin] = [each for each in options_of(CompareOptions) if each.name == "origin"]
+    assert (origin.from_text("3ms"), origin.from_text("auto")) == (ms(3), None)
 
 
 def test_the_only_callback_of_a_node_is_the_task_called_after_the_node():
