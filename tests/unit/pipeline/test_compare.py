@@ -392,6 +392,23 @@ def test_a_job_is_due_if_it_would_end_before_the_last_end_of_the_trace(end, miss
     assert answer.counts[Kind.MISSING] == missing
 
 
+def test_a_job_that_is_due_at_the_first_instant_of_the_trace_is_missing():
+    mode = table("all", 20, job("a", 0, 3, 15), job("b", 0, 3, 6, "c2"), job("c", 0, 2, 6, "c3"))
+    seen = Execution(task="a", units=("c1",), start=ms(3), end=ms(15))
+    plan = replace(PLAN, modes=(mode,), transitions=())
+    answer = compare(plan, Trace(name="", executions=(seen,)), CompareOptions(origin=ZERO))
+    assert [d.path for d in answer.diagnostics if d.is_error] == ['table "all", job 0 of task "b"']
+
+
+@pytest.mark.parametrize(("table", "origin"), [("slow", 3), ("", 0)])
+def test_where_no_job_is_known_the_zero_is_the_first_instant_or_that_of_the_trace(table, origin):
+    """Task a has no job in the slow mode; the first instant is known to be in the table that a trace names."""
+    label = {"table": table, "cycle": 0} if table else {}
+    seen = [Execution(task="a", units=("c1",), start=ms(at), end=ms(at + 1), **label) for at in (3, 5)]
+    answer = compared(seen, mode="slow")
+    assert (answer.origin, answer.counts[Kind.EXTRA]) == (ms(origin), 2)
+
+
 @pytest.mark.parametrize("origin", [ZERO, ms(7), ZERO - ms(3)])
 @pytest.mark.parametrize("by", [ZERO, ms(2), ZERO - ms(2)])
 def test_the_instant_that_a_recorder_planned_is_that_of_the_schedule(origin, by):
@@ -410,7 +427,9 @@ def test_jobs_of_one_unit_in_another_order_and_at_once():
     assert codes.WRONG_ORDER.id in found(swapped, origin=ZERO)
     at_once = moved(seen, 0, end=1_500_000)
     assert codes.WRONG_ORDER.id in found(at_once, origin=ZERO)
-    assert codes.WRONG_ORDER.id not in found(moved(seen, 0, end=500_000), origin=ZERO)
+    for end, is_over in ((500_000, False), (1_000_000, False), (1_000_001, True)):  # the next one starts after 1 ms
+        for tolerance in (ZERO, ms(5)):
+            assert (codes.WRONG_ORDER.id in found(moved(seen, 0, end=end), origin=ZERO, tolerance=tolerance)) is is_over
 
 
 def test_a_gang_may_be_recorded_unit_by_unit():
@@ -467,6 +486,7 @@ def test_cycles_before_the_first_that_ran_are_counted_from_zero():
     answer = compare(PLAN, trace, CompareOptions(origin=ZERO), scope=Scope(is_whole=True))
     gone = [d.message for d in answer.diagnostics if d.code == codes.MISSING_JOB.id]
     assert {message.partition("(cycle ")[2][0] for message in gone} == {"0"}
+    assert answer.counts == {Kind.MISSING: 2 * len(RACE.jobs)}
 
 
 def test_a_table_that_is_not_scheduled():

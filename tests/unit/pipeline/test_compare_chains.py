@@ -155,6 +155,19 @@ def test_a_job_of_a_table_that_the_schedule_does_not_have_writes_data_too(cycle)
     assert (rows["age"].count, rows["age"].least, rows["age"].worst) == (5, ms(4), ms(8))
 
 
+@pytest.mark.parametrize(("task", "counts"), [("a", [8, 7, 4]), ("b", [8, 7, 5])])
+def test_a_job_that_is_not_scheduled_has_a_part_as_a_job_of_its_own_task(task, counts):
+    """Data of one more of a, at 33 ms, reach the next b; one more of b, at 73 ms, finds the datum of the last a."""
+    at = {"a": ms(33), "b": ms(73)}[task]
+    rows = figures(compared([*ran(4), Execution(task=task, start=at, end=at + Duration(1))]))
+    assert [rows[name].count for name in FIGURES] == counts
+
+
+def test_a_chain_of_which_a_task_did_not_run_has_no_path():
+    rows = figures(compared([e for e in ran(4) if e.task == "a"]))
+    assert [rows[name].count for name in FIGURES] == [0, 0, 0]
+
+
 def test_a_job_without_a_message_has_no_part_in_a_chain():
     """Data of 0 and 10 ms wait for the next b, and an actuator does not see those of b."""
     seen = ran(4)
