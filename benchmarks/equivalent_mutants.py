@@ -307,7 +307,7 @@ EQUIVALENT = {
     ("trials.py", "if (cycles + MOST_CYCLES + 1) * self._mode.hyperperiod >= LARGEST:"): BUDGET,
     ("line.py", "return begin > self._end or end <= self._begin"): "the rest of the layer is looked at then",
     ("line.py", "self._begin = self._end = 1"): "overwritten by the first job",
-    ("tables.py", "if self._count >= LEAST_TRIES and self._work >= WORK:"): BUDGET,
+    ("tables.py", "is_spent = self._count >= LEAST_TRIES and self._work >= WORK"): BUDGET,
     ("stable.py", "BUDGET = 301"): BUDGET,
     ("stable.py", "COVERS, MANY_JOBS, MOST_CHOICES = (9, 2000, 100)"): BUDGET,
     ("stable.py", "COVERS, MANY_JOBS, MOST_CHOICES = (8, 2000, 101)"): BUDGET,

@@ -245,9 +245,8 @@ class _Search:
 
     def tries(self, length: int) -> bool:
         """Try to find a table of a length that passes the check, unless enough was tried; return whether it worked."""
-        if self._count >= LEAST_TRIES and self._work > WORK:
-            return False
-        table = self._table(length)
+        is_spent = self._count >= LEAST_TRIES and self._work > WORK
+        table = None if is_spent else self._table(length)
         return table is not None and self._takes(table)
 
     def shorten(self, lengths: list[int]) -> bool:

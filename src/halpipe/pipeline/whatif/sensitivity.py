@@ -70,7 +70,7 @@ class Searched:
     found: Duration | None
     bound: Duration | None
     failed: tuple[Duration, ...]
-    is_cut: bool = False
+    is_cut: bool
     """Whether time ended the search."""
 
 

@@ -112,7 +112,7 @@ class Answer:
     bound: Fraction | None
     witness: tuple[Diagnostic, ...]
     failed: tuple[Fraction, ...]
-    is_cut: bool = False
+    is_cut: bool
     """Whether time ended it: more of the values may be impossible, and others have a schedule."""
 
 
