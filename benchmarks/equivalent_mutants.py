@@ -166,6 +166,7 @@ EQUIVALENT = {
     ("search.py", "if met or not change.after.shapes.get(window.task) or self._count >= change.most_wanted:"): BUDGET,
     ("search.py", "return LineJob(fit[0], want.task, 1, shape, fit[1])"): "numbered anew",
     ("tables.py", "FEW_PAIRS = 3"): BUDGET,
+    ("changes.py", "if grid is not None and shorter >= grid:"): "the grid is a multiple of itself",
     ("tables.py", "is_shortest = coarse.step == 2 or search.shorten(lengths[max(0, index - coarse.step):index + 1])"): "nothing lies between neighbours",
     ("tables.py", "if least >= last:"): "both are the one length",
     ("windows.py", "return False"): "a bound does not contradict itself",
@@ -442,7 +443,7 @@ EQUIVALENT |= {
     ): "what is present earlier still is at the beginning",
     (
         "line.py",
-        "return [Window(row.task, row.min // self.tick, row.max // self.tick, row.anchor, row.point // self.tick if row.point is not None else 1, row.to is Anchor.END, row.match is Match.CYCLE) for row in version.precedences]",
+        "return [Window(row.task, row.min // self.tick, row.max // self.tick, row.anchor, row.point // self.tick if row.point is not None else 1, row.to is Anchor.END) for row in version.precedences]",
     ): "read of windows with a point alone",
     ("stimuli.py", "flags: int = 1"): "whatever makes requests has that bit",
     ("stimuli.py", "if self._entries <= MOST_ENTRIES:"): "a power of two is never as many",

@@ -10,7 +10,7 @@ from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Anchor, Chain, Edge, Match, Mode, Precedence, Split, Status, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
-from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
+from halpipe.pipeline.explain.explanation import BUDGET, ExplainOptions, Verdict, explain
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import tasks_of
 from halpipe.pipeline.generate import SetParameters, generate
@@ -64,6 +64,22 @@ def test_the_search_that_is_explained_is_no_short_one():
     system = generate(SetParameters(tasks=24, units=4, utilisation=Fraction(4, 5), unlike_units=True), 1)
     assert verdicts(explain(system, NEITHER)) == [Verdict.SCHEDULABLE]
     assert verdicts(explain(system, NEITHER, budget=20)) == [Verdict.NOT_FOUND]
+
+
+@pytest.mark.parametrize(("work", "budget"), [(50, 20), (10_000, 2000), (10**9, BUDGET)])
+def test_the_search_that_is_explained_is_shorter_where_jobs_are_many(monkeypatch, work, budget):
+    """Of five jobs, each has a fifth of the work; twenty moves at least."""
+    seen = []
+
+    def search(system, chosen, on_progress):
+        seen.append(chosen.budget)
+        return schedule_model(system, chosen, on_progress)
+
+    monkeypatch.setattr("halpipe.pipeline.explain.explanation.WORK", work)
+    monkeypatch.setattr("halpipe.pipeline.solve.schedule.schedule_model", search)
+    system = model(task("a", 10, version("v", 3)), task("b", 40, version("v", 1, "u2")), units="u1 u2")
+    assert verdicts(explain(system, NEITHER)) == [Verdict.SCHEDULABLE]
+    assert seen == [budget]
 
 
 def test_not_found_is_never_called_infeasible():

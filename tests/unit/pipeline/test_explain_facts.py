@@ -17,7 +17,7 @@ from halpipe.pipeline.explain.remedies import COARSE, FEW_JOBS, Trials
 from halpipe.pipeline.explain.switches import least_length
 from halpipe.pipeline.explain.witnesses import relaxed
 from halpipe.pipeline.validate.context import Context
-from support import access, after, chain, mode, model, ms, task, version
+from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 
 def facts_of(system, name="a"):
@@ -232,6 +232,33 @@ def test_a_deadline_is_moved_in_few_steps_where_jobs_are_many(deadline, most, st
     assert (found.most, found.steps) == (most, step)
 
 
+@pytest.mark.parametrize(("jobs", "step"), [(FEW_JOBS, "1ms"), (FEW_JOBS + 1, "2ms")])
+def test_limits_of_chains_are_lowered_in_few_steps_where_jobs_are_many(jobs, step):
+    """From 60 ms, which a schedule keeps, towards the 20 ms that are asked for."""
+    limited = chain("c", "a", reaction=20)
+    asked, kept = {"max_reaction": ms(20)}, {"max_reaction": ms(60)}
+    system = model(task("a", 10, version("v", 3)), chains=[limited])
+    found = remedies._lowest(system, limited, asked, kept, Trials("all", jobs, lambda: False, ms(1)))
+    assert (found.steps, found.text) == (step, 'limits of chain "c" of reaction time 60ms instead of 20ms')
+
+
+@pytest.mark.parametrize(("at", "most", "ways"), [
+    (3, 2, ["2ms", "3ms"]),
+    (6, 5, ["2ms", "3ms", "4ms", "5ms", "6ms"]),
+    (9, 2, ["0ms", "9ms"]),  # the shorter way, round the period
+    (1, 0, []),
+])  # fmt: skip
+def test_an_offset_moves_the_shorter_way_round(at, most, ways):
+    own = task("a", 10, version("v", 3), offset=1)
+    system = model(own, task("b", 20, version("v", 1)))
+    jobs = [job(system, "a", n, at + 10 * n, "u1") for n in range(2)]
+    table = schedule(system, 20, *jobs).modes[0]
+    found = remedies._offset(system, own, table, Trials("all", 3, lambda: True, ms(1)))
+    offsets = [found.change(steps).task("a").offset for steps in range(1, most + 1)]
+    assert (found.most, offsets) == (most, [*map(ms, ways)])
+    assert most == 0 or found.text(most) == f'offset of "a" of {offsets[-1]} instead of 1ms'
+
+
 def test_as_many_searches_are_made_as_are_left():
     trials = Trials("all", 1, lambda: True, left=1)
     easy = model(task("a", 10, version("v", 3)))
@@ -268,6 +295,20 @@ def test_a_table_is_as_long_as_what_must_come_before_the_first_job():
     assert need(ahead, offset=8) is None
     assert need(ahead, offset=None) is None
     assert need(version("v", 1, "u1", after("helper", 8, 9, "end"))) == (ms(7), ("helper", "late"), ms(3))
+
+
+def test_of_predecessors_that_need_as_much_the_first_is_named():
+    rows, second = [after("helper", 8, 9), after("second", 8, 9)], task("second", 10, version("v", 1))
+    assert need(version("v", 1, "u1", *rows), second=second) == (ms(5), ("helper", "late"), ms(3))
+    assert need(version("v", 1, "u1", *rows[::-1]), second=second) == (ms(5), ("second", "late"), ms(3))
+
+
+def test_the_longest_way_of_predecessors_counts():
+    """By 5 ms at once, or by 4 ms and 4 ms more."""
+    helper, second = task("helper", 10, version("v", 1, "u1", after("second", 4, 9))), task("second", 10, version("v"))
+    rows = [after("second", 5, 9), after("helper", 4, 9)]
+    found = need(version("v", 1, "u1", *rows), helper=helper, second=second)
+    assert found == (ms(5), ("second", "helper", "late"), ms(3))
 
 
 def test_only_what_all_versions_demand_of_entering_tasks_is_certain():

@@ -328,7 +328,7 @@ def _offset(model: TaskModel, task: Task, table: ModeSchedule, trials: Trials) -
     def moved(steps: int) -> Duration:
         if later <= earlier:
             return (offset + min(later, unit * steps)) % period
-        return (offset + period - min(earlier, unit * steps)) % period
+        return (offset - min(earlier, unit * steps)) % period
 
     return Relaxation(
         change=lambda steps: changes.with_task(model, [task.name], offset=moved(steps)),
