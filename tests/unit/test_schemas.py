@@ -299,6 +299,8 @@ def test_what_the_root_of_a_large_document_has_is_in_its_line(monkeypatch, blank
     )
     found = check(etree.fromstring(f"{text}<x/></task-model>"), TASK_MODEL, "m.xml")
     assert [d.at.line for d in found] == [blank + 1, blank + 4]
+    found = check(etree.fromstring(f"{text}\n<x\n/></task-model>"), TASK_MODEL, "m.xml")
+    assert [d.at.line for d in found] == [blank + 1, blank + 6]
 
 
 def test_a_reason_is_given_where_one_thing_is_wrong_in_a_line():
