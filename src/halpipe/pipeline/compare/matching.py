@@ -374,6 +374,6 @@ def _origin(executions: Executions, parts_of: Callable[[Column, Instant], list[_
     task = np.asarray(executions.task)[known]
     strays = Counter(task[nearest[:place]].tolist())
     is_rare = all(np.count_nonzero(task == number) > 3 * count for number, count in strays.items())
-    typical = np.sort(distances(sample, origin))[(len(sample) - 1) // 2 :][:1].tolist()[0]
+    typical = plain(np.sort(distances(sample, origin))[(len(sample) - 1) // 2])
     zero: Instant = origin + first[place if is_rare and gap > typical - first[place] else 0]
     return zero
