@@ -226,6 +226,7 @@ EQUIVALENT = {
     ("matching.py", "if not (places := [part.at for part in parts_of(order, 1)]):"): "which executions are known does not depend on the zero",
     ("chains.py", "kept = np.arange(len(spans[1]))"): "both are of one length",
     ("context.py", "_compared: int = 1"): BUDGET,
+    ("judging.py", "self.add(Kind.EXTRA, about(task=execution.task), 1, message, execution.at, count=len(places))"): "all have the same amount",
     ("__init__.py", "if (element.sourceline or 0) <= _LAST_EXACT_LINE or element.text:"): "line 65535 is given where no other is known",
     ("__init__.py", "if (element.sourceline or 1) < _LAST_EXACT_LINE or element.text:"): "either is below the limit",
     ("tables.py", "judge.add(Kind.SEQUENCE, path, 1, message, executions.row(row).at)"): "all have the same amount",

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import Anchor, Interrupt, ModeSchedule, Status, TransitionTable
-from halpipe.models.trace import Execution, Trace
+from halpipe.models import Anchor, ChainLatency, Interrupt, ModeSchedule, Status, TransitionTable
+from halpipe.models.trace import Execution, Trace, column
 from halpipe.pipeline.compare import CompareOptions, codes, compare
-from halpipe.pipeline.compare.chains import FIGURES
+from halpipe.pipeline.compare.chains import FIGURES, _row
 from halpipe.pipeline.measure.cost import with_latencies
 from profiles import examples
 from support import chain, job, mode, model, ms, schedule, task, version
@@ -286,6 +286,14 @@ def test_measured_figures_are_those_of_an_own_simulator(drawn, instants):
 
 def test_the_verified_figures_come_from_the_schedule():
     assert figures(compared(ran(1)))["latency"].verified == with_latencies(SYSTEM, PLAN).modes[0].chains[0].latency
+
+
+@pytest.mark.parametrize(
+    ("latencies", "worst"), [(["3ms", "5ms", "4ms"], "5ms"), (["3ms", None], None), ([None, None], None)]
+)
+def test_a_figure_is_verified_where_that_of_each_mode_is(latencies, worst):
+    verified = [ChainLatency(name="c", latency=ms(each)) for each in latencies]
+    assert _row(SYSTEM.chains[0], "latency", column([1]), verified).verified == ms(worst)
 
 
 def test_run_times_stand_beside_the_wcet_and_the_reserved_length():

@@ -158,9 +158,7 @@ class Matching:
         Of two executions of one job, keep the one that is closer to its instant, unless they are parts of a gang.
         """
         table, first = self.lines.table[line], self.lines.slot[line]
-        place = places[0]
-        if len(places) > 1:
-            place = min(places, key=lambda at: self._others(row, table.due[at], first + at))
+        place = min(places, key=lambda at: self._others(row, table.due[at], first + at))
         former = int(self.slots[first + place])
         if former >= 0:
             units, more = (self.executions.units[self.executions.on[at]] for at in (former, row))
