@@ -16,6 +16,7 @@ from halpipe.pipeline.solve.edf.trials import (
     NEVER,
     ChainTimes,
     Effort,
+    Simulator,
     Trials,
     earliest_expected,
     followed,
@@ -135,6 +136,14 @@ def test_windows_of_jobs_that_stay_are_missed_by_the_jobs_of_a_table_and_by_each
     assert missed_by_fixed(mode, table_of([], [whole(0, 5, 6)], [])) == {1: 1, 2: 3}
     assert missed_by_fixed(mode, table_of([], [whole(0, 7, 8)], [])) == {1: 0, 2: 3}
     assert missed_by_fixed(mode_of(owner, job(owner, "other", 0, 3, "u1")), table_of([], [], [])) == {}
+
+
+def test_a_table_is_looked_at_once_each_window_has_a_predecessor_to_look_back_at():
+    """From 4 ms on, 37 ms later: that is in the third cycle of 20 ms, whatever the other window says."""
+    rows = after("a", 1, 9), after("a", 37, 39)
+    mode = mode_of(model(task("a", 20, version("v", 2), offset=4), task("b", 20, version("v", 1, "u1", *rows))))
+    plan = plan_of(mode)
+    assert Simulator(mode)._start_up(plan, Told(System(mode, 8), plan, 1)) == 3
 
 
 # ------------------------------------------------------------------------------------------------ exact time

@@ -11,7 +11,8 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, milliseconds
 from halpipe.core.files import sha256
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.pipeline.generate import SetParameters, achieved, generate, generate_with_witness
+from halpipe.pipeline.generate import SetParameters, achieved, generate, generate_with_witness, tiling
+from halpipe.pipeline.generate.tiling import Profile
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
 
@@ -318,3 +319,32 @@ def test_a_microsecond_for_each_sextant_is_enough_for_few_tasks(tasks):
     short = SetParameters(tasks=tasks, units=1, unit_types=1, hyperperiod=Duration(6000), access_windows=0)
     model, schedule = generate_with_witness(short, 1)
     assert errors(model, schedule) == []
+
+
+def test_a_profile_is_blocked_where_its_load_leaves_no_room_round_the_hyperperiod():
+    """Of 60, 40 are taken from 8 to 2, and 20 more from 1 to 5."""
+    profile = Profile(10)
+    assert list(profile.blocked(3, 10, 60)) == []
+    profile.add(8, 4, 40)
+    profile.add(1, 4, 20)
+    assert profile.area == 4 * 40 + 4 * 20
+    assert list(profile.blocked(0, 10, 20)) == [(1, 2)]
+    assert list(profile.blocked(0, 10, 21)) == [(0, 1), (1, 2), (8, 10)]
+    assert list(profile.blocked(7, 10, 41)) == [(1, 3), (3, 4), (4, 5), (5, 8)]  # relative to 7
+    assert list(profile.blocked(9, 1, 21)) == [(0, 1)]
+    assert list(profile.blocked(2, 3, 40)) == []
+    assert list(profile.blocked(4, 3, 41)) == [(0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("total", "weights", "shares"),
+    [
+        (10, [1, 3], [2, 8]),
+        (3, [1, 1, 1], [1, 1, 1]),
+        (2, [0, 5, 0], [0, 2, 0]),
+        (5, [2, 2], [2, 3]),
+        (0, [0, 0], [0, 0]),
+    ],
+)
+def test_what_is_shared_out_in_proportion_comes_to_the_total(total, weights, shares):
+    assert tiling._spread(total, weights) == shares
