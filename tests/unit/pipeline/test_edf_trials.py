@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 from split_helpers import interrupts, points, split
 
-from halpipe.models import Split
+from halpipe.models import Anchor, ResourceKind, Split
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.edf import trials
 from halpipe.pipeline.solve.edf.fixed import fix
@@ -226,6 +227,9 @@ def test_latencies_are_in_ticks_and_the_same_however_they_are_measured(monkeypat
     finer = mode_of(owner, tick="0.5ms")
     halves = table_of([whole(0, 0, 4), whole(20, 20, 24)], [whole(4, 4, 10)])
     assert ChainTimes(finer, owner.chains).of(plan_of(finer), halves) == [(50, 10)]
+    coarse = mode_of(owner, tick=2)  # b really ends a millisecond before its last tick does
+    rounded = table_of([whole(0, 0, 1), whole(5, 5, 6)], [whole(1, 1, 3)])
+    assert ChainTimes(coarse, owner.chains).of(plan_of(coarse), rounded) == [(Fraction(25, 2), Fraction(5, 2))]
     grown = mode_of(owner, growth=Fraction(3, 2))  # measured by the jobs as they are named
     found = table_of([(0, (0, 3, 0, 3)), (10, (10, 13, 0, 3))], [(2, (3, 8, 0, 5))])
     assert ChainTimes(grown, owner.chains).of(plan_of(grown), found) == [(10 + 16, 6)]
@@ -255,14 +259,64 @@ def test_a_try_counts_its_jobs_and_what_is_late():
     assert told == [(3, first.excess), (6, first.excess)]
 
 
-@pytest.mark.parametrize(("limits", "excess", "slow"), [((25, 5), 0, ()), ((24, 5), 1, (0, 1)), ((25, 3), 2, (0, 1))])
+@pytest.mark.parametrize(
+    ("limits", "excess", "slow"),
+    [((25, 5), 0, ()), ((25, None), 0, ()), ((None, 3), 2, (0, 1)), ((24, 5), 1, (0, 1)), ((25, 3), 2, (0, 1))],
+)
 def test_a_valid_table_is_beyond_the_limits_of_its_chains_by_so_much(limits, excess, slow):
     owner, _ = chained(reaction=limits[0], age=limits[1])
     _, found = tried(owner)
     assert (found.excess, found.slow, found.late) == (excess, slow, (0, 0))
 
 
+def test_a_table_without_jobs_counts_as_one_job():
+    owner = model(task("a", 20, version("v", 2)))
+    mode = mode_of(owner, job(owner, "a", 0, 3, "u1"))
+    found = Trials(mode, owner, Effort(100, 0, lambda *_: True))
+    found.evaluate(plan_of(mode))
+    assert found.placed == 1
+
+
 def test_parts_are_counted_before_they_are_too_many(monkeypatch):
     owner = model(task("a", 10, version("v", 2)), task("b", 20, version("v", 2)))
     monkeypatch.setattr(trials, "MAX_PARTS", 3)
     assert tried(owner)[1].excess == 0
+
+
+def one(wcet, *parts, lock=False):
+    """A task of which another one keeps away, with a resource."""
+    owner = model(task("a", 20, version("v", wcet, "u1", *parts), slack=1), task("z", 20, version()), resources="r")
+    kind = ResourceKind.LOCK if lock else owner.resources[0].kind
+    return replace(owner, resources=(replace(owner.resources[0], kind=kind),))
+
+
+FROM_RELEASE = replace(after("z", 0, 20), anchor=Anchor.RELEASE)
+
+
+@pytest.mark.parametrize(
+    ("owner", "options", "is_asked"),
+    [
+        (one(2), {}, False),
+        (one(2, access("r", 0, 1), after("z", 0, 19)), {}, False),
+        (one(2), {"growth": 2}, False),
+        (one(2, access("r", 0, 1)), {"growth": 2}, True),
+        (one(2, after("z", 0, 19)), {"growth": 2}, True),
+        (one("2.5ms"), {}, False),
+        (one("2.5ms", access("r", 0, 1)), {}, True),
+        (one("2.5ms", after("z", 0, 19)), {}, True),
+        (one(2, access("r", 0, 1), lock=True), {}, True),
+        (one(2, FROM_RELEASE), {}, True),
+        (one(2), {"is_lenient": True}, True),
+        (one(2), {"stays": True}, True),
+    ],
+)
+@pytest.mark.parametrize("cost", [Fraction(13, 2), Fraction(-3)])
+def test_what_no_simulation_keeps_is_asked_of_the_cost_of_the_table(monkeypatch, owner, options, is_asked, cost):
+    """Where jobs stay, or lie otherwise in exact time than on the grid, and where locks or other rules are."""
+    monkeypatch.setattr(trials, "cost_terms", lambda *_: SimpleNamespace(total=cost))
+    given = dict(options)
+    shipped = [job(owner, "z", 0, 15, "u1")] if given.pop("stays", False) else []
+    is_lenient = given.pop("is_lenient", False)
+    mode = replace(mode_of(owner, *shipped, **given), is_lenient=is_lenient)
+    found = Trials(mode, owner, Effort(100, 0, lambda *_: True)).evaluate(plan_of(mode))
+    assert found.excess == (7 if is_asked and cost > 0 else 0)
