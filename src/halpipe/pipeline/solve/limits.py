@@ -92,8 +92,8 @@ def check_range(problem: Problem) -> None:
     hyperperiod, jobs = arrays.hyperperiod, len(arrays.job_task)
     heaviest = max((height * arrays.lane_weight[lane] for lane, _, _, height in arrays.rect), default=1)
     sides = 1 + arrays.row_first[-1] + len(arrays.chain_limit)
-    worst = hyperperiod * heaviest * max(1, jobs) * max(1, arrays.rect_first[-1])
-    worst += hyperperiod * arrays.unit_weight * max(1, jobs) * sides
+    worst = hyperperiod * heaviest * jobs * arrays.rect_first[-1]
+    worst += hyperperiod * arrays.unit_weight * jobs * sides
     hottest = 512 * 10_000 * problem.mean_wcet * arrays.unit_weight
     stated = max([0, *arrays.row.column(1), *arrays.chain_limit.flat, *arrays.chain_latency])
     if max(worst, hottest, stated) >= LARGEST:
