@@ -12,12 +12,12 @@ import pytest
 
 from halpipe.core.files import write_output
 from halpipe.importers.native import read_model
-from halpipe.models import Binding, Interrupt, Status
+from halpipe.models import Binding, Interrupt, Split, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.meetings import Budget, Part, find_meeting, meet
-from halpipe.pipeline.explain.sharing import packings
+from halpipe.pipeline.explain.sharing import _cut, _Gap, packings
 from halpipe.pipeline.explain.witnesses import _is_dead, find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
@@ -288,3 +288,16 @@ def test_no_job_can_run_in_a_version_beyond_its_own_limits(limits, works, fails)
     own = replace(task("a", 10), **limits)
     assert not _is_dead({}, own, works)
     assert fails is None or _is_dead({}, own, fails)
+
+
+@pytest.mark.parametrize(("phases", "pieces"), [((), [0, 0, 0, 1, 2]), ([access("r", 0, 2)], [0, 0, 0, 0, 2])])
+def test_a_piece_has_room_in_a_gap_beside_resumption_and_interrupts(phases, pieces):
+    """Of a gap, 1 ms is lost when the job goes on, and 1 ms to an interrupt in each 4 ms; phases are not cut."""
+    long = version("v", 9, "u1", *phases)
+    system = model(task("a", 40, replace(long, split=Split(resume=ms(1)))), resources="r")
+    often = Interrupt(name="i", distance=ms(4), wcet=ms(1))
+    context = Context(replace(system, units=(replace(system.units[0], interrupts=(often,)),)))
+    facts = mode_facts(context.active[0], context.units)
+    own = facts.tasks["a"]
+    found = [_cut(facts, own.versions[0], _Gap("u1", own, facts.ticks(ms(length)))) for length in range(5)]
+    assert found == [facts.ticks(ms(piece)) for piece in pieces]

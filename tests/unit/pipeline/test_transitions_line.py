@@ -343,6 +343,7 @@ def test_starts_of_a_task_that_serves_arrivals_are_as_far_apart_as_all_are_serve
     change, _ = change_of(poll, before=[("a", 0, 0, "u1")], later=[("a", 0, 1, "u1")])
     [pace] = change.paces
     assert pace.most == change.most["a"] == most
+    assert pace.shortest == min(wcets)
 
 
 def test_versions_that_end_after_the_logical_execution_time_are_not_used():
