@@ -166,6 +166,8 @@ EQUIVALENT = {
     ("search.py", "if met or not change.after.shapes.get(window.task) or self._count >= change.most_wanted:"): BUDGET,
     ("search.py", "return LineJob(fit[0], want.task, 1, shape, fit[1])"): "numbered anew",
     ("tables.py", "FEW_PAIRS = 3"): BUDGET,
+    ("remedies.py", "EXACT_JOBS, EXACT_WORK = (101, 0.5)"): BUDGET,
+    ("remedies.py", "table = trials.schedule(changes.with_limits(model, chain.name, {n: t * 1001 for n, t in asked.items()}))"): "both are beyond all that occurs",
     ("changes.py", "if grid is not None and shorter >= grid:"): "the grid is a multiple of itself",
     ("tables.py", "is_shortest = coarse.step == 2 or search.shorten(lengths[max(0, index - coarse.step):index + 1])"): "nothing lies between neighbours",
     ("tables.py", "if least >= last:"): "both are the one length",

@@ -290,7 +290,9 @@ def test_no_job_can_run_in_a_version_beyond_its_own_limits(limits, works, fails)
     assert fails is None or _is_dead({}, own, fails)
 
 
-@pytest.mark.parametrize(("phases", "pieces"), [((), [0, 0, 0, 1, 2]), ([access("r", 0, 2)], [0, 0, 0, 0, 2])])
+@pytest.mark.parametrize(
+    ("phases", "pieces"), [((), [0, 0, 0, 1, 2]), ([access("r", 1, 3), access("r", 4, 5)], [0, 0, 0, 0, 2])]
+)
 def test_a_piece_has_room_in_a_gap_beside_resumption_and_interrupts(phases, pieces):
     """Of a gap, 1 ms is lost when the job goes on, and 1 ms to an interrupt in each 4 ms; phases are not cut."""
     long = version("v", 9, "u1", *phases)

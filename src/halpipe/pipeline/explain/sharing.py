@@ -130,8 +130,8 @@ def _cut(facts: ModeFacts, usable: Usable, gap: _Gap) -> int:
     """
     served = [row for unit in usable.units for row in facts.services.get(unit, ())]
     lost = facts.ticks(usable.version.split.resume) + sum(-(-gap.length // distance) * c for distance, c in served)
-    phases = [facts.ticks(access.end - access.start) for access in usable.version.accesses]
-    return max(0, gap.length - lost) if max(phases, default=0) <= gap.length - lost else 0
+    room = gap.length - lost
+    return max(0, room) if all(facts.ticks(a.end - a.start) <= room for a in usable.version.accesses) else 0
 
 
 def _needed(facts: ModeFacts, usable: Usable) -> str:
