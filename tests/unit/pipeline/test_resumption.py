@@ -1,5 +1,7 @@
 """What a checkpoint keeps of a search, and when: by a clock that the test turns."""
 
+import io
+import zipfile
 from types import SimpleNamespace
 
 import pytest
@@ -113,3 +115,18 @@ def test_words_are_the_same_on_every_machine(whole, monkeypatch, order):
         in_file.byteswap()
     assert in_file.tobytes() in packed
     assert checkpoint._unpacked(packed) == ("identity", {"0/start": values})
+
+
+@pytest.mark.parametrize("compressed", [(), ("0/start",), (checkpoint.IDENTITY, "0/start")])
+def test_a_file_of_which_any_member_is_compressed_is_no_checkpoint(compressed):
+    """Halpipe compresses nothing, and what others did might expand without bound."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        for name, content in ((checkpoint.IDENTITY, b"identity"), ("0/start", bytes(8))):
+            how = zipfile.ZIP_DEFLATED if name in compressed else zipfile.ZIP_STORED
+            file.writestr(zipfile.ZipInfo(name), content, compress_type=how)
+    if compressed:
+        with pytest.raises(ValueError, match="compressed"):
+            checkpoint._unpacked(stream.getvalue())
+    else:
+        assert checkpoint._unpacked(stream.getvalue()) == ("identity", {"0/start": ints([0])})

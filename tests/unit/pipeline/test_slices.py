@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -119,3 +120,10 @@ def test_the_library_knows_the_parts_of_the_search_by_the_same_bits():
     header = Path(kernel.__file__).with_name("native") / "arrays.h"
     bits = {name: 1 << int(bit) for name, bit in re.findall(r"([A-Z_]+) = 1 << ([0-9]+)", header.read_text())}
     assert {part.name: part.value for part in kernel.Part} == bits
+
+
+def test_a_state_is_kept_after_each_slice_where_it_is_due_and_at_the_end_at_once(problem):
+    state, moments, made = new_state(problem.arrays, 2, problem.mean_wcet), [], []
+    keeper = SimpleNamespace(keep=lambda kept, now: moments.append((kept is state, now)))
+    assert run(problem.arrays, state, 40_000, lambda *done: made.append(done) or len(made) < 3, keeper)
+    assert moments == [(True, False)] * 3 + [(True, True)]

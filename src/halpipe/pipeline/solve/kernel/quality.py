@@ -360,9 +360,8 @@ def _delays(best: _Best) -> list[int]:
     """Return for every task the largest delay of its jobs."""
     arrays, delays = best.arrays, [0] * len(best.arrays.task_period)
     for first, last in pairwise(arrays.entry_job):
-        if first < last and arrays.task_cyclic[arrays.job_task[first]]:
-            base = _base(arrays, best.state.phase, first, last)
-            delays[arrays.job_task[first]] = max(best.state.phase[first:last]) - base
+        base = _base(arrays, best.state.phase, first, last)
+        delays[arrays.job_task[first]] = max(best.state.phase[first:last]) - base
     return delays
 
 
