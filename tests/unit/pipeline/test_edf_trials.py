@@ -14,6 +14,7 @@ from halpipe.pipeline.solve.edf.fixed import fix
 from halpipe.pipeline.solve.edf.native import System, Told
 from halpipe.pipeline.solve.edf.plans import Table, allowed_ways, first_plan
 from halpipe.pipeline.solve.edf.trials import (
+    MOST_CYCLES,
     NEVER,
     ChainTimes,
     Effort,
@@ -147,6 +148,58 @@ def test_a_table_is_looked_at_once_each_window_has_a_predecessor_to_look_back_at
     assert Simulator(mode)._start_up(plan, Told(System(mode, 8), plan, 1)) == 3
 
 
+class Scripted:
+    """A simulation that says beforehand which hyperperiods repeat, are quiescent, or find too little room."""
+
+    def __init__(self, repeats=(), quiescent=(), lacks=()):
+        self.memory, self.turns, self.finished = self, [], None
+        self.script = repeats, quiescent, lacks
+
+    def turn(self, begin, end):
+        self.turns.append((begin, end))
+
+    def run(self, end):
+        assert end == self.turns[-1][1]
+
+    def is_like_before(self, now, turn):
+        assert turn == len(self.turns)
+        return turn in self.script[0]
+
+    def is_quiescent(self, now):
+        return len(self.turns) in self.script[1]
+
+    @property
+    def lacks_room(self):
+        return ("events",) if len(self.turns) in self.script[2] else ()
+
+    def finish(self, end):
+        self.finished = end
+
+
+ALWAYS = range(100)
+
+
+@pytest.mark.parametrize(
+    ("start_up", "script", "last", "closed"),
+    [
+        (0, {"repeats": {3, 5}}, 3, True),
+        (0, {"repeats": {MOST_CYCLES}}, MOST_CYCLES, True),
+        (2, {"repeats": {MOST_CYCLES + 2}}, MOST_CYCLES + 2, True),
+        (2, {"repeats": ALWAYS, "quiescent": ALWAYS}, 3, True),  # before, not every window looks back
+        (0, {"quiescent": ALWAYS}, 1, True),  # nothing is in progress: the second will be like the first
+        (0, {"quiescent": {2}, "repeats": {4}}, 4, True),
+        (0, {}, MOST_CYCLES, False),
+        (2, {}, MOST_CYCLES + 2, False),
+        (0, {"repeats": {5}, "lacks": {2}}, 2, False),
+    ],
+)
+def test_a_table_closes_with_the_first_hyperperiod_that_repeats_the_one_before(start_up, script, last, closed):
+    simulation = Scripted(**script)
+    assert Simulator(mode_of(model(task("a", 20, version()))))._close(simulation, start_up) == closed
+    assert simulation.turns == [(20 * turn, 20 * turn + 20) for turn in range(last)]
+    assert simulation.finished == 20 * last
+
+
 # ------------------------------------------------------------------------------------------------ exact time
 
 
@@ -189,6 +242,7 @@ def test_what_grew_is_shortened_to_a_fraction_of_the_tick_or_to_the_edge_of_a_ph
     assert second(("2.3ms", 5))[0][2] == "2.3ms"
     assert second(("2.65ms", 5))[0][2] == "2.65ms"
     assert second((0, "2.7ms"))[0][2] == "2.625ms"
+    assert second((0, "8/3ms"))[0][2] == "8/3ms"
 
 
 def test_interrupts_of_all_units_lengthen_the_parts():
@@ -261,12 +315,28 @@ def test_a_try_counts_its_jobs_and_what_is_late():
 
 @pytest.mark.parametrize(
     ("limits", "excess", "slow"),
-    [((25, 5), 0, ()), ((25, None), 0, ()), ((None, 3), 2, (0, 1)), ((24, 5), 1, (0, 1)), ((25, 3), 2, (0, 1))],
+    [
+        ((25, 5), 0, ()),
+        ((25, None), 0, ()),
+        ((24, None), 1, (0, 1)),
+        ((None, 3), 2, (0, 1)),
+        ((24, 5), 1, (0, 1)),
+        ((25, 3), 2, (0, 1)),
+    ],
 )
 def test_a_valid_table_is_beyond_the_limits_of_its_chains_by_so_much(limits, excess, slow):
     owner, _ = chained(reaction=limits[0], age=limits[1])
     _, found = tried(owner)
     assert (found.excess, found.slow, found.late) == (excess, slow, (0, 0))
+
+
+def test_a_job_is_late_by_what_misses_the_window_of_one_that_stays():
+    owner = model(
+        task("stays", 20, version("v", 1, "u1", after("moves", 2, 4))), task("moves", 20, version("v", 2), offset=0)
+    )
+    mode = mode_of(owner, job(owner, "stays", 0, 10, "u1"))
+    found = Trials(mode, owner, Effort(100, 0, lambda *_: True)).evaluate(plan_of(mode))
+    assert (found.late, found.excess) == ((0, 6), 6)
 
 
 def test_a_table_without_jobs_counts_as_one_job():

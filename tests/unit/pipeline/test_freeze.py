@@ -244,3 +244,28 @@ def test_phases_of_jobs_that_stay_count_from_the_offset_or_from_the_first_job():
     state, _ = taken_over(problem, jobs, 1)
     assert state.start.tolist() == [start for found in starts.values() for start in found]
     assert state.phase.tolist() == [19, 2, 6, 2, 3, 3, 2, 4, 3, 13, 3, 0, 0, 0, 8, 1, 12]
+
+
+@pytest.mark.parametrize(
+    ("offset", "starts", "phases"),
+    [
+        (0, (3, 12), [3, 2]),
+        (0, (0, 19), [0, 9]),
+        (1, (3, 12), [3, 2]),
+        (None, (0, 19), [0, 9]),
+        (None, (9, 10), [9, 0]),
+        (0, (18,), [18]),  # far from its offset, it is late, and not early
+        (1, (19,), [19]),
+        (None, (18,), [18]),
+    ],
+)
+def test_phases_of_what_is_taken_over_lie_behind_an_offset_or_around_the_first_job(offset, starts, phases):
+    owner = model(
+        task("a", 20 // len(starts), version(), offset=offset, slack=1),
+        task("b", 20, version("v", 1, "u2")),
+        units=UNITS,
+    )
+    problem = build_problem(expand(owner, owner.modes[0]), owner.units, [], [])
+    jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(starts)]
+    state, _ = taken_over(problem, [*jobs, job(owner, "b", 0, 0, "u2")], 1)
+    assert state.phase.tolist() == [*phases, 0]

@@ -72,6 +72,17 @@ def test_a_search_ends_with_its_budget():
     assert state.register[MOVES] == 1000
 
 
+def test_a_search_is_kept_when_it_is_due_and_for_certain_at_its_end(problem):
+    told = []
+    kept = SimpleNamespace(keep=lambda state, *, now: told.append((now, state.register[MOVES])))
+    state = new_state(problem.arrays, 2, problem.mean_wcet)
+    run(problem.arrays, state, 40_000, lambda *_: len(told) < 3, kept)
+    moves = [made for _, made in told]
+    assert [now for now, _ in told] == [False] * 4 + [True]
+    assert moves == sorted(moves)
+    assert moves[-1] == state.register[MOVES] > moves[0]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 4])
 def test_modes_are_searched_at_the_same_time_with_the_same_result(workers):
