@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.models import Anchor, Binding, Interrupt, Mode, Run
+from halpipe.models import Anchor, Binding, Interrupt, Match, Mode, Run
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
@@ -96,6 +96,20 @@ def test_windows_from_start_and_end(anchor, low, high, expected):
     """Both tasks fill the unit in turn: the second starts 5 ms after the start of the first, modulo 10 ms."""
     first = task("a", "10ms", version("v", "5ms"))
     assert holds(model(first, task("b", "10ms", version("v", "5ms", "u1", after("a", low, high, anchor))))) is expected
+
+
+@pytest.mark.parametrize(("least", "expected"), [(0, False), (1, True), (9, True), (10, False)])
+def test_a_task_with_a_free_phase_is_released_where_its_first_job_starts(least, expected):
+    """However much slack it has, its only job runs from there on, so that another one has to wait for it.
+
+    With a follower in its cycle, its phase lies in the first period, and the release may be later than that.
+    """
+    follows = replace(after("a", least, least), anchor=Anchor.RELEASE)
+    first = task("a", 10, version(), slack=Fraction(1, 2))
+    second = task("b", 10, version("v", 1, "u1", follows))
+    assert holds(model(first, second)) is expected
+    counted = replace(after("a", 0, 20), match=Match.CYCLE)
+    assert holds(model(first, second, task("c", 10, version("v", 1, "u2", counted)), units="u1 u2")) is expected
 
 
 def test_a_window_may_reach_back_several_hyperperiods():

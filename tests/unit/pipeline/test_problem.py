@@ -77,6 +77,7 @@ def test_a_gang_over_many_unlike_units_is_cut_and_says_so(monkeypatch):
     found = schedule_model(system, SearchOptions(), lambda *_: True).diagnostics
     assert [d.code for d in found] == [codes.OPTIONS_CUT.id]
     assert 'task "a"' in found[0].path
+    assert "only 2 of" in found[0].message
 
 
 def test_a_resource_has_the_common_denominator_of_its_bounds():

@@ -41,6 +41,24 @@ def written(whole, tmp_path):
     return later.arrays
 
 
+ASKED = ("seed", "tick", "modes", "target", "shipped", "near", "grid", "optimise")
+
+
+def test_a_search_goes_on_only_from_one_that_was_asked_the_same():
+    """The version, the model and all that decides the outcome, but not how long it may take."""
+    plain = dict.fromkeys(ASKED)
+
+    def identity(digest="m", version="1", **changes):
+        return checkpoint.fingerprint(SimpleNamespace(digest=digest), SimpleNamespace(**plain | changes), version)
+
+    others = [identity("n"), identity(version="2"), *(identity(**{name: "x"}) for name in ASKED)]
+    others.append(identity(shipped="x", near="x"))
+    assert len({identity(), *others}) == 1 + len(others)
+    assert identity(shipped="x") != identity(shipped="y")
+    assert identity(near="x") != identity(near="y")
+    assert identity(budget=7) == identity(budget=8) == identity()
+
+
 def test_a_state_is_kept_and_written_once_it_is_so_old(whole, clock, tmp_path):
     kept = whole.stage("0")
     clock.now += SECONDS - 1
