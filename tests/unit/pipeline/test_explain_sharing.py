@@ -118,7 +118,8 @@ def on_bus(*tasks):
 
 
 def test_phases_that_meet_have_the_sum_of_their_bounds():
-    (found,) = on_bus(phase("a", "u1", 1, 8), phase("b", "u2", 2, 6))
+    fine = plain("fine", 10, 1, "u3", slack="1/3")  # by which times are no whole nanoseconds
+    (found,) = on_bus(phase("a", "u1", 1, 8), phase("b", "u2", 2, 6), fine)
     assert found.message.endswith(
         'access phases of "a", "b" on resource "bus" meet, whatever the phases of the tasks, and their bounds sum '
         'to 1.5: 4ms of "b" + 7ms of "a" > 10ms = gcd(10ms, 10ms)'

@@ -1,0 +1,131 @@
+"""How the least change is searched for, with a judge of our own in the place of the search for schedules."""
+
+from functools import partial
+
+import pytest
+
+from halpipe.pipeline.explain import remedies
+from halpipe.pipeline.explain.remedies import MAX_UNITS, TRIALS, Relaxation, Remedy, Trials, find_remedies
+from support import model, ms, task, version
+
+
+class Judge(Trials):
+    """Trials in which `suffices` tells of what there is a schedule, and `refutes` what is proven to have none."""
+
+    suffices = staticmethod(lambda changed: False)
+    refutes = staticmethod(lambda changed: False)
+
+    def schedule(self, model):
+        self.left -= 1
+        return model if self.suffices(model) else None
+
+    def is_refuted(self, model):
+        return self.refutes(model)
+
+
+def judge(suffices, refutes=lambda changed: False, **more):
+    found = Judge("all", 9, lambda: True, ms(1), **more)
+    found.suffices, found.refutes = suffices, refutes
+    return found
+
+
+def number(steps):
+    """A change that is seen as its number of steps."""
+    return steps
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 7, 8, 100])
+def test_the_smallest_number_of_steps_is_found_in_few_searches(most):
+    for least in range(1, most + 1):
+        trials = judge(lambda steps, least=least: steps >= least)
+        assert trials.smallest(number, most) == (least, least)
+        assert TRIALS - trials.left <= 1 + most.bit_length()
+    assert judge(lambda steps: False).smallest(number, most) is None
+
+
+def relaxed(most, finer=None, name="x"):
+    return Relaxation(change=number, most=most, text=lambda n: f"{name}{n}", subjects=(), steps="1ms", finer=finer)
+
+
+def test_finer_steps_are_tried_where_no_number_of_steps_suffices():
+    found = relaxed(9, relaxed(50, name="y")).tried(judge(lambda steps: steps >= 4))
+    assert (found.text, found.smaller, found.steps) == ("x4", 3, "1ms")
+    found = relaxed(9, relaxed(50, name="y")).tried(judge(lambda steps: steps >= 40))
+    assert (found.text, found.smaller) == ("y40", 39)
+    assert relaxed(1).tried(judge(lambda steps: True)).text == "x1"
+    assert relaxed(0).tried(judge(lambda steps: True)) is None
+    assert relaxed(9).tried(judge(lambda steps: False)) is None
+
+
+@pytest.mark.parametrize(
+    ("steps", "smaller", "status"),
+    [
+        ("", None, "found sufficient"),
+        ("1ms", None, "found sufficient, in steps of 1ms"),
+        ("1ms", 3, "found sufficient, in steps of 1ms; the next smaller step is proven not to suffice"),
+        ("", 4, "found sufficient; with less, none was found"),
+    ],
+)
+def test_a_remedy_says_what_is_known_of_less(steps, smaller, status):
+    remedy = Remedy(text="x", subjects=(), smaller=smaller, steps=steps)
+    assert remedy.reported(judge(lambda _: True, lambda changed: changed == 3)).message.endswith(f"x ({status})")
+
+
+def test_where_nothing_helps_the_searches_are_counted():
+    system = model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6)))
+    trials = judge(lambda changed: False)
+    (found,) = find_remedies(system, ["a"], trials)
+    assert f"({TRIALS - trials.left} searches)" in found.message
+    (found,) = find_remedies(system, ["a"], judge(lambda changed: False, left=0))
+    assert f"({TRIALS} searches)" in found.message
+
+
+def added(changed, system):
+    return len(changed.units) - len(system.units)
+
+
+@pytest.mark.parametrize("count", range(1, MAX_UNITS + 2))
+def test_as_few_units_are_added_as_suffice(count):
+    system = model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6)))
+    found = [*remedies._units(system, [*system.tasks], judge(lambda changed: added(changed, system) >= count))]
+    assert [each.text for each in found] == (
+        [f'{count} more unit{"s" * (count > 1)} like "u1"'] if count <= MAX_UNITS else []
+    )
+    for each in found:
+        assert (each.smaller and added(each.smaller, system)) == (count - 1 or None)
+
+
+def of_each(changed):
+    """How many units the versions of each task may run on."""
+    return [len(each.versions[0].units) for each in changed.tasks]
+
+
+@pytest.mark.parametrize(
+    ("needed", "text"),
+    [
+        ([2, 2], '1 more unit like "u1" and 1 more unit like "u2"'),
+        ([2, 3], '1 more unit like "u1" and 2 more units like "u2"'),
+        ([4, 2], '3 more units like "u1" and 1 more unit like "u2"'),
+        ([4, 4], '3 more units like "u1" and 3 more units like "u2"'),
+        ([5, 2], None),
+    ],
+)
+def test_units_of_several_kinds_are_added_where_one_kind_does_not_suffice(needed, text):
+    system = model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6, "u2")), units="u1 u2")
+    suffices = partial(lambda least, changed: all(map(int.__ge__, of_each(changed), least)), needed)
+    found = [*remedies._units(system, [*system.tasks], judge(suffices))]
+    assert [each.text for each in found] == ([text] if text else [])
+
+
+def test_of_kinds_each_that_suffices_alone_is_stated():
+    system = model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6, "u2")), units="u1 u2 u3")
+    found = remedies._units(system, [*system.tasks], judge(lambda changed: added(changed, system) >= 2))
+    assert [each.text for each in found] == ['2 more units like "u1"', '2 more units like "u2"']
+    assert remedies._kinds(system, [system.tasks[1]]) == {"u2": 'like "u2"'}
+
+
+def test_only_tasks_of_the_conflict_are_changed_where_any_run():
+    system = model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6, "u2")), units="u1 u2")
+    trials = judge(lambda changed: added(changed, system) == 1)
+    assert [each.text for each in remedies.remedies(system, ["b", "gone"], trials)] == ['1 more unit like "u2"']
+    assert len([*remedies.remedies(system, ["gone"], trials)]) == 2
