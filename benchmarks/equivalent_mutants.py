@@ -218,6 +218,7 @@ EQUIVALENT = {
     ("trials.py", "self._is_exact = not self.chains and (is_on_grid and (not mode.fixed.jobs))"): "by the longer way, with the same result",
     ("exactchains.py", "late = min((job.most_late for job in jobs), default=0) if task in program.released else 0"): "the same for all jobs of a task",
     ("exactchains.py", "scale = min((job.most_late for job in jobs)) + 1"): "the same for all jobs of a task",
+    ("exactmodel.py", "self.later[active.name] = self.integer(0, min((job.most_late for job in jobs)))"): "the same for all jobs of a task",
     ("optimise.py", "if found.values <= worth.values and judge.keeps(first, found):"): "what the exact engine returns has shorter chains",
     ("quality.py", "if PLACED[1] not in facts:"): "all of them are kept, or none",
     ("one_mode.py", "WHOLE_BUDGET = 2001"): BUDGET,
