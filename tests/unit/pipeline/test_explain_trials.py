@@ -6,7 +6,7 @@ import pytest
 
 from halpipe.pipeline.explain import remedies
 from halpipe.pipeline.explain.remedies import MAX_UNITS, TRIALS, Relaxation, Remedy, Trials, find_remedies
-from support import model, ms, task, version
+from support import after, chain, model, ms, task, version
 
 
 class Judge(Trials):
@@ -129,3 +129,80 @@ def test_only_tasks_of_the_conflict_are_changed_where_any_run():
     trials = judge(lambda changed: added(changed, system) == 1)
     assert [each.text for each in remedies.remedies(system, ["b", "gone"], trials)] == ['1 more unit like "u2"']
     assert len([*remedies.remedies(system, ["gone"], trials)]) == 2
+
+
+def test_of_a_changed_parameter_as_much_changes_as_the_text_says():
+    """A window opens at either end, not below zero; a deadline moves; pieces and preemptions become more."""
+    rows = [task("a", 10, version("v", 4), deadline=5), task("b", 10, version("v", 4, "u1", after("a", 2, 6)))]
+    system, trials = model(*rows), judge(lambda changed: True)
+    later, earlier = remedies._window(system, rows[1], rows[1].versions[0].precedences[0], trials)
+
+    def window(changed):
+        row = changed.task("b").versions[0].precedences[0]
+        return row.min, row.max
+
+    assert [window(later.change(n)) for n in (1, 3)] == [(ms(2), ms(7)), (ms(2), ms(9))]
+    assert [window(earlier.change(n)) for n in (1, 2, 3)] == [(ms(1), ms(6)), (ms(0), ms(6)), (ms(0), ms(6))]
+    moved = remedies._deadline(system, rows[0], trials)
+    assert [moved.change(n).task("a").deadline for n in (1, 3)] == [ms(6), ms(8)]
+    cut = remedies._pieces(system, rows[0])
+    assert cut.change(0) is system
+    assert (cut.most, cut.text(1), cut.text(cut.most)) == (
+        15,
+        '"a" cut into pieces of at most 2ms (split)',
+        '"a" cut into pieces of at most 250us (split)',
+    )
+    assert [len(cut.change(n).task("a").versions[0].split.points) for n in (1, 3)] == [1, 3]
+
+
+def test_many_tasks_are_shortened_by_one_factor():
+    rows = [task(f"t{n}", 10, version("v", 4)) for n in range(7)]
+    running = {each.name for each in rows}
+    many, few = (
+        [each.text(1) for each in remedies._relaxations(model(*own), own, running, judge(lambda _: False))]
+        for own in (rows, rows[:6])
+    )
+    assert [text for text in many if "WCET" in text] == ["WCETs of 7 tasks times 0.999"]
+    assert len([text for text in few if "WCET" in text]) == 6
+    assert (len([text for text in many if "slack" in text]), len([text for text in few if "slack" in text])) == (1, 7)
+    shorter = remedies._wcets(model(*rows), ["t0", "t3"])
+    assert (shorter.most, shorter.text(999)) == (999, "WCETs of 2 tasks times 0.001")
+    found = shorter.change(250)
+    assert [each.versions[0].wcet for each in found.tasks] == [ms(n) for n in (3, 4, 4, 3, 4, 4, 4)]
+
+
+def test_one_task_alone_has_its_slack_raised_once():
+    rows = [task("a", 10, version("v", 4)), task("b", 10, version("v", 4), slack=1)]
+    found = remedies._relaxations(model(*rows), rows, {*"ab"}, judge(lambda _: False))
+    assert [each.text(1) for each in found if "slack" in each.text(1)] == ['slack of "a" >= 0.01']
+
+
+@pytest.mark.parametrize(("count", "searches"), [(6, 7), (7, 1)])
+def test_offsets_are_freed_one_by_one_where_they_are_few(count, searches):
+    rows = [task(f"t{n}", 10, version("v", 1), offset=n) for n in range(count)]
+    plain = [task("plain", 10, version("v", 1)), task("demanded", None, version("v", 1))]
+    trials = judge(lambda changed: all(each.offset is None for each in changed.tasks))
+    found = [*remedies._offsets(model(*rows, *plain), [*rows, *plain], trials)]
+    assert [each.text.split(" for ")[0] for each in found] == ["no fixed offset"]
+    assert (len(found[0].subjects), TRIALS - trials.left) == (count, searches)
+    assert not [*remedies._offsets(model(*plain), plain, trials)]
+    assert TRIALS - trials.left == searches
+
+
+def test_limits_are_lowered_one_after_the_other_to_what_suffices():
+    limited = chain("c", "a", reaction=20)
+    system = model(task("a", 10, version("v", 3)), chains=[limited])
+    asked, kept = {"max_reaction": ms(20), "max_age": ms(30)}, {"max_reaction": ms(26), "max_age": ms(30)}
+    trials = judge(lambda changed: changed.chains[0].max_reaction >= ms(23))
+    found = remedies._lowest(system, limited, asked, kept, trials)
+    assert found.text == 'limits of chain "c" of reaction time 23ms instead of 20ms'
+    assert (found.smaller.chains[0].max_reaction, found.smaller.chains[0].max_age) == (ms(22), ms(30))
+
+
+def test_limits_are_looked_at_of_chains_that_run_and_state_any():
+    tasks = [task("a", 10, version("v", 3)), task("b", 10, version("v", 3))]
+    chains = [chain("c", "a", reaction=20), chain("d", "a b", reaction=20), chain("e", "a")]
+    seen = []
+    trials = judge(lambda changed: seen.append([each.max_reaction for each in changed.chains]))
+    assert not [*remedies._limits(model(*tasks, chains=chains), {"a"}, trials)]
+    assert seen == [[ms(20_000), ms(20), None]]
