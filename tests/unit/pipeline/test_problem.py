@@ -8,7 +8,7 @@ from split_helpers import interrupts
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
-from halpipe.models import Anchor, Match
+from halpipe.models import Anchor, Binding, Match
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes, lanes, limits
 from halpipe.pipeline.solve.problem import END, NO_TICK, POINT, RELEASE, START, build_problem
@@ -66,6 +66,24 @@ def test_a_gang_has_an_option_for_every_split_over_the_groups():
     assert options_of(build(system)) == [("v", ((0, 2),)), ("v", ((0, 1), (1, 1)))]
     alone = options_of(build(system, grouped=False))
     assert alone == [("v", ((a, 1), (b, 1))) for a, b in ((0, 1), (0, 2), (1, 2))]
+
+
+@pytest.mark.parametrize(
+    ("versions", "has_choice"),
+    [
+        ([version("v", 1, "u1")], False),
+        ([version("v", 1, "u1 u2", gang=2)], False),
+        ([version("v", 1, "u1"), version("w", 2, "u1")], False),
+        ([version("v", 1, "u1 u2")], True),
+        ([version("v", 1, "u1"), version("w", 2, "u2")], True),
+        ([version("v", 1, "u1 u2"), version("w", 2, "u1 u2", gang=2)], True),
+    ],
+)
+def test_jobs_are_bound_to_one_set_of_units_where_there_are_several(versions, has_choice):
+    for binding in Binding:
+        owner = model(replace(task("a", 10, *versions), binding=binding), units="u1 u2")
+        [active] = expand(owner, owner.modes[0]).tasks
+        assert lanes.is_bound(active) is (has_choice and binding is not Binding.JOB)
 
 
 def test_a_gang_over_many_unlike_units_is_cut_and_says_so(monkeypatch):
