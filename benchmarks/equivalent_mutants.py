@@ -22,6 +22,7 @@ EQUIVALENT = {
     ("explanation.py", "BUDGET = 5001"): BUDGET,
     ("explanation.py", "WORK = 2000001"): BUDGET,
     ("remedies.py", "WORK = 400001"): BUDGET,
+    ("remedies.py", "users = tuple(((t.name, v.name) for t in model.tasks for v in t.versions if unit.name not in v.units))"): "units are told apart as well by those who do not use them",
     ("sharing.py", "if length >= 0:"): "what is left for no time meets nothing",
     ("sharing.py", "users = {unit: frozenset((item.task.name for item in items if unit not in item.units)) for unit in held}"): "units are told apart as well by those who do not use them",
     ("meetings.py", "EFFORT = 4001"): BUDGET,

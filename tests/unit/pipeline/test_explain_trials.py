@@ -1,6 +1,7 @@
 """How the least change is searched for, with a judge of our own in the place of the search for schedules."""
 
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -206,3 +207,18 @@ def test_limits_are_looked_at_of_chains_that_run_and_state_any():
     trials = judge(lambda changed: seen.append([each.max_reaction for each in changed.chains]))
     assert not [*remedies._limits(model(*tasks, chains=chains), {"a"}, trials)]
     assert seen == [[ms(20_000), ms(20), None]]
+
+
+@pytest.mark.parametrize(
+    ("reaction", "age", "kept"),
+    [(15, 40, (20, 40)), (25, 30, (25, 30)), (None, 40, None), (25, None, None)],
+)
+def test_limits_are_not_lowered_below_what_is_asked_for(reaction, age, kept):
+    asked = {"max_reaction": ms(20), "max_age": ms(30)}
+    figures = {"reaction": None if reaction is None else ms(reaction), "age": None if age is None else ms(age)}
+    other = SimpleNamespace(name="other", reaction=ms(99), age=ms(99))
+    table = SimpleNamespace(chains=[other, SimpleNamespace(name="c", **figures)])
+    found = remedies._kept(chain("c", "a"), asked, table)
+    assert (found and tuple(found.values())) == (kept and tuple(map(ms, kept)))
+    assert remedies._kept(chain("gone", "a"), asked, table) is None
+    assert remedies._kept(chain("c", "a"), asked, None) is None
