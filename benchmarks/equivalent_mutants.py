@@ -221,6 +221,7 @@ EQUIVALENT = {
     ("exactchains.py", "scale = min((job.most_late for job in jobs)) + 1"): "the same for all jobs of a task",
     ("exactmodel.py", "self.later[active.name] = self.integer(0, min((job.most_late for job in jobs)))"): "the same for all jobs of a task",
     ("limits.py", "heaviest = max((height * arrays.lane_weight[lane] for lane, _, _, height in arrays.rect), default=2)"): "multiplied by the number of rectangles, of which there are none",
+    ("slices.py", "SLICE_WORK = 20001"): "the outcome is the same for any size of slices",
     ("limits.py", "stated = max([1, *arrays.row.column(1), *arrays.chain_limit.flat, *arrays.chain_latency])"): "far below the limit as well",
     ("optimise.py", "if found.values <= worth.values and judge.keeps(first, found):"): "what the exact engine returns has shorter chains",
     ("quality.py", "if PLACED[1] not in facts:"): "all of them are kept, or none",

@@ -365,10 +365,10 @@ def test_what_no_interrupt_leaves_time_for_is_not_placed():
     assert answer(system) is Answer.INFEASIBLE
 
 
-def spread(gang=1, anchor="start", binding=Binding.JOB):
+def spread(gang=1, anchor="start", binding=Binding.JOB, more=()):
     last = replace(after("a", 0, 8, anchor), point=ms("1ms") if anchor == "point" else None)
     tasks = [
-        task("a", "8ms", version("v", "2ms", "u1 u2", gang=gang)),
+        task("a", "8ms", version("v", "2ms", "u1 u2", gang=gang), *more),
         task("b", "8ms", version("v", "1ms", "u2", last)),
     ]
     tasks[0] = replace(tasks[0], binding=binding)
@@ -381,6 +381,7 @@ def spread(gang=1, anchor="start", binding=Binding.JOB):
     ("system", "element"),
     [
         (spread(gang=2), 'gang of task "a" over units with different interrupts'),
+        (spread(gang=2, more=[version("w")]), 'gang of task "a" over units with different interrupts'),
         (spread(anchor="point"), 'point of task "a", which lies elsewhere with the interrupts of each unit'),
         (spread(binding=Binding.SYSTEM), 'binding of task "a" to the units of another mode'),
     ],
