@@ -4,6 +4,7 @@ from functools import partial
 from types import SimpleNamespace
 
 import pytest
+from split_helpers import points, split
 
 from halpipe.pipeline.explain import remedies
 from halpipe.pipeline.explain.remedies import MAX_UNITS, TRIALS, Relaxation, Remedy, Trials, find_remedies
@@ -222,3 +223,19 @@ def test_limits_are_not_lowered_below_what_is_asked_for(reaction, age, kept):
     assert (found and tuple(found.values())) == (kept and tuple(map(ms, kept)))
     assert remedies._kept(chain("gone", "a"), asked, table) is None
     assert remedies._kept(chain("c", "a"), asked, None) is None
+
+
+def test_one_version_that_may_pause_is_enough_to_relax_how_it_does():
+    some = [
+        version("v", 4),
+        split(version("w", 4), points(1, max_gaps=1)),
+        split(version("x", 4), points(1, 2, max_gaps=2)),
+    ]
+    rows = [
+        task("some", 10, *some, deadline=6),
+        task("freely", 10, split(version("v", 4), points(1)), deadline=6),
+        task("never", 10, version("v", 4), deadline=6),
+    ]
+    found = [*remedies._relaxations(model(*rows), rows, {"some"}, judge(lambda _: False))]
+    assert [each.text(1) for each in found if "gaps" in each.text(1)] == ['max-gaps of "some" of 3 instead of 2']
+    assert [each.most for each in found if each.text(1).startswith("deadline")] == [4, 4, -2]
