@@ -170,6 +170,11 @@ def test_a_bound_that_leaves_no_room_for_overshoot():
     assert found.help == "bind it to at most 0.99, or let the platform have a capacity of 6464000B/s"
     on_grid(t, reserve=64, capacity=6464)
     on_grid(task("t", 10, version("v", 2, "u1", access("mem", 0, 1, "0.99"))), reserve=64)
+    rounded_down = refusal(task("t", 10, version("v", 2, "u1", access("mem", 0, 1, "0.9999"))), reserve=64)
+    assert "at most 0.989," in rounded_down[0].help
+    for beside in ((1, 2), (0, 1)):  # another window has room
+        rows = access("mem", *beside, "0.5"), access("mem", 1 - beside[0], 2 - beside[0])
+        assert refusal(task("t", 10, version("v", 2, "u1", *rows)), reserve=64)[0].message == found.message
 
 
 def test_a_window_that_is_all_overshoot():
