@@ -2,7 +2,7 @@
 
 import pytest
 
-from halpipe.pipeline.solve.integers import Table, filled, ints
+from halpipe.pipeline.solve.integers import Draws, Table, filled, ints
 
 
 def test_rows_lie_one_after_the_other():
@@ -35,3 +35,11 @@ def test_filled():
     assert filled(3).tolist() == [0, 0, 0]
     assert filled(2, -1).tolist() == [-1, -1]
     assert filled(0).tolist() == []
+
+
+def test_draws_are_those_of_splitmix64_by_the_last_bits_of_the_seed():
+    for seed in (0, 2**64, -(2**64)):
+        draws = Draws(seed)
+        assert draws.state == 0
+        assert [draws.below(2**64) for _ in range(2)] == [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4]
+        assert draws.state == 2 * 0x9E3779B97F4A7C15 % 2**64
