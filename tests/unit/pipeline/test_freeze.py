@@ -141,6 +141,26 @@ def test_preemptive_jobs_that_are_all_shipped_stay_where_windows_from_releases_h
     assert placed(again) == {(j.task, j.index): (j.start, j.units, j.version) for j in shipped.modes[0].jobs}
 
 
+@pytest.mark.parametrize("split", [False, True])
+@pytest.mark.parametrize("offset", [None, 0])
+def test_a_task_whose_slack_no_longer_allows_its_starts_is_placed_anew(split, offset):
+    short = version("v", 1, "u1")
+    short = replace(short, split=Split(points=(ms("500us"),))) if split else short
+    was, now = (
+        model(task("a", 10, short, slack=slack, offset=offset), task("b", 20, version("v", 1, "u1")))
+        for slack in (1, Fraction(2, 10))
+    )
+    shipped = schedule(was, 20, job(was, "a", 0, 1, "u1"), job(was, "a", 1, 14, "u1"), job(was, "b", 0, 6, "u1"))
+    assert not [d for d in verify_schedule(was, shipped) if d.is_error]
+    again = found(now, shipped)
+    assert again.is_complete
+    assert [d.code for d in again.diagnostics if d.code == CANNOT_STAY.id] == [CANNOT_STAY.id]
+    assert placed(again)["b", 0][0] == ms(6)
+    closer = schedule(now, 20, job(now, "a", 0, 0, "u1"), job(now, "a", 1, 12, "u1"), job(now, "b", 0, 6, "u1"))
+    kept = found(now, closer)
+    assert placed(kept) == {(j.task, j.index): (j.start, j.units, j.version) for j in closer.modes[0].jobs}
+
+
 def overlapping(system, *jobs):
     """Return unit, begin, end and the jobs of every overlap, as tasks with indices."""
     expansion = expand(system, system.modes[0])

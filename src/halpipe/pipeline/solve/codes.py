@@ -126,7 +126,7 @@ CANNOT_STAY = warning(
     "HAL0412",
     "Shipped task cannot stay",
     "With --freeze, the jobs of the earlier schedule keep start, version, units and parts. A task whose period, "
-    "versions, split points or units no longer allow that is placed anew.",
+    "slack, versions, split points or units no longer allow that is placed anew.",
 )
 
 # ---------------------------------------------------------------------------- the grid of regulators (--quantise)

@@ -324,7 +324,7 @@ class _SplitJobs(_Search):
         fixed, changed = fix(mode, self.shipped)
         mode = replace(mode, fixed=fixed)
         refuse_stuck(self.expansion, [work.name for work in mode.works if not work.ways])
-        notes = self.changed(changed, "number of jobs, version, units or parts")
+        notes = self.changed(changed, "number of jobs, slack, version, units or parts")
         polish = None if self.widens else self.polish
         found = self._searched(mode, polish, self.kept, self.soon)
         if found.excess and not found.stopped:
@@ -510,7 +510,7 @@ class _WholeJobs(_Search):
             outcome, answer = relay(self._anneal, self._solve, self.least, self.budget, self.expansion.job_count)
         else:
             outcome = self._anneal(self.budget)
-        notes = cut_options(self.problem) + self.changed(outcome.changed, "number of jobs, version or units")
+        notes = cut_options(self.problem) + self.changed(outcome.changed, "number of jobs, slack, version or units")
         path, at = about(mode=self.name), self.expansion.mode.at
         if answer is not None:
             notes.append(OTHER_ANSWERED(f"the answer is that of: {EXACT}", at=at, path=path))

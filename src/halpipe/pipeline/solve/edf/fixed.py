@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.models import Job, Version
-    from halpipe.pipeline.solve.edf.works import Mode, Way
+    from halpipe.pipeline.solve.edf.works import Mode, Way, Work
 
 
 class Claim(NamedTuple):
@@ -149,11 +149,18 @@ def fix(mode: Mode, shipped: Mapping[tuple[str, int], Job]) -> tuple[Fixed, tupl
     for number, work in enumerate(mode.works):
         jobs = [shipped[work.name, index] for index in range(work.active.jobs) if (work.name, index) in shipped]
         stays = [found for job in jobs if (found := _fixed(mode, number, job)) is not None]
-        if jobs and len(stays) == work.active.jobs:
+        if jobs and len(stays) == work.active.jobs and _start_in_time(mode, work, stays):
             fixed += stays
         elif jobs:
             changed.append(work.name)
     return Fixed.of(fixed, mode.hyperperiod), tuple(changed)
+
+
+def _start_in_time(mode: Mode, work: Work, jobs: Sequence[FixedJob]) -> bool:
+    """Return whether there is a phase of the task from which on each job starts within its slack."""
+    phases = [(each.start - each.job.index * work.period) % mode.hyperperiod for each in jobs]
+    first = min(phases) if work.phase is None else work.phase
+    return not work.is_cyclic or all((phase - first) % mode.hyperperiod <= work.slip for phase in phases)
 
 
 def _fixed(mode: Mode, task: int, job: Job) -> FixedJob | None:
