@@ -16,6 +16,8 @@ import verify_systems
 
 import every_verb
 from golden_answers import assert_answers, programs, searched, sign, solved, switched
+from golden_file import GOLDEN
+from halpipe.core.diagnostics import Exit
 from halpipe.models import WHOLE, Edge, Mode, Schedule
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
@@ -301,6 +303,13 @@ CASES = [
     for family, *seeds in map(str.split, families.split(", "))
     for at in range(0, len(seeds), AT_ONCE)
 ]
+
+
+def test_no_answer_is_an_internal_error():
+    """A golden file keeps whatever is found: this answer is never right."""
+    files = sorted((GOLDEN / "searches").glob("*.txt"))
+    assert len(files) > 100
+    assert [path.name for path in files if f"exit {Exit.INTERNAL:d}\n" in path.read_text("utf-8")] == []
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{verb} {family}{part}" for verb, family, _, part in CASES])
