@@ -6,14 +6,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about, error
+from halpipe.core.durations import ZERO
 from halpipe.core.grouping import grouped
 from halpipe.pipeline.jobs import Expansion, expand
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
+    from halpipe.pipeline.jobs import ActiveTask
 
 UNMATCHED = error(
     "HAL0468",
@@ -90,6 +92,28 @@ def overlaps(expansion: Expansion, jobs: Iterable[Job]) -> Iterator[tuple[str, D
         for (_, end, job), (start, _, other) in [*pairwise(spans), *around]:
             if start < end:
                 yield unit, start, end, job, other
+
+
+def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
+    """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
+
+    Jobs last at least their WCETs. What arrivals demand of a task that polls is not looked at.
+    """
+    task, cycle = active.task, expansion.hyperperiod
+    if task.period is None or task.distance is not None:
+        return True
+    phases = [(job.start - task.period * job.index) % cycle for job in jobs]
+    release = None if task.offset is None else task.offset % task.period
+    slack, deadline = task.period * task.slack, task.deadline
+    if release is None:  # no job starts before it: on the circle, it is behind the largest gap
+        ordered = sorted(set(phases))
+        gaps = [(after - before, after) for before, after in pairwise(ordered)]
+        release = max([(ordered[0] + cycle - ordered[-1], ordered[0]), *gaps])[1]
+    for job, phase in zip(jobs, phases, strict=True):
+        late, wcet = (phase - release) % cycle, task.version(job.version).wcet or ZERO
+        if late > slack or (deadline is not None and late + wcet > deadline):
+            return False
+    return True
 
 
 def staying(expansion: Expansion, every: Iterable[Job]) -> Iterator[Job]:

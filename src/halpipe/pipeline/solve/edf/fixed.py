@@ -15,12 +15,13 @@ from halpipe.core.records import record
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
+from halpipe.pipeline.shipped import start_in_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.models import Job, Version
-    from halpipe.pipeline.solve.edf.works import Mode, Way, Work
+    from halpipe.pipeline.solve.edf.works import Mode, Way
 
 
 class Claim(NamedTuple):
@@ -149,18 +150,11 @@ def fix(mode: Mode, shipped: Mapping[tuple[str, int], Job]) -> tuple[Fixed, tupl
     for number, work in enumerate(mode.works):
         jobs = [shipped[work.name, index] for index in range(work.active.jobs) if (work.name, index) in shipped]
         stays = [found for job in jobs if (found := _fixed(mode, number, job)) is not None]
-        if jobs and len(stays) == work.active.jobs and _start_in_time(mode, work, stays):
+        if jobs and len(stays) == work.active.jobs and start_in_time(mode.expansion, work.active, jobs):
             fixed += stays
         elif jobs:
             changed.append(work.name)
     return Fixed.of(fixed, mode.hyperperiod), tuple(changed)
-
-
-def _start_in_time(mode: Mode, work: Work, jobs: Sequence[FixedJob]) -> bool:
-    """Return whether there is a phase of the task from which on each job starts within its slack."""
-    phases = [(each.start - each.job.index * work.period) % mode.hyperperiod for each in jobs]
-    first = min(phases) if work.phase is None else work.phase
-    return not work.is_cyclic or all((phase - first) % mode.hyperperiod <= work.slip for phase in phases)
 
 
 def _fixed(mode: Mode, task: int, job: Job) -> FixedJob | None:

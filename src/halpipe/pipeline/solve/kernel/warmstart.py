@@ -11,6 +11,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.models import Binding
 from halpipe.pipeline.parts import job_of
+from halpipe.pipeline.shipped import start_in_time
 from halpipe.pipeline.solve.integers import filled, ints
 from halpipe.pipeline.solve.kernel.kernel import (
     BEST,
@@ -169,8 +170,8 @@ def _take_over(
 ) -> bool:
     """Set option, start and phase of all jobs of a task, of which None do not run; False where that is not possible.
 
-    It is not where the task has no such option, for jobs that start later than slack and deadline allow, as where these
-    have changed, and for a job that starts outside of the hyperperiod, as in a schedule that was not verified.
+    It is not where the task has no such option, where slack or deadline do not allow the starts, and for a job that
+    starts outside of the hyperperiod, as in a schedule that was not verified.
     """
     arrays, active = problem.arrays, problem.expansion.tasks[task]
     numbers = range(arrays.task_option[task], arrays.task_option[task + 1])
@@ -184,38 +185,30 @@ def _take_over(
     is_inside = all(0 <= start < arrays.hyperperiod for start in starts)
     if len(found) < len(options) or not is_inside or not _is_at_releases(problem, active, filter(None, jobs)):
         return False
-    phases = _phases(problem, task, starts)
-    if arrays.task_cyclic[task] and not _start_in_time(problem, task, phases, found):
+    if not start_in_time(problem.expansion, active, [job for job in jobs if job is not None]):
         return False
     places = slice(arrays.task_job[task], arrays.task_job[task + 1])
-    state.option[places], state.start[places], state.phase[places] = ints(found), ints(starts), ints(phases)
+    state.option[places], state.start[places] = ints(found), ints(starts)
+    _set_phases(problem, state, task, active.jobs)
     return True
-
-
-def _start_in_time(problem: Problem, task: int, phases: Sequence[int], options: Sequence[int]) -> bool:
-    """Return whether there is a release from which on slack and deadline allow all starts of a periodic task."""
-    arrays = problem.arrays
-    offset = arrays.entry_offset[arrays.job_entry[arrays.task_job[task]]]
-    release, late = min(phases) if offset < 0 else offset, map(arrays.option_late.__getitem__, options)
-    return all(release <= phase <= release + most for phase, most in zip(phases, late, strict=True))
 
 
 def _choice(version: Version | None, groups: Choice) -> tuple[str | None, Choice]:
     return (None if version is None else version.name, groups)
 
 
-def _phases(problem: Problem, task: int, starts: Sequence[int]) -> list[int]:
-    """Return starts less number times period: of a task with an offset from there on, else round its first job."""
-    arrays = problem.arrays
-    if not starts or not arrays.task_cyclic[task]:
-        return [*starts]
-    period, offset = arrays.task_period[task], arrays.entry_offset[arrays.job_entry[arrays.task_job[task]]]
-    base = offset if offset >= 0 else starts[0]
+def _set_phases(problem: Problem, state: State, task: int, count: int) -> None:
+    """Set the starts less number times period: of a task with an offset from there on, else round its first job."""
+    arrays, first = problem.arrays, problem.arrays.task_job[task]
+    if not arrays.task_cyclic[task]:
+        state.phase[first : first + count] = state.start[first : first + count]
+        return
+    period, offset = arrays.task_period[task], arrays.entry_offset[arrays.job_entry[first]]
+    base = offset if offset >= 0 else state.start[first]
     back = 0 if offset >= 0 else arrays.hyperperiod // 2
-    drifts = [
-        (start - number * period - base + back) % arrays.hyperperiod - back for number, start in enumerate(starts)
-    ]
-    return [base + drift for drift in drifts]
+    for number, job in enumerate(range(first, first + count)):
+        drift = (state.start[job] - number * period - base + back) % arrays.hyperperiod - back
+        state.phase[job] = base + drift
 
 
 def named_jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Iterator[Job]:
