@@ -97,21 +97,21 @@ def overlaps(expansion: Expansion, jobs: Iterable[Job]) -> Iterator[tuple[str, D
 def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
     """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
 
-    Jobs last at least their WCETs. What arrivals demand of a task that polls is not looked at.
+    Jobs last at least their WCETs. The deadline of a task that polls counts from arrivals, and is not looked at.
     """
     task, cycle = active.task, expansion.hyperperiod
-    if task.period is None or task.distance is not None:
+    if task.period is None:
         return True
     phases = [(job.start - task.period * job.index) % cycle for job in jobs]
     release = None if task.offset is None else task.offset % task.period
-    slack, deadline = task.period * task.slack, task.deadline
+    slack, deadline = task.period * task.slack, task.deadline or task.period
     if release is None:  # no job starts before it: on the circle, it is behind the largest gap
         ordered = sorted(set(phases))
         gaps = [(after - before, after) for before, after in pairwise(ordered)]
         release = max([(ordered[0] + cycle - ordered[-1], ordered[0]), *gaps])[1]
     for job, phase in zip(jobs, phases, strict=True):
         late, wcet = (phase - release) % cycle, task.version(job.version).wcet or ZERO
-        if late > slack or (deadline is not None and late + wcet > deadline):
+        if late > slack or (task.distance is None and late + wcet > deadline):
             return False
     return True
 
