@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple
@@ -19,6 +20,8 @@ from halpipe.models import Anchor, Interrupt, Match, Mode, Precedence, ResourceK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from halpipe.models import Job
 
 
 @record
@@ -203,3 +206,25 @@ def durations(expansion: Expansion) -> Iterator[Duration]:
                 yield from (access.start, access.end)
             for row in version.precedences:
                 yield from (row.min, row.max) if row.point is None else (row.min, row.max, row.point)
+
+
+def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
+    """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
+
+    Jobs last at least their WCETs. The deadline of a task that polls counts from arrivals, and is not looked at.
+    """
+    task, cycle = active.task, expansion.hyperperiod
+    if task.period is None:
+        return True
+    phases = [(job.start - task.period * job.index) % cycle for job in jobs]
+    release = None if task.offset is None else task.offset % task.period
+    slack, deadline = task.period * task.slack, task.deadline or task.period
+    if release is None:  # no job starts before it: on the circle, it is behind the largest gap
+        ordered = sorted(set(phases))
+        gaps = [(after - before, after) for before, after in pairwise(ordered)]
+        release = max([(ordered[0] + cycle - ordered[-1], ordered[0]), *gaps])[1]
+    for job, phase in zip(jobs, phases, strict=True):
+        late, wcet = (phase - release) % cycle, task.version(job.version).wcet or ZERO
+        if late > slack or (task.distance is None and late + wcet > deadline):
+            return False
+    return True

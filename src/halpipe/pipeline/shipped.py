@@ -6,16 +6,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about, error
-from halpipe.core.durations import ZERO
 from halpipe.core.grouping import grouped
 from halpipe.pipeline.jobs import Expansion, expand
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
     from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
-    from halpipe.pipeline.jobs import ActiveTask
 
 UNMATCHED = error(
     "HAL0468",
@@ -92,28 +90,6 @@ def overlaps(expansion: Expansion, jobs: Iterable[Job]) -> Iterator[tuple[str, D
         for (_, end, job), (start, _, other) in [*pairwise(spans), *around]:
             if start < end:
                 yield unit, start, end, job, other
-
-
-def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
-    """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
-
-    Jobs last at least their WCETs. The deadline of a task that polls counts from arrivals, and is not looked at.
-    """
-    task, cycle = active.task, expansion.hyperperiod
-    if task.period is None:
-        return True
-    phases = [(job.start - task.period * job.index) % cycle for job in jobs]
-    release = None if task.offset is None else task.offset % task.period
-    slack, deadline = task.period * task.slack, task.deadline or task.period
-    if release is None:  # no job starts before it: on the circle, it is behind the largest gap
-        ordered = sorted(set(phases))
-        gaps = [(after - before, after) for before, after in pairwise(ordered)]
-        release = max([(ordered[0] + cycle - ordered[-1], ordered[0]), *gaps])[1]
-    for job, phase in zip(jobs, phases, strict=True):
-        late, wcet = (phase - release) % cycle, task.version(job.version).wcet or ZERO
-        if late > slack or (task.distance is None and late + wcet > deadline):
-            return False
-    return True
 
 
 def staying(expansion: Expansion, every: Iterable[Job]) -> Iterator[Job]:

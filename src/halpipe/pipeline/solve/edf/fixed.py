@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
+from halpipe.pipeline.jobs import start_in_time
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
-from halpipe.pipeline.shipped import start_in_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

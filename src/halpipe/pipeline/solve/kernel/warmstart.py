@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.models import Binding
+from halpipe.pipeline.jobs import start_in_time
 from halpipe.pipeline.parts import job_of
-from halpipe.pipeline.shipped import start_in_time
 from halpipe.pipeline.solve.integers import filled, ints
 from halpipe.pipeline.solve.kernel.kernel import (
     BEST,
