@@ -211,7 +211,7 @@ def durations(expansion: Expansion) -> Iterator[Duration]:
 def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
     """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
 
-    Jobs last at least their WCETs. The deadline of a task that polls counts from arrivals, and is not looked at.
+    The jobs have the lengths of the model. The deadline of a task that polls counts from arrivals: not looked at.
     """
     task, cycle = active.task, expansion.hyperperiod
     if task.period is None:
@@ -224,7 +224,7 @@ def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job])
         gaps = [(after - before, after) for before, after in pairwise(ordered)]
         release = max([(ordered[0] + cycle - ordered[-1], ordered[0]), *gaps])[1]
     for job, phase in zip(jobs, phases, strict=True):
-        late, wcet = (phase - release) % cycle, task.version(job.version).wcet or ZERO
-        if late > slack or (task.distance is None and late + wcet > deadline):
+        late = (phase - release) % cycle
+        if late > slack or (task.distance is None and late + job.end - job.start > deadline):
             return False
     return True

@@ -150,7 +150,8 @@ def fix(mode: Mode, shipped: Mapping[tuple[str, int], Job]) -> tuple[Fixed, tupl
     for number, work in enumerate(mode.works):
         jobs = [shipped[work.name, index] for index in range(work.active.jobs) if (work.name, index) in shipped]
         stays = [found for job in jobs if (found := _fixed(mode, number, job)) is not None]
-        if jobs and len(stays) == work.active.jobs and start_in_time(mode.expansion, work.active, jobs):
+        own = [each.job for each in stays]
+        if jobs and len(stays) == work.active.jobs and start_in_time(mode.expansion, work.active, own):
             fixed += stays
         elif jobs:
             changed.append(work.name)

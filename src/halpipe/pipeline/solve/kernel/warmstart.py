@@ -185,12 +185,21 @@ def _take_over(
     is_inside = all(0 <= start < arrays.hyperperiod for start in starts)
     if len(found) < len(options) or not is_inside or not _is_at_releases(problem, active, filter(None, jobs)):
         return False
-    if not start_in_time(problem.expansion, active, [job for job in jobs if job is not None]):
+    renewed = (_renewed(problem, job, problem.options[option].version) for job, option in zip(jobs, found, strict=True))
+    if not start_in_time(problem.expansion, active, [job for job in renewed if job is not None]):
         return False
     places = slice(arrays.task_job[task], arrays.task_job[task + 1])
     state.option[places], state.start[places] = ints(found), ints(starts)
     _set_phases(problem, state, task, active.jobs)
     return True
+
+
+def _renewed(problem: Problem, job: Job | None, version: Version | None) -> Job | None:
+    """Return a job with the length that its version has now, with the interrupts of its units."""
+    if job is None or version is None or version.wcet is None:
+        return None
+    service = tuple(interrupt for unit in job.units for interrupt in problem.services[unit])
+    return job_of(job.task, job.index, version, job.units, [(job.start, ZERO, version.wcet)], service)
 
 
 def _choice(version: Version | None, groups: Choice) -> tuple[str | None, Choice]:
