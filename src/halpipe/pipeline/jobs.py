@@ -211,7 +211,7 @@ def durations(expansion: Expansion) -> Iterator[Duration]:
 def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
     """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
 
-    The jobs have the lengths of the model. The deadline of a task that polls counts from arrivals: not looked at.
+    The jobs, in their order, have the lengths of the model. A task that polls answers an arrival just after a start.
     """
     task, cycle = active.task, expansion.hyperperiod
     if task.period is None:
@@ -226,5 +226,14 @@ def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job])
     for job, phase in zip(jobs, phases, strict=True):
         late = (phase - release) % cycle
         if late > slack or (task.distance is None and late + job.end - job.start > deadline):
+            return False
+    return task.distance is None or _serve_in_time(jobs, cycle, task.distance, task.deadline or task.distance)
+
+
+def _serve_in_time(jobs: Sequence[Job], cycle: Duration, distance: Duration, deadline: Duration) -> bool:
+    """Return whether each job starts within the distance of arrivals and ends within the deadline after a start."""
+    for before, job in pairwise((*jobs[-1:], *jobs)):
+        late = (job.start - before.start) % cycle or cycle
+        if late > distance or late + job.end - job.start > deadline:
             return False
     return True
