@@ -28,6 +28,7 @@ from halpipe.exporters.arxml.codes import (
     NOT_ON_TICK,
     TOO_MANY_POINTS,
 )
+from halpipe.exporters.arxml.ticks import Counter, begin_of
 from halpipe.models import ModeSchedule, Status, TransitionTable
 from support import job, mode, model, ms, schedule, task, version
 
@@ -104,11 +105,28 @@ def test_tables_tell_what_follows_them():
 
 
 def test_the_os_begins_with_the_first_mode_or_with_the_one_that_it_is_told():
-    starts = {name: t.autostart for name, t in tables(write(SYSTEM, PLAN, tick=ms("0.25ms"), min_cycle=2)).items()}
-    assert starts["Mode_run_u1"] == starts["Mode_run_u2"] == ("2", "OSDEFAULTAPPMODE", "Start_run")
-    assert starts["Mode_stop_u2"] == ("2", "Start_stop")
+    starts = {name: t.autostart for name, t in tables(write(SYSTEM, PLAN, tick=ms("0.25ms"))).items()}
+    assert starts["Mode_run_u1"] == starts["Mode_run_u2"] == ("40", "OSDEFAULTAPPMODE", "Start_run")
+    assert starts["Mode_stop_u2"] == ("40", "Start_stop")
     assert starts["Switch_run_to_stop_u1"] == ()
     assert containers(write(SYSTEM, PLAN), "OsAppMode").keys() == {"OSDEFAULTAPPMODE", "Start_run", "Start_stop"}
+
+
+@pytest.mark.parametrize(
+    ("counters", "begin"),
+    [
+        (["1ms", 1, 255], "10ms"),  # a counter may run before its OS starts the tables
+        (["1ms", 11, 255], "11ms"),  # never in less than the minimal cycle
+        (["3ms", 1, 255], "12ms"),
+        (["1us", 1, 255], "255us"),  # as late as the range allows
+        (["1ms", 1, 255, "1.5ms", 1, 6], "9ms"),  # one instant for all of them
+        (["1ms", 1, 255, "1.5ms", 9, 255], "15ms"),
+        (["16ms", 1, 255], "16ms"),
+    ],
+)
+def test_tables_begin_after_10_ms_if_their_counters_tell_them(counters, begin):
+    found = [Counter(ms(tick), least, most) for tick, least, most in zip(*[iter(counters)] * 3, strict=True)]
+    assert begin_of(found) == begin_of(found[::-1]) == ms(begin)
 
 
 def test_jobs_that_start_at_one_instant_share_an_expiry_point():

@@ -36,6 +36,7 @@ from halpipe.flow.formats import import_model
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.models import ResourceKind
+from support import ms
 
 
 def autostart(kind="RELATIVE", value="0"):
@@ -80,6 +81,34 @@ def offsets(imported):
 
 
 @pytest.mark.parametrize(
+    ("kind", "start", "most", "is_told"),
+    [
+        ("ABSOLUTE", "0", "", True),
+        ("ABSOLUTE", "0", "9", True),  # after 10 ticks, which is half a cycle
+        ("ABSOLUTE", "0", "19", False),  # after 20 ticks, which is the same phase
+        ("ABSOLUTE", "0", "39", False),
+        ("ABSOLUTE", "1", "9", False),
+        ("RELATIVE", "0", "9", False),
+    ],
+)
+@pytest.mark.parametrize("of", ["an alarm", "a table"])
+def test_a_start_at_0_is_now_or_after_all_values_of_the_counter(tmp_path, of, kind, start, most, is_told):
+    if of == "a table":
+        text = table("Plan", [("P", "3", "T")], autostart(kind, start))
+    else:
+        name = "OsAlarmAutostartType"
+        value = el("VALUE", kind)
+        stated = el("ECUC-TEXTUAL-PARAM-VALUE", ref("DEFINITION-REF", f"/Vendor/X/Os/OsAlarm/{name}"), value)
+        text = alarm("Beat", "20", start=start, activates="T")
+        text = text.replace("<ECUC-NUMERICAL-PARAM-VALUE>", f"{stated}<ECUC-NUMERICAL-PARAM-VALUE>", 1)
+    limits = {"OsSecondsPerTick": "0.001", **({"OsCounterMaxAllowedValue": most} if most else {})}
+    ticks = container("Os/OsCounter", "Ticks", params=limits)
+    imported = read(write(tmp_path, package("E", configuration("Os", ticks, os_task("T"), text))))
+    assert len(found(imported, codes.PHASE_UNKNOWN)) == is_told
+    assert [task.period for task in imported.model.tasks] == [ms(20)]
+
+
+@pytest.mark.parametrize(
     ("kind", "value", "expected"),
     [
         ("RELATIVE", "7", {"T": "10ms", "U": "14ms"}),
@@ -97,7 +126,7 @@ def test_a_table_that_waits_for_its_counter_has_no_phase(tmp_path):
     path = system(tmp_path, table("Plan", [("P", "3", "T")], autostart("SYNCHRON", "7")))
     imported = read(path)
     assert offsets(imported) == {"T": "3ms"}
-    (told,) = found(imported, codes.TABLE_PHASE)
+    (told,) = found(imported, codes.PHASE_UNKNOWN)
     assert told.code == "HAL0519"
     assert told.help
     assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
@@ -106,7 +135,7 @@ def test_a_table_that_waits_for_its_counter_has_no_phase(tmp_path):
 def test_an_adjustable_expiry_point_moves_its_table(tmp_path):
     adjusted = container("Os/OsScheduleTable/OsScheduleTableExpiryPoint/OsScheduleTblAdjustableExpPoint", "Moves")
     text = table("Plan", [("P", "3", "T")], autostart()).replace("</SUB-CONTAINERS>", f"{adjusted}</SUB-CONTAINERS>", 1)
-    assert found(read(system(tmp_path, text)), codes.TABLE_PHASE)
+    assert found(read(system(tmp_path, text)), codes.PHASE_UNKNOWN)
 
 
 @pytest.mark.parametrize(

@@ -534,15 +534,15 @@ def test_a_container_that_is_there_once_is_not_enabled_where_it_is_removed(tmp_p
     assert apply_to_xdm(path.read_bytes(), "Os.xdm", None, [whole]).decode() == text.replace(other, "")
 
 
-def test_tables_begin_together_at_a_whole_tick_of_every_counter_and_not_before_its_least():
-    """Ticks of 1 ms and 1.5 ms meet every 3 ms; 4 and 3 of them are the least, which are 4 and 4.5 ms."""
+def test_tables_begin_together_at_a_whole_tick_of_every_counter():
+    """Ticks of 1 ms and 1.5 ms meet every 3 ms; 4 times is the first with a lead of 10 ms."""
     counters = [
         ProjectCounter(path=path, unit="u", tick=ms(tick), max_value=99, min_cycle=least, at=Location())
         for path, tick, least in (("/a", 1, 4), ("/b", "1.5ms", 3))
     ]
     for order in (1, -1):
         placed = [Placed(None, counter, {}) for counter in counters[::order]]
-        assert [(p.counter.path, p.begin) for p in Planner._together(None, placed)] == [("/a", 6), ("/b", 4)][::order]
+        assert [(p.counter.path, p.begin) for p in Planner._together(None, placed)] == [("/a", 12), ("/b", 8)][::order]
     assert list(Planner._together(None, [])) == []
 
 

@@ -24,6 +24,7 @@ from halpipe.exporters.arxml.document import (
 )
 from halpipe.exporters.arxml.software import Layout, ShortNames
 from halpipe.exporters.arxml.tables import DEFAULT_START, SYSTEM, Plan, Table, Work
+from halpipe.exporters.arxml.ticks import begin_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -212,7 +213,8 @@ def _table(os_module: Box, table: Table, plan: Plan, names: OsNames) -> None:
     box.refer("OsSchTblAccessingApplication", names.path(names.applications[table.unit]))
     if table.is_repeating:  # the first mode begins by itself, another one where StartOS names it
         first = [DEFAULT_START] if table.mode == next(iter(names.starts)) else []
-        autostart(box, plan.counter.min_cycle, [names.path(mode) for mode in (*first, names.starts[table.mode])])
+        begin = plan.counter.ticks(begin_of([plan.counter]))
+        autostart(box, begin, [names.path(mode) for mode in (*first, names.starts[table.mode])])
     for point in table.points:
         at = box.new(point_name(point.offset), _POINT).fill(OsScheduleTblExpPointOffset=point.offset)
         for task, version in zip(point.tasks, point.versions, strict=True):
@@ -229,7 +231,7 @@ def _table(os_module: Box, table: Table, plan: Plan, names: OsNames) -> None:
 
 
 def autostart(table: Box, value: int, modes: Iterable[str]) -> None:
-    """Start a table by itself in some application modes (paths), never at 0, which means now."""
+    """Start a table by itself in some application modes (paths), at a value of its counter."""
     box = table.new("OsScheduleTableAutostart", "OsScheduleTableAutostart")
     box.fill(OsScheduleTableAutostartType="ABSOLUTE", OsScheduleTableStartValue=value)
     for mode in modes:

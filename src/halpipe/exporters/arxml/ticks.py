@@ -13,7 +13,14 @@ from collections import defaultdict
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about
-from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, seconds
+from halpipe.core.durations import (
+    ZERO,
+    Duration,
+    greatest_common_divisor,
+    least_common_multiple,
+    milliseconds,
+    seconds,
+)
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.arxml.codes import BAD_COUNTER, NOT_ON_TICK
@@ -21,7 +28,7 @@ from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.common.timeline import PhaseTimes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from halpipe.exporters.arxml.options import ArxmlOptions
     from halpipe.models import Job, Schedule, TaskModel
@@ -86,6 +93,7 @@ class Holds:
 
 
 _LONGEST = seconds(1)
+_LEAD = milliseconds(10)
 _DEFAULT = Duration(10**6)
 _TRIED = 1000
 
@@ -103,6 +111,18 @@ class Counter:
         count = time / self.tick
         assert count.denominator == 1
         return count.numerator
+
+
+def begin_of(counters: Sequence[Counter]) -> Duration:
+    """Return the instant at which tables on some counters begin together: whole ticks of each, after its minimal cycle.
+
+    Never 0, which some OS takes as now, and others as after all values of the counter. That is what becomes of a value
+    that the counter has passed when its OS starts the tables, so leave it 10 ms if they are in its range.
+    """
+    step = least_common_multiple(counter.tick for counter in counters)
+    least = max(-(-(counter.tick * counter.min_cycle) // step) for counter in counters)
+    most = min((counter.tick * counter.max_value) // step for counter in counters)
+    return step * max(least, min(-(-_LEAD // step), most))
 
 
 def choose_counter(schedule: Schedule, options: ArxmlOptions, holds: Holds) -> Counter:

@@ -484,11 +484,13 @@ UNSTARTED_TABLE = warning(
     "Another table, which the OS starts, has the same counter or activates the same OsTasks. The table is what runs "
     "in another mode, after code has switched to it, and does not run beside that one. Its actions give no periods.",
 )
-TABLE_PHASE = warning(
+PHASE_UNKNOWN = warning(
     "HAL0519",
-    "Phase of a schedule table is not known",
+    "Phase of an alarm or schedule table is not known",
     "A table with the autostart SYNCHRON begins when code provides the value of a synchronisation counter, and an "
-    "adjustable expiry point moves with it. Periods are read, and offsets as if the table began at 0.",
+    "adjustable expiry point moves with it. An absolute start at 0 is at once where an OS compares first (EB AutoCore) "
+    "and after all values of the counter where it waits for the next time (Trampoline). Periods are read, and offsets "
+    "as if the alarm or table began at 0.",
 )
 SEVERAL_RATES_OF_TASK = warning(
     "HAL0529",

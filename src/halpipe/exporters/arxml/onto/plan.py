@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about, named
-from halpipe.core.durations import Duration, greatest_common_divisor, least_common_multiple, seconds
+from halpipe.core.durations import Duration, greatest_common_divisor, seconds
 from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import few
@@ -25,7 +25,7 @@ from halpipe.exporters.arxml.codes import (
 )
 from halpipe.exporters.arxml.software import ShortNames, short
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
-from halpipe.exporters.arxml.ticks import Counter
+from halpipe.exporters.arxml.ticks import Counter, begin_of
 from halpipe.exporters.common.priorities import relation_of
 from halpipe.models.project import Call, Deed, Project, ProjectCounter, ProjectTask, Starter
 
@@ -188,15 +188,10 @@ class Planner:
         return OntoPlan(tuple(self._together(placed)), tuple(new), self._actions)
 
     def _together(self, placed: Sequence[Placed]) -> Iterator[Placed]:
-        """Yield the tables with the instant at which all begin: whole ticks of each counter, and not 0, which is now.
-
-        The hyperperiod is such an instant, and in the range of each counter.
-        """
-        counters = [(item.counter, item.counter.tick) for item in placed if item.counter.tick is not None]
-        step = least_common_multiple(tick for _, tick in counters)
-        turns = max((-(-(tick * counter.min_cycle) // step) for counter, tick in counters), default=0)
-        for item, (_, tick) in zip(placed, counters, strict=True):
-            yield replace(item, begin=int(step * turns / tick))
+        """Yield the tables with the value of its counter at which each begins."""
+        counters = [_ticks_of(item.counter) for item in placed]
+        for item, counter in zip(placed, counters, strict=True):
+            yield replace(item, begin=counter.ticks(begin_of(counters)))
 
     def _is_reused(self, starter: Starter) -> bool:
         """Whether a table of EB tresos can play its part of the schedule, started by the code that starts it today.

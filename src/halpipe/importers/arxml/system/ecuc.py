@@ -335,6 +335,8 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data
     start = next((n for n in (c.number("OsAlarmAlarmTime") for c in inside) if n), None)
     if stopped and start is None:
         start = stopped.value("start", _ticks)
+    if not start:
+        _report_zero(containers, alarm, "OsAlarmCounterRef", cycle)
     yield Trigger(
         place=alarm.place,
         period=tick * cycle,
@@ -431,7 +433,7 @@ def _start(containers: Containers, table: Container, stopped: Data | None) -> Fr
     if is_synchronous or moved is not None:
         where = kind.at if kind is not None and is_synchronous else moved.node.at if moved else table.node.at
         containers.tree.findings.report(
-            codes.TABLE_PHASE,
+            codes.PHASE_UNKNOWN,
             "begins when its counter is synchronised" if is_synchronous else "has an adjustable expiry point",
             at=where,
             path=named("OsScheduleTable", table.node.path),
@@ -443,12 +445,31 @@ def _start(containers: Containers, table: Container, stopped: Data | None) -> Fr
     return next(filter(None, found), Fraction(0))
 
 
+def _report_zero(containers: Containers, starter: Container, counter_ref: str, cycle: Fraction) -> None:
+    """Report a start at the value 0, with which the counter begins; after all its values it may be another phase."""
+    begins = autostart_of(containers, starter)
+    kind = begins.value(f"{starter.kind}AutostartType") if begins else None
+    counter = containers.by_path.get(starter.target(counter_ref) or "")
+    most = counter.number("OsCounterMaxAllowedValue") if counter else None
+    if kind is None or kind.text != "ABSOLUTE" or (most is not None and (most + 1) % cycle == 0):
+        return
+    containers.tree.findings.report(
+        codes.PHASE_UNKNOWN,
+        "begins at the value 0 of its counter: at once, or after all values of the counter, as the OS has it",
+        at=kind.at,
+        path=named(starter.kind, starter.node.path),
+        help="state a start value above 0, or the offsets of its tasks in the overlay (tasks: offset)",
+    )
+
+
 def _expiry_points(table: Container, containers: Containers, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:
     duration = table.number("OsScheduleTableDuration")
     tick, through = ticks.counter(table, _COUNTER)
     if tick is None or not duration:
         return
     start = _start(containers, table, stopped)
+    if not start:
+        _report_zero(containers, table, _COUNTER, duration)
     for point in containers.below(table):
         if point.kind == _POINT:
             yield Trigger(
