@@ -243,10 +243,10 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
         raise HalpipeError(too_tight(model, grid), *failure.diagnostics, exit=failure.exit) from None
     schedule = restore(model, scheduled.schedule)
     if scheduled.is_complete:
-        asked = replace(
-            model, modes=tuple(mode for mode in model.modes if mode.name in {m.name for m in schedule.modes})
-        )
-        broken = [found for found in verify_schedule(asked, schedule) if found.is_error]
+        names = {mode.name for mode in schedule.modes}
+        switches = tuple(each for each in model.transitions if {each.source, each.target} <= names)
+        asked, tables = model.alone(*names, transitions=switches), schedule.alone(schedule.modes, schedule.transitions)
+        broken = [found for found in verify_schedule(asked, tables) if found.is_error]
         if broken and not any(found.is_error for found in scheduled.diagnostics):
             help = "try another --seed, or a shorter window"
             text, path = f"verify finds {len(broken)} violations", about(model=model.name)

@@ -14,7 +14,7 @@ from halpipe.exporters.regulator.words import WHOLE
 from halpipe.exporters.regulator.writing import backend
 from halpipe.flow.formats import burst_grid
 from halpipe.flow.plan import read_plan
-from halpipe.models import Anchor, Job
+from halpipe.models import Anchor, HealthAction, HealthEvent, HealthRule, Job, Transition
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore
@@ -244,6 +244,13 @@ def test_a_schedule_on_the_grid_is_one_of_the_model_and_exports_without_lag(tmp_
             for k, bursts in enumerate(table.row(row)):
                 assert bursts == ceil(promise.at(k + 1) - promise.at(k))
         assert max(table.totals) <= 100
+
+
+def test_one_mode_on_the_grid_needs_no_switch_or_reaction_of_others(tmp_path):
+    rule = HealthRule(task="first", event=HealthEvent.OVERRUN, action=HealthAction.RESTART)
+    system = replace(stack(), transitions=(Transition(source="all", target="few"),), health=(rule,))
+    options = SearchOptions(grid=burst_grid(platform(tmp_path)), modes=("few",))
+    assert schedule_model(system, options, lambda *_: True).is_complete
 
 
 def test_loads_and_costs_are_those_of_the_model(tmp_path):

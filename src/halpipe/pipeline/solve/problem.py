@@ -267,7 +267,8 @@ class _Builder:
         predecessor = self.task_index.get(row.task, -1)
         low, high = self.lanes.ticks_up(row.min), self.lanes.ticks(row.max)
         # On the grid, jobs end up to one tick later than they do.
-        if (row.anchor is Anchor.END and self._rounds_up(predecessor)) or (row.point and row.point % self.lanes.tick):
+        is_off = row.point and (self.has_odd_interrupts or row.point % self.lanes.tick)
+        if (row.anchor is Anchor.END and self._rounds_up(predecessor)) or is_off:
             high -= 1
         if row.to is Anchor.END and self.has_rounded:
             low += 1
@@ -278,7 +279,7 @@ class _Builder:
 
     @cached_property
     def has_rounded(self) -> bool:
-        """Whether some WCET is no multiple of the tick."""
+        """Whether some job may last no multiple of the tick."""
         return any(self._rounds_up(task) for task in range(len(self.expansion.tasks)))
 
     def _event(self, task: int, point: Duration) -> int:
@@ -304,7 +305,12 @@ class _Builder:
 
     def _rounds_up(self, task: int) -> bool:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
-        return any(version.wcet is not None and version.wcet % self.lanes.tick for version in versions)
+        return any(version.wcet and (self.has_odd_interrupts or version.wcet % self.lanes.tick) for version in versions)
+
+    @cached_property
+    def has_odd_interrupts(self) -> bool:
+        """Whether some interrupt lasts no multiple of the tick."""
+        return any(interrupt.wcet % self.lanes.tick for interrupt in self.expansion.interrupts)
 
     @cached_property
     def _uncertain(self) -> set[str]:
