@@ -323,6 +323,22 @@ def test_windows_are_narrower_by_what_ends_and_points_lack_of_the_grid(row, coar
     assert windows_of(row, None) == [exact]
 
 
+def test_windows_are_narrower_where_interrupts_last_no_whole_tick():
+    """A job of 2 ms ends after 2.5 ms, on the grid after 3 ms; a point at 1 ms lies at 1.5 ms."""
+    rows = after("a", 2, 5, "end"), after_point("a", 2, 5, "1ms"), after("a", 2, 5)
+    system = model(task("a", 10, version("v", 2, "u1")), task("b", 10, version("v", 1, "u2", *rows)), units="u1 u2")
+    served = interrupts(system, "u1", (10, "0.5ms"))
+    assert [row[1:3] for row in column(build(served, tick=1), "row", 1)] == [(2, 2), (2, 2), (2, 3)]
+    assert [row[1:3] for row in column(build(system, tick=1), "row", 1)] == [(2, 3)] * 3
+
+
+def test_a_gang_takes_no_units_whose_interrupts_together_leave_no_time():
+    system = model(task("a", 12, version("v", 2, "u1 u2 u3", gang=2)), units="u1 u2 u3")
+    half = interrupts(interrupts(system, "u1", (4, 2)), "u2", (4, 2))
+    assert len(options_of(build(system, grouped=False))) == 3
+    assert options_of(build(half, grouped=False)) == [("v", ((0, 1), (2, 1))), ("v", ((1, 1), (2, 1)))]
+
+
 def test_points_lie_where_each_option_of_their_task_has_them():
     """Interrupts of 1 ms each 2 ms make a point at 2 ms one at 4 ms; a task of two units has two options and room."""
     rows = after_point("a", 0, 9, "2ms"), after_point("a", 0, 9, "1ms"), after_point("c", 0, 9, "1ms")

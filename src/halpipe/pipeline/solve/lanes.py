@@ -213,4 +213,14 @@ class Lanes:
         picks = itertools.combinations_with_replacement(sorted(available), version.gang)
         counted = (tuple((g, pick.count(g)) for g in dict.fromkeys(pick)) for pick in picks)
         fitting = (choice for choice in counted if all(count <= available[g] for g, count in choice))
-        return list(itertools.islice(fitting, MAX_OPTIONS_PER_VERSION))
+        served = (choice for choice in fitting if self._has_time(version, self.service(choice)))
+        return list(itertools.islice(served, MAX_OPTIONS_PER_VERSION))
+
+    @staticmethod
+    def _has_time(version: Version, service: Service[Duration]) -> bool:
+        """Return whether the interrupts of all units of a gang together leave time for a job."""
+        try:
+            reserved_length(version.wcet or ZERO, service)
+        except ValueError:
+            return False
+        return True
