@@ -79,7 +79,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     if options.shipped is not None:
         from halpipe.pipeline.shipped import check_shipped
 
-        check_shipped(model, options.shipped)
+        check_shipped(model, options.shipped, options.tick, options.modes)
     doubt = _Doubt(model, options.modes, on_progress)
     try:
         best = _schedule_validated(model, options, doubt.on_progress)

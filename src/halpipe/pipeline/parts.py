@@ -119,6 +119,14 @@ def job_of(
     )
 
 
+def renewed(job: Job, version: Version, service: Service[Duration]) -> Job | None:
+    """Return a job in one piece with the length that its version has now; None where interrupts leave it none."""
+    try:
+        return job_of(job.task, job.index, version, job.units, [(job.start, ZERO, version.wcet or ZERO)], service)
+    except ValueError:
+        return None
+
+
 def parts_of(job: Job, version: Version) -> tuple[Part, ...]:
     """Return the parts of a job, one in all for a job in one piece."""
     whole = Part(start=job.start, end=job.end, executed_from=ZERO, executed_to=version.wcet or ZERO)

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, about, error
 from halpipe.core.grouping import grouped
-from halpipe.pipeline.jobs import Expansion, expand
+from halpipe.pipeline.jobs import Expansion, expand, start_in_time
+from halpipe.pipeline.parts import renewed, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel
+    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel, Unit
 
 UNMATCHED = error(
     "HAL0468",
@@ -29,10 +30,13 @@ EXCLUDED = error(
 )
 
 
-def check_shipped(model: TaskModel, shipped: Schedule) -> None:
-    """Raise `HalpipeError` where not every shipped job is one of the model, or two of them cannot both stay."""
+def check_shipped(
+    model: TaskModel, shipped: Schedule, tick: Duration | None = None, modes: Collection[str] = ()
+) -> None:
+    """Raise `HalpipeError` where not every shipped job is one of the model, or two of a mode cannot both stay."""
     refuse_unmatched(model, shipped)
-    if excluded := excluded_jobs(model, shipped):
+    asked = shipped.alone(tuple(table for table in shipped.modes if not modes or table.name in modes))
+    if excluded := excluded_jobs(model, asked, tick):
         raise HalpipeError(*excluded, exit=Exit.INFEASIBLE)
 
 
@@ -46,9 +50,11 @@ def refuse_unmatched(model: TaskModel, shipped: Schedule) -> None:
         raise HalpipeError(*unmatched)
 
 
-def excluded_jobs(model: TaskModel, shipped: Schedule) -> list[Diagnostic]:
-    """Return the pairs of shipped jobs of the model that cannot both stay."""
-    return [found for table in shipped.modes for found in _excluded(expand(model, model.mode(table.name)), table)]
+def excluded_jobs(model: TaskModel, shipped: Schedule, tick: Duration | None = None) -> list[Diagnostic]:
+    """Return the pairs of shipped jobs of the model that cannot both stay, while each could; on a `tick`."""
+    units = {unit.name: unit for unit in model.units}
+    expansions = ((expand(model, model.mode(table.name)), table) for table in shipped.modes)
+    return [found for each in expansions for found in _excluded(*each, units, tick)]
 
 
 def _unmatched(expansion: Expansion | None, table: ModeSchedule) -> Iterator[Diagnostic]:
@@ -66,8 +72,11 @@ def _unmatched(expansion: Expansion | None, table: ModeSchedule) -> Iterator[Dia
         yield UNMATCHED(text, at=job.at, path=about(mode=table.name, task=job.task, job=job.index), help=help)
 
 
-def _excluded(expansion: Expansion, table: ModeSchedule) -> Iterator[Diagnostic]:
-    for unit, start, end, job, other in overlaps(expansion, staying(expansion, table.jobs)):
+def _excluded(
+    expansion: Expansion, table: ModeSchedule, units: Mapping[str, Unit], tick: Duration | None
+) -> Iterator[Diagnostic]:
+    on_grid = (job for job in table.jobs if tick is None or not job.start % tick)
+    for unit, start, end, job, other in overlaps(expansion, staying_in_time(expansion, on_grid, units)):
         text = f'and "{other.task}" job {other.index}, both frozen, need unit "{unit}" from {start} to {end}'
         help = f'remove the jobs of "{job.task}" or "{other.task}" from the shipped schedule, or use --near'
         path = about(mode=table.name, task=job.task, job=job.index)
@@ -109,4 +118,14 @@ def staying(expansion: Expansion, every: Iterable[Job]) -> Iterator[Job]:
                 for job in own
             )
         ):
+            yield from own
+
+
+def staying_in_time(expansion: Expansion, every: Iterable[Job], units: Mapping[str, Unit]) -> Iterator[Job]:
+    """Yield of these jobs those of tasks that may start there with the lengths that their versions have now."""
+    for name, own in grouped((job.task, job) for job in staying(expansion, every)).items():
+        active, ordered = expansion.by_name[name], sorted(own, key=lambda job: job.index)
+        now = [renewed(job, active.task.version(job.version), service_of(units, job.units)) for job in ordered]
+        known = [job for job in now if job is not None]
+        if len(known) == len(own) and start_in_time(expansion, active, known):
             yield from own

@@ -15,18 +15,19 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Diagnostic, HalpipeError, about, note
-from halpipe.core.durations import ZERO, Duration
 from halpipe.core.grouping import grouped
 from halpipe.core.suggest import few
 from halpipe.models import Binding, Job, Mode, Schedule, Status, Task, TaskModel, Unit
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.parts import reserved_length, service_of
+from halpipe.pipeline.parts import renewed, service_of
 from halpipe.pipeline.shipped import overlaps, staying
+from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.exact_goals import is_same
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
 
+    from halpipe.core.durations import Duration
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 NEAR = note(
@@ -64,9 +65,9 @@ def schedule_near(
 ) -> Scheduled:
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     options = replace(options, optimise=options.optimise or ())  # a margin would move jobs
-    changed = _changed(model, earlier)
+    changed = _changed(model, earlier, options.tick)
     held = _displaced(earlier, options.shipped)
-    conflicts = _conflicts(model, earlier, options.modes)
+    conflicts = _conflicts(model, earlier, options)
     fewest = {mode: _packing(sets) for mode, sets in conflicts.items()}
 
     def attempt(kept: Schedule, budget: int = BUDGET // 4) -> Scheduled | None:
@@ -91,7 +92,11 @@ def schedule_near(
             fewest = {mode: max(count, proven.get(mode, 0)) for mode, count in fewest.items()}
         if not is_least(found):
             found = _put_back(earlier, found, attempt)
-    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
+    shipped = {job.task for mode in (options.shipped.modes if options.shipped else ()) for job in mode.jobs}
+    anew = {name: d for d in found.diagnostics if d.code == CANNOT_STAY.id if (name := _task_of(d)) not in shipped}
+    notes = [d for d in found.diagnostics if d not in anew.values()]
+    changed = dict.fromkeys(anew, "may not stay there") | changed
+    return replace(found, diagnostics=(*notes, *_told(earlier, found.schedule, changed, fewest)))
 
 
 def settled(before: TaskModel, model: TaskModel, schedule: Schedule, changed: Collection[str]) -> Schedule:
@@ -123,6 +128,10 @@ def _seen(model: TaskModel, mode: Mode) -> TaskModel:
     tasks = tuple(task for task in model.tasks if task.name in names)
     chains = tuple(chain for chain in model.chains if names.issuperset(chain.tasks))
     return replace(model.alone(mode.name), tasks=tasks, chains=chains)
+
+
+def _task_of(finding: Diagnostic) -> str:
+    return next((subject.name for subject in finding.subjects if subject.kind == "task"), "")
 
 
 def _is_exact(model: TaskModel, options: SearchOptions, found: Scheduled) -> bool:
@@ -168,17 +177,18 @@ def _freed(
 _Jobs = frozenset[tuple[str, int]]
 
 
-def _conflicts(model: TaskModel, earlier: Schedule, modes: Collection[str]) -> dict[str, list[_Jobs]]:
+def _conflicts(model: TaskModel, earlier: Schedule, options: SearchOptions) -> dict[str, list[_Jobs]]:
     """Return sets of jobs of each mode of which one at least must move, since they exclude each other as they lie."""
     found = {}
     tables, units = {table.name: table for table in earlier.modes}, {unit.name: unit for unit in model.units}
     for mode in model.modes:
-        if modes and mode.name not in modes:
+        if options.modes and mode.name not in options.modes:
             continue
         expansion = expand(model, mode)
         every = tables[mode.name].jobs if mode.name in tables else ()
         jobs = [job for job in every if job.task in expansion.by_name]
-        known = {(job.task, job.index) for job in jobs if _hinders(units, model.task(job.task), job) in ("", LONGER)}
+        found_why = ((job, _hinders(units, model.task(job.task), job, options.tick)) for job in jobs)
+        known = {(job.task, job.index) for job, why in found_why if why in ("", LONGER)}
         periodic = (active for active in expansion.tasks if active.task.period is not None)
         keys = ((active.name, index) for active in periodic for index in range(active.jobs))
         sets = [frozenset([key]) for key in keys if key not in known]
@@ -351,12 +361,12 @@ def _together(held: Schedule | None, kept: Schedule) -> Schedule:
     return kept.alone(tuple(modes))
 
 
-def _changed(model: TaskModel, earlier: Schedule) -> dict[str, str]:
+def _changed(model: TaskModel, earlier: Schedule, tick: Duration | None) -> dict[str, str]:
     """Return the tasks of which some job cannot be what it was, and why."""
     units = {unit.name: unit for unit in model.units}
     jobs = grouped((job.task, job) for mode in earlier.modes for job in mode.jobs)
     why = {
-        task.name: next((why for job in jobs[task.name] if (why := _hinders(units, task, job))), "")
+        task.name: next((why for job in jobs[task.name] if (why := _hinders(units, task, job, tick))), "")
         if task.name in jobs
         else "is new"
         for task in model.tasks
@@ -364,16 +374,18 @@ def _changed(model: TaskModel, earlier: Schedule) -> dict[str, str]:
     return {name: reason for name, reason in why.items() if reason}
 
 
-def _hinders(units: Mapping[str, Unit], task: Task, job: Job) -> str:
+def _hinders(units: Mapping[str, Unit], task: Task, job: Job, tick: Duration | None) -> str:
     version = next((v for v in task.versions if v.name == job.version), None)
     if version is None or version.wcet is None:
         return f'has no version "{job.version}"'
     if len(job.units) != version.gang or not all(unit in version.units and unit in units for unit in job.units):
         return "has other units"
-    work = sum((end - start for start, end in job.occupations()), ZERO)
-    if job.parts or work == reserved_length(version.wcet, service_of(units, job.units)):
-        return ""
-    return LONGER
+    if tick is not None and job.start % tick:
+        return "starts between the ticks"
+    now = renewed(job, version, service_of(units, job.units))
+    if now is None:
+        return "has no time beside the interrupts of its units"
+    return "" if job.parts or now.end == job.end else LONGER
 
 
 def _without(earlier: Schedule, free: Collection[str]) -> Schedule:

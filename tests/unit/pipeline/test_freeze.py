@@ -4,7 +4,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from split_helpers import parted
+from split_helpers import interrupts, parted
 
 from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.models import Split
@@ -159,6 +159,81 @@ def test_a_task_whose_slack_no_longer_allows_its_starts_is_placed_anew(split, of
     closer = schedule(now, 20, job(now, "a", 0, 0, "u1"), job(now, "a", 1, 12, "u1"), job(now, "b", 0, 6, "u1"))
     kept = found(now, closer)
     assert placed(kept) == {(j.task, j.index): (j.start, j.units, j.version) for j in closer.modes[0].jobs}
+
+
+def test_a_task_that_cannot_stay_where_it_was_excludes_no_other():
+    """a starts 4 ms after its release, which its slack no longer allows; so it meets b at 5 ms no more."""
+    rows = task("b", 20, version("v", 2, "u1"))
+    was, now = (model(task("a", 10, version("v", 2, "u1"), slack=slack), rows) for slack in (1, Fraction(1, 10)))
+    shipped = schedule(was, 20, job(was, "a", 0, 0, "u1"), job(was, "a", 1, 14, "u1"), job(was, "b", 0, 15, "u1"))
+    with pytest.raises(HalpipeError):
+        check_shipped(was, shipped)
+    again = found(now, shipped)
+    assert again.is_complete
+    assert [d.path for d in again.diagnostics if d.code == CANNOT_STAY.id] == ['mode "all" task "a"']
+    assert placed(again)["b", 0][0] == ms(15)
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_task_that_starts_between_the_ticks_that_are_asked_for_is_placed_anew(split):
+    short = version("v", 2, UNITS)
+    short = replace(short, split=Split(points=(ms(1),))) if split else short
+    system = model(task("a", 10, short, slack=1), task("b", 10, short, slack=1), units=UNITS)
+    shipped = schedule(system, 10, job(system, "a", 0, "1.5ms", "u1"), job(system, "b", 0, 3, "u1"))
+    check_shipped(system, shipped, ms(1))
+    options = SearchOptions(budget=50, tick=ms(1), shipped=shipped)
+    again = schedule_model(system, options, lambda *_: True)
+    assert again.is_complete
+    assert not any(job.start % ms(1) for job in again.schedule.modes[0].jobs)
+    assert placed(again)["b", 0] == (ms(3), ("u1",), "v")
+    [why] = [d for d in again.diagnostics if d.code == CANNOT_STAY.id]
+    assert 'task "a"' in why.path
+    assert "between the ticks" in why.message
+    near = schedule_model(system, replace(options, shipped=None, near=shipped), lambda *_: True)
+    assert "a (starts between the ticks); no schedule moves fewer: proven" in near.diagnostics[-1].message
+
+
+def test_a_task_that_cannot_stay_may_take_other_units():
+    """a starts too late after its release, and u1, where it was, has no room for it but there."""
+    fills = task("fills", 10, version("v", 8, "u1"), offset=0)
+    was, now = (
+        model(fills, task("a", 10, version("v", 2, UNITS), slack=slack, offset=5), units=UNITS) for slack in (1, 0)
+    )
+    shipped = schedule(was, 10, job(was, "fills", 0, 0, "u1"), job(was, "a", 0, 8, "u1"))
+    again = found(now, shipped)
+    assert again.is_complete
+    assert placed(again) == {("fills", 0): (ms(0), ("u1",), "v"), ("a", 0): (ms(5), ("u2",), "v")}
+
+
+def test_a_job_in_parts_of_a_version_that_is_split_no_more_is_placed_anew():
+    system = model(task("a", 10, version("v", 4, "u1"), slack=1))
+    shipped = schedule(system, 10, parted("a", 0, "u1", (0, 2, 0, 2), (3, 5, 2, 4)))
+    assert [d.code for d in found(system, shipped).diagnostics] == [CANNOT_STAY.id]
+
+
+def test_jobs_of_other_modes_than_those_asked_for_exclude_nothing():
+    rows = [task("a", 10, version("v", 4, "u1"), slack=1), task("b", 10, version("v", 4, "u1"), slack=1)]
+    system = model(*rows, modes=[mode("all", rows), mode("one", rows[:1])])
+    shipped = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 2, "u1"))
+    options = SearchOptions(budget=50, shipped=shipped)
+    assert schedule_model(system, replace(options, modes=("one",)), lambda *_: True).is_complete
+    with pytest.raises(HalpipeError):
+        schedule_model(system, options, lambda *_: True)
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_gang_stays_on_no_units_whose_interrupts_leave_no_time(split):
+    chosen = version("v", 2, "u1 u2 u3", gang=2)
+    chosen = replace(chosen, split=Split(points=(ms(1),))) if split else chosen
+    was = model(task("a", 12, chosen, slack=1), units="u1 u2 u3")
+    now = interrupts(interrupts(was, "u1", (4, 2)), "u2", (4, 2))
+    shipped = schedule(was, 12, job(was, "a", 0, 1, "u1 u2"))
+    options = SearchOptions(budget=50, optimise=())
+    again = schedule_model(now, replace(options, shipped=shipped), lambda *_: True)
+    assert again.is_complete
+    assert [d.code for d in again.diagnostics] == [CANNOT_STAY.id]
+    near = schedule_model(now, replace(options, near=shipped), lambda *_: True)
+    assert "a (has no time beside the interrupts of its units)" in near.diagnostics[-1].message
 
 
 def overlapping(system, *jobs):

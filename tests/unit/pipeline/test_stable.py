@@ -319,6 +319,16 @@ def test_the_note_says_why_a_task_has_moved(change, reason):
     assert f"{changed.name} ({reason})" in note.message
 
 
+def test_a_task_that_may_not_start_there_any_more_is_named_in_the_note_alone():
+    """No option has frozen it, so it has no warning that it cannot stay as shipped."""
+    rows = task("b", 20, version("v", 2, "u1"))
+    was, now = (model(task("a", 10, version("v", 2, "u1"), slack=slack), rows) for slack in (1, Fraction(1, 10)))
+    first = schedule(was, 20, job(was, "a", 0, 0, "u1"), job(was, "a", 1, 14, "u1"), job(was, "b", 0, 6, "u1"))
+    [note] = scheduled(now, near=first).diagnostics
+    assert note.code == NEAR.id
+    assert "a (may not stay there)" in note.message
+
+
 def three_modes(**changes):
     """x runs in two modes, y and z in one each; with a chain of z."""
     x, y, z = (task(name, 10, version("v", 2, "u1 u2")) for name in "xyz")

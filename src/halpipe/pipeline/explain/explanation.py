@@ -257,7 +257,7 @@ class _Question:
         if self.search.shipped is not None:
             own = tuple(table for table in self.search.shipped.modes if table.name == self.mode.name)
             refuse_unmatched(self.model, self.search.shipped)
-            proofs += excluded_jobs(self.model, self.search.shipped.alone(own))
+            proofs += excluded_jobs(self.model, self.search.shipped.alone(own), self.search.tick)
         if self.search.tick is not None:
             proofs += check_starts(replace(self.model, modes=(self.mode,)), self.search.tick)
         return proofs

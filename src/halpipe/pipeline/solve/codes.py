@@ -126,7 +126,8 @@ CANNOT_STAY = warning(
     "HAL0412",
     "Shipped task cannot stay",
     "With --freeze, the jobs of the earlier schedule keep start, version, units and parts. A task whose period, "
-    "slack, versions, split points or units no longer allow that is placed anew.",
+    "slack, deadline, versions, split points or units no longer allow that, or that starts between the multiples of a "
+    "--tick, is placed anew.",
 )
 
 # ---------------------------------------------------------------------------- the grid of regulators (--quantise)

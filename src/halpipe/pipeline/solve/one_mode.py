@@ -8,7 +8,8 @@ from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about
-from halpipe.core.durations import ZERO, greatest_common_divisor
+from halpipe.core.durations import greatest_common_divisor
+from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.models import WHOLE, ModeSchedule, Status
 from halpipe.pipeline.jobs import natural_tick
@@ -158,10 +159,20 @@ class _Search:
 
     @cached_property
     def shipped(self) -> dict[tuple[str, int], Job]:
-        """The jobs of this mode that have shipped, by task and index; of tasks that still run here."""
+        """The jobs of this mode that have shipped, by task and index; of tasks that still run here, on the grid."""
+        return {key: job for key, job in self._all_shipped.items() if job.task not in self.off_grid}
+
+    @cached_property
+    def _all_shipped(self) -> dict[tuple[str, int], Job]:
         modes = self.options.shipped.modes if self.options.shipped is not None else ()
         jobs = (job for mode in modes if mode.name == self.name for job in mode.jobs)
         return {(job.task, job.index): job for job in jobs if job.task in self.expansion.by_name}
+
+    @cached_property
+    def off_grid(self) -> dict[str, None]:
+        """The tasks that have shipped with a start between the ticks that are asked for."""
+        tick = self.options.tick
+        return {job.task: None for job in self._all_shipped.values() if tick is not None and job.start % tick}
 
     @cached_property
     def polish(self) -> Polish | None:
@@ -287,9 +298,17 @@ class _Search:
     def changed(self, tasks: tuple[str, ...], what: str) -> list[Diagnostic]:
         """Say of tasks that have shipped why they cannot stay."""
         path = about(mode=self.name)
-        text = f"cannot stay as shipped: {what} have changed; it was placed anew"
+        reasons = dict.fromkeys(self.off_grid, "it starts between the ticks")
+        reasons |= dict.fromkeys(tasks, f"{what} have changed")
         by_name = self.expansion.by_name
-        return [CANNOT_STAY(text, at=by_name[task].task.at, path=about(path, task=task)) for task in tasks]
+        return [
+            CANNOT_STAY(
+                f"cannot stay as shipped: {reason}; it was placed anew",
+                at=by_name[task].task.at,
+                path=about(path, task=task),
+            )
+            for task, reason in reasons.items()
+        ]
 
 
 class _Exact(_Search):
@@ -486,20 +505,16 @@ class _WholeJobs(_Search):
     @cached_property
     def settled(self) -> dict[str, Pins]:
         """The units of the tasks all of whose jobs have shipped, and can stay: no others need to be looked at."""
-        found: dict[str, Pins] = {}
-        for active in self.expansion.tasks if self.shipped else ():
-            jobs = [job for index in range(active.jobs) if (job := self.shipped.get((active.name, index)))]
-            if len(jobs) == active.jobs and all(self._stays(active, job) for job in jobs):
-                units = frozenset(unit for job in jobs for unit in job.units)
-                found[active.name] = {len(job.units): units for job in jobs}
-        return found
+        if not self.shipped:
+            return {}
+        from halpipe.pipeline.shipped import staying_in_time
 
-    def _stays(self, active: ActiveTask, job: Job) -> bool:
-        in_time = ZERO <= job.start < self.expansion.hyperperiod
-        versions = [version for version in active.versions if version.name == job.version]
-        return in_time and any(
-            len(job.units) == v.gang and all(unit in v.units for unit in job.units) for v in versions
-        )
+        units = {unit.name: unit for unit in self.model.units}
+        stays = grouped((job.task, job) for job in staying_in_time(self.expansion, self.shipped.values(), units))
+        return {
+            name: {len(job.units): frozenset(unit for each in jobs for unit in each.units) for job in jobs}
+            for name, jobs in stays.items()
+        }
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.exact import is_installed

@@ -10,12 +10,11 @@ from dataclasses import field
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.pipeline.jobs import start_in_time
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
-from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
+from halpipe.pipeline.parts import job_of, parts_of, phase_instants, renewed, service_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -168,9 +167,9 @@ def _fixed(mode: Mode, task: int, job: Job) -> FixedJob | None:
         return None
     version = way.version
     service = service_of({unit.name: unit for unit in mode.platform}, job.units)
-    if not job.parts and version.wcet:  # in one piece, it stays with the length that its version has now
-        job = job_of(job.task, job.index, version, job.units, [(job.start, ZERO, version.wcet)], service)
-    if not _is_allowed(mode, version, job):
+    whole = renewed(job, version, service)
+    job = job if job.parts or whole is None else whole  # in one piece, it has the length that its version has now
+    if whole is None or not _is_allowed(mode, version, job):
         return None
     claims = []
     for access, phase in zip(version.accesses, way.phases, strict=False):

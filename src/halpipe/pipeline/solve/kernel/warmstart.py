@@ -11,7 +11,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.models import Binding
 from halpipe.pipeline.jobs import start_in_time
-from halpipe.pipeline.parts import job_of
+from halpipe.pipeline.parts import job_of, renewed
 from halpipe.pipeline.solve.integers import filled, ints
 from halpipe.pipeline.solve.kernel.kernel import (
     BEST,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import Job, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.parts import Service
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.assign_units import Units
     from halpipe.pipeline.solve.lanes import Choice, Pins
@@ -170,8 +171,8 @@ def _take_over(
 ) -> bool:
     """Set option, start and phase of all jobs of a task, of which None do not run; False where that is not possible.
 
-    It is not where the task has no such option, where slack or deadline do not allow the starts, and for a job that
-    starts outside of the hyperperiod, as in a schedule that was not verified.
+    It is not where the task has no such option, where slack or deadline do not allow the starts, and for a job in parts
+    or one that starts outside of the hyperperiod, as in a schedule that was not verified.
     """
     arrays, active = problem.arrays, problem.expansion.tasks[task]
     numbers = range(arrays.task_option[task], arrays.task_option[task + 1])
@@ -182,11 +183,13 @@ def _take_over(
         taken = Counter(groups.get(name, -1) for name in job.units) if job is not None else {}
         options.append(known.get((None if job is None else job.version, tuple(sorted(taken.items())))))
     found = [option for option in options if option is not None]
-    is_inside = all(0 <= start < arrays.hyperperiod for start in starts)
+    is_inside = all(0 <= start < arrays.hyperperiod for start in starts) and not any(job and job.parts for job in jobs)
     if len(found) < len(options) or not is_inside or not _is_at_releases(problem, active, filter(None, jobs)):
         return False
-    renewed = (_renewed(problem, job, problem.options[option].version) for job, option in zip(jobs, found, strict=True))
-    if not start_in_time(problem.expansion, active, [job for job in renewed if job is not None]):
+    versions = [(job, problem.options[option].version) for job, option in zip(jobs, found, strict=True)]
+    present = [(job, version) for job, version in versions if job is not None and version is not None]
+    own = [renewed(job, version, _service(problem, job.units)) for job, version in present]
+    if not start_in_time(problem.expansion, active, [job for job in own if job is not None]):
         return False
     places = slice(arrays.task_job[task], arrays.task_job[task + 1])
     state.option[places], state.start[places] = ints(found), ints(starts)
@@ -194,12 +197,8 @@ def _take_over(
     return True
 
 
-def _renewed(problem: Problem, job: Job | None, version: Version | None) -> Job | None:
-    """Return a job with the length that its version has now, with the interrupts of its units."""
-    if job is None or version is None or version.wcet is None:
-        return None
-    service = tuple(interrupt for unit in job.units for interrupt in problem.services[unit])
-    return job_of(job.task, job.index, version, job.units, [(job.start, ZERO, version.wcet)], service)
+def _service(problem: Problem, units: tuple[str, ...]) -> Service[Duration]:
+    return tuple(interrupt for unit in units for interrupt in problem.services[unit])
 
 
 def _choice(version: Version | None, groups: Choice) -> tuple[str | None, Choice]:
@@ -232,8 +231,8 @@ def named_jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Ite
                 continue
             begin: Duration = problem.tick * start[job]
             index = (job - first + shift) % (last - first)
-            service = tuple(interrupt for unit in units[job] for interrupt in problem.services[unit])
-            yield job_of(active.name, index, version, units[job], [(begin, ZERO, version.wcet)], service)
+            span = (begin, ZERO, version.wcet)
+            yield job_of(active.name, index, version, units[job], [span], _service(problem, units[job]))
 
 
 def _rotation(problem: Problem, task: int, start: list[int]) -> int:
