@@ -83,13 +83,14 @@ class ProjectTask:
 
     `priority` is None if the project states none; `is_preemptive` says that OsTasks above may interrupt it anywhere.
     `autostart` is the container (path) by which the OS activates it at its start, empty if it does not. `events` are
-    the OsEvents that it waits for.
+    the OsEvents that it waits for, `activations` how many of it can wait.
     """
 
     path: str
     unit: str
     application: str
     is_extended: bool
+    activations: int = 1
     priority: int | None = None
     is_preemptive: bool = False
     autostart: str = ""

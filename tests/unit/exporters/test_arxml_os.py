@@ -340,6 +340,45 @@ def test_a_task_is_not_activated_twice_at_one_instant():
     assert message == 'OsTask "fast" is activated 2 times at 4ms'
 
 
+@pytest.mark.parametrize(
+    ("starts", "wcet", "activations"),
+    [((0, 2), "2ms", 2), ((0, 3), "2ms", 1), ((1, 19), "2ms", 2), ((1, 18), "2ms", 1), ((5,), "0ms", 1)],
+)
+def test_a_job_that_starts_where_another_one_ends_finds_its_os_task_running(starts, wcet, activations):
+    """A job that takes its whole WCET has not terminated when the OS activates its OsTask for the next one."""
+    (found,) = containers(write(*one_mode(*starts, wcet=wcet)), "OsTask").values()
+    assert parameters(found)["OsTaskActivation"] == str(activations)
+
+
+@pytest.mark.parametrize(
+    ("before", "between", "after", "length", "activations"),
+    [
+        (18, 0, 8, 4, 2),  # from the mode to the switch
+        (17, 0, 8, 4, 1),
+        (8, 2, 0, 4, 2),  # from the switch to the mode
+        (8, 1, 0, 4, 1),
+        (8, 0, 8, 4, 1),
+        (18, None, 0, 0, 2),  # from mode to mode
+        (17, None, 0, 0, 1),
+        (18, None, 0, 4, 1),
+    ],
+)
+def test_over_a_switch_jobs_meet_as_well(before, between, after, length, activations):
+    fast = task("fast", 20, version("v", 2, "u1"))
+    modes = [mode("run", (fast,)), mode("stop", (fast,))]
+    system = model(fast, units="u1", modes=modes, transitions=[("run", "stop", None)])
+    own = () if between is None else (job(system, "fast", 0, between, "u1"),)
+    plan = replace(
+        schedule(system, 20),
+        modes=tuple(
+            table(name, 20, job(system, "fast", 0, at, "u1")) for name, at in (("run", before), ("stop", after))
+        ),
+        transitions=(switch("run", "stop", length, *own),),
+    )
+    found = containers(write(system, plan), "OsTask")["fast"]
+    assert parameters(found)["OsTaskActivation"] == str(activations)
+
+
 def test_os_tasks_come_in_the_order_of_tasks_versions_and_units():
     both = task("t", 10, version("b", 1, "u1 u2"), version("a", 1, "u1 u2"))
     system = model(task("z", 10, version("v", 1, "u2")), both, units="u1 u2")

@@ -7,7 +7,7 @@ from exporter_samples import split
 
 from arxml_reading import containers, parameters, references, special, tables, write
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.exporters.arxml.codes import TOO_MANY_EVENTS
+from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, TOO_MANY_EVENTS
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.importers.arxml import FORMAT
@@ -171,17 +171,26 @@ def test_too_many_points_are_refused():
     write(system, planned(system, ("all", 200, parted(system, "a", "u1", *fewer))))
 
 
+def test_an_os_task_that_waits_for_events_is_not_activated_while_it_runs():
+    system = model(task("a", 20, replace(version("v", 4), split=cut(2)), slack=1))
+    write(system, planned(system, ("all", 20, parted(system, "a", "u1", (2, 0, 2), (19, 2, 4)))))
+    with pytest.raises(HalpipeError) as refused:
+        write(system, planned(system, ("all", 20, parted(system, "a", "u1", (2, 0, 2), (20, 2, 4)))))
+    [found] = refused.value.diagnostics
+    assert (found.code, found.path) == (ACTIVATED_TWICE.id, 'OsTask "a"')
+
+
 # ---------------------------------------------------------------------------------------------------- switches
 
 
 def two_modes_with_a_job_in_progress():
     """A job of "before" goes on 3 and 13 ms after the switch, which takes 5 ms; "after" plays 10 ms."""
-    long = task("long", 20, replace(version("v", 6), split=cut(2, 4)), slack=1)
+    long = task("long", 20, replace(version("v", 5), split=cut(2, 4)), slack=1)
     short = task("short", 10, version("v", 1))
     system = model(
         long, short, modes=[mode("before", [long]), mode("after", [short])], transitions=[("before", "after", 5)]
     )
-    started = parted(system, "long", "u1", (15, 0, 2), (23, 2, 4), (33, 4, 6))
+    started = parted(system, "long", "u1", (15, 0, 2), (23, 2, 4), (33, 4, 5))
     plan = planned(
         system,
         ("before", 20, started),
@@ -199,7 +208,7 @@ def test_jobs_in_progress_are_held_across_the_switch():
         "Mode_after_u1": [],
         "Switch_before_to_after_u1": [(3, "Hold_long_1"), (13, "Hold_long_2")],
     }
-    # its last part ends 15 ms after the switch, so that the first cycle of "after" is part of the table
+    # its last part ends 14 ms after the switch, so that the first cycle of "after" is part of the table
     assert found["Switch_before_to_after_u1"].duration == 15
     assert found["Switch_before_to_after_u1"].points == [(3, []), (6, ["short"]), (13, [])]
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from arxml_case import (
@@ -32,7 +33,7 @@ from halpipe.importers.arxml import codes as import_codes
 from halpipe.importers.arxml.files import sniff
 from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.project import read_project
-from support import job, schedule
+from support import job, ms, schedule
 
 TICK = "0.001"
 
@@ -134,6 +135,27 @@ def test_an_extended_os_task_is_started_by_the_event_it_waits_for(tmp_path):
     onto = put(project(tmp_path, events=["Go"]))
     added = [(c.name, c.new) for c in onto.changes if c.name.startswith("OsScheduleTableSetEvent")]
     assert set(added) == {("OsScheduleTableSetEventRef", "/E/Os/Go"), ("OsScheduleTableSetEventTaskRef", "/E/Os/Main")}
+
+
+@pytest.mark.parametrize(("events", "activations"), [((), ""), ((), "1"), ((), "2"), (["Go"], "1")])
+def test_an_os_task_that_still_runs_is_activated_only_where_the_project_lets_it_wait(tmp_path, events, activations):
+    path = project(tmp_path, events=events)
+    stated = {"OsTaskActivation": activations} if activations else None
+    waits = [("OsTaskEventRef", f"/E/Os/{event}") for event in events]
+    task, limited = (container("Os/OsTask", "Main", refs=waits, params=params) for params in (None, stated))
+    path.write_text(path.read_text().replace(task, limited))
+    model = model_of(path, drop="Lone")
+    (pump,) = model.tasks
+    model = replace(model, tasks=(replace(pump, versions=(replace(pump.versions[0], wcet=ms(10)),)),))
+    full = schedule(model, 10, job(model, "p/Step", 0, "0ms", "First"), mode_name="default")
+    if activations == "2" or events:  # an event stays set until the OsTask waits for it
+        export_onto(model, full, str(tmp_path), ArxmlImportOptions())
+        return
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, full, str(tmp_path), ArxmlImportOptions())
+    (told,) = failure.value.diagnostics
+    assert (told.code, told.path) == (codes.ACTIVATED_TWICE.id, 'OsTask "/E/Os/Main"')
+    assert "OsTaskActivation to 2" in told.help
 
 
 def test_a_counter_that_is_too_coarse_is_named_with_the_one_that_is_needed(tmp_path):

@@ -42,9 +42,10 @@ TOO_MANY_POINTS = error(
 )
 ACTIVATED_TWICE = error(
     "HAL0878",
-    "Task would be activated twice at one instant",
-    "Jobs of one task that start on one core at one instant would need one OsTask to be activated twice "
-    "(OsTaskActivation is 1). This happens only with execution times of zero.",
+    "OsTask would be activated before it has terminated",
+    "An OS drops the activation of an OsTask that runs already, unless OsTaskActivation lets it wait. Jobs of one task "
+    "that start at one instant (with execution times of zero) need that, and a job that starts where the one before "
+    "ends. An OsTask that waits for events has one activation only, and the values of a project are its own.",
 )
 TOO_MANY_EVENTS = error(
     "HAL0889",

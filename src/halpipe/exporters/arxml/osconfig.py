@@ -153,7 +153,7 @@ def _task(os_module: Box, name: str, plan: Plan, names: OsNames) -> None:
             _hold(group(data, "hold"), hold, event, work, names)
         for higher in plan.above.get(name, ()):
             sdx(group(data, "below"), CONTAINER, names.path(higher))
-    box.fill(OsTaskActivation=1, OsTaskPriority=plan.priorities.get(name, 1))
+    box.fill(OsTaskActivation=2 if name in plan.queued else 1, OsTaskPriority=plan.priorities.get(name, 1))
     box.fill(OsTaskSchedule="FULL" if name in plan.above else "NON")
     for event in events.values():
         box.refer("OsTaskEventRef", names.path(event))

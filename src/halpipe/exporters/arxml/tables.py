@@ -19,7 +19,7 @@ from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.models import Binding, Job, Schedule, TaskModel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     from halpipe.exporters.arxml.ticks import Counter, Hold, Holds
 
@@ -78,7 +78,7 @@ class Plan:
     """All that an OS needs: its cores, the OsTasks and idle tasks by name, the tables, and the switches without one.
 
     `events` are those that an OsTask waits for, with the position of each; `above` are the OsTasks that must be above
-    one that is preempted, and `priorities` what follows from that.
+    one that is preempted, and `priorities` what follows from that. Those `queued` are activated while they still run.
     """
 
     counter: Counter
@@ -90,6 +90,7 @@ class Plan:
     events: dict[str, dict[Hold, str]]
     above: dict[str, tuple[str, ...]]
     priorities: dict[str, int]
+    queued: Collection[str]
 
     def table(self, unit: str, mode: str, target: str = "") -> Table | None:
         """Return the table of a mode or switch on a core; None for a switch that takes no time."""
@@ -138,8 +139,14 @@ def make_plan(
             name = names(*own, layout.units[unit])
             length = counter.ticks(run.length)
             tables.append(Table(name, unit, run.mode, run.target, length, writer.points(run)))
+    names_of = {(work.task, version, work.unit): name for name, work in tasks.items() for version in work.versions}
+    queued = back_to_back(schedule, lambda job, unit: names_of[job.task, job.version, unit])
     findings = Findings()
     for name, found in events.items():
+        if found and name in queued:
+            help = "schedule again with a margin (--optimise margin), so that its jobs do not touch"
+            message = "starts where its job before ends; one that waits for events has no second activation"
+            findings.report(ACTIVATED_TWICE, message, path=named("OsTask", name), help=help)
         if len(found) > MOST_EVENTS:
             help = "allow fewer gaps (max-gaps), or fewer split points, and schedule again"
             message = f"would wait for {len(found)} events; a mask has {MOST_EVENTS}"
@@ -152,7 +159,7 @@ def make_plan(
             findings.report(TOO_MANY_POINTS, message, path=table.path, help=help)
     findings.stop_on_errors()
     switches = tuple((switch.source, switch.target) for switch in schedule.transitions)
-    return Plan(counter, units, tasks, idle, tuple(tables), switches, events, above, priorities)
+    return Plan(counter, units, tasks, idle, tuple(tables), switches, events, above, priorities, queued)
 
 
 def _played(schedule: Schedule, holds: Holds) -> Iterator[_Played]:
@@ -174,6 +181,24 @@ def _played(schedule: Schedule, holds: Holds) -> Iterator[_Played]:
         length = switch.length + target.hyperperiod * more
         if length:
             yield _Played(switch.source, switch.target, length, (*late, *own, *first))
+
+
+def back_to_back(schedule: Schedule, name_of: Callable[[Job, str], str]) -> set[str]:
+    """Return what has a job on a unit that starts where another one ends, in a mode or over a switch.
+
+    An OS activates its OsTask before the job before has terminated, if that takes its whole WCET.
+    """
+    modes = {mode.name: mode for mode in schedule.modes}
+    runs = [[(mode.jobs, ZERO), (mode.jobs, mode.hyperperiod)] for mode in schedule.modes]
+    for switch in schedule.transitions:
+        before, after = modes[switch.source], modes[switch.target]
+        runs.append([(before.jobs, -before.hyperperiod), (switch.jobs, ZERO), (after.jobs, switch.length)])
+    found = set()
+    for run in runs:
+        placed = [(name_of(job, unit), job, by) for jobs, by in run for job in jobs for unit in job.units]
+        ends = {(name, job.end + by) for name, job, by in placed if job.end > job.start}
+        found |= {name for name, job, by in placed if (name, job.start + by) in ends}
+    return found
 
 
 def _events(name: str, holds: Sequence[Hold], names: ShortNames) -> dict[Hold, str]:

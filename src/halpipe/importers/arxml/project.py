@@ -361,6 +361,7 @@ class _Reader:
             events=tuple(sorted(self._waits[path])),
             priority=int(priority) if priority is not None else None,
             is_preemptive=schedule is not None and schedule.text == FULL,
+            activations=int(task.number("OsTaskActivation") or 1),
         )
 
     def _call(self, member: Activation) -> Call:

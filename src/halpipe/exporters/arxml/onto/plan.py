@@ -14,6 +14,7 @@ from halpipe.core.grouping import grouped
 from halpipe.core.records import record
 from halpipe.core.suggest import few
 from halpipe.exporters.arxml.codes import (
+    ACTIVATED_TWICE,
     BASIC_SHARED,
     COUNTER_NEEDED,
     NOT_MAPPED,
@@ -24,7 +25,7 @@ from halpipe.exporters.arxml.codes import (
     WRONG_CORE,
 )
 from halpipe.exporters.arxml.software import ShortNames, short
-from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
+from halpipe.exporters.arxml.tables import ExpiryPoint, Table, back_to_back, check_table
 from halpipe.exporters.arxml.ticks import Counter, begin_of
 from halpipe.exporters.common.priorities import relation_of
 from halpipe.models.project import Call, Deed, Project, ProjectCounter, ProjectTask, Starter
@@ -150,6 +151,7 @@ class Planner:
         self._model = model
         self._project = project
         self._findings = findings
+        self._schedule = schedule
         self._tables = list(_tables(schedule))
         self._first = schedule.modes[0].name
         units = {unit for _, _, _, jobs in self._tables for job in jobs for unit in job.units}
@@ -173,6 +175,7 @@ class Planner:
         self._findings.stop_on_errors()
         self._report_shared(starts)
         self._report_left_out(starts)
+        self._report_running(starts)
         self._findings.stop_on_errors()
         self._actions = {action.key: action for found in starts.values() for action in found}
         self._reused = {starter.path: starter for starter in self._project.starters if self._is_reused(starter)}
@@ -288,6 +291,18 @@ class Planner:
                 help = "keep it in the model, with --granularity ostask, or give it an OsTask or OsEvent of its own"
                 at, path = self._project.place(next(call.mapping for call in other.calls)), about(task=other.name)
                 self._findings.report(OTHER_RATE, message, at=at, path=path, help=help)
+
+    def _report_running(self, starts: dict[str, tuple[Action, ...]]) -> None:
+        """Report OsTasks that are activated while they still run, which the OS would drop."""
+        queued = back_to_back(self._schedule, lambda job, unit: job.task)
+        for os_task in dict.fromkeys(
+            a.os_task for task in starts if task in queued for a in starts[task] if not a.event
+        ):
+            if self._project.tasks[os_task].activations < 2:
+                message = "starts where its job before ends, but has one activation only"
+                help = "set its OsTaskActivation to 2, or schedule again with a margin (--optimise margin)"
+                at, path = self._project.place(os_task), named("OsTask", os_task)
+                self._findings.report(ACTIVATED_TWICE, message, at=at, path=path, help=help)
 
     # ------------------------------------------------------------------------------------------------ counters
 
