@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple
 from halpipe.core.grouping import grouped
 from halpipe.core.records import record
-from halpipe.models import Anchor, Interrupt, Match, Mode, Precedence, ResourceKind, Task, TaskModel, Version
+from halpipe.models import Anchor, Binding, Interrupt, Match, Mode, Precedence, ResourceKind, Task, TaskModel, Version
+from halpipe.pipeline.parts import latest_phase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -209,23 +210,25 @@ def durations(expansion: Expansion) -> Iterator[Duration]:
 
 
 def start_in_time(expansion: Expansion, active: ActiveTask, jobs: Sequence[Job]) -> bool:
-    """Return whether slack and deadline allow the starts of all jobs of a task, from some release on (MODEL 3).
+    """Return whether binding, slack and deadline allow all jobs of a task, from some release on (MODEL 3).
 
     The jobs, in their order, have the lengths of the model. A task that polls answers an arrival just after a start.
     """
     task, cycle = active.task, expansion.hyperperiod
+    if task.binding is not Binding.JOB and len({frozenset(job.units) for job in jobs}) > 1:
+        return False
     if task.period is None:
         return True
     phases = [(job.start - task.period * job.index) % cycle for job in jobs]
-    release = None if task.offset is None else task.offset % task.period
-    slack, deadline = task.period * task.slack, task.deadline or task.period
-    if release is None:  # no job starts before it: on the circle, it is behind the largest gap
-        ordered = sorted(set(phases))
-        gaps = [(after - before, after) for before, after in pairwise(ordered)]
-        release = max([(ordered[0] + cycle - ordered[-1], ordered[0]), *gaps])[1]
+    release = latest_phase(sorted(set(phases)), cycle) if task.offset is None else task.offset % task.period
+    slack, deadline = task.period * task.slack, task.let or task.deadline or task.period
+    is_beyond = active.name in expansion.in_first and release >= task.period
+    if is_beyond and task.let is not None:
+        return False
     for job, phase in zip(jobs, phases, strict=True):
-        late = (phase - release) % cycle
-        if late > slack or (task.distance is None and late + job.end - job.start > deadline):
+        late, length = (phase - release) % cycle, job.end - job.start
+        room = slack if task.distance is not None else min(slack, deadline - length)
+        if late > room or (is_beyond and late + release - task.period >= room):
             return False
     return task.distance is None or _serve_in_time(jobs, cycle, task.distance, task.deadline or task.distance)
 

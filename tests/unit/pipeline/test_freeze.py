@@ -7,7 +7,7 @@ import pytest
 from split_helpers import interrupts, parted
 
 from halpipe.core.diagnostics import Exit, HalpipeError
-from halpipe.models import Split
+from halpipe.models import Binding, Mode, Run, Split
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.shipped import check_shipped, overlaps, staying
@@ -234,6 +234,53 @@ def test_a_gang_stays_on_no_units_whose_interrupts_leave_no_time(split):
     assert [d.code for d in again.diagnostics] == [CANNOT_STAY.id]
     near = schedule_model(now, replace(options, near=shipped), lambda *_: True)
     assert "a (has no time beside the interrupts of its units)" in near.diagnostics[-1].message
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_jobs_of_a_bound_task_stay_on_one_unit_set_alone(split):
+    short = version("v", 2, UNITS)
+    short = replace(short, split=Split(points=(ms(1),))) if split else short
+    free = model(task("a", 5, short), task("b", 10, version("v", 2, UNITS)), units=UNITS)
+    shipped = schedule(free, 10, job(free, "a", 0, 0, "u1"), job(free, "a", 1, 5, "u2"), job(free, "b", 0, 2, "u2"))
+    bound = replace(free, tasks=(replace(free.tasks[0], binding=Binding.MODE), free.tasks[1]))
+    assert found(free, shipped).diagnostics == ()
+    again = found(bound, shipped)
+    assert again.is_complete
+    assert [d.path for d in again.diagnostics] == ['mode "all" task "a"']
+
+
+def test_a_task_bound_in_the_whole_system_stays_where_all_modes_have_it():
+    """In mode one its version takes u1 or u3; where it has shipped on u2, or on one unit in each mode, it is freed."""
+    task_a = replace(task("a", 10, version("v", 2, "u1 u3"), version("w", 2, "u1 u2 u3")), binding=Binding.SYSTEM)
+    runs = (Mode(name=name, runs=(Run(task="a", versions=(v,)),)) for name, v in (("one", "v"), ("two", "w")))
+    system = model(task_a, units="u1 u2 u3", modes=runs)
+    tables = [schedule(system, 10, job(system, "a", 0, 1, "u1", "v"), mode_name="one").modes[0]]
+    for unit, stays in (("u1", True), ("u2", False), ("u3", False)):
+        two = schedule(system, 10, job(system, "a", 0, 1, unit, "w"), mode_name="two")
+        again = found(system, replace(two, modes=(*tables, *two.modes)))
+        assert again.is_complete
+        assert {d.path for d in again.diagnostics if d.code == CANNOT_STAY.id} == (
+            set() if stays else {'mode "one" task "a"', 'mode "two" task "a"'}
+        )
+        alone = found(system, two)
+        assert alone.is_complete
+        assert [d.code for d in alone.diagnostics] == ([CANNOT_STAY.id] if unit == "u2" else [])
+
+
+@pytest.mark.parametrize(("start", "stays"), [(9, True), (10, False)])
+def test_a_task_with_a_let_stays_if_its_first_release_is_in_its_first_period(start, stays):
+    system = model(replace(task("a", 10, version("v", 2), slack=Fraction(1, 4)), let=ms(10)), task("b", 20, version()))
+    shipped = schedule(system, 20, *(job(system, "a", n, (start + 10 * n) % 20, "u1") for n in (0, 1)))
+    again = found(system, shipped)
+    assert again.is_complete
+    assert [d.code for d in again.diagnostics] == ([] if stays else [CANNOT_STAY.id])
+
+
+@pytest.mark.parametrize(("offset", "stays"), [(1, False), (2, True)])
+def test_a_task_with_a_let_stays_if_it_ends_by_then(offset, stays):
+    system = model(replace(task("a", 10, version("v", 2), slack=1, offset=offset), let=ms(5)))
+    shipped = schedule(system, 10, job(system, "a", 0, 5, "u1"))
+    assert [d.code for d in found(system, shipped).diagnostics] == ([] if stays else [CANNOT_STAY.id])
 
 
 def overlapping(system, *jobs):

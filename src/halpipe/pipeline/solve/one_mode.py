@@ -11,7 +11,7 @@ from halpipe.core.diagnostics import HalpipeError, about
 from halpipe.core.durations import greatest_common_divisor
 from halpipe.core.grouping import grouped
 from halpipe.core.records import record
-from halpipe.models import WHOLE, ModeSchedule, Status
+from halpipe.models import WHOLE, Binding, ModeSchedule, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.measure.margins import largest_margin, least_margin
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import Job, TaskModel
+    from halpipe.models import Job, Schedule, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.checkpoint import Kept
     from halpipe.pipeline.solve.edf.plans import Plan
@@ -159,8 +159,8 @@ class _Search:
 
     @cached_property
     def shipped(self) -> dict[tuple[str, int], Job]:
-        """The jobs of this mode that have shipped, by task and index; of tasks that still run here, on the grid."""
-        return {key: job for key, job in self._all_shipped.items() if job.task not in self.off_grid}
+        """The jobs of this mode that have shipped and may stay, by task and index; of tasks that still run here."""
+        return {key: job for key, job in self._all_shipped.items() if job.task not in self.unkept}
 
     @cached_property
     def _all_shipped(self) -> dict[tuple[str, int], Job]:
@@ -169,10 +169,13 @@ class _Search:
         return {(job.task, job.index): job for job in jobs if job.task in self.expansion.by_name}
 
     @cached_property
-    def off_grid(self) -> dict[str, None]:
-        """The tasks that have shipped with a start between the ticks that are asked for."""
-        tick = self.options.tick
-        return {job.task: None for job in self._all_shipped.values() if tick is not None and job.start % tick}
+    def unkept(self) -> dict[str, str]:
+        """The tasks that have shipped and cannot stay for a reason outside of the mode, with the reason."""
+        tick, bound = self.options.tick, units_of_bound(self.model, self.options.shipped)
+        names = dict.fromkeys(task for task, _ in self._all_shipped)
+        found = {name: "it is bound to one unit set in all modes" for name in names if not bound.get(name, {name})}
+        jobs = (job for job in self._all_shipped.values() if tick is not None and job.start % tick)
+        return found | {job.task: "it starts between the ticks" for job in jobs}
 
     @cached_property
     def polish(self) -> Polish | None:
@@ -298,8 +301,7 @@ class _Search:
     def changed(self, tasks: tuple[str, ...], what: str) -> list[Diagnostic]:
         """Say of tasks that have shipped why they cannot stay."""
         path = about(mode=self.name)
-        reasons = dict.fromkeys(self.off_grid, "it starts between the ticks")
-        reasons |= dict.fromkeys(tasks, f"{what} have changed")
+        reasons = self.unkept | dict.fromkeys(tasks, f"{what} have changed")
         by_name = self.expansion.by_name
         return [
             CANNOT_STAY(
@@ -633,6 +635,19 @@ class _WholeJobs(_Search):
 
     def _go_on(self, outcome: Outcome) -> Callable[[], bool]:
         return lambda: self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
+
+
+def units_of_bound(model: TaskModel, shipped: Schedule | None) -> dict[str, frozenset[str]]:
+    """Return the unit set of each shipped task that is bound in the whole system; none if its jobs cannot have one."""
+    bound = {task.name: task for task in model.tasks if task.binding is Binding.SYSTEM}
+    jobs = (job for mode in (shipped.modes if shipped else ()) for job in mode.jobs if job.task in bound)
+    sets = {name: {*each} for name, each in grouped((job.task, frozenset(job.units)) for job in jobs).items()}
+    found = {name: each.pop() if len(each) == 1 else frozenset() for name, each in sets.items()}
+    for run in (run for mode in model.modes for run in mode.runs if run.task in found):
+        units, versions = found[run.task], map(bound[run.task].version, run.versions)
+        if not any(len(units) == version.gang and units <= {*version.units} for version in versions):
+            found[run.task] = frozenset()
+    return found
 
 
 def _with_versions_of(jobs: Iterable[Job], expansion: Expansion) -> Expansion:

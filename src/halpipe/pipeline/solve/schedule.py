@@ -17,7 +17,7 @@ from halpipe.pipeline.jobs import Expansion, common_sets, expand, natural_tick
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
-from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
+from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode, units_of_bound
 from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
@@ -320,7 +320,5 @@ def _fitting(task: Task, version: Version, units: Mapping[str, Unit]) -> Version
 
 
 def _shipped_units(model: TaskModel, shipped: Schedule | None) -> dict[str, Pins]:
-    """Return the units of the tasks bound in the whole system whose jobs have shipped in some mode."""
-    bound = {task.name for task in model.tasks if task.binding is Binding.SYSTEM}
-    jobs = (job for mode in (shipped.modes if shipped else ()) for job in mode.jobs if job.task in bound)
-    return {job.task: {len(job.units): frozenset(job.units)} for job in jobs}
+    """Return the units of the tasks bound in the whole system whose jobs have shipped in some mode, on one set."""
+    return {task: {len(units): units} for task, units in units_of_bound(model, shipped).items() if units}
