@@ -8,6 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from split_helpers import interrupts
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.options import from_keywords
@@ -349,3 +350,11 @@ def test_a_margin_keeps_the_versions_that_were_chosen():
     alone = model(task("a", 20, *both))
     alone_kept = one_mode._with_versions_of(jobs[:1], expand(alone, alone.modes[0]))
     assert [version.name for active in alone_kept.tasks for version in active.versions] == ["long"]
+
+
+def test_deadlines_of_longer_jobs_are_those_of_the_units_that_they_take():
+    """On u2, where interrupts of 2 ms come, a longer job has more to give back than on u1: there it would be late."""
+    first = task("a", 24, version("v", 4), slack=1)
+    cut = replace(version("v", 2, "u1 u2"), split=Split(points=(ms(1),)))
+    system = interrupts(model(first, task("b", 8, cut, slack=1, deadline=4), units="u1 u2"), "u2", (5, 2))
+    assert margins(system, budget=60)

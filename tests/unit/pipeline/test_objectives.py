@@ -7,6 +7,7 @@ import pytest
 from placed_cases import place
 from split_helpers import parted, points, split
 
+from halpipe.models import Anchor, Split
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import MEASURES, Judge, Objective, Worth, whole_weights
 from halpipe.pipeline.solve.optimise import Reached, chain_bounds
@@ -90,6 +91,26 @@ def test_what_is_reached_is_said_with_what_is_possible_rounded_up_to_a_tenth(val
     most = None if bound is None else Fraction(bound)
     reached = Reached("m", CHAINS, Fraction(20_000_000), Fraction(value), most)
     assert str(reached).endswith(text)
+
+
+@pytest.mark.parametrize(
+    ("split", "anchor", "to", "uncounted"),
+    [
+        (False, Anchor.END, None, 4),
+        (False, None, Anchor.START, 2),
+        (False, Anchor.END, Anchor.START, 6),
+        (False, Anchor.START, Anchor.END, 0),
+        (True, Anchor.END, None, 9),
+    ],
+)
+def test_what_a_chain_does_not_count_is_no_part_of_its_bounds(split, anchor, to, uncounted):
+    """From the end of its first job on, or to the start of its last one; a job in parts may last to its deadline."""
+    longer = version("longer", 4)
+    longer = replace(longer, split=Split(points=(ms(1),))) if split else longer
+    first, last = task("a", 30, longer, version("v", 3), deadline=9), task("b", 30, version("v", 2))
+    owner = model(first, last, chains=[replace(chain("c", "a b"), anchor=anchor, to=to)])
+    [(_, bounds)] = chain_bounds(owner, expand(owner, owner.modes[0]))
+    assert bounds == (ms(35 - uncounted).ns, ms(max(0, 5 - uncounted)).ns)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.quantities import format_percent, format_rational
 from halpipe.core.records import record
-from halpipe.models import Status
+from halpipe.models import Anchor, Status
 from halpipe.pipeline.measure.cost import mode_report
 from halpipe.pipeline.measure.margins import largest_margin, least_wcet
 from halpipe.pipeline.measure.objectives import Judge, Objective
@@ -204,8 +204,23 @@ def chain_bounds(model: TaskModel, expansion: Expansion) -> list[tuple[Chain, tu
     for chain in model.chains:
         if expansion.by_name.keys() >= set(chain.tasks):
             members = [expansion.by_name[name] for name in chain.tasks]
-            found.append((chain, (Fraction(_reaction(members).ns), Fraction(_age(members).ns))))
+            less = _uncounted(chain, expansion)
+            bounds = (max(ZERO, bound - less).ns for bound in (_reaction(members), _age(members)))
+            found.append((chain, (Fraction(next(bounds)), Fraction(next(bounds)))))
     return found
+
+
+def _uncounted(chain: Chain, expansion: Expansion) -> Duration:
+    """Return how long those jobs last at most whose ends a chain begins with, or with whose starts it ends."""
+    names = chain.tasks[: chain.anchor is Anchor.END] + chain.tasks[len(chain.tasks) - (chain.to is Anchor.START) :]
+    longest = ZERO
+    for active in map(expansion.by_name.__getitem__, names):
+        task, versions = active.task, active.versions
+        if expansion.interrupts or any(version.split.is_allowed for version in versions):
+            longest += task.deadline or task.distance or task.period or expansion.hyperperiod
+        else:
+            longest += max(version.wcet or ZERO for version in versions)
+    return longest
 
 
 def _reaction(members: list[ActiveTask]) -> Duration:

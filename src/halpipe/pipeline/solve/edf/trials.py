@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import ZERO
+from halpipe.core.grouping import grouped
 from halpipe.core.libraries import INTEGER, words
 from halpipe.core.records import record
-from halpipe.pipeline.jobs import natural_tick
+from halpipe.pipeline.jobs import natural_tick, start_in_time
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
@@ -340,8 +341,12 @@ class Trials:
         """Return what a table still costs: with jobs that stay, or by rules that no simulation keeps (MODEL 10)."""
         if not self.mode.fixed.jobs and not self._is_refined:
             return 0
-        placement = Placement.of(self.mode.expansion, named(self.mode, plan, table), self.mode.platform)
-        return max(0, math.ceil(cost_terms(self.model, placement).total))
+        late, jobs, expansion = 0, named(self.mode, plan, table), self.mode.expansion
+        if self.mode.is_lenient:  # the deadlines of the simulation are not those of jobs in one piece
+            own = grouped((job.task, job) for job in jobs)
+            late = sum(not start_in_time(expansion, expansion.by_name[name], each) for name, each in own.items())
+        placement = Placement.of(expansion, jobs, self.mode.platform)
+        return late + max(0, math.ceil(cost_terms(self.model, placement).total))
 
     def _chain_excess(self, plan: Plan, table: Table) -> tuple[int, tuple[int, ...]]:
         """Return by how much chains are too long, and the tasks of those that are."""
