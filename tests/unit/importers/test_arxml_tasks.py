@@ -300,6 +300,18 @@ def test_an_alarm_gives_its_offset_with_its_period(tmp_path):
     assert (task.period, task.offset) == (ms("20ms"), ms("5ms"))
 
 
+def test_an_offset_is_that_of_an_activation(tmp_path):
+    """Alarms activate two OsTasks of one core at one instant; one that is activated unevenly starts at once."""
+    activated = alarm("Al", "20", start="5", activates="One"), alarm("Be", "20", start="5", activates="Two")
+    uneven = schedule_table("Tab", "40", [("P", "5", "Twice"), ("Q", "15", "Twice")])
+    tasks = map(os_task, ("One", "Two", "Twice", "Free"))
+    os = configuration("Os", counter(), *activated, alarm("Ga", "20", activates="Free"), uneven, *tasks)
+    imported = read(write(tmp_path, package("E", os)))
+    slacks = {task.name: task.slack for task in imported.model.tasks}
+    assert slacks == {"One": 1, "Two": 1, "Twice+5ms": 0, "Twice+15ms": 0, "Free": 0}
+    assert [d.element for d in imported.coverage.defaulted_values if d.what == "slack"] == ['task "One"', 'task "Two"']
+
+
 def test_offsets_cut_tasks_apart(tmp_path):
     pump = component(
         "Pump",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ from halpipe.importers.arxml.options import BUDGET, ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import Activation, Draft, find_activations, group, slack_of
 from halpipe.importers.arxml.tasks.calls import join_calls, report_other_rates, with_one_rate
-from halpipe.importers.arxml.tasks.dataflow import DataFlow, find_dataflow
+from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow, find_dataflow
 from halpipe.importers.arxml.tasks.order import Edge, find_edges
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED, decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform, make_modes, with_interrupts
@@ -171,6 +172,7 @@ def _tasks(
     findings: Findings,
 ) -> list[Task]:
     by_name = {draft.name: draft for draft in drafts}
+    shares = Counter(work for draft in drafts for work in {member.work for member in draft.members})
     tasks = []
     for draft in drafts:
         precedences = {
@@ -182,7 +184,7 @@ def _tasks(
             Task(
                 name=draft.name,
                 period=draft.period,
-                slack=_slack(draft, findings),
+                slack=_slack(draft, shares, findings),
                 offset=draft.offset,
                 deadline=required.deadlines.get(draft.name),
                 let=required.lets.get(draft.name),
@@ -199,15 +201,19 @@ def _tasks(
     return tasks
 
 
-def _slack(draft: Draft, findings: Findings) -> Fraction:
-    """Return the least slack of the calls of a task; report calls within its jobs, which may be later still."""
+def _slack(draft: Draft, shares: Mapping[Actor, int], findings: Findings) -> Fraction:
+    """Return the least slack of the calls of a task; report calls within its jobs, which may be later still.
+
+    An offset activates: without a triggering, a job starts from then on, unless its work has other releases.
+    """
     found = [(member, share) for member in draft.members if (share := slack_of(member, findings)) is not None]
     for member, _ in found:
         if draft.is_within([member], end=False):
             message = f'JITTER of a call within the jobs of "{draft.name}" is imported as slack of the jobs\' start'
             help = "state the slack of the task in the overlay, or use --granularity runnable"
             member.place.report(findings, codes.TIMING_PART_LOST, message, help=help)
-    return min((share for _, share in found), default=Fraction(0))
+    is_activated = draft.offset is not None and not any(m.arrival or shares[m.work] > 1 for m in draft.members)
+    return min((share for _, share in found), default=Fraction(is_activated))
 
 
 def _workers(draft: Draft, units: Sequence[str], findings: Findings) -> int:
@@ -315,9 +321,11 @@ def report_assumptions(
             findings.report(codes.DEFAULT_UNIT, text, at=at, help=help)
         for unit in platform.assumed:
             coverage.defaulted("platform", "units", unit)
-    for draft in drafts:
+    for draft, task in zip(drafts, model.tasks, strict=True):
         if draft.members[0].is_inherited:
             coverage.defaulted(f'task "{draft.name}"', "period", str(draft.period), draft.place.at)
+        if task.slack and not draft.members[0].arrival:
+            coverage.defaulted(f'task "{draft.name}"', "slack", "1: its offset activates it", draft.place.at)
     unbound = [draft for draft in drafts if not platform.is_bound(draft)]
     if unbound and len(model.units) > 1:
         message = f"bound to no core, {counted(len(unbound), 'task')}: {listed([draft.name for draft in unbound])}"
