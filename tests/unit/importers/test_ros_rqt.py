@@ -39,6 +39,13 @@ def test_a_loop_of_nodes_loses_the_edge_against_the_flow():
     assert 'where "/filter" reads "/goal" (/filter -> /planner -> /filter)' in warning.message
 
 
+def test_a_loop_that_no_cut_shows_names_the_cuts_within_its_nodes(tmp_path):
+    """Two nodes that publish and read one topic: each edge that is cut also closes a loop of its node alone."""
+    edges = "; ".join(f'"/{a}" -> "/{b}" [label="/x\\n10 Hz"]' for a in "ab" for b in "ab")
+    (warning,) = found(read(write(tmp_path, f"digraph {{ {edges} }}")).diagnostics, codes.FEEDBACK)
+    assert "2 nodes feed each other: /a, /b; cut where " in warning.message
+
+
 def test_topics_view_is_accounted_for():
     imported = read("rqt_topics.dot")
     assert rows(imported) == {
@@ -125,9 +132,9 @@ def test_a_node_that_reads_its_own_topic_does_not_precede_itself(tmp_path):
 
 
 def test_tools_and_plumbing_are_left_out(tmp_path):
-    tools = ("/rqt_gui_py_node_7", "/rviz", "/launch_ros_99", "/a/transform_listener_impl_0f3", "/rosout")
+    tools = ("/rqt_gui_py_node_7", "/rviz", "/c/rviz2", "/launch_ros_99", "/a/transform_listener_impl_0f3", "/rosout")
     text = 'digraph { "/a" -> "/b" [label="/x\\n10 Hz"];' + "".join(f'"/a" -> "{tool}" [label="/x"];' for tool in tools)
-    topics = ("/rosout", "/parameter_events", "/tf_static", "/clock", "/go/_action/status")
+    topics = ("/rosout", "/parameter_events", "/tf_static", "/clock", "/go/_action/status", "/robot1/tf", "/m/bond")
     text += "".join(f'"/b" -> "/a" [label="{topic}"];' for topic in topics) + "}"
     imported = read(write(tmp_path, text))
     assert list(periods(imported)) == ["/a", "/b"]

@@ -281,12 +281,11 @@ def report_loops(
 def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]]) -> Diagnostic:
     nodes = list(dict.fromkeys(_nodes(loop.vertices, wiring)))
     costs = [edge for edge in loop.cuts if (edge[0].name, edge[1].name) in lost]
+    rings = {edge: _ring(loop.cuts[edge], wiring) for edge in [*costs, *loop.cuts]}
     places = []
-    for edge in costs + [edge for edge in loop.cuts if edge not in costs]:
-        ring = _ring(loop.cuts[edge], wiring)
-        if len(nodes) == 1 or len(ring) != 1:
-            cycle = f" ({_shortened(ring + ring[:1], ' -> ')})" if ring else ""
-            places.append(_place(edge, wiring) + cycle)
+    for edge in [edge for edge in rings if len(nodes) == 1 or len(rings[edge]) != 1] or rings:
+        cycle = f" ({_shortened(rings[edge] + rings[edge][:1], ' -> ')})" if rings[edge] else ""
+        places.append(_place(edge, wiring) + cycle)
     if len(places) > _MOST_CUTS:
         places[_MOST_CUTS:] = [f"at {len(places) - _MOST_CUTS} more places"]
     what = f"{len(nodes)} nodes feed each other" if len(nodes) > 1 else "a node feeds itself"
