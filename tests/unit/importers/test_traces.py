@@ -359,6 +359,14 @@ def test_slices_without_an_end_or_a_beginning():
     assert "1 of phase C, 1 of phase i" in recording.diagnostics[-1].message
 
 
+def test_a_slice_without_a_duration_ran_when_the_trace_ended():
+    """Chrome writes such slices; the others are read beside them."""
+    found, recording = slices({"ph": "X", "ts": 1, "dur": 2}, {"ph": "X", "ts": 9}, {"ph": "B", "ts": 4, "tid": 2})
+    assert found == [("a", 1000, 3000), ("a", 4000, None), ("a", 9000, None)]
+    (note,) = recording.diagnostics
+    assert (note.code, note.message) == (codes.UNFINISHED.id, "2 slices without an end")
+
+
 @pytest.mark.parametrize("broken", [{"ph": "B"}, {"ph": "E", "ts": "one"}, {"ph": "X", "ts": 1, "dur": -1}])
 def test_slices_whose_times_cannot_be_read(broken):
     text = json.dumps([{"ph": "B", "ts": 0, "name": "a"}, {"name": "a", **broken}, {"ph": "E", "ts": 5}])

@@ -222,6 +222,8 @@ class _Reader:
         self.known: dict[tuple[Any, ...], tuple[Any, ...]] = {}
         """Where slices without arguments go, by what most events share: phase, process, thread and name."""
         self.others: Counter[str] = Counter()
+        self.open = 0
+        """Slices without a duration, which Chrome writes where recording ended within them."""
 
     def take(self, event: dict[str, Any], number: int, line: int) -> None:
         """Take one event."""
@@ -248,7 +250,8 @@ class _Reader:
             self.others[f"phase {phase[:20]}"] += 1
             return
         at, task, arguments = instant_of(event.get("ts")), event.get("name"), event.get("args") or {}
-        length = instant_of(event.get("dur")) if phase == "X" else 0
+        is_open = phase == "X" and "dur" not in event
+        length = instant_of(event.get("dur")) if phase == "X" and not is_open else 0
         is_named = phase in _ENDS or (isinstance(task, str) and task)
         arguments = arguments if isinstance(arguments, dict) else {}
         cycle = arguments.get("played", arguments.get("cycle"))
@@ -259,7 +262,8 @@ class _Reader:
             return
         thread = _key(event.get("tid", ""))
         if phase == "X":
-            slice = _Slice(at, at + length, task, process, thread, arguments, line)
+            slice = _Slice(at, None if is_open else at + length, task, process, thread, arguments, line)
+            self.open += is_open
             self._know(key, self.found[process], task, _units(slice))
             self._slice(slice)
             return
@@ -282,7 +286,7 @@ class _Reader:
 
     def traces(self) -> list[Trace]:
         """Return the lines of all processes."""
-        names, odd, left = [*self.names], Oddities(), 0
+        names, odd, left = [*self.names], Oddities(), self.open
         units: list[tuple[str, ...]] = [() if name == "" else (str(name),) for name in names]
         for key in [*self.marks]:
             marks = self.marks.pop(key)
