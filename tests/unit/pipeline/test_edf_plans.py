@@ -494,7 +494,7 @@ def test_a_job_that_stays_keeps_its_parts_and_claims_what_they_take():
     [kept] = mode.fixed.jobs
     assert (kept.job, kept.start, kept.end, kept.spans) == (SHIPPED, 1, 12, ((1, 4), (6, 12)))
     assert kept.claims == (Claim(0, 7, 8, 1),)
-    assert mode.fixed.tasks == {0}
+    assert (mode.fixed.tasks, kept.way.units, kept.units) == ({0}, (1,), (1,))
 
 
 def test_a_job_that_stays_takes_each_tick_that_it_touches():
@@ -619,6 +619,17 @@ def test_phases_of_locks_are_cut_at_points_and_those_of_others_are_not():
     lock = replace(owner.resources[0], kind=ResourceKind.LOCK)
     mode, _ = mode_of(replace(owner, resources=(lock,)))
     assert [(phase.begin, phase.end) for phase in mode.works[0].ways[0].phases] == [(2, 3), (3, 6), (6, 7)]
+
+
+def test_a_job_that_stays_holds_a_lock_through_its_gaps_and_each_resource_by_its_own_bound():
+    """The lock from 1 ms after the start to 2 ms after the gap, then two thirds of the memory."""
+    wants = access("lock", 1, 4), access("memory", 4, 6, "2/3")
+    owner = model(task("a", 20, split(version("v", 6, "u1", *wants), points(2))), resources="lock memory")
+    locks = replace(owner.resources[0], kind=ResourceKind.LOCK), owner.resources[1]
+    shipped = parted("a", 0, "u1", (1, 3, 0, 2), (5, 9, 2, 6))
+    mode, changed = mode_of(replace(owner, resources=locks), shipped)
+    assert (mode.fixed.jobs[0].claims, changed) == ((Claim(0, 2, 7, 1), Claim(1, 7, 9, 2)), ())
+    assert mode_of(owner, shipped)[1] == ("a",)  # what is no lock has no gap inside
 
 
 # ------------------------------------------------------------------------------------------------ the grid

@@ -4,10 +4,10 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from split_helpers import interrupts, parted
+from split_helpers import interrupts, parted, points, split
 
 from halpipe.core.diagnostics import Exit, HalpipeError
-from halpipe.models import Binding, Mode, Run, Split
+from halpipe.models import Binding, Mode, ResourceKind, Run, Split
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.shipped import check_shipped, overlaps, staying
@@ -412,3 +412,22 @@ def test_phases_of_what_is_taken_over_lie_behind_an_offset_or_around_the_first_j
     jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(starts)]
     state, _ = taken_over(problem, [*jobs, job(owner, "b", 0, 0, "u2")], 1)
     assert state.phase.tolist() == [*phases, 0]
+
+
+@pytest.mark.parametrize("how", [points(2, max_gaps=1), Split(anywhere=True, max_gaps=1)])
+def test_a_job_that_holds_a_lock_through_its_gap_stays(how):
+    """It holds the lock from 2 to 7 ms, while another job runs in its gap; the memory is used after that."""
+    wants = access("lock", 1, 4), access("memory", 4, 6, "1/2")
+    system = model(
+        task("long", 20, split(version("v", 6, "u1", *wants), how)),
+        task("short", 20, version("v", 2), offset=3),
+        task("other", 20, version("v", 1, "u2", access("lock", 0, 1)), slack=1),
+        units=UNITS,
+        resources="lock memory",
+    )
+    locks = replace(system.resources[0], kind=ResourceKind.LOCK), system.resources[1]
+    system = replace(system, resources=locks)
+    long = parted("long", 0, "u1", (1, 3, 0, 2), (5, 9, 2, 6))
+    shipped = schedule(system, 20, long, job(system, "short", 0, 3, "u1"), job(system, "other", 0, 7, "u2"))
+    again = found(system, shipped, budget=50)
+    assert (again.is_complete, again.schedule.modes[0].jobs[0], again.diagnostics) == (True, long, ())

@@ -8,7 +8,7 @@ import pytest
 from split_cases import split_example, with_job, with_part
 from split_helpers import points, split
 
-from halpipe.models import Binding, Interrupt, Split, Status
+from halpipe.models import Binding, Interrupt, ResourceKind, Split, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import cost_terms, mode_report
 from halpipe.pipeline.measure.placement import Placement
@@ -216,6 +216,16 @@ def test_a_preemption_costs_its_distance_from_the_nearest_point_allowed(how, bou
     chosen = system.tasks[0].versions[0]
     spans = [(ms(0), ms(0), ms(bound)), (ms(20), ms(bound), ms(10))]
     found = Placement.of(expand(system, system.modes[0]), [job_of("a", 0, chosen, ("u1",), spans, ())], system.units)
+    assert parts_cost(found, found.jobs[0]) == distance
+
+
+@pytest.mark.parametrize(("kind", "distance"), [(ResourceKind.MEMORY, 2), (ResourceKind.LOCK, 0)])
+def test_a_preemption_inside_a_lock_costs_nothing(kind, distance):
+    system = model(task("a", 40, split(version("v", 10, "u1", access("r", 2, 7)), Split(anywhere=True))), resources="r")
+    system = replace(system, resources=(replace(system.resources[0], kind=kind),))
+    spans = [(ms(0), ms(0), ms(4)), (ms(20), ms(4), ms(10))]
+    parts = job_of("a", 0, system.tasks[0].versions[0], ("u1",), spans, ())
+    found = Placement.of(expand(system, system.modes[0]), [parts], system.units)
     assert parts_cost(found, found.jobs[0]) == distance
 
 

@@ -60,7 +60,7 @@ def parts_cost(placement: Placement, job: PlacedJob) -> int:
     cost += sum(abs(a - b) for a, b in zip(begun, bounds, strict=False))
     cost += sum(max(0, part.begun + 1 - part.done) for part in job.parts)
     cost += sum(max(0, earlier.end + 1 - later.start) for earlier, later in pairwise(job.parts))
-    allowed = _Boundaries.of(job.version, tick)
+    allowed = _Boundaries.of(job.version, tick, placement.expansion.locks)
     cost += sum(allowed.distance(bound) for bound in bounds[1:-1])
     for number, part in enumerate(job.parts):
         work = part.done - part.begun + (resume if number else 0)
@@ -74,7 +74,7 @@ def parts_cost(placement: Placement, job: PlacedJob) -> int:
 
 @record
 class _Boundaries:
-    """Preemption points of a version, in ticks of execution: the points, or `anywhere` outside its phases."""
+    """Preemption points of a version, in ticks of execution: the points, or `anywhere` outside all phases but locks."""
 
     anywhere: bool
     wcet: int
@@ -82,9 +82,10 @@ class _Boundaries:
     phases: tuple[tuple[int, int], ...]
 
     @classmethod
-    def of(cls, version: Version, tick: Duration) -> _Boundaries:
+    def of(cls, version: Version, tick: Duration, locks: frozenset[str] = frozenset()) -> _Boundaries:
         points = tuple(sorted(point // tick for point in version.split.points))
-        phases = sorted((access.start // tick, access.end // tick) for access in version.accesses)
+        claims = (access for access in version.accesses if access.resource not in locks)
+        phases = sorted((access.start // tick, access.end // tick) for access in claims)
         merged: list[tuple[int, int]] = []
         for begin, end in phases:  # between phases that overlap there is no instant outside
             if merged and begin < merged[-1][1]:

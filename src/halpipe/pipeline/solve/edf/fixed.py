@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import field
 from itertools import pairwise
+from math import ceil
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.records import record
@@ -171,10 +172,14 @@ def _fixed(mode: Mode, task: int, job: Job) -> FixedJob | None:
     job = job if job.parts or whole is None else whole  # in one piece, it has the length that its version has now
     if whole is None or not _is_allowed(mode, version, job):
         return None
-    claims = []
-    for access, phase in zip(version.accesses, way.phases, strict=False):
-        begin, end = phase_instants(access, parts_of(job, version), version.split.resume, service)
-        claims.append(Claim(phase.resource, begin // mode.tick, -(-end // mode.tick), phase.height))
+    claims, resources = [], list(mode.capacity)
+    for access in version.accesses:
+        is_lock, height = access.resource in mode.expansion.locks, ceil(access.bound * mode.capacity[access.resource])
+        try:
+            begin, end = phase_instants(access, parts_of(job, version), version.split.resume, service, is_lock=is_lock)
+        except ValueError:  # a gap inside
+            return None
+        claims.append(Claim(resources.index(access.resource), begin // mode.tick, -(-end // mode.tick), height))
     spans = tuple((begin // mode.tick, -(-end // mode.tick)) for begin, end in job.occupations())
     return FixedJob(task, job, way, tuple(mode.units.index(name) for name in job.units), spans, tuple(claims))
 
@@ -189,11 +194,6 @@ def _is_allowed(mode: Mode, version: Version, job: Job) -> bool:
     parts = parts_of(job, version)
     spans = [(part.start, part.executed_from, part.executed_to) for part in parts]
     if job_of(job.task, job.index, version, job.units, spans, service) != job:
-        return False
-    try:
-        for access in version.accesses:
-            phase_instants(access, parts, version.split.resume, service)
-    except ValueError:  # a gap inside
         return False
     if not job.parts:
         return True

@@ -77,7 +77,7 @@ class System:
             "by_begin": flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: p.begin)),
             "by_end": flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: -p.end)),
             "windows": flat((w.task, w.least, min(w.most, LARGEST), w.from_end) for way in every for w in way.windows),
-            "capacity": ints(mode.capacity),
+            "capacity": ints(mode.capacity.values()),
             "fixed": flat(self._fixed_rows()),
             "fixed_units": flat(each.units for each in fixed.jobs),
             "standing": flat(claim for claims in standing for claim in claims),

@@ -122,7 +122,7 @@ class Mode:
     platform: tuple[Unit, ...]
     services: tuple[Service[Duration], ...]
     works: tuple[Work, ...]
-    capacity: tuple[int, ...]
+    capacity: dict[str, int]
     growth: Fraction = Fraction(1)
     fixed: Fixed = field(default_factory=Fixed)
     is_lenient: bool = False
@@ -171,7 +171,7 @@ class _Builder:
             platform=self.model.units,
             services=tuple(service_of(self.units, [name]) for name in self.units),
             works=tuple(map(self._work, self.expansion.tasks)),
-            capacity=tuple(self.capacity.values()),
+            capacity=self.capacity,
             growth=self.growth,
         )
 
